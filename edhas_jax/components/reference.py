@@ -1,0 +1,84 @@
+"""What a run is driven by: set points and recorded signals, as functions of time."""
+
+import jax.numpy as jnp
+
+from edhas_jax.tree import par, struct
+
+
+@struct
+class Sine:
+    """A sine that a ramp brings in softly: a s(t/T) sin(2π f t), s(τ) = τ³ (10 − 15 τ + 6 τ²) on [0, 1]."""
+
+    amplitude: float = par(3.5e-3, "m", (0.0, 10.0), "amplitude of the set point")
+    frequency: float = par(10.0, "Hz", (1e-3, 2e3), "frequency")
+    ramp_time: float = par(0.1, "s", (0.0, 100.0), "time of the soft start; 0 starts at full amplitude")
+
+    def at(self, t):
+        """Value and rate at time t [s]."""
+        omega = 2.0 * jnp.pi * self.frequency
+        ramped = self.ramp_time > 0.0
+        tau = jnp.where(ramped, jnp.clip(t / jnp.where(ramped, self.ramp_time, 1.0), 0.0, 1.0), 1.0)
+        rate = jnp.where(ramped, 30.0 * jnp.square(tau * (1.0 - tau)) / jnp.where(ramped, self.ramp_time, 1.0), 0.0)
+        scale = tau * tau * tau * (10.0 - tau * (15.0 - 6.0 * tau))
+        sine, cosine = jnp.sin(omega * t), jnp.cos(omega * t)
+        return self.amplitude * scale * sine, self.amplitude * (scale * omega * cosine + rate * sine)
+
+
+@struct
+class Step:
+    """A step from 0 to `step_size` at `step_time`; its rate is taken as 0."""
+
+    step_size: float = par(1e-3, "m", (-10.0, 10.0), "height of the step")
+    step_time: float = par(0.0, "s", (0.0, 1e4), "time of the step")
+
+    def at(self, t):
+        """Value and rate at time t [s]."""
+        value = jnp.where(t >= self.step_time, self.step_size, 0.0)
+        return value, jnp.zeros_like(value)
+
+
+@struct
+class Chirp:
+    """A sine whose frequency rises linearly from f_0 to f_1 in `sweep_time` and stays there."""
+
+    amplitude: float = par(1e-3, "m", (0.0, 10.0), "amplitude of the set point")
+    start_frequency: float = par(1.0, "Hz", (0.0, 2e3), "frequency at the start")
+    end_frequency: float = par(60.0, "Hz", (0.0, 2e3), "frequency at the end of the sweep")
+    sweep_time: float = par(1.0, "s", (1e-3, 1e4), "time from the one to the other")
+
+    def at(self, t):
+        """Value and rate at time t [s]."""
+        within = jnp.minimum(t, self.sweep_time)
+        slope = (self.end_frequency - self.start_frequency) / self.sweep_time
+        cycles = within * (self.start_frequency + 0.5 * slope * within) + self.end_frequency * (t - within)
+        omega = 2.0 * jnp.pi * (self.start_frequency + slope * within)
+        phase = 2.0 * jnp.pi * cycles
+        return self.amplitude * jnp.sin(phase), self.amplitude * omega * jnp.cos(phase)
+
+
+@struct
+class Recorded:
+    """A recorded signal replayed: cubic Hermite interpolation of samples at equal steps, held after the last.
+
+    `values` has shape (n,), n ≥ 2, in SI; the first sample is at `start` [s], before which it is held.
+    """
+
+    values: object
+    interval: object
+    start: object = 0.0
+
+    def at(self, t):
+        """Value and rate at time t [s]."""
+        last = self.values.shape[0] - 1
+        position = jnp.clip((t - self.start) / self.interval, 0.0, last)
+        inside = (t >= self.start) & (t <= self.start + last * self.interval)
+        k = jnp.clip(jnp.floor(position).astype(int), 0, last - 1)
+        u = position - k
+        before, here, there, after = (self.values[jnp.clip(k + j, 0, last)] for j in (-1, 0, 1, 2))
+        slope_here = jnp.where(k > 0, 0.5 * (there - before), there - here)
+        slope_there = jnp.where(k < last - 1, 0.5 * (after - here), there - here)
+        rise = there - here
+        c2, c3 = 3.0 * rise - 2.0 * slope_here - slope_there, slope_here + slope_there - 2.0 * rise
+        value = here + u * (slope_here + u * (c2 + u * c3))
+        rate = (slope_here + u * (2.0 * c2 + 3.0 * u * c3)) / self.interval
+        return value, jnp.where(inside, rate, 0.0)

@@ -1,0 +1,80 @@
+"""What an effect is: one small class with its parameters, its states and its equation in one place."""
+
+import types
+from typing import Any, ClassVar, NamedTuple, dataclass_transform
+
+from edhas_jax import tree
+from edhas_jax.signals import Signals, nearest
+from edhas_jax.slots import SLOTS, Slot
+from edhas_jax.tree import par
+
+
+class EffectError(ValueError):
+    """An effect is wrong in itself or cannot act on the machine it was given to."""
+
+
+class OwnState(NamedTuple):
+    """A state that an effect brings along: SI unit, meaning, value at the start of a run."""
+
+    unit: str
+    doc: str
+    initial: float = 0.0
+
+
+def state(unit: str, doc: str, initial: float = 0.0) -> Any:
+    """Declare a state of an effect; the effect gives its rate in `rates`."""
+    return OwnState(unit, doc, initial)
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(par,))
+class Effect:
+    """One physical effect: what it adds to the base equations, at the slots it names.
+
+    A subclass declares parameters with `par` and states with `state`, and defines one method per slot it enters, named
+    as the slot in `edhas_jax.slots`: `method(self, s, z)` with `s` the signals (and parameters) of the machine and `z`
+    the effect's own states. It returns the contribution in the slot's unit. An effect with states also defines
+    `rates(self, s, z)`, which returns a dict {state: d state/dt}.
+
+    The step linearises whatever an effect returns, so a stiff effect is implicit without another line. Physics must be
+    written with `jax.numpy`; a value decides by `jnp.where`, not by `if`.
+
+    Raises:
+        EffectError: at class creation, for a public method that is no slot, or a state without a rate.
+    """
+
+    id: ClassVar[str]
+    states: ClassVar[dict[str, OwnState]]
+    slots: ClassVar[tuple[Slot, ...]]
+
+    def __init_subclass__(cls):
+        cls.id = tree.owner_id(cls)
+        cls.states = {n: v for n, v in vars(cls).items() if isinstance(v, OwnState)}
+        methods = [n for n, v in vars(cls).items() if isinstance(v, types.FunctionType) and not n.startswith("_")]
+        for name in methods:
+            if name not in SLOTS and name != "rates":
+                raise EffectError(f"{cls.__name__}.{name} is no slot; {nearest(name, SLOTS)}")
+        cls.slots = tuple(SLOTS[n] for n in methods if n in SLOTS)
+        if not cls.slots:
+            raise EffectError(f"{cls.__name__} enters no slot; valid: {', '.join(SLOTS)}")
+        if cls.states and "rates" not in methods:
+            raise EffectError(f"{cls.__name__} has states ({', '.join(cls.states)}) but no method `rates`")
+        tree.struct(cls)
+
+    def rates(self, s: Signals, z: types.SimpleNamespace) -> dict[str, Any]:
+        """The rates of the effect's own states; none by default."""
+        return {}
+
+
+def own_states(effects: tuple[Effect, ...], y: dict[str, Any]) -> tuple[tuple[Effect, types.SimpleNamespace], ...]:
+    """Each effect with its own states, taken from the machine's state `y` (named `effect.state` there)."""
+    return tuple((e, types.SimpleNamespace(**{n: y[f"{e.id}.{n}"] for n in e.states})) for e in effects)
+
+
+def initial_states(effects: tuple[Effect, ...]) -> dict[str, float]:
+    """The states of all effects at the start of a run."""
+    return {f"{e.id}.{n}": st.initial for e in effects for n, st in e.states.items()}
+
+
+def effect_rates(s: Signals) -> dict[str, Any]:
+    """The rates of the states of all effects that act in `s`."""
+    return {f"{e.id}.{n}": rate for e, z in s.effects for n, rate in e.rates(s, z).items()}

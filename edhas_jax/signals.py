@@ -1,0 +1,139 @@
+"""The names of everything the machine can be asked for: one list, shared by model, measurements and effects."""
+
+import difflib
+from typing import Any, NamedTuple
+
+
+class Signal(NamedTuple):
+    """A quantity of the running machine: SI unit, the unit it is shown in, and its meaning."""
+
+    unit: str
+    shown: str
+    doc: str
+
+
+SIGNALS: dict[str, Signal] = {
+    "time": Signal("s", "s", "time from the start of the run"),
+    "reference": Signal("m", "mm", "set point of the piston"),
+    "reference_velocity": Signal("m/s", "m/s", "rate of the set point"),
+    "voltage": Signal("V", "V", "command of the controller, within the supply"),
+    "coil_voltage": Signal("V", "V", "voltage at the terminals of the coil"),
+    "current": Signal("A", "A", "coil current"),
+    "motor_force": Signal("N", "N", "electromagnetic force on the mover"),
+    "piston_position": Signal("m", "mm", "mover and plungers, from mid-stroke, positive into chamber A"),
+    "piston_velocity": Signal("m/s", "m/s", "speed of the mover"),
+    "friction_force": Signal("N", "N", "friction on the mover, viscous damping apart"),
+    "stop_force": Signal("N", "N", "force of the end stops on the mover"),
+    "chamber_pressure_a": Signal("Pa", "MPa", "pump chamber A, absolute"),
+    "chamber_pressure_b": Signal("Pa", "MPa", "pump chamber B, absolute"),
+    "leakage_a": Signal("m^3/s", "L/min", "flow past plunger A to the accumulator"),
+    "leakage_b": Signal("m^3/s", "L/min", "flow past plunger B to the accumulator"),
+    "suction_lift_a": Signal("m", "mm", "lift of suction valve A, negative in seat contact"),
+    "suction_lift_b": Signal("m", "mm", "lift of suction valve B"),
+    "delivery_lift_a": Signal("m", "mm", "lift of delivery valve A"),
+    "delivery_lift_b": Signal("m", "mm", "lift of delivery valve B"),
+    "suction_flow_a": Signal("m^3/s", "L/min", "flow through suction valve A into the chamber"),
+    "suction_flow_b": Signal("m^3/s", "L/min", "flow through suction valve B into the chamber"),
+    "delivery_flow_a": Signal("m^3/s", "L/min", "flow through delivery valve A out of the chamber"),
+    "delivery_flow_b": Signal("m^3/s", "L/min", "flow through delivery valve B out of the chamber"),
+    "outlet_pressure": Signal("Pa", "MPa", "outlet node, absolute"),
+    "outlet_flow": Signal("m^3/s", "L/min", "flow from the outlet node to the load"),
+    "relief_flow": Signal("m^3/s", "L/min", "flow through the relief valve"),
+    "accumulator_pressure": Signal("Pa", "MPa", "accumulator, absolute"),
+    "accumulator_flow": Signal("m^3/s", "L/min", "net flow into the accumulator"),
+    "gas_volume": Signal("m^3", "mL", "gas in the accumulator"),
+    "target": Signal("m", "mm", "set point of the cylinder"),
+    "spool": Signal("-", "-", "opening of the reversing valve, -1 … 1"),
+    "head_pressure": Signal("Pa", "MPa", "head side of the cylinder, absolute"),
+    "rod_pressure": Signal("Pa", "MPa", "rod side of the cylinder, absolute"),
+    "return_flow": Signal("m^3/s", "L/min", "flow that returns to the accumulator"),
+    "cylinder_position": Signal("m", "mm", "position of the cylinder"),
+    "cylinder_velocity": Signal("m/s", "m/s", "speed of the cylinder"),
+    "cylinder_friction": Signal("N", "N", "friction of the cylinder, viscous damping apart"),
+}
+
+
+class UnknownName(AttributeError):
+    """A signal or parameter was asked for that this machine does not have."""
+
+
+def nearest(name: str, valid) -> str:
+    """A clause that names the nearest valid names, or all of them when none is near."""
+    close = difflib.get_close_matches(name, list(valid), n=3, cutoff=0.6)
+    return ("nearest: " if close else "valid: ") + ", ".join(close or sorted(valid))
+
+
+class Bond(NamedTuple):
+    """A power port: where energy goes is effort × flow [W]."""
+
+    group: str
+    effort: Any
+    flow: Any
+
+
+class Node(NamedTuple):
+    """A volume of oil that stores energy: pressure [Pa], volume [m³], further capacity [m³/Pa] or None."""
+
+    pressure: Any
+    volume: Any
+    extra_capacity: Any
+
+
+class Notes(NamedTuple):
+    """What the equations write down beside the signals.
+
+    Contributions by slot and effect; power bonds; energy stored [J]; nodes of oil; signals that must stay in a range.
+    """
+
+    contributions: dict[str, dict[str, list]]
+    bonds: dict[str, Bond]
+    stores: dict[str, Any]
+    nodes: dict[str, Node]
+    limits: dict[str, tuple]
+
+
+class Signals:
+    """The signals of one instant while the equations are written down; read as attributes.
+
+    Parameters of the machine are read the same way (`s.piston_diameter`), so that no effect keeps a copy of a
+    value that is not its own. `at(...)` gives a local view, as a valve or a chamber sees the machine.
+    """
+
+    def __init__(self, values: dict[str, Any], effects=(), notes: "Notes | None" = None):
+        self._values = values
+        self.effects = effects
+        self.notes = Notes({}, {}, {}, {}, {}) if notes is None else notes
+
+    def __getattr__(self, name: str):
+        try:
+            return self.__dict__["_values"][name]
+        except KeyError:
+            raise UnknownName(f"no signal or parameter `{name}` here; {nearest(name, self._values)}") from None
+
+    def set(self, **values) -> None:
+        """Add signals that are now known."""
+        self._values.update(values)
+
+    def at(self, **local) -> "Signals":
+        """A local view: the same signals with some added."""
+        return Signals({**self._values, **local}, self.effects, self.notes)
+
+    def bond(self, name: str, group: str, effort, flow) -> None:
+        """Note that `effort` × `flow` is the power that goes to `name`."""
+        self.notes.bonds[name] = Bond(group, effort, flow)
+
+    def store(self, name: str, energy) -> None:
+        """Note that `energy` [J] is stored in `name`."""
+        self.notes.stores[name] = energy
+
+    def limit(self, name: str, low, high) -> None:
+        """Note that the signal `name` is physical only from `low` to `high` (SI)."""
+        self.notes.limits[name] = (low, high)
+
+    def entered(self, slot_name: str) -> dict[str, Any]:
+        """What each effect has entered at a slot so far, by the effect's id."""
+        return {e: sum(v[1:], start=v[0]) for e, v in self.notes.contributions.get(slot_name, {}).items()}
+
+    def values(self) -> dict[str, Any]:
+        """Every signal by name."""
+        return dict(self._values)

@@ -1,0 +1,76 @@
+"""Parameters declared once, and the frozen structs (JAX pytrees) that hold them."""
+
+import dataclasses
+from typing import Any, dataclass_transform
+
+import jax
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """What is known of one physical parameter: everything but its present value.
+
+    `default` and `span` (the closed interval of allowed values) are in SI; `unit` is the SI unit as text.
+    """
+
+    name: str
+    default: float
+    unit: str
+    span: tuple[float, float]
+    doc: str
+    source: str
+    owner: type
+
+    @property
+    def qualified(self) -> str:
+        """The name that is unique within a machine: `owner.name`."""
+        return f"{owner_id(self.owner)}.{self.name}"
+
+
+def owner_id(owner: type) -> str:
+    """The id by which texts name a struct: its `id` if it has one, else its class name in snake case."""
+    return owner.__dict__.get("id") or snake_case(owner.__name__)
+
+
+def snake_case(name: str) -> str:
+    """`SealDrag` → `seal_drag`."""
+    return "".join("_" + c.lower() if c.isupper() and i else c.lower() for i, c in enumerate(name))
+
+
+def par(default: float, unit: str, span: tuple[float, float], doc: str, source: str = "") -> Any:
+    """Declare one parameter of a struct: SI default, SI unit, allowed span, meaning and source."""
+    return dataclasses.field(default=default, metadata={"par": (unit, span, doc, source)})
+
+
+def static(default: Any = dataclasses.MISSING) -> Any:
+    """Declare a field that is part of the program, not of the data: it must hash by value."""
+    return dataclasses.field(default=default, metadata={"static": True})
+
+
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(par, static))
+def struct(cls):
+    """Make `cls` a frozen, keyword-only dataclass that is a JAX pytree: its fields are leaves unless `static`."""
+    cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
+    fields = dataclasses.fields(cls)
+    jax.tree_util.register_dataclass(
+        cls,
+        [f.name for f in fields if not f.metadata.get("static")],
+        [f.name for f in fields if f.metadata.get("static")],
+    )
+    return cls
+
+
+def parameters(owner: type) -> list[Parameter]:
+    """The parameters that `owner` declares, in the order of declaration."""
+    return [
+        Parameter(f.name, f.default, *f.metadata["par"], owner)
+        for f in dataclasses.fields(owner)
+        if "par" in f.metadata
+    ]
+
+
+def replace(node: Any, **values: Any) -> Any:
+    """A copy of `node` with some fields changed; nothing is mutated."""
+    return dataclasses.replace(node, **values)
