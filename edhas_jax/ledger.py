@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from edhas_jax.circuit import firmness
 from edhas_jax.system import Rig, State
 
 FLOWS = (
@@ -26,14 +27,14 @@ def rows(machine: Rig) -> dict[str, str]:
     y = machine.start()
     notes = machine.evaluate(y, 0.0, 1.0, y)[0].notes
     groups = {name: bond.group for name, bond in notes.bonds.items()}
-    return groups | {name: "stored" for name in notes.stores} | {f"oil in {name}": "stored" for name in notes.nodes}
+    return groups | {name: "stored" for name in notes.stores} | {f"oil, {name}": "stored" for name in notes.nodes}
 
 
 def opening(machine: Rig, y: State, h) -> Book:
     """An empty book with the rows of this machine."""
     zero = jnp.zeros((), jnp.result_type(h))
     s, _ = machine.evaluate(y, zero, h, y)
-    volumes = [n for n in FLOWS if n in s.values()] + [f"oil in {n}" for n in s.notes.nodes]
+    volumes = [n for n in FLOWS if n in s.values()] + [f"oil, {n}" for n in s.notes.nodes]
     if "gas_volume_change" in y:
         volumes.append("accumulator gas")
     return Book({n: zero for n in rows(machine)}, {n: zero for n in volumes})
@@ -47,8 +48,10 @@ def post(machine: Rig, book: Book, before: State, after: State, k: State, t, h) 
     the step conserves energy and oil: it is a check of the numerics, not a rearrangement of them.
     """
 
+    firm = firmness(machine, machine.evaluate(before, t + 0.5 * h, h, before)[0])
+
     def ports(y):
-        s, _ = machine.evaluate(y, t + 0.5 * h, h, before)
+        s, _ = machine.evaluate(y, t + 0.5 * h, h, before, firm)
         values = s.values()
         bonds = {n: (b.effort, b.flow) for n, b in s.notes.bonds.items()}
         nodes = {n: (node.pressure, node.volume) for n, node in s.notes.nodes.items()}
@@ -69,11 +72,11 @@ def post(machine: Rig, book: Book, before: State, after: State, k: State, t, h) 
     energy |= {n: stores1[n] - stores0[n] for n in stores0}
     volume = {n: h * q for n, q in flows.items()}
     for n, (pressure, space) in nodes.items():
-        taken_up = space * _strain(machine, s0, p0[n], p1[n])
+        taken_up = space * machine.oil.strain(p0[n], p1[n], s0)
         if n in extra:
             taken_up = taken_up + extra[n] * (p1[n] - p0[n])
-        energy[f"oil in {n}"] = pressure * taken_up
-        volume[f"oil in {n}"] = taken_up
+        energy[f"oil, {n}"] = pressure * taken_up
+        volume[f"oil, {n}"] = taken_up
     if "accumulator gas" in book.volume:
         volume["accumulator gas"] = after["gas_volume_change"] - before["gas_volume_change"]
     return Book(
@@ -84,10 +87,3 @@ def post(machine: Rig, book: Book, before: State, after: State, k: State, t, h) 
 
 def _arrays(tree, h):
     return jax.tree.map(lambda v: jnp.asarray(v, jnp.result_type(h)), tree)
-
-
-def _strain(machine: Rig, s, p0, p1):
-    """∫ dp/β from p0 to p1 by Simpson's rule in 1/p-like steps: exact to fourth order in the change of a step."""
-    middle = 0.5 * (p0 + p1)
-    ends = machine.oil.compressibility(p0, s) + machine.oil.compressibility(p1, s)
-    return (p1 - p0) * (ends + 4.0 * machine.oil.compressibility(middle, s)) / 6.0

@@ -103,11 +103,12 @@ def _tracking(machine, signals, t, first, last) -> dict[str, Metric]:
     got = _harmonic(signals["piston_position"], t, first, last, f)
     error = signals["reference"] - signals["piston_position"]
     inside = (t >= first) & (t <= last)
-    out = {"tracking_error": Metric(float(np.sqrt(np.mean(error[inside] ** 2))), "m", "µm", "rms of set point − piston")}
+    rms = float(np.sqrt(np.mean(error[inside] ** 2)))
+    out = {"tracking_error": Metric(rms, "m", "µm", "rms of set point − piston")}
     if abs(wanted) > 0.0:
         out |= {
             "amplitude_ratio": Metric(abs(got) / abs(wanted), "-", "-", "first harmonic, piston over set point"),
-            "phase_lag": Metric(float(-np.angle(got / wanted)), "rad", "deg", "first harmonic, piston behind set point"),
+            "phase_lag": Metric(float(-np.angle(got / wanted)), "rad", "deg", "first harmonic, piston after set point"),
         }
     return out
 
@@ -155,6 +156,7 @@ def _step_response(machine, signals, t) -> dict[str, Metric]:
         if arrived:
             k = outside[-1]
             when = np.interp(1.0 - SETTLED, share[k : k + 2], t[k : k + 2])
-            out["response_time"] = Metric(float(when), "s", "s", f"until the cylinder stays within {SETTLED:.0%} of the step")
+            meaning = f"until the cylinder stays within {SETTLED:.0%} of the step"
+            out["response_time"] = Metric(float(when), "s", "s", meaning)
         out["overshoot"] = Metric(float(max(0.0, share.max() - 1.0)), "-", "%", "beyond the target, of the step")
     return out

@@ -1,4 +1,4 @@
-"""The oil: its parameters, its compressibility and the pressure coordinate of every node."""
+"""The oil: its parameters, its compressibility and the balance of every node."""
 
 import jax.numpy as jnp
 
@@ -11,10 +11,10 @@ from edhas_jax.tree import par, struct
 class Oil:
     """Hydraulic oil without bubbles; effects add the rest.
 
-    A node with pressure p keeps as its state not p but the coordinate w = p − c/p with c = a β_f, a the free gas
-    that the effects report (a = α p_atm for entrained air; without gas w = p). w/β_f is the volume strain of oil with
-    bubbles up to a logarithm, so that in w the balance of a node is nearly linear, and every finite w means p > 0: a
-    chamber that cavitates comes back as soon as oil flows in, at any step.
+    The state of a node is its pressure p, but its balance is written for the strain pressure w = p − c/p with
+    c = a β_f, a the free gas that the effects report (a = α p_atm for entrained air; without gas w = p). w/β_f is the
+    volume strain of oil with bubbles up to a logarithm, so that in w the balance is nearly linear, and every finite w
+    means p > 0: a chamber that cavitates comes back as soon as oil flows in, at any step.
     """
 
     oil_density: float = par(860.0, "kg/m^3", (300.0, 2000.0), "density ρ")
@@ -22,23 +22,10 @@ class Oil:
     oil_bulk_modulus: float = par(1.4e9, "Pa", (1e7, 1e11), "bulk modulus without air β_f")
     atmospheric_pressure: float = par(101325.0, "Pa", (1e3, 2e5), "ambient pressure p_atm")
 
-    def _pole(self, s: Signals):
+    def pole(self, s: Signals):
+        """c [Pa²] of the strain pressure p − c/p, or None without gas."""
         gas = enter(OIL_GAS, None, s)
         return None if gas is None else gas * self.oil_bulk_modulus
-
-    def coordinate(self, pressure, s: Signals):
-        """The state w [Pa] of a node at `pressure` [Pa, absolute]."""
-        pole = self._pole(s)
-        return pressure if pole is None else pressure - pole / pressure
-
-    def pressure(self, w, s: Signals):
-        """The pressure [Pa, absolute] of a node with state w [Pa]."""
-        pole = self._pole(s)
-        if pole is None:
-            return w
-        root = jnp.sqrt(jnp.square(w) + 4.0 * pole)
-        # the two forms are equal; each is free of cancellation on its side of zero
-        return jnp.where(w > 0.0, 0.5 * (root + w), 2.0 * pole / (root + jnp.abs(w)))
 
     def compressibility(self, pressure, s: Signals):
         """1/β [1/Pa] at `pressure`, with everything that enters the slot."""
@@ -48,14 +35,31 @@ class Oil:
         """Dynamic viscosity μ [Pa·s], with everything that enters the slot."""
         return enter(OIL_VISCOSITY, self.oil_viscosity, s)
 
-    def rate(self, pressure, flow, volume, s: Signals, extra_capacity=None):
-        """dw/dt [Pa/s] of a node: capacity · dp/dt = flow, capacity = volume/β(p) + `extra_capacity`.
+    def rate(self, name: str, flow, volume, s: Signals, extra_capacity=None) -> dict:
+        """{name: dw/dt [Pa/s]} of the node whose pressure is the signal `name`: capacity · dp/dt = flow.
 
-        `flow` [m³/s] is the net flow in, less the growth of the volume; `volume` in m³; capacities in m³/Pa.
+        `flow` [m³/s] is the net flow in, less the growth of the volume; capacity = `volume`/β(p) + `extra_capacity`
+        [m³/Pa]. The pole is noted for the step, which solves for p itself.
         """
+        pressure = getattr(s, name)
+        s.node(name, pressure, volume, extra_capacity)
         capacity = volume * self.compressibility(pressure, s)
         if extra_capacity is not None:
             capacity = capacity + extra_capacity
-        pole = self._pole(s)
-        rate = flow / capacity
-        return rate if pole is None else rate * (1.0 + pole / jnp.square(pressure))
+        rate = s.notes.pressure_rates[name] = flow / capacity
+        pole = self.pole(s)
+        if pole is None:
+            return {name: rate}
+        s.notes.poles[name] = pole
+        return {name: rate * (1.0 + pole / jnp.square(pressure))}
+
+    def strain(self, before, after, s: Signals):
+        """∫ dp/β between two pressures: Simpson's rule in w, in which the integrand is nearly constant."""
+        pole = self.pole(s)
+        if pole is None:
+            ends = self.compressibility(before, s) + self.compressibility(after, s)
+            return (after - before) * (ends + 4.0 * self.compressibility(0.5 * (before + after), s)) / 6.0
+        w0, w1 = before - pole / before, after - pole / after
+        middle = 0.25 * (w0 + w1) + jnp.sqrt(jnp.square(0.25 * (w0 + w1)) + pole)
+        parts = [self.compressibility(p, s) / (1.0 + pole / jnp.square(p)) for p in (before, middle, after)]
+        return (w1 - w0) * (parts[0] + 4.0 * parts[1] + parts[2]) / 6.0

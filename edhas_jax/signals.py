@@ -53,6 +53,9 @@ SIGNALS: dict[str, Signal] = {
 }
 
 
+HIGHEST_PRESSURE = 1e9
+
+
 class UnknownName(AttributeError):
     """A signal or parameter was asked for that this machine does not have."""
 
@@ -79,16 +82,30 @@ class Node(NamedTuple):
     extra_capacity: Any
 
 
+class Passage(NamedTuple):
+    """An orifice between two nodes of oil: drop [Pa], chord Q/Δp and tangent dQ/dΔp [m³/(s·Pa)], names of the nodes."""
+
+    drop: Any
+    chord: Any
+    tangent: Any
+    ends: tuple[str, str]
+
+
 class Notes(NamedTuple):
     """What the equations write down beside the signals.
 
-    Contributions by slot and effect; power bonds; energy stored [J]; nodes of oil; signals that must stay in a range.
+    Contributions by slot and effect; power bonds; energy stored [J]; nodes of oil and the poles of their strain
+    pressure and the rates of their pressures [Pa/s], all by the signal of the pressure; orifices between them; signals
+    that must stay in a range.
     """
 
     contributions: dict[str, dict[str, list]]
     bonds: dict[str, Bond]
     stores: dict[str, Any]
     nodes: dict[str, Node]
+    poles: dict[str, Any]
+    pressure_rates: dict[str, Any]
+    passages: dict[str, Passage]
     limits: dict[str, tuple]
 
 
@@ -99,10 +116,11 @@ class Signals:
     value that is not its own. `at(...)` gives a local view, as a valve or a chamber sees the machine.
     """
 
-    def __init__(self, values: dict[str, Any], effects=(), notes: "Notes | None" = None):
+    def __init__(self, values: dict[str, Any], effects=(), notes: Notes | None = None, firm: dict | None = None):
         self._values = values
         self.effects = effects
-        self.notes = Notes({}, {}, {}, {}, {}) if notes is None else notes
+        self.firm = {} if firm is None else firm
+        self.notes = Notes({}, {}, {}, {}, {}, {}, {}, {}) if notes is None else notes
 
     def __getattr__(self, name: str):
         try:
@@ -116,7 +134,7 @@ class Signals:
 
     def at(self, **local) -> "Signals":
         """A local view: the same signals with some added."""
-        return Signals({**self._values, **local}, self.effects, self.notes)
+        return Signals({**self._values, **local}, self.effects, self.notes, self.firm)
 
     def bond(self, name: str, group: str, effort, flow) -> None:
         """Note that `effort` × `flow` is the power that goes to `name`."""
@@ -125,6 +143,11 @@ class Signals:
     def store(self, name: str, energy) -> None:
         """Note that `energy` [J] is stored in `name`."""
         self.notes.stores[name] = energy
+
+    def node(self, name: str, pressure, volume, extra_capacity=None) -> None:
+        """Note a volume of oil; its pressure must stay positive and below what any term of the model is made for."""
+        self.notes.nodes[name] = Node(pressure, volume, extra_capacity)
+        self.limit(name, 0.0, HIGHEST_PRESSURE)
 
     def limit(self, name: str, low, high) -> None:
         """Note that the signal `name` is physical only from `low` to `high` (SI)."""

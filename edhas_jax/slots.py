@@ -90,9 +90,8 @@ SLOTS: dict[str, Slot] = {slot.name: slot for slot in SYSTEM_SLOTS}
 def enter(slot: Slot, base, s: Signals):
     """`base` with everything that enters `slot`; exactly `base`, and not one operation, when nothing does.
 
-    The sum (or product) of the contributions is formed in the order of the effects; each is kept under the effect's
-    id in `s.notes.contributions[slot.name]`, which is what a ledger by effect reads. A `base` of None stands for "absent":
-    it is returned as None when nothing enters.
+    Each contribution is also kept under the effect's id in `s.notes.contributions[slot.name]`, which is what a ledger
+    by effect reads. A `base` of None stands for "absent": it comes back as None when nothing enters.
     """
     for effect, own in s.effects:
         act = getattr(effect, slot.name, None)

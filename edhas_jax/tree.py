@@ -21,11 +21,6 @@ class Parameter:
     source: str
     owner: type
 
-    @property
-    def qualified(self) -> str:
-        """The name that is unique within a machine: `owner.name`."""
-        return f"{owner_id(self.owner)}.{self.name}"
-
 
 def owner_id(owner: type) -> str:
     """The id by which texts name a struct: its `id` if it has one, else its class name in snake case."""
@@ -45,8 +40,6 @@ def par(default: float, unit: str, span: tuple[float, float], doc: str, source: 
 def static(default: Any = dataclasses.MISSING) -> Any:
     """Declare a field that is part of the program, not of the data: it must hash by value."""
     return dataclasses.field(default=default, metadata={"static": True})
-
-
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(par, static))

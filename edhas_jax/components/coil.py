@@ -2,9 +2,8 @@
 
 from edhas_jax.signals import Signals
 from edhas_jax.slots import COIL_INDUCTANCE, COIL_RESISTANCE, COIL_VOLTAGE, FORCE_CONSTANT, MOTOR_FORCE, enter
+from edhas_jax.sources import PAPER
 from edhas_jax.tree import par, struct
-
-PAPER = "Actuators 2022, 11(10), 281, Table 1"
 
 
 @struct

@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from edhas_jax.components.coil import PAPER
+from edhas_jax.sources import PAPER
 from edhas_jax.tree import par, struct
 
 

@@ -39,7 +39,8 @@ class Effect:
     written with `jax.numpy`; a value decides by `jnp.where`, not by `if`.
 
     Raises:
-        EffectError: at class creation, for a public method that is no slot, or a state without a rate.
+        EffectError: at class creation, for a class derived from an effect, a public method that is no slot, something
+            else than a plain method under the name of a slot, or a state without a rate.
     """
 
     id: ClassVar[str]
@@ -47,16 +48,22 @@ class Effect:
     slots: ClassVar[tuple[Slot, ...]]
 
     def __init_subclass__(cls):
+        for other in (base for base in cls.__bases__ if base is not Effect):
+            rule = "an effect is final; derive from Effect" if issubclass(other, Effect) else "derive from Effect alone"
+            raise EffectError(f"{cls.__name__} derives from {other.__name__}: {rule} and call what you need")
         cls.id = tree.owner_id(cls)
         cls.states = {n: v for n, v in vars(cls).items() if isinstance(v, OwnState)}
-        methods = [n for n, v in vars(cls).items() if isinstance(v, types.FunctionType) and not n.startswith("_")]
-        for name in methods:
-            if name not in SLOTS and name != "rates":
+        public = {n: v for n, v in vars(cls).items() if not n.startswith("_")}
+        for name, value in public.items():
+            if name in SLOTS or name == "rates":
+                if not isinstance(value, types.FunctionType):
+                    raise EffectError(f"{cls.__name__}.{name}: define it as `def {name}(self, s, z)`")
+            elif callable(value) or isinstance(value, classmethod):
                 raise EffectError(f"{cls.__name__}.{name} is no slot; {nearest(name, SLOTS)}")
-        cls.slots = tuple(SLOTS[n] for n in methods if n in SLOTS)
+        cls.slots = tuple(SLOTS[n] for n in public if n in SLOTS)
         if not cls.slots:
             raise EffectError(f"{cls.__name__} enters no slot; valid: {', '.join(SLOTS)}")
-        if cls.states and "rates" not in methods:
+        if cls.states and "rates" not in public:
             raise EffectError(f"{cls.__name__} has states ({', '.join(cls.states)}) but no method `rates`")
         tree.struct(cls)
 

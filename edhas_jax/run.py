@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 
 from edhas_jax import ledger
+from edhas_jax.figures import plot_run
 from edhas_jax.integrate import DEFAULT_STEP, LARGEST_STEP, checks, march, start
 from edhas_jax.metrics import Metric, measure
 from edhas_jax.signals import SIGNALS
 from edhas_jax.system import ActuatorSystem, Rig
-
 
 STRETCH = 256  # samples between two reports of progress; a fixed number, so that a longer run compiles nothing
 
@@ -59,8 +59,8 @@ class SimulationError(RuntimeError):
 class Run:
     """A finished run: the machine, how it was run, and its signals as SI arrays over `signals["time"]`.
 
-    `energy` [J] and `volume` [m³] are cumulated since the start; `step` [s] is the one taken and `step_note` says how it
-    was chosen. `metrics` maps names to `Metric(value, unit, doc)`.
+    `energy` [J] and `volume` [m³] are cumulated since the start; `step` [s] is the one taken and `step_note` says how
+    it was chosen. `metrics` maps names to `Metric(value, unit, doc)`.
     """
 
     machine: Rig
@@ -105,15 +105,13 @@ class Run:
         if not self.volume:
             return 0.0
         last = {n: float(v[-1]) for n, v in self.volume.items()}
-        stored = sum(v for n, v in last.items() if n.startswith("oil in "))
+        stored = sum(v for n, v in last.items() if n.startswith("oil, "))
         moved = last["delivery_flow_a"] + last["delivery_flow_b"]
         return (stored - last["accumulator gas"]) / max(abs(moved), 1e-300)
 
     def plot(self, signals: list[str] | None = None):
         """A matplotlib figure of the run: its most telling signals, or those named."""
-        from edhas_jax.report.figures import plot_run
-
-        return plot_run(self, signals)
+        return plot_run(self.machine, self.signals, self.ledger(), signals)
 
 
 def simulate(

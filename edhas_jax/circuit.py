@@ -1,0 +1,238 @@
+"""The equations section by section: what the rigs have in common, each section written once.
+
+A section takes the machine `m`, the state `y` and the signals `s` known so far; it adds the signals it determines and
+returns the rates of its states.
+"""
+
+import dataclasses
+
+import jax.numpy as jnp
+
+from edhas_jax import slots
+from edhas_jax.components.coil import CurrentAmplifier, VoltageAmplifier
+from edhas_jax.components.controller import limited
+from edhas_jax.effects.base import initial_states, own_states
+from edhas_jax.signals import Passage, Signals
+from edhas_jax.slots import enter
+from edhas_jax.tree import parameters
+
+
+def first_signals(m, y: dict, t, h, firm: dict | None = None) -> Signals:
+    """Time, and the parameters of the machine's parts; those of an effect stay its own."""
+    parts = [getattr(m, f.name) for f in dataclasses.fields(m) if f.name != "effects"]
+    known = {p.name: getattr(part, p.name) for part in parts for p in parameters(type(part))}
+    return Signals(known | {"time": t, "time_step": h}, own_states(m.effects, y), firm=firm)
+
+
+def passage(m, s: Signals, name: str, area, ends: tuple[str, str]):
+    """The flow [m³/s] through an orifice between two nodes, noted for `firmness` and made firm where that says so."""
+    drop = getattr(s, ends[0]) - getattr(s, ends[1])
+    chord = m.orifice.chord(area, drop, m.oil.oil_density)
+    s.notes.passages[name] = Passage(drop, chord, m.orifice.tangent(chord, drop), ends)
+    flow = chord * drop
+    if name in s.firm:
+        known_drop, extra = s.firm[name]
+        flow = flow + extra * (drop - known_drop)
+    return flow
+
+
+def firmness(m, s: Signals) -> dict:
+    """How much steeper than its tangent each orifice is to be linearised in the step that starts at `s`.
+
+    The tangent of the square-root law is half its chord: where a pressure drop is about to change by more than its own
+    size in one step, a linear prediction lands on the other side, and can do so for ever, with plausible looks. There
+    the slope is led over to twice the chord, which ends at the equilibrium of the drop. In all steps that resolve the
+    change nothing is altered, so the order stays two. Returns {name: (drop now, added slope)}.
+    """
+    firm = {}
+    for name, (drop, chord, tangent, ends) in s.notes.passages.items():
+        rates = [s.notes.pressure_rates[end] for end in ends if end in s.notes.pressure_rates]
+        change = jnp.abs(rates[0] - rates[1] if len(rates) == 2 else rates[0])
+        share = s.time_step * change / (jnp.abs(drop) + m.orifice.transition_pressure)
+        firm[name] = drop, jnp.clip(share - 1.0, 0.0, 1.0) * (2.0 * chord - tangent)
+    return firm
+
+
+def set_point(reference, t, share) -> dict:
+    """Set point of the piston and its rate, both times `share`."""
+    value, rate = reference.at(t)
+    return {"reference": share * value, "reference_velocity": share * rate}
+
+
+def start_drive(m) -> dict:
+    """The states of the actuator at rest, effects included."""
+    y = m.amplifier.initial() | m.controller.initial() | initial_states(m.effects)
+    return y | {"piston_position": 0.0, "piston_velocity": 0.0}
+
+
+def start_pump(m) -> dict:
+    """The states of the pump at rest, every pressure at that of the accumulator."""
+    y = dict.fromkeys(
+        ("chamber_pressure_a", "chamber_pressure_b", "outlet_pressure"), m.accumulator.accumulator_pressure
+    )
+    y["gas_volume_change"] = 0.0
+    for kind in ("suction", "delivery"):
+        for side in ("a", "b"):
+            y |= {f"{kind}_lift_{side}": 0.0, f"{kind}_lift_velocity_{side}": 0.0}
+    return y
+
+
+def drive(m, y: dict, s: Signals) -> None:
+    """Controller, amplifier, coil: from the set point to the motor force."""
+    s.set(piston_position=y["piston_position"], piston_velocity=y["piston_velocity"])
+    if isinstance(m.amplifier, VoltageAmplifier):
+        s.set(current=m.amplifier.current(y, s))
+    s.set(unlimited_voltage=m.controller.command(y, s))
+    s.set(voltage=limited(s.unlimited_voltage, s))
+    if isinstance(m.amplifier, CurrentAmplifier):
+        s.set(current=m.amplifier.current(y, s))
+    m.coil.observe(s)
+    s.set(coil_voltage=m.amplifier.coil_voltage(s))
+    supplied = s.voltage if isinstance(m.amplifier, VoltageAmplifier) else s.coil_voltage
+    s.bond("electrical input", "input", supplied, s.current)
+    s.bond("copper", "copper", s.resistance * s.current, s.current)
+    s.store("coil", 0.5 * s.inductance * jnp.square(s.current))
+    s.limit("piston_position", -0.6 * m.stops.pump_stroke, 0.6 * m.stops.pump_stroke)
+    for effect, value in s.entered("coil_voltage_change").items():
+        s.bond(effect, "copper", -value, s.current)
+
+
+def move(m, s: Signals, mass, damping, pressure_force) -> dict:
+    """The mover's equation: M dv/dt = F_e − c v − (p_A − p_B) S_p − F_f − F_stop."""
+    x, v = s.piston_position, s.piston_velocity
+    half = 0.5 * m.stops.pump_stroke
+    stop = m.stops.force(x, v, -half, half)
+    friction = enter(slots.MOVER_FRICTION, None, s)
+    s.set(stop_force=stop, friction_force=jnp.zeros_like(v) if friction is None else friction)
+    force = s.motor_force - damping * v - stop - pressure_force
+    if friction is not None:
+        force = force - friction
+    force = enter(slots.MOVER_FORCE, force, s)
+    s.store("mover", 0.5 * mass * jnp.square(v))
+    s.bond("mover damping", "mechanical", damping * v, v)
+    s.bond("end stops", "mechanical", stop, v)
+    for effect, value in s.entered("mover_friction").items():
+        s.bond(effect, "mechanical", value, v)
+    for effect, value in s.entered("mover_force").items():
+        s.bond(effect, "mechanical", -value, v)
+    if s.entered("motor_force_factor"):
+        s.bond("back-EMF", "mechanical", s.back_emf, s.current)
+        s.bond("motor force", "mechanical", -s.motor_force, v)
+    rates = {"piston_position": v, "piston_velocity": force / mass}
+    return rates | m.amplifier.rates(s) | m.controller.rates(s)
+
+
+def pump(m, y: dict, s: Signals) -> dict:
+    """Accumulator pressure, chambers, leakage and check valves; the mover with its plungers."""
+    s.set(
+        piston_area=m.pump.area(),
+        viscosity=m.oil.viscosity(s),
+        accumulator_pressure=m.accumulator.pressure(y["gas_volume_change"]),
+        gas_volume=m.accumulator.accumulator_gas_volume + y["gas_volume_change"],
+        outlet_pressure=y["outlet_pressure"],
+        chamber_pressure_a=y["chamber_pressure_a"],
+        chamber_pressure_b=y["chamber_pressure_b"],
+    )
+    s.limit("gas_volume", 0.02 * m.accumulator.accumulator_gas_volume, 50.0 * m.accumulator.accumulator_gas_volume)
+    rates = {}
+    for side, sign in (("a", 1.0), ("b", -1.0)):
+        rates |= _chamber(m, y, s, side, sign)
+    pressure_force = (s.chamber_pressure_a - s.chamber_pressure_b) * s.piston_area
+    mass = m.mover.mover_mass + m.pump.plunger_mass
+    return rates | move(m, s, mass, m.mover.mover_damping + m.pump.pump_damping, pressure_force)
+
+
+def _chamber(m, y: dict, s: Signals, side: str, sign: float) -> dict:
+    """One chamber with its two valves: V/β dp/dt = S_p v − Q_d + Q_s − Q_L."""
+    p = getattr(s, f"chamber_pressure_{side}")
+    v = s.piston_velocity if sign > 0 else -s.piston_velocity
+    x = s.piston_position if sign > 0 else -s.piston_position
+    volume = m.pump.volume(0.5 * m.stops.pump_stroke - x)
+    rates = {}
+    flows = {}
+    chamber = f"chamber_pressure_{side}"
+    for kind, ends, slot in (
+        ("suction", ("accumulator_pressure", chamber), slots.SUCTION_VALVE_AREA),
+        ("delivery", (chamber, "outlet_pressure"), slots.DELIVERY_VALVE_AREA),
+    ):
+        drop = getattr(s, ends[0]) - getattr(s, ends[1])
+        lift, speed = y[f"{kind}_lift_{side}"], y[f"{kind}_lift_velocity_{side}"]
+        area = m.valve.area(lift, speed, drop, slot, s)
+        flows[kind] = passage(m, s, f"{kind} valve {side}", area, ends)
+        rates[f"{kind}_lift_{side}"] = speed
+        rates[f"{kind}_lift_velocity_{side}"] = m.valve.acceleration(lift, speed, drop, area, s)
+        s.set(**{f"{kind}_lift_{side}": lift, f"{kind}_flow_{side}": flows[kind]})
+        give = 0.5 * m.valve.valve_seat_diameter
+        s.limit(f"{kind}_lift_{side}", -give, m.valve.valve_max_lift + give)
+        s.bond(f"{kind} valve {side}", "fluid", drop, flows[kind])
+    flow = s.piston_area * v + flows["suction"] - flows["delivery"]
+    local = s.at(chamber_pressure=p, plunger_velocity=v)
+    leakage = enter(slots.CHAMBER_LEAKAGE, None, local)
+    if leakage is not None:
+        flow = flow - leakage
+        s.bond(f"leakage {side}", "fluid", p - s.accumulator_pressure, leakage)
+    s.set(**{f"leakage_{side}": jnp.zeros_like(p) if leakage is None else leakage})
+    return rates | m.oil.rate(chamber, flow, volume, s)
+
+
+def outlet(m, s: Signals) -> dict:
+    """Outlet node and accumulator: what the load returns, plunger leakage and relief flow come back."""
+    p = s.outlet_pressure
+    relief = m.outlet.relief_flow(p)
+    drawn = s.suction_flow_a + s.suction_flow_b
+    back = s.return_flow + relief - drawn
+    if s.entered("chamber_leakage"):
+        back = back + s.leakage_a + s.leakage_b
+    s.set(relief_flow=relief, accumulator_flow=back)
+    s.bond("relief valve", "fluid", p - s.accumulator_pressure, relief)
+    s.bond("accumulator gas", "stored", s.accumulator_pressure, back)
+    capacity = enter(slots.OUTLET_CAPACITY, None, s)
+    flow = s.delivery_flow_a + s.delivery_flow_b - s.outlet_flow - relief
+    return m.oil.rate("outlet_pressure", flow, m.outlet.outlet_volume, s, capacity) | {"gas_volume_change": -back}
+
+
+def cylinder(m, y: dict, s: Signals, known: dict) -> dict:
+    """Reversing valve, both sides of the cylinder and its load; sets outlet and return flow."""
+    c = m.cylinder
+    x, v = s.cylinder_position, s.cylinder_velocity
+    head, rod = y["head_pressure"], y["rod_pressure"]
+    s.set(spool=y["spool"], head_pressure=head, rod_pressure=rod, caught_velocity=known["cylinder_velocity"])
+    forward, backward = m.reversing_valve.areas(s.spool)
+    edges = {
+        "P to head": (forward, ("outlet_pressure", "head_pressure")),
+        "rod to T": (forward, ("rod_pressure", "accumulator_pressure")),
+        "P to rod": (backward, ("outlet_pressure", "rod_pressure")),
+        "head to T": (backward, ("head_pressure", "accumulator_pressure")),
+    }
+    q = {edge: passage(m, s, f"reversing valve {edge}", area, ends) for edge, (area, ends) in edges.items()}
+    for edge, (_, ends) in edges.items():
+        s.bond(f"reversing valve {edge}", "fluid", getattr(s, ends[0]) - getattr(s, ends[1]), q[edge])
+    s.set(outlet_flow=q["P to head"] + q["P to rod"], return_flow=q["rod to T"] + q["head to T"])
+
+    area = c.area()
+    conductance = enter(slots.CYLINDER_LEAKAGE, c.cylinder_leakage, s)
+    leakage = conductance * (head - rod)
+    s.bond("cylinder leakage", "fluid", head - rod, leakage)
+    volumes = c.cylinder_dead_volume + area * x, c.cylinder_dead_volume + area * (c.cylinder_stroke - x)
+
+    stop = m.stops.force(x, v, 0.0, c.cylinder_stroke)
+    free = (head - rod) * area - c.cylinder_damping * v - c.load_force - stop
+    free = enter(slots.CYLINDER_FORCE, free, s)
+    level = enter(slots.CYLINDER_FRICTION_LEVEL, 0.0, s)
+    local = s.at(cylinder_free_force=free, cylinder_friction_level=level)
+    friction = enter(slots.CYLINDER_FRICTION, None, local)
+    s.set(cylinder_friction=jnp.zeros_like(v) if friction is None else friction)
+    s.limit("cylinder_position", -0.2 * c.cylinder_stroke, 1.2 * c.cylinder_stroke)
+    s.store("cylinder load", 0.5 * c.load_mass * jnp.square(v))
+    s.bond("cylinder damping", "mechanical", c.cylinder_damping * v, v)
+    s.bond("cylinder stops", "mechanical", stop, v)
+    s.bond("load", "delivered", c.load_force, v)
+    for effect, value in s.entered("cylinder_friction_force").items():
+        s.bond(effect, "mechanical", value, v)
+    for effect, value in s.entered("cylinder_force").items():
+        s.bond(effect, "mechanical", -value, v)
+    force = free if friction is None else free - friction
+    into_head = q["P to head"] - q["head to T"] - area * v - leakage
+    into_rod = q["P to rod"] - q["rod to T"] + area * v + leakage
+    rates = m.oil.rate("head_pressure", into_head, volumes[0], s) | m.oil.rate("rod_pressure", into_rod, volumes[1], s)
+    return rates | {"cylinder_position": v, "cylinder_velocity": force / c.load_mass}

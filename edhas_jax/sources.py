@@ -1,0 +1,3 @@
+"""Citations that many declarations share."""
+
+PAPER = "Actuators 2022, 11(10), 281, Table 1"

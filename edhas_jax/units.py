@@ -1,0 +1,225 @@
+"""Quantities as text: where they enter they become SI, where they leave they get a unit an engineer would choose."""
+
+import functools
+import math
+import re
+from fractions import Fraction
+
+
+class UnitError(ValueError):
+    """A text is no quantity of the kind that is needed."""
+
+
+_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)
+_INFINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)\b", re.IGNORECASE)
+_SAME = str.maketrans({"·": "*", "⋅": "*", "−": "-", "\u00a0": " ", "\u202f": " "})
+
+_WORDS = {
+    "m": "length", "m^2": "area", "m^3": "volume", "kg": "mass", "s": "time", "Hz": "frequency", "N": "force",
+    "Pa": "pressure", "V": "voltage", "A": "current", "ohm": "resistance", "H": "inductance", "rad": "angle",
+    "m/s": "speed", "m^3/s": "flow", "kg/m^3": "density", "Pa*s": "dynamic viscosity", "N/m": "stiffness",
+    "N*s/m": "damping", "K": "temperature", "J": "energy", "W": "power", "m/s^2": "acceleration", "-": "plain number",
+}  # fmt: skip
+
+
+def _prefixed(unit: str, *prefixes: str) -> tuple[tuple[str, float, float], ...]:
+    size = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
+    return tuple((p + unit, size[p], size[p]) for p in prefixes)
+
+
+# SI unit → (shown unit, its size in SI, smallest magnitude in SI for which it is chosen), the largest first
+_SHOWN: dict[str, tuple[tuple[str, float, float], ...]] = {
+    "-": (("", 1.0, 0.0),),
+    "m": _prefixed("m", "", "m", "µ", "n"),
+    "m^2": (("m²", 1.0, 1e-3), ("mm²", 1e-6, 1e-8), ("µm²", 1e-12, 0.0)),
+    "m^3": (("m³", 1.0, 0.1), ("L", 1e-3, 1e-3), ("mL", 1e-6, 1e-7), ("mm³", 1e-9, 0.0)),
+    "m^3/s": (("L/min", 1.0 / 6e4, 0.0),),
+    "m^3/(s*Pa)": (("L/(min·MPa)", 1.0 / 6e10, 0.0),),
+    "m/s": (("m/s", 1.0, 0.1), ("mm/s", 1e-3, 0.0)),
+    "kg": (("kg", 1.0, 1.0), ("g", 1e-3, 1e-3), ("mg", 1e-6, 0.0)),
+    "s": (("s", 1.0, 0.1), ("ms", 1e-3, 1e-3), ("µs", 1e-6, 1e-7), ("ns", 1e-9, 0.0)),
+    "Hz": _prefixed("Hz", "M", "k", ""),
+    "N": (("MN", 1e6, 1e6), ("kN", 1e3, 1e3), ("N", 1.0, 0.1), ("mN", 1e-3, 1e-3), ("µN", 1e-6, 0.0)),
+    "Pa": (("GPa", 1e9, 1e9), ("MPa", 1e6, 1e5), ("kPa", 1e3, 1e2), ("Pa", 1.0, 0.0)),
+    "Pa*s": _prefixed("Pa·s", "", "m", "µ"),
+    "V": (("kV", 1e3, 1e3), ("V", 1.0, 0.01), ("mV", 1e-3, 0.0)),
+    "A": (("kA", 1e3, 1e3), ("A", 1.0, 0.01), ("mA", 1e-3, 0.0)),
+    "ohm": _prefixed("ohm", "M", "k", "", "m"),
+    "H": _prefixed("H", "", "m", "µ", "n"),
+    "W": _prefixed("W", "M", "k", "", "m", "µ"),
+    "J": _prefixed("J", "M", "k", "", "m", "µ"),
+    "N/m": _prefixed("N/m", "G", "M", "k", ""),
+    "V/m": _prefixed("V/m", "M", "k", ""),
+    "rad": (("deg", math.pi / 180.0, 0.0),),
+}
+_USUAL = {"m": "mm", "m^2": "mm²", "m^3": "mL", "Pa": "MPa", "rad": "deg"}
+_POWERS = str.maketrans("23", "²³")
+
+
+@functools.lru_cache(maxsize=1)
+def _registry():
+    import pint  # half a second, which a program that reads no text need not spend
+
+    return pint.UnitRegistry()
+
+
+@functools.lru_cache(maxsize=1024)
+def _base(unit: str) -> str | None:
+    """The base units (radian counted as one) of a unit text, None when it is no unit."""
+    text = "" if unit == "-" else unit.translate(_SAME)
+    try:
+        return str(_registry().get_base_units(_registry().parse_units(text))[1])
+    except Exception:  # pint parses with Python's tokenizer, which may raise anything
+        return None
+
+
+@functools.lru_cache(maxsize=1024)
+def _conversion(given: str, unit: str) -> tuple[Fraction, float] | None:
+    """(size, offset) with SI = size × number + offset, None when `given` is not of the kind of `unit`."""
+    if _base(given) is None or _base(given) != _base(unit):
+        return None
+    ureg = _registry()
+    source, goal = (ureg.parse_units("" if u == "-" else u.translate(_SAME)) for u in (given, unit))
+    try:
+        at = [float(ureg.Quantity(x, source).to(goal).magnitude) for x in (0.0, 1.0, 2.0)]
+    except Exception:
+        return None
+    size, offset = at[1] - at[0], at[0]
+    if not size > 0.0 or not math.isclose(at[2] - at[1], size, rel_tol=1e-9):
+        return None
+    inverse = 1.0 / size
+    # an exact fraction, so that "20 µm" is the float that 20e-6 is
+    if offset == 0.0 and inverse > 1.5 and math.isclose(inverse, round(inverse), rel_tol=1e-12):
+        return Fraction(1, round(inverse)), 0.0
+    return Fraction(size), offset
+
+
+def to_si(text: str, unit: str, example: str = "") -> float:
+    """The value in SI of a quantity such as "12 mm", where `unit` is the SI unit of the kind that is needed.
+
+    A number without unit is a value only where the unit is "-". `example` is a quantity of this kind for messages.
+
+    Raises:
+        UnitError: no number, not finite, no unit, an unknown unit, a unit of another kind.
+    """
+    if _base(unit) is None:
+        raise UnitError(f'"{unit}" is not a unit')
+    given = str(text).translate(_SAME).strip()
+    match = _NUMBER.fullmatch(given)
+    if _INFINITE.match(given):
+        raise UnitError(f'"{text}" is not a finite number; {_hint(unit, example)}')
+    if match is None:
+        raise UnitError(f'"{text}" is not a quantity; {_hint(unit, example)}')
+    number, given_unit = match[1], match[2].strip()
+    if given_unit.startswith(","):
+        raise UnitError(f'"{text}" has a decimal comma; write "{str(text).replace(",", ".", 1)}"')
+    if not math.isfinite(float(number)):
+        raise UnitError(f'"{text}" is not a finite number; {_hint(unit, example)}')
+    if not given_unit and unit != "-":
+        raise UnitError(f"a unit is missing; {_hint(unit, example or format_quantity(_usual(number, unit), unit))}")
+    conversion = _conversion(given_unit or "-", unit)
+    if conversion is None:
+        raise UnitError(_mismatch(str(text), given_unit, unit, example))
+    size, offset = conversion
+    # a Fraction of 1e-99999999 would be a number of that many digits
+    exact = Fraction(number) if float(number) else Fraction(0)
+    try:
+        value = float(exact * size) + offset
+    except OverflowError:
+        raise UnitError(f'"{text}" is not a finite number; {_hint(unit, example)}') from None
+    return value
+
+
+def from_si(value, unit: str, shown: str):
+    """A value (or array) in SI of unit `unit`, in the unit `shown`.
+
+    Raises:
+        UnitError: `shown` is not a unit of this kind.
+    """
+    conversion = _conversion(shown or "-", unit)
+    if conversion is None:
+        raise UnitError(_mismatch(shown, shown, unit, ""))
+    size, offset = conversion
+    if offset == 0.0 and size.numerator == 1:
+        return value * size.denominator
+    return (value - offset) / float(size)
+
+
+def shown_unit(unit: str, value: float | None = None) -> str:
+    """The unit in which a quantity of SI unit `unit` is shown at this magnitude; without a value, the usual one."""
+    return _USUAL.get(unit, _row(unit, 1.0)[0]) if value is None else _row(unit, value)[0]
+
+
+def format_quantity(value: float, unit: str) -> str:
+    """A value in SI as text, with four significant digits and a sensible prefix: "12 mm", "0.2 MPa", "20 µm"."""
+    shown, size, _ = _row(unit, float(value))
+    return f"{format_number(float(value) / size)} {shown}".rstrip()
+
+
+def format_number(value: float, digits: int = 4) -> str:
+    """A number with at most `digits` significant digits, in plain notation where that is short."""
+    if not math.isfinite(value):
+        return str(value)
+    rounded = float(f"{value:.{digits}g}")
+    if rounded == 0.0:
+        return "0"
+    if 1e-4 <= abs(rounded) < 1e6:
+        places = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
+        text = f"{rounded:.{places}f}"
+        return text.rstrip("0").rstrip(".") if "." in text else text
+    mantissa, exponent = f"{rounded:.{digits - 1}e}".split("e")
+    return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
+
+
+def exact_quantity(value: float, unit: str) -> str:
+    """A value in SI as the shortest text that `to_si` reads back to it; in the SI unit when no friendly one does."""
+    value = float(value)
+    shown, _, _ = _row(unit, value)
+    for digits in (4, 6, 9, 12, 15, 17):
+        text = f"{format_number(from_si(value, unit, shown), digits)} {shown}".rstrip()
+        if to_si(text, unit) == value:
+            return text
+    return repr(value) if unit == "-" else f"{value!r} {_plain(unit)}"
+
+
+def with_article(word: str) -> str:
+    """`an angle`, `a length`."""
+    return f"an {word}" if word[0].lower() in "aeiou" else f"a {word}"
+
+
+def _usual(number: str, unit: str) -> float:
+    """A bare number as an example: in the unit it was most likely meant in."""
+    return float(from_number * _conversion(shown_unit(unit), unit)[0]) if (from_number := Fraction(number)) else 1.0
+
+
+def _plain(unit: str) -> str:
+    return re.sub(r"\^([23])", lambda m: m[1].translate(_POWERS), unit).replace("*", "·")
+
+
+def _row(unit: str, value: float) -> tuple[str, float, float]:
+    rows = _SHOWN.get(unit, ((_plain(unit), 1.0, 0.0),))
+    if value == 0.0:
+        return next((r for r in rows if r[1] == 1.0), rows[0])
+    # a hair of slack: 1e-3 m is 1 mm even when it came out as 0.0009999999999999998
+    return next((r for r in rows if abs(value) >= r[2] * (1.0 - 1e-9)), rows[-1])
+
+
+def _hint(unit: str, example: str) -> str:
+    if unit == "-":
+        return f'write a plain number, for example "{example or "0.65"}"'
+    word = _WORDS.get(unit)
+    kind = f"any unit of {word}" if word else f"any unit that converts to {_plain(unit)}"
+    return f'write for example "{example or format_quantity(1.0, unit)}" ({kind})'
+
+
+def _mismatch(text: str, given: str, unit: str, example: str) -> str:
+    base = _base(given)
+    if base is None:
+        return f'unknown unit "{given}" in "{text}"; {_hint(unit, example)}'
+    is_word = next((w for u, w in _WORDS.items() if _base(u) == base), None)
+    needed = _WORDS.get(unit)
+    if unit in ("Hz", "1/s") and base == _base("rad/s"):
+        return f'"{text}" counts angle, not cycles (60 rpm is 1 Hz); {_hint(unit, example)}'
+    if is_word and needed and is_word != needed:
+        return f'"{text}" is {with_article(is_word)}, not {with_article(needed)}; {_hint(unit, example)}'
+    return f'"{text}" does not convert to {needed and with_article(needed) or _plain(unit)}; {_hint(unit, example)}'

@@ -1,0 +1,23 @@
+"""Strictness for every test, and the runs that several of them read."""
+
+import functools
+
+import jax
+import pytest
+from reference import run_of
+
+import edhas_jax  # noqa: F401  sets the compiler flags before JAX starts
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+
+def pytest_configure(config):
+    """A warning that our own code causes is an error; those of others are theirs."""
+    config.addinivalue_line("filterwarnings", "error:::edhas_jax")
+
+
+@pytest.fixture(scope="session")
+def run():
+    """`run(name, step, precision)`: the run beside a trajectory, made once."""
+    return functools.cache(run_of)

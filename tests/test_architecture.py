@@ -1,0 +1,52 @@
+"""How the package is made: who may import whom, how long a module is, what is documented, what an import costs."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from edhas_jax.slots import SLOTS
+
+ROOT = Path(__file__).parent.parent
+MODULES = sorted((ROOT / "edhas_jax").rglob("*.py"))
+LONGEST = 300
+HEAVY = ("matplotlib", "pint", "rich")
+
+
+def python(code: str) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+
+def test_import_contracts():
+    done = python("from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_module(path):
+    text = path.read_text(encoding="utf-8")
+    module = ast.parse(text)
+    assert len(text.splitlines()) <= LONGEST
+    assert ast.get_docstring(module), "no docstring"
+    silent = [name for name, node in public(module) if not ast.get_docstring(node)]
+    assert not silent, f"without a docstring: {', '.join(silent)}"
+
+
+def public(node: ast.Module | ast.ClassDef, owner: str = ""):
+    """The public functions, classes and methods of a module, by dotted name; what fills a slot is told by the slot."""
+    for inner in node.body:
+        if isinstance(inner, ast.FunctionDef | ast.ClassDef) and not inner.name.startswith("_"):
+            if not (owner and (inner.name in SLOTS or inner.name == "rates")):
+                yield owner + inner.name, inner
+            if isinstance(inner, ast.ClassDef):
+                yield from public(inner, f"{owner}{inner.name}.")
+
+
+def test_the_core_imports_no_heavy_package():
+    done = python("import sys, edhas_jax, edhas_jax.system; print(*sys.modules)")
+    assert done.returncode == 0, done.stderr
+    loaded = set(done.stdout.split())
+    assert "edhas_jax.system" in loaded
+    assert not loaded & set(HEAVY)
