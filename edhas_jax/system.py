@@ -53,7 +53,7 @@ class ActuatorBench:
         return circuit.start_drive(self)
 
     def evaluate(self, y: State, t, h, known: State, firm: dict | None = None) -> tuple[Signals, State]:
-        """Every signal at time t and the rate of every state."""
+        """Every signal at time t and the rate of every state (of an oil node: of its strain pressure)."""
         s = circuit.first_signals(self, y, t, h, firm)
         s.set(**circuit.set_point(self.reference, t, 1.0))
         circuit.drive(self, y, s)
@@ -89,7 +89,7 @@ class PumpBench:
         return circuit.start_drive(self) | circuit.start_pump(self)
 
     def evaluate(self, y: State, t, h, known: State, firm: dict | None = None) -> tuple[Signals, State]:
-        """Every signal at time t and the rate of every state."""
+        """Every signal at time t and the rate of every state (of an oil node: of its strain pressure)."""
         s = circuit.first_signals(self, y, t, h, firm)
         s.set(**circuit.set_point(self.reference, t, 1.0))
         circuit.drive(self, y, s)
@@ -136,7 +136,7 @@ class ActuatorSystem:
         return y | dict.fromkeys(("spool", "cylinder_position", "cylinder_velocity"), 0.0)
 
     def evaluate(self, y: State, t, h, known: State, firm: dict | None = None) -> tuple[Signals, State]:
-        """Every signal at time t and the rate of every state."""
+        """Every signal at time t and the rate of every state (of an oil node: of its strain pressure)."""
         s = circuit.first_signals(self, y, t, h, firm)
         target, _ = self.target.at(t)
         s.set(target=target, cylinder_position=y["cylinder_position"], cylinder_velocity=y["cylinder_velocity"])
