@@ -88,10 +88,12 @@ def drive(m, y: dict, s: Signals) -> None:
         s.set(current=m.amplifier.current(y, s))
     m.coil.observe(s)
     s.set(coil_voltage=m.amplifier.coil_voltage(s))
-    supplied = s.voltage if isinstance(m.amplifier, VoltageAmplifier) else s.coil_voltage
-    s.bond("electrical input", "input", supplied, s.current)
+    if isinstance(m.amplifier, VoltageAmplifier):
+        s.bond("electrical input", "input", s.voltage, s.current)
+        s.store("coil", 0.5 * s.inductance * jnp.square(s.current))
+    else:
+        s.bond("electrical input", "input", s.coil_voltage, s.current)
     s.bond("copper", "copper", s.resistance * s.current, s.current)
-    s.store("coil", 0.5 * s.inductance * jnp.square(s.current))
     s.limit("piston_position", -0.6 * m.stops.pump_stroke, 0.6 * m.stops.pump_stroke)
     for effect, value in s.entered("coil_voltage_change").items():
         s.bond(effect, "copper", -value, s.current)

@@ -57,16 +57,16 @@ def post(machine: Rig, book: Book, before: State, after: State, k: State, t, h) 
         nodes = {n: (node.pressure, node.volume) for n, node in s.notes.nodes.items()}
         return _arrays((bonds, nodes, {n: values[n] for n in FLOWS if n in values}), h)
 
-    def ends(y):
-        s, _ = machine.evaluate(y, t, h, y)
+    def ends(y, time):
+        s, _ = machine.evaluate(y, time, h, y)
         pressures = {n: node.pressure for n, node in s.notes.nodes.items()}
         extra = {n: node.extra_capacity for n, node in s.notes.nodes.items() if node.extra_capacity is not None}
         return s, _arrays((s.notes.stores, pressures, extra), h)
 
     value, slope = jax.jvp(ports, (before,), (k,))
     bonds, nodes, flows = jax.tree.map(lambda a, da: a + 0.5 * da, value, slope)
-    s0, (stores0, p0, extra) = ends(before)
-    _, (stores1, p1, _) = ends(after)
+    s0, (stores0, p0, extra) = ends(before, t)
+    _, (stores1, p1, _) = ends(after, t + h)
 
     energy = {n: h * effort * flow for n, (effort, flow) in bonds.items()}
     energy |= {n: stores1[n] - stores0[n] for n in stores0}

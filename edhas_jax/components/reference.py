@@ -69,11 +69,11 @@ class Recorded:
 
     def at(self, t):
         """Value and rate at time t [s]."""
-        last = self.values.shape[0] - 1
-        position = jnp.clip((t - self.start) / self.interval, 0.0, last)
-        inside = (t >= self.start) & (t <= self.start + last * self.interval)
-        k = jnp.clip(jnp.floor(position).astype(int), 0, last - 1)
-        u = position - k
+        last = len(self.values) - 1
+        position = jnp.clip((t - self.start) / self.interval, 0.0, float(last))
+        inside = (t >= self.start) & (t <= self.start + float(last) * self.interval)
+        whole = jnp.clip(jnp.floor(position), 0.0, last - 1.0)
+        k, u = whole.astype(int), position - whole
         before, here, there, after = (self.values[jnp.clip(k + j, 0, last)] for j in (-1, 0, 1, 2))
         slope_here = jnp.where(k > 0, 0.5 * (there - before), there - here)
         slope_there = jnp.where(k < last - 1, 0.5 * (after - here), there - here)
