@@ -123,11 +123,16 @@ def _simulate(options) -> None:
 
 
 def metrics_table(run):
-    """The metrics of a run as a rich table, in engineering units."""
+    """The metrics of a run as a rich table, in engineering units, or the sentence that says why there are none."""
+    from edhas_jax.metrics import TooShort
     from edhas_jax.units import from_si
 
+    try:
+        metrics = run.metrics
+    except TooShort as error:
+        return f"no metrics: {error}"
     table = _table(None, "metric", "value", "unit", "meaning")
-    for name, metric in run.metrics.items():
+    for name, metric in metrics.items():
         unit = "" if metric.shown == "-" else metric.shown
         table.add_row(name, f"{from_si(metric.value, metric.unit, metric.shown):.5g}", unit, metric.doc)
     return table
@@ -193,7 +198,7 @@ def _effects(options) -> None:
 
     console = _console()
     if options.name:
-        effect = load_effect(options.name, Path.cwd())
+        effect = load_effect(options.name)
         console.print(f"[bold]{effect.id}[/bold]  {effect.__doc__ or ''}", markup=True)
         console.print("enters at: " + ", ".join(f"{s.name} ({s.where})" for s in effect.slots))
         table = _table(None, "parameter", "default", "allowed", "meaning")

@@ -21,6 +21,10 @@ class Metric(NamedTuple):
     doc: str
 
 
+class TooShort(ValueError):
+    """A run ends before there is a whole cycle to measure."""
+
+
 def measure(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str, Metric]:
     """All metrics of a run.
 
@@ -28,7 +32,7 @@ def measure(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str
     means come from what the run has cumulated step by step, peaks from its samples.
 
     Raises:
-        ValueError: the run is too short for one whole cycle after the ramp.
+        TooShort: the run has no whole cycle after the ramp.
     """
     t = signals["time"]
     first, last = window(machine, t[-1])
@@ -51,7 +55,7 @@ def window(machine: Rig, end: float) -> tuple[float, float]:
     ramp = float(machine.reference.ramp_time)
     cycles = math.floor((end - ramp) / period + 1e-9)
     if cycles < 1:
-        raise ValueError(
+        raise TooShort(
             f"no whole cycle after the ramp: the run ends at {end:.4g} s, the ramp at {ramp:.4g} s, "
             f"a cycle takes {period:.4g} s; let it run for at least {ramp + period:.4g} s"
         )

@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 import edhas_jax
 from edhas_jax.config import read_config
 from edhas_jax.dump import dump_config
+from edhas_jax.metrics import TooShort
 from edhas_jax.run import Run
 from edhas_jax.signals import SIGNALS
 
@@ -76,7 +77,10 @@ def _fill(folder: Path, run: Run, figure: bool) -> None:
     columns |= {f"energy: {n}": v for n, v in run.energy.items()} | {f"volume: {n}": v for n, v in run.volume.items()}
     units = {n: {"e": "J", "v": "m^3", "t": "s"}[n[0]] for n in columns}
     pq.write_table(_table(columns, units), folder / LEDGER)
-    metrics = {n: {"value": m.value, "unit": m.unit, "doc": m.doc} for n, m in run.metrics.items()}
+    try:
+        metrics = {n: {"value": m.value, "unit": m.unit, "doc": m.doc} for n, m in run.metrics.items()}
+    except TooShort:
+        metrics = {}
     _write_json(folder / METRICS, metrics)
     (folder / CONFIG).write_text(dump_config(run.machine, run.simulation), encoding="utf-8")
     manifest = {

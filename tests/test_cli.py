@@ -85,6 +85,29 @@ def test_a_run_that_breaks_says_when_and_what(here, capsys):
     assert not (here / "runs").exists()
 
 
+def test_a_run_without_a_whole_cycle_has_no_metrics(here, capsys):
+    assert main(["simulate", str(CONFIGS / "paper.yaml"), "--out", "short", "--set", "duration=50ms"]) == 0
+    assert "no metrics: no whole cycle after the ramp" in capsys.readouterr().out
+    assert json.loads((here / "short" / "metrics.json").read_text()) == {}
+    assert len(edhas.open_run(here / "short").frame()) == 251
+
+
+def test_an_interrupted_run_keeps_what_is_finished(here, monkeypatch, capsys):
+    from edhas_jax import run
+
+    finished = run.march
+
+    def interrupted(machine, begin, h, per_sample, samples):
+        if int(begin.step_number) >= 4 * run.STRETCH * int(per_sample):
+            raise KeyboardInterrupt
+        return finished(machine, begin, h, per_sample, samples)
+
+    monkeypatch.setattr(run, "march", interrupted)
+    assert main(["simulate", str(CONFIGS / "paper.yaml"), "--out", "cut", "--no-figure"]) == 0
+    assert "interrupted" in capsys.readouterr().out
+    assert len(edhas.open_run(here / "cut").frame()) == 4 * run.STRETCH
+
+
 def test_half_written_folders_are_refused(here):
     assert main(["simulate", str(CONFIGS / "actuator.yaml"), "--out", "r", *QUICK]) == 0
     whole = (here / "r" / "timeseries.parquet").read_bytes()
