@@ -1,5 +1,6 @@
 """The linear system of a step, solved by sparse elimination that is written out while it is traced."""
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -14,13 +15,16 @@ class Bend(NamedTuple):
     pole: Any
 
 
-def solve(graph: Graph, right: dict[str, Any], shift, bends: dict[str, Bend] | None = None) -> dict[str, Any]:
+def solve(
+    graph: Graph, right: dict[str, Any], shift, bends: dict[str, Bend] | None = None, also: Iterable[str] = ()
+) -> dict[str, Any]:
     """Solve (shift · I − J) k = right for k, J being the Jacobian of the program that `graph` linearises.
 
     The intermediate values of the program stay in the system as unknowns without a right side. Each unknown is taken
     out in turn, always the one that costs the fewest products (Markowitz), chosen from the structure alone, so that
     chain rule and elimination share their work. Pivots stay on the diagonal, which is safe because `shift` = 2/h stands
     far above the unstable rates of a dissipative machine. The unknowns in `bends` come last, see `_solve_bent`.
+    The result also holds the change along k of those outputs of the program that are named in `also`.
     """
     bends = bends or {}
     rows = {v: dict(row) for v, row in graph.rows.items()}
@@ -31,12 +35,13 @@ def solve(graph: Graph, right: dict[str, Any], shift, bends: dict[str, Bend] | N
     k = dict(right)
     order = _eliminate(rows, pivots, k, [v for v in rows if v not in bends])
     k |= _solve_bent({n: rows[n] for n in bends}, pivots, {n: k[n] for n in bends}, shift, bends)
-    wanted = set(right)
+    outputs = {name: ("d", name) for name in also}
+    wanted = {*right, *outputs.values()}
     for v in order:
         if v in wanted:
             wanted.update(rows[v])
     _substitute_back(rows, k, [v for v in order if v in wanted])
-    return {name: k[name] for name in right}
+    return {name: k[name] for name in right} | {name: k.get(v, 0.0) for name, v in outputs.items()}
 
 
 def _solve_bent(rows: dict[str, Row], pivots: dict, right: dict, shift, bends: dict[str, Bend]) -> dict[str, Any]:

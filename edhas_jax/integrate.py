@@ -27,19 +27,27 @@ def step(machine: Rig, y: State, t, h) -> tuple[State, State]:
     without them the rule would be of first order. The nodes of oil are solved for the pressure that belongs to the
     new strain, not along its tangent: a tangent taken in a cavitating chamber overshoots by megapascals.
     """
-    poles = "pole of "
+    y, k, _ = watched_step(machine, y, t, h, ())
+    return y, k
+
+
+def watched_step(machine: Rig, y: State, t, h, watched: tuple[str, ...]) -> tuple[State, State, dict[str, Any]]:
+    """`step`, and the signals named in `watched` as the step saw them: value + ½ ∂·k, at mid-step."""
+    poles, seen = "pole of ", "seen "
 
     firm = firmness(machine, machine.evaluate(y, t + 0.5 * h, h, y)[0])
 
     def program(state):
         s, rates = machine.evaluate(state, t + 0.5 * h, h, y, firm)
-        return rates | {poles + n: c for n, c in s.notes.poles.items()}
+        rates |= {poles + n: c for n, c in s.notes.poles.items()}
+        return rates | {seen + n: getattr(s, n) for n in watched}
 
     graph = linearize(program, y)
     right = {n: 2.0 * graph.values[n] for n in y}
     bends = {n: Bend(y[n], graph.values[poles + n]) for n in y if poles + n in graph.values}
-    k = solve(graph, right, 2.0 / h, bends)
-    return {n: y[n] + k[n] for n in y}, k
+    k = solve(graph, right, 2.0 / h, bends, [seen + n for n in watched])
+    middle = {n: graph.values[seen + n] + 0.5 * k.pop(seen + n) for n in watched}
+    return {n: y[n] + k[n] for n in y}, k, middle
 
 
 class March(NamedTuple):

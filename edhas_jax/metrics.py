@@ -21,6 +21,33 @@ class Metric(NamedTuple):
     doc: str
 
 
+# name: (SI unit, unit it is shown in, meaning); a single run and a batch measure the same
+METRICS: dict[str, tuple[str, str, str]] = {
+    "mean_electrical_power": ("W", "W", "mean of voltage × current"),
+    "rms_current": ("A", "A", "rms current"),
+    "peak_current": ("A", "A", "largest current"),
+    "rms_voltage": ("V", "V", "rms voltage"),
+    "peak_voltage": ("V", "V", "largest voltage"),
+    "copper_loss": ("W", "W", "mean loss in the coil"),
+    "peak_stroke": ("m", "mm", "largest distance from mid-stroke"),
+    "tracking_error": ("m", "µm", "rms of set point − piston"),
+    "amplitude_ratio": ("-", "-", "first harmonic, piston over set point"),
+    "phase_lag": ("rad", "deg", "first harmonic, piston after set point"),
+    "mean_flow": ("m^3/s", "L/min", "mean flow to the load"),
+    "mean_leakage": ("m^3/s", "L/min", "mean flow past both plungers"),
+    "peak_leakage": ("m^3/s", "L/min", "largest flow past one plunger"),
+    "peak_outlet_pressure": ("Pa", "MPa", "largest outlet pressure, absolute"),
+    "pressure_rise": ("Pa", "MPa", "largest outlet pressure above the accumulator"),
+    "pressure_ripple": ("Pa", "MPa", "outlet pressure, peak to peak"),
+    "volumetric_efficiency": ("-", "%", "mean flow over swept volume"),
+    "delivered_power": ("W", "W", "mean power at the load"),
+    "overall_efficiency": ("-", "%", "delivered over electrical power"),
+    "steady_error": ("m", "µm", "target − cylinder at the end of the run"),
+    "response_time": ("s", "s", f"until the cylinder stays within {SETTLED:.0%} of the step"),
+    "overshoot": ("-", "%", "beyond the target, of the step"),
+}
+
+
 class TooShort(ValueError):
     """A run ends before there is a whole cycle to measure."""
 
@@ -44,7 +71,7 @@ def measure(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str
         out |= _hydraulic(machine, signals, energy, volume, t, first, last, inside)
     if isinstance(machine, ActuatorSystem):
         out |= _step_response(machine, signals, t)
-    return out
+    return {name: Metric(value, *METRICS[name]) for name, value in out.items()}
 
 
 def window(machine: Rig, end: float) -> tuple[float, float]:
@@ -79,19 +106,16 @@ def _rms(values, t, first, last) -> float:
     return math.sqrt(max(0.0, mean_rate(t, squares, first, last, values**2)))
 
 
-def _electrical(signals, energy, t, first, last, inside) -> dict[str, Metric]:
+def _electrical(signals, energy, t, first, last, inside) -> dict[str, float]:
     i, u = signals["current"], signals["voltage"]
-    power = mean_rate(t, energy["electrical input"], first, last, signals["coil_voltage"] * i)
     return {
-        "mean_electrical_power": Metric(power, "W", "W", "mean of voltage × current"),
-        "rms_current": Metric(_rms(i, t, first, last), "A", "A", "rms current"),
-        "peak_current": Metric(float(np.abs(i[inside]).max()), "A", "A", "largest current"),
-        "rms_voltage": Metric(_rms(u, t, first, last), "V", "V", "rms voltage"),
-        "peak_voltage": Metric(float(np.abs(u[inside]).max()), "V", "V", "largest voltage"),
-        "copper_loss": Metric(mean_rate(t, energy["copper"], first, last), "W", "W", "mean loss in the coil"),
-        "peak_stroke": Metric(
-            float(np.abs(signals["piston_position"][inside]).max()), "m", "mm", "largest distance from mid-stroke"
-        ),
+        "mean_electrical_power": mean_rate(t, energy["electrical input"], first, last, signals["coil_voltage"] * i),
+        "rms_current": _rms(i, t, first, last),
+        "peak_current": float(np.abs(i[inside]).max()),
+        "rms_voltage": _rms(u, t, first, last),
+        "peak_voltage": float(np.abs(u[inside]).max()),
+        "copper_loss": mean_rate(t, energy["copper"], first, last),
+        "peak_stroke": float(np.abs(signals["piston_position"][inside]).max()),
     }
 
 
@@ -101,66 +125,51 @@ def _harmonic(values, t, first, last, frequency) -> complex:
     return 2.0 * np.mean(np.interp(grid, t, values) * np.exp(-2j * np.pi * frequency * grid))
 
 
-def _tracking(machine, signals, t, first, last) -> dict[str, Metric]:
+def _tracking(machine, signals, t, first, last) -> dict[str, float]:
     f = float(machine.reference.frequency)
     wanted = _harmonic(signals["reference"], t, first, last, f)
     got = _harmonic(signals["piston_position"], t, first, last, f)
-    error = signals["reference"] - signals["piston_position"]
     inside = (t >= first) & (t <= last)
-    rms = float(np.sqrt(np.mean(error[inside] ** 2)))
-    out = {"tracking_error": Metric(rms, "m", "µm", "rms of set point − piston")}
+    error = (signals["reference"] - signals["piston_position"])[inside]
+    out = {"tracking_error": float(np.sqrt(np.mean(error**2)))}
     if abs(wanted) > 0.0:
-        out |= {
-            "amplitude_ratio": Metric(abs(got) / abs(wanted), "-", "-", "first harmonic, piston over set point"),
-            "phase_lag": Metric(float(-np.angle(got / wanted)), "rad", "deg", "first harmonic, piston after set point"),
-        }
+        out |= {"amplitude_ratio": abs(got) / abs(wanted), "phase_lag": float(-np.angle(got / wanted))}
     return out
 
 
-def _hydraulic(machine, signals, energy, volume, t, first, last, inside) -> dict[str, Metric]:
+def _hydraulic(machine, signals, energy, volume, t, first, last, inside) -> dict[str, float]:
     p, q = signals["outlet_pressure"], signals["outlet_flow"]
+    leaks = signals["leakage_a"], signals["leakage_b"]
     flow = mean_rate(t, volume["outlet_flow"], first, last, q)
-    leak = signals["leakage_a"] + signals["leakage_b"]
-    leakage = mean_rate(t, volume["leakage_a"] + volume["leakage_b"], first, last, leak)
     swept = np.abs(signals["piston_velocity"])
     travel = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (swept[1:] + swept[:-1]))])
     ideal = float(jnp.asarray(machine.pump.area())) * mean_rate(t, travel, first, last)
-    delivered_rows = ["load orifice"] if "load orifice" in energy else ["load"]
-    hydraulic = mean_rate(t, sum(energy[n] for n in delivered_rows), first, last)
+    hydraulic = mean_rate(t, energy["load orifice" if "load orifice" in energy else "load"], first, last)
     electrical = mean_rate(t, energy["electrical input"], first, last)
     out = {
-        "mean_flow": Metric(flow, "m^3/s", "L/min", "mean flow to the load"),
-        "mean_leakage": Metric(leakage, "m^3/s", "L/min", "mean flow past both plungers"),
-        "peak_leakage": Metric(
-            float(np.abs(np.stack([signals["leakage_a"], signals["leakage_b"]])[:, inside]).max()),
-            "m^3/s", "L/min", "largest flow past one plunger",
-        ),
-        "peak_outlet_pressure": Metric(float(p[inside].max()), "Pa", "MPa", "largest outlet pressure, absolute"),
-        "pressure_rise": Metric(
-            float((p - signals["accumulator_pressure"])[inside].max()), "Pa", "MPa",
-            "largest outlet pressure above the accumulator",
-        ),
-        "pressure_ripple": Metric(float(np.ptp(p[inside])), "Pa", "MPa", "outlet pressure, peak to peak"),
-        "volumetric_efficiency": Metric(flow / ideal if ideal > 0 else 0.0, "-", "%", "mean flow over swept volume"),
-        "delivered_power": Metric(hydraulic, "W", "W", "mean power at the load"),
-    }  # fmt: skip
+        "mean_flow": flow,
+        "mean_leakage": mean_rate(t, volume["leakage_a"] + volume["leakage_b"], first, last, sum(leaks)),
+        "peak_leakage": float(np.abs(np.stack(leaks)[:, inside]).max()),
+        "peak_outlet_pressure": float(p[inside].max()),
+        "pressure_rise": float((p - signals["accumulator_pressure"])[inside].max()),
+        "pressure_ripple": float(np.ptp(p[inside])),
+        "volumetric_efficiency": flow / ideal if ideal > 0 else 0.0,
+        "delivered_power": hydraulic,
+    }
     if electrical > 0:
-        out["overall_efficiency"] = Metric(hydraulic / electrical, "-", "%", "delivered over electrical power")
+        out["overall_efficiency"] = hydraulic / electrical
     return out
 
 
-def _step_response(machine, signals, t) -> dict[str, Metric]:
+def _step_response(machine, signals, t) -> dict[str, float]:
     x, target = signals["cylinder_position"], signals["target"]
     size = target[-1] - x[0]
-    out = {"steady_error": Metric(float(target[-1] - x[-1]), "m", "µm", "target − cylinder at the end of the run")}
+    out = {"steady_error": float(target[-1] - x[-1])}
     if size != 0.0 and np.ptp(target[1:]) == 0.0:
         share = (x - x[0]) / size
         outside = np.flatnonzero(share < 1.0 - SETTLED)
-        arrived = outside[-1] + 1 < len(t)
-        if arrived:
+        if outside[-1] + 1 < len(t):
             k = outside[-1]
-            when = np.interp(1.0 - SETTLED, share[k : k + 2], t[k : k + 2])
-            meaning = f"until the cylinder stays within {SETTLED:.0%} of the step"
-            out["response_time"] = Metric(float(when), "s", "s", meaning)
-        out["overshoot"] = Metric(float(max(0.0, share.max() - 1.0)), "-", "%", "beyond the target, of the step")
+            out["response_time"] = float(np.interp(1.0 - SETTLED, share[k : k + 2], t[k : k + 2]))
+        out["overshoot"] = float(max(0.0, share.max() - 1.0))
     return out
