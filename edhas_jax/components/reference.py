@@ -82,3 +82,38 @@ class Recorded:
         value = here + u * (slope_here + u * (c2 + u * c3))
         rate = (slope_here + u * (2.0 * c2 + 3.0 * u * c3)) / self.interval
         return value, jnp.where(inside, rate, 0.0)
+
+
+@struct
+class CyclicSine:
+    """A sine at a given phase of its cycle, for a batch whose designs take equal steps per cycle.
+
+    The trigonometric part is the same for all designs and is computed once for all of them; time is not looked at.
+    """
+
+    amplitude: object
+    frequency: object
+    sine: object
+    cosine: object
+    ramp: object
+    ramp_slope: object
+
+    @classmethod
+    def at_phase(cls, sine: Sine, phase, first_cycle) -> "CyclicSine":
+        """The sine at `phase` (0 … 1); in its first cycle the ramp brings it in."""
+        angle = 2.0 * jnp.pi * phase
+        ramp = phase * phase * phase * (10.0 - phase * (15.0 - 6.0 * phase))
+        return cls(
+            amplitude=sine.amplitude,
+            frequency=sine.frequency,
+            sine=jnp.sin(angle),
+            cosine=jnp.cos(angle),
+            ramp=jnp.where(first_cycle, ramp, 1.0),
+            ramp_slope=jnp.where(first_cycle, 30.0 * jnp.square(phase * (1.0 - phase)), 0.0),
+        )
+
+    def at(self, t):
+        """Value and rate at the phase."""
+        value = self.amplitude * (self.ramp * self.sine)
+        slope = 2.0 * jnp.pi * self.ramp * self.cosine + self.ramp_slope * self.sine
+        return value, self.amplitude * self.frequency * slope
