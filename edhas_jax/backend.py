@@ -8,6 +8,11 @@ from pathlib import Path
 CPU_OPTIONS = "xla_cpu_use_multi_output_fusion=true,xla_cpu_small_while_loop_byte_threshold=100000000"
 
 
+def cores() -> int:
+    """The processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def prepare() -> None:
     """Set the flags, 64-bit numbers and the cache of compiled programs.
 
@@ -15,8 +20,13 @@ def prepare() -> None:
     Flags that the user has set are kept.
     """
     flags = os.environ.get("XLA_FLAGS", "")
-    if os.environ.get("EDHAS_XLA") != "plain" and "xla_backend_extra_options" not in flags:
-        os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_extra_options={CPU_OPTIONS}".strip()
+    if os.environ.get("EDHAS_XLA") != "plain":
+        if "xla_backend_extra_options" not in flags:
+            flags = f"{flags} --xla_backend_extra_options={CPU_OPTIONS}"
+        if "xla_force_host_platform_device_count" not in flags:
+            # one device a core: a batch runs a loop of its own on each, which no thread pool inside a loop matches
+            flags = f"{flags} --xla_force_host_platform_device_count={cores()}"
+        os.environ["XLA_FLAGS"] = flags.strip()
 
     import jax
 

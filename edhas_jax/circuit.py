@@ -5,6 +5,7 @@ returns the rates of its states.
 """
 
 import dataclasses
+from collections.abc import Callable
 
 import jax.numpy as jnp
 
@@ -17,40 +18,37 @@ from edhas_jax.slots import enter
 from edhas_jax.tree import parameters
 
 
-def first_signals(m, y: dict, t, h, firm: dict | None = None) -> Signals:
+def first_signals(m, y: dict, t, h, law: Callable | None = None) -> Signals:
     """Time, and the parameters of the machine's parts; those of an effect stay its own."""
     parts = [getattr(m, f.name) for f in dataclasses.fields(m) if f.name != "effects"]
     known = {p.name: getattr(part, p.name) for part in parts for p in parameters(type(part))}
-    return Signals(known | {"time": t, "time_step": h}, own_states(m.effects, y), firm=firm)
+    return Signals(known | {"time": t, "time_step": h}, own_states(m.effects, y), law=law)
 
 
 def passage(m, s: Signals, name: str, area, ends: tuple[str, str]):
-    """The flow [m³/s] through an orifice between two nodes, noted for `firmness` and made firm where that says so."""
+    """The flow [m³/s] through an orifice between two nodes; a step replaces its slopes, see `passage_slopes`."""
     drop = getattr(s, ends[0]) - getattr(s, ends[1])
-    chord = m.orifice.chord(area, drop, m.oil.oil_density)
-    s.notes.passages[name] = Passage(drop, chord, m.orifice.tangent(chord, drop), ends)
-    flow = chord * drop
-    if name in s.firm:
-        known_drop, extra = s.firm[name]
-        flow = flow + extra * (drop - known_drop)
-    return flow
+    s.notes.passages[name] = Passage(drop, area, ends)
+    flow = m.orifice.flow(area, drop, m.oil.oil_density)
+    return flow if s.law is None else s.law(name, flow, area, drop)
 
 
-def firmness(m, s: Signals) -> dict:
-    """How much steeper than its tangent each orifice is to be linearised in the step that starts at `s`.
+def passage_slopes(m, passages: dict[str, Passage], pressure_rates: dict, h) -> dict:
+    """{name: (flow per area, flow per pressure drop)}: the slopes by which a step of `h` linearises each orifice.
 
-    The tangent of the square-root law is half its chord: where a pressure drop is about to change by more than its own
-    size in one step, a linear prediction lands on the other side, and can do so for ever, with plausible looks. There
-    the slope is led over to twice the chord, which ends at the equilibrium of the drop. In all steps that resolve the
-    change nothing is altered, so the order stays two. Returns {name: (drop now, added slope)}.
+    They are the tangents, except where these would mislead. The tangent of the square-root law is half its chord: where
+    a pressure drop is about to change by more than its own size in one step, a linear prediction lands on the other
+    side, and can do so for ever, with plausible looks. There the slope is led over to twice the chord, which ends at
+    the equilibrium of the drop. In all steps that resolve the change nothing is altered, so the order stays two.
     """
-    firm = {}
-    for name, (drop, chord, tangent, ends) in s.notes.passages.items():
-        rates = [s.notes.pressure_rates[end] for end in ends if end in s.notes.pressure_rates]
+    slopes = {}
+    for name, (drop, area, ends) in passages.items():
+        chord, tangent, inverse = m.orifice.conductance(drop, m.oil.oil_density)
+        rates = [pressure_rates[end] for end in ends if end in pressure_rates]
         change = jnp.abs(rates[0] - rates[1] if len(rates) == 2 else rates[0])
-        share = s.time_step * change / (jnp.abs(drop) + m.orifice.transition_pressure)
-        firm[name] = drop, jnp.clip(share - 1.0, 0.0, 1.0) * (2.0 * chord - tangent)
-    return firm
+        overshoot = jnp.clip(h * change * inverse - 1.0, 0.0, 1.0)
+        slopes[name] = chord * drop, area * (tangent + overshoot * (2.0 * chord - tangent))
+    return slopes
 
 
 def set_point(reference, t, share) -> dict:

@@ -1,5 +1,6 @@
 """The integrator: one linearly implicit midpoint step, and the march of a single run."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -7,10 +8,10 @@ import jax
 import jax.numpy as jnp
 
 from edhas_jax import ledger
-from edhas_jax.circuit import firmness
+from edhas_jax.circuit import passage_slopes
 from edhas_jax.elimination import Bend, solve
-from edhas_jax.linearize import linearize
-from edhas_jax.signals import SIGNALS
+from edhas_jax.linearize import linearize, promise
+from edhas_jax.signals import SIGNALS, Passage, Signals
 from edhas_jax.system import Rig, State
 
 DEFAULT_STEP = 20e-6
@@ -27,26 +28,34 @@ def step(machine: Rig, y: State, t, h) -> tuple[State, State]:
     without them the rule would be of first order. The nodes of oil are solved for the pressure that belongs to the
     new strain, not along its tangent: a tangent taken in a cavitating chamber overshoots by megapascals.
     """
-    y, k, _ = watched_step(machine, y, t, h, ())
+    y, k, _ = watched_step(machine, y, t, h, lambda s: {})
     return y, k
 
 
-def watched_step(machine: Rig, y: State, t, h, watched: tuple[str, ...]) -> tuple[State, State, dict[str, Any]]:
-    """`step`, and the signals named in `watched` as the step saw them: value + ½ ∂·k, at mid-step."""
-    poles, seen = "pole of ", "seen "
-
-    firm = firmness(machine, machine.evaluate(y, t + 0.5 * h, h, y)[0])
+def watched_step(machine: Rig, y: State, t, h, watch: Callable[[Signals], dict]) -> tuple[State, State, dict[str, Any]]:
+    """`step`, and what `watch` makes of the signals, as the step saw it: value + ½ ∂·k, at mid-step."""
+    pole, rate, drop, area, seen = "pole ", "rate ", "drop ", "area ", "seen "
+    ends: dict[str, tuple[str, str]] = {}
 
     def program(state):
-        s, rates = machine.evaluate(state, t + 0.5 * h, h, y, firm)
-        rates |= {poles + n: c for n, c in s.notes.poles.items()}
-        return rates | {seen + n: getattr(s, n) for n in watched}
+        s, rates = machine.evaluate(state, t + 0.5 * h, h, y, promise)
+        out = rates | {pole + n: c for n, c in s.notes.poles.items()}
+        out |= {rate + n: r for n, r in s.notes.pressure_rates.items()}
+        for n, p in s.notes.passages.items():
+            ends[n] = p.ends
+            out |= {drop + n: p.drop, area + n: p.area}
+        return out | {seen + n: value for n, value in watch(s).items()}
 
     graph = linearize(program, y)
-    right = {n: 2.0 * graph.values[n] for n in y}
-    bends = {n: Bend(y[n], graph.values[poles + n]) for n in y if poles + n in graph.values}
-    k = solve(graph, right, 2.0 / h, bends, [seen + n for n in watched])
-    middle = {n: graph.values[seen + n] + 0.5 * k.pop(seen + n) for n in watched}
+    at = graph.values
+    passages = {n: Passage(at[drop + n], at[area + n], ends[n]) for n in ends}
+    rates = {n: at[rate + n] for n in y if rate + n in at}
+    for n, slopes in passage_slopes(machine, passages, rates, h).items():
+        graph.keep(n, *slopes)
+    bends = {n: Bend(y[n], at[pole + n]) for n in y if pole + n in at}
+    watched = [n for n in at if n.startswith(seen)]
+    k = solve(graph, {n: 2.0 * at[n] for n in y}, 2.0 / h, bends, watched)
+    middle = {n.removeprefix(seen): at[n] + 0.5 * k.pop(n) for n in watched}
     return {n: y[n] + k[n] for n in y}, k, middle
 
 
@@ -115,8 +124,8 @@ def march(machine: Rig, begin: March, h, per_sample, samples: int) -> tuple[Marc
 
     def one(_, m: March) -> March:
         t = m.step_number.astype(dtype) * h
-        y, k = step(machine, m.y, t, h)
-        book = ledger.post(machine, m.book, m.y, y, k, t, h)
+        y, _, middle = watched_step(machine, m.y, t, h, ledger.ports)
+        book = ledger.post(machine, m.book, m.y, y, middle, t, h)
         check = _broken(machine, y, t + h, h)
         first = (check >= 0) & (m.broken_step < 0)
         return March(

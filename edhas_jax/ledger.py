@@ -2,10 +2,9 @@
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 
-from edhas_jax.circuit import firmness
+from edhas_jax.signals import Signals
 from edhas_jax.system import Rig, State
 
 FLOWS = (
@@ -40,42 +39,40 @@ def opening(machine: Rig, y: State, h) -> Book:
     return Book({n: zero for n in rows(machine)}, {n: zero for n in volumes})
 
 
-def post(machine: Rig, book: Book, before: State, after: State, k: State, t, h) -> Book:
-    """Add what one step moved.
+def ports(s: Signals) -> dict[str, Any]:
+    """What the ledger wants to see at mid-step: both sides of each bond, pressure and volume of each node, flows."""
+    values = s.values()
+    seen = {n: values[n] for n in FLOWS if n in values}
+    for n, bond in s.notes.bonds.items():
+        seen |= {f"effort {n}": bond.effort, f"flow {n}": bond.flow}
+    for n, node in s.notes.nodes.items():
+        seen |= {f"pressure {n}": node.pressure, f"volume {n}": node.volume}
+    return seen
 
-    Efforts and flows are those that the step itself used, value + ½ ∂·k at mid-step, so that each balance of the step
-    holds row by row; what is stored is taken from the states at both ends instead. The ledger closes only as far as
-    the step conserves energy and oil: it is a check of the numerics, not a rearrangement of them.
+
+def post(machine: Rig, book: Book, before: State, after: State, middle: dict[str, Any], t, h) -> Book:
+    """Add what one step moved; `middle` are the `ports` as the step saw them.
+
+    Each balance of the step then holds row by row, while what is stored is taken from the states at both ends. The
+    ledger closes only as far as the step conserves energy and oil: it checks the numerics, it does not rearrange them.
     """
-
-    firm = firmness(machine, machine.evaluate(before, t + 0.5 * h, h, before)[0])
-
-    def ports(y):
-        s, _ = machine.evaluate(y, t + 0.5 * h, h, before, firm)
-        values = s.values()
-        bonds = {n: (b.effort, b.flow) for n, b in s.notes.bonds.items()}
-        nodes = {n: (node.pressure, node.volume) for n, node in s.notes.nodes.items()}
-        return _arrays((bonds, nodes, {n: values[n] for n in FLOWS if n in values}), h)
 
     def ends(y, time):
         s, _ = machine.evaluate(y, time, h, y)
         pressures = {n: node.pressure for n, node in s.notes.nodes.items()}
         extra = {n: node.extra_capacity for n, node in s.notes.nodes.items() if node.extra_capacity is not None}
-        return s, _arrays((s.notes.stores, pressures, extra), h)
+        return s, (s.notes.stores, pressures, extra)
 
-    value, slope = jax.jvp(ports, (before,), (k,))
-    bonds, nodes, flows = jax.tree.map(lambda a, da: a + 0.5 * da, value, slope)
     s0, (stores0, p0, extra) = ends(before, t)
     _, (stores1, p1, _) = ends(after, t + h)
-
-    energy = {n: h * effort * flow for n, (effort, flow) in bonds.items()}
+    energy = {n: h * middle[f"effort {n}"] * middle[f"flow {n}"] for n in s0.notes.bonds}
     energy |= {n: stores1[n] - stores0[n] for n in stores0}
-    volume = {n: h * q for n, q in flows.items()}
-    for n, (pressure, space) in nodes.items():
-        taken_up = space * machine.oil.strain(p0[n], p1[n], s0)
+    volume = {n: h * middle[n] for n in FLOWS if n in middle}
+    for n in p0:
+        taken_up = middle[f"volume {n}"] * machine.oil.strain(p0[n], p1[n], s0)
         if n in extra:
             taken_up = taken_up + extra[n] * (p1[n] - p0[n])
-        energy[f"oil, {n}"] = pressure * taken_up
+        energy[f"oil, {n}"] = middle[f"pressure {n}"] * taken_up
         volume[f"oil, {n}"] = taken_up
     if "accumulator gas" in book.volume:
         volume["accumulator gas"] = after["gas_volume_change"] - before["gas_volume_change"]
@@ -83,7 +80,3 @@ def post(machine: Rig, book: Book, before: State, after: State, k: State, t, h) 
         {n: total + energy[n] for n, total in book.energy.items()},
         {n: total + volume[n] for n, total in book.volume.items()},
     )
-
-
-def _arrays(tree, h):
-    return jax.tree.map(lambda v: jnp.asarray(v, jnp.result_type(h)), tree)

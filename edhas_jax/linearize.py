@@ -25,16 +25,34 @@ class Mask(NamedTuple):
     where: Any
 
 
+_promise = core.Primitive("promise")
+_promise.def_abstract_eval(lambda value, *operands, name: value)
+
+
+def promise(name: str, value, *operands):
+    """`value`, whose partial derivatives by `operands` the caller of `linearize` will give: see `Graph.keep`.
+
+    For use inside a program that is being linearised, and nowhere else.
+    """
+    return _promise.bind(value, *operands, name=name)
+
+
 class Graph(NamedTuple):
     """A linearised program.
 
     `values` are the outputs by name; `rows` maps each vertex to {predecessor: partial derivative}. The inputs are
     vertices by name, the output `n` is the vertex `("d", n)`, everything between is numbered. A partial derivative is
-    a scalar, a plain number, or a `Mask`.
+    a scalar, a plain number, or a `Mask`. `promises` has the vertex of each promised value and of its operands.
     """
 
     values: dict[str, Any]
     rows: dict[Any, Row]
+    promises: dict[str, tuple[Any, list]] = {}
+
+    def keep(self, name: str, *partials) -> None:
+        """Give the partial derivatives of the value that was promised under `name`."""
+        vertex, ends = self.promises[name]
+        self.rows[vertex] = _row(ends, partials)
 
 
 def linearize(f: Callable[[dict], dict], y: dict[str, Any]) -> Graph:
@@ -57,7 +75,7 @@ def linearize(f: Callable[[dict], dict], y: dict[str, Any]) -> Graph:
     values, vertices = tape.run(closed.jaxpr, closed.consts, leaves, names)
     for n, vertex in zip(outputs, vertices, strict=True):
         tape.rows["d", n] = {} if vertex is None else {vertex: 1.0}
-    return Graph(dict(zip(outputs, values, strict=True)), tape.rows)
+    return Graph(dict(zip(outputs, values, strict=True)), tape.rows, tape.promises)
 
 
 class _Tape:
@@ -65,6 +83,7 @@ class _Tape:
 
     def __init__(self):
         self.rows: dict[Any, Row] = {}
+        self.promises: dict[str, tuple[Any, list]] = {}
         self._count = 0
 
     def run(self, jaxpr, consts, arguments, vertices):
@@ -87,6 +106,10 @@ class _Tape:
 
     def _equation(self, eqn, args, ends):
         name = eqn.primitive.name
+        if eqn.primitive is _promise:
+            vertex = self._vertex((), ())
+            self.promises[eqn.params["name"]] = vertex, ends[1:]
+            return args[:1], [vertex]
         if name in _INLINE:
             inner = eqn.params.get("jaxpr") or eqn.params["call_jaxpr"]
             return self.run(getattr(inner, "jaxpr", inner), getattr(inner, "consts", ()), args, ends)
@@ -104,12 +127,8 @@ class _Tape:
         return self._scalar(eqn, args, ends)
 
     def _vertex(self, ends, partials):
-        row: Row = {}
-        for end, partial in zip(ends, partials, strict=True):
-            if end is not None:
-                row[end] = add(row[end], partial) if end in row else partial
         self._count += 1
-        self.rows[self._count] = row
+        self.rows[self._count] = _row(ends, partials)
         return self._count
 
     def _scalar(self, eqn, args, ends):
@@ -144,6 +163,14 @@ class _Tape:
             None if not _smooth(v) else self._vertex(list(r), list(r.values())) if v.aval.shape == () else r
             for v, r in zip(eqn.outvars, result, strict=True)
         ]
+
+
+def _row(ends, partials) -> Row:
+    row: Row = {}
+    for end, partial in zip(ends, partials, strict=True):
+        if end is not None:
+            row[end] = add(row[end], partial) if end in row else partial
+    return row
 
 
 def _smooth(var) -> bool:

@@ -1,6 +1,7 @@
 """The names of everything the machine can be asked for: one list, shared by model, measurements and effects."""
 
 import difflib
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 
@@ -83,11 +84,10 @@ class Node(NamedTuple):
 
 
 class Passage(NamedTuple):
-    """An orifice between two nodes of oil: drop [Pa], chord Q/Δp and tangent dQ/dΔp [m³/(s·Pa)], names of the nodes."""
+    """An orifice between two nodes of oil: its pressure drop [Pa], its area [m²] and the names of the nodes."""
 
     drop: Any
-    chord: Any
-    tangent: Any
+    area: Any
     ends: tuple[str, str]
 
 
@@ -116,10 +116,10 @@ class Signals:
     value that is not its own. `at(...)` gives a local view, as a valve or a chamber sees the machine.
     """
 
-    def __init__(self, values: dict[str, Any], effects=(), notes: Notes | None = None, firm: dict | None = None):
+    def __init__(self, values: dict[str, Any], effects=(), notes: Notes | None = None, law: Callable | None = None):
         self._values = values
         self.effects = effects
-        self.firm = {} if firm is None else firm
+        self.law = law
         self.notes = Notes({}, {}, {}, {}, {}, {}, {}, {}) if notes is None else notes
 
     def __getattr__(self, name: str):
@@ -134,7 +134,7 @@ class Signals:
 
     def at(self, **local) -> "Signals":
         """A local view: the same signals with some added."""
-        return Signals({**self._values, **local}, self.effects, self.notes, self.firm)
+        return Signals({**self._values, **local}, self.effects, self.notes, self.law)
 
     def bond(self, name: str, group: str, effort, flow) -> None:
         """Note that `effort` × `flow` is the power that goes to `name`."""

@@ -1,12 +1,13 @@
 """The three rigs: which parts are mounted, and the one page of equations that joins them.
 
-A rig is a pytree of parameters. `evaluate(y, t, h, known, firm)` writes down every signal of one instant and the rate
-of every state (of a node of oil: the rate of its strain pressure, see `edhas_jax.oil`). `y` maps state names to scalars
-in SI; `h` is the step that is being taken and `known` the state at its start, which only Karnopp's standstill asks for;
-`firm` comes from `circuit.firmness`. Batching and differentiation are transformations of this function.
+A rig is a pytree of parameters. `evaluate(y, t, h, known, law)` writes down every signal of one instant and the rate of
+every state (of a node of oil: the rate of its strain pressure, see `edhas_jax.oil`). `y` maps state names to scalars in
+SI; `h` is the step that is being taken and `known` the state at its start, which only Karnopp's standstill asks for;
+`law` lets a step put its own slopes on the orifices. Batching and differentiation are transformations of this function.
 """
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 from edhas_jax import circuit, slots
@@ -52,9 +53,9 @@ class ActuatorBench:
         """The state at rest."""
         return circuit.start_drive(self)
 
-    def evaluate(self, y: State, t, h, known: State, firm: dict | None = None) -> tuple[Signals, State]:
+    def evaluate(self, y: State, t, h, known: State, law: Callable | None = None) -> tuple[Signals, State]:
         """Every signal at time t and the rate of every state (of an oil node: of its strain pressure)."""
-        s = circuit.first_signals(self, y, t, h, firm)
+        s = circuit.first_signals(self, y, t, h, law)
         s.set(**circuit.set_point(self.reference, t, 1.0))
         circuit.drive(self, y, s)
         rates = circuit.move(self, s, self.mover.mover_mass, self.mover.mover_damping, 0.0)
@@ -88,9 +89,9 @@ class PumpBench:
         """The state at rest, every pressure at that of the accumulator."""
         return circuit.start_drive(self) | circuit.start_pump(self)
 
-    def evaluate(self, y: State, t, h, known: State, firm: dict | None = None) -> tuple[Signals, State]:
+    def evaluate(self, y: State, t, h, known: State, law: Callable | None = None) -> tuple[Signals, State]:
         """Every signal at time t and the rate of every state (of an oil node: of its strain pressure)."""
-        s = circuit.first_signals(self, y, t, h, firm)
+        s = circuit.first_signals(self, y, t, h, law)
         s.set(**circuit.set_point(self.reference, t, 1.0))
         circuit.drive(self, y, s)
         rates = circuit.pump(self, y, s)
@@ -135,9 +136,9 @@ class ActuatorSystem:
         y |= dict.fromkeys(("head_pressure", "rod_pressure"), y["outlet_pressure"])
         return y | dict.fromkeys(("spool", "cylinder_position", "cylinder_velocity"), 0.0)
 
-    def evaluate(self, y: State, t, h, known: State, firm: dict | None = None) -> tuple[Signals, State]:
+    def evaluate(self, y: State, t, h, known: State, law: Callable | None = None) -> tuple[Signals, State]:
         """Every signal at time t and the rate of every state (of an oil node: of its strain pressure)."""
-        s = circuit.first_signals(self, y, t, h, firm)
+        s = circuit.first_signals(self, y, t, h, law)
         target, _ = self.target.at(t)
         s.set(target=target, cylinder_position=y["cylinder_position"], cylinder_velocity=y["cylinder_velocity"])
         error = target - s.cylinder_position

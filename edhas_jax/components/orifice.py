@@ -15,12 +15,12 @@ class Orifice:
     discharge_coefficient: float = par(0.65, "-", (0.05, 1.5), "discharge coefficient Cd")
     transition_pressure: float = par(10e3, "Pa", (1.0, 1e7), "pressure drop of the passage to laminar flow Δp_t")
 
-    def chord(self, area, drop, density):
-        """Q/Δp [m³/(s·Pa)] through `area` [m²] at the pressure drop [Pa]; even in the drop."""
-        scale = jnp.square(drop) + jnp.square(self.transition_pressure)
-        return self.discharge_coefficient * jnp.sqrt(2.0 / density) * area / jnp.sqrt(jnp.sqrt(scale))
+    def flow(self, area, drop, density):
+        """Q [m³/s] through `area` [m²] at the pressure drop [Pa]; odd in the drop."""
+        return area * self.conductance(drop, density)[0] * drop
 
-    def tangent(self, chord, drop):
-        """dQ/dΔp [m³/(s·Pa)]; between half the chord (turbulent) and the whole (laminar)."""
-        square = jnp.square(drop)
-        return chord * (1.0 - 0.5 * square / (square + jnp.square(self.transition_pressure)))
+    def conductance(self, drop, density):
+        """Q/(A Δp) [m/(s·Pa)], its tangent dQ/dΔp / A, and 1/√(Δp² + Δp_t²) [1/Pa]."""
+        inverse = 1.0 / jnp.sqrt(jnp.square(drop) + jnp.square(self.transition_pressure))
+        chord = self.discharge_coefficient * jnp.sqrt(2.0 / density) * jnp.sqrt(inverse)
+        return chord, chord * (1.0 - 0.5 * jnp.square(drop * inverse)), inverse

@@ -1,0 +1,194 @@
+"""One block of designs through all its cycles: sums and peaks in the time loop, metrics and a verdict at the end."""
+
+import enum
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from edhas_jax import tree
+from edhas_jax.components.reference import CyclicSine
+from edhas_jax.integrate import watched_step
+from edhas_jax.parameters import set_parameters
+from edhas_jax.system import ActuatorBench, Rig
+
+
+class Status(enum.IntEnum):
+    """What became of a design; anything but OK says why its metrics are not to be trusted."""
+
+    OK = 0
+    NOT_PERIODIC = 1
+    STALLED = 2
+    HIT_STOPS = 3
+    OUT_OF_RANGE = 4
+    NOT_FINITE = 5
+
+
+REASONS = {
+    Status.OK: "periodic, within the model's validity",
+    Status.NOT_PERIODIC: "still changing from cycle to cycle when the cycles ran out",
+    Status.STALLED: "the piston follows less than half of its set point",
+    Status.HIT_STOPS: "the piston ran onto an end stop",
+    Status.OUT_OF_RANGE: "a valve, a pressure or the piston left the range that the model describes",
+    Status.NOT_FINITE: "the run is not finite",
+}
+
+
+def run_block(machine: Rig, block: dict[str, Any], steps, max_cycles, tolerance) -> dict[str, Any]:
+    """The metrics, `status`, `cycles` and `residual` of one block of designs.
+
+    `block` holds the parameters that vary, in SI, and what comes back has their shape (lanes,). The cycles go on until
+    every design is periodic; one that is keeps the metrics of the cycle in which it was found to be.
+    """
+    lanes = next(iter(block.values())).shape[0]
+    dtype = jnp.result_type(tolerance)
+
+    def design(values):
+        return set_parameters(machine, values)
+
+    def begin(values):
+        m = design(values)
+        y = {n: jnp.asarray(v, dtype) for n, v in m.start().items()}
+        return y, _measured(m, _empty(m, dtype), jnp.ones((), dtype))
+
+    def cycle(values, y, number):
+        m = design(values)
+
+        def one(n, carry):
+            y, sums = carry
+            phase = (n.astype(dtype) + 0.5) / steps.astype(dtype)
+            h = 1.0 / (m.reference.frequency * steps.astype(dtype))
+            reference = CyclicSine.at_phase(m.reference, phase, number == 0)
+            y, seen = _take(tree.replace(m, reference=reference), y, h)
+            return y, _add(m, sums, seen, phase)
+
+        y, sums = jax.lax.fori_loop(0, steps, one, (y, _empty(m, dtype)))
+        return y, _measured(m, sums, 1.0 / steps.astype(dtype))
+
+    def going_on(carry):
+        number, _, _, _, done = carry
+        return (number < max_cycles) & ~done.all()
+
+    def next_cycle(carry):
+        number, y, kept, cycles, done = carry
+        y, new = jax.vmap(cycle, in_axes=(0, 0, None))(block, y, number)
+        residual = jnp.max(jnp.stack([_change(new[n], kept[n]) for n in PERIODIC if n in new]), axis=0)
+        new["residual"] = jnp.where(number < 2, jnp.ones_like(residual), residual)
+        kept = {n: jnp.where(done, kept[n], new[n]) for n in kept}
+        cycles = jnp.where(done, cycles, number + 1)
+        finite = jnp.isfinite(kept["mean_electrical_power"])
+        return number + 1, y, kept, cycles, done | (new["residual"] <= tolerance) | ~finite
+
+    y, first = jax.vmap(begin)(block)
+    first["residual"] = jnp.ones((lanes,), dtype)
+    zero = jnp.zeros((), int)
+    start = (zero, y, first, jnp.zeros((lanes,), int), jnp.zeros((lanes,), bool))
+    _, _, kept, cycles, done = jax.lax.while_loop(going_on, next_cycle, start)
+    status = jax.vmap(lambda values, out, ok: _status(design(values), out, ok))(block, kept, done)
+    shown = {n: v for n, v in kept.items() if not n.startswith("_")}
+    return shown | {"cycles": cycles.astype(dtype), "status": status.astype(dtype)}
+
+
+PERIODIC = ("mean_flow", "mean_electrical_power", "peak_stroke")
+
+
+def _change(new, old):
+    return jnp.abs(new - old) / (jnp.abs(new) + jnp.finfo(new.dtype).tiny)
+
+
+def _watched(m: Rig) -> tuple[str, ...]:
+    actuator = ("voltage", "coil_voltage", "current", "resistance", "piston_position", "piston_velocity", "reference")
+    if isinstance(m, ActuatorBench):
+        return actuator
+    return (*actuator, "outlet_flow", "outlet_pressure", "accumulator_pressure", "leakage_a", "leakage_b")
+
+
+def _take(m: Rig, y, h):
+    y, _, seen = watched_step(m, y, 0.0, h, lambda s: {n: getattr(s, n) for n in _watched(m)})
+    if not isinstance(m, ActuatorBench):
+        lifts = [y[f"{kind}_lift_{side}"] for kind in ("suction", "delivery") for side in "ab"]
+        seen["highest_lift"] = jnp.maximum(jnp.maximum(lifts[0], lifts[1]), jnp.maximum(lifts[2], lifts[3]))
+        seen["lowest_lift"] = jnp.minimum(jnp.minimum(lifts[0], lifts[1]), jnp.minimum(lifts[2], lifts[3]))
+    return y, seen
+
+
+SUMS = ("power", "copper", "current²", "voltage²", "error²", "x sin", "x cos", "r sin", "r cos")
+PUMP_SUMS = ("flow", "leakage", "swept", "delivered")
+PEAKS = ("current", "voltage", "stroke")
+PUMP_PEAKS = ("leakage", "pressure", "rise", "lift", "-pressure", "-lift")
+
+
+def _empty(m: Rig, dtype) -> dict[str, Any]:
+    pump = not isinstance(m, ActuatorBench)
+    zeros = {n: jnp.zeros((), dtype) for n in SUMS + (PUMP_SUMS if pump else ())}
+    return zeros | {f"peak {n}": jnp.full((), -jnp.inf, dtype) for n in PEAKS + (PUMP_PEAKS if pump else ())}
+
+
+def _add(m: Rig, sums, s, phase) -> dict[str, Any]:
+    """What one step adds to the sums and peaks of a cycle."""
+    i, u, x = s["current"], s["voltage"], s["piston_position"]
+    sine, cosine = jnp.sin(2 * jnp.pi * phase), jnp.cos(2 * jnp.pi * phase)
+    supplied = u if "current" in m.amplifier.initial() else s["coil_voltage"]
+    new = {
+        "power": supplied * i, "copper": s["resistance"] * i * i, "current²": i * i, "voltage²": u * u,
+        "error²": (s["reference"] - x) ** 2, "x sin": x * sine, "x cos": x * cosine,
+        "r sin": s["reference"] * sine, "r cos": s["reference"] * cosine,
+    }  # fmt: skip
+    peaks = {"current": jnp.abs(i), "voltage": jnp.abs(u), "stroke": jnp.abs(x)}
+    if "outlet_flow" in s:
+        rise = s["outlet_pressure"] - s["accumulator_pressure"]
+        new |= {
+            "flow": s["outlet_flow"], "leakage": s["leakage_a"] + s["leakage_b"],
+            "swept": jnp.abs(s["piston_velocity"]), "delivered": s["outlet_flow"] * rise,
+        }  # fmt: skip
+        peaks |= {
+            "leakage": jnp.maximum(jnp.abs(s["leakage_a"]), jnp.abs(s["leakage_b"])), "rise": rise,
+            "pressure": s["outlet_pressure"], "-pressure": -s["outlet_pressure"],
+            "lift": s["highest_lift"], "-lift": -s["lowest_lift"],
+        }  # fmt: skip
+    return {n: sums[n] + v for n, v in new.items()} | {
+        f"peak {n}": jnp.maximum(sums[f"peak {n}"], v) for n, v in peaks.items()
+    }
+
+
+def _measured(m: Rig, sums, share) -> dict[str, Any]:
+    """The metrics of a cycle from its sums; names and meanings as in `edhas_jax.metrics`."""
+    mean = {n: v * share for n, v in sums.items() if not n.startswith("peak ")}
+    peak = {n.removeprefix("peak "): v for n, v in sums.items() if n.startswith("peak ")}
+    got, wanted = (mean["x sin"], mean["x cos"]), (mean["r sin"], mean["r cos"])
+    square = wanted[0] ** 2 + wanted[1] ** 2
+    out = {
+        "mean_electrical_power": mean["power"], "copper_loss": mean["copper"],
+        "rms_current": jnp.sqrt(mean["current²"]), "peak_current": peak["current"],
+        "rms_voltage": jnp.sqrt(mean["voltage²"]), "peak_voltage": peak["voltage"],
+        "peak_stroke": peak["stroke"], "tracking_error": jnp.sqrt(mean["error²"]),
+        "amplitude_ratio": jnp.sqrt((got[0] ** 2 + got[1] ** 2) / square),
+        "phase_lag": jnp.arctan2(
+            got[0] * wanted[1] - got[1] * wanted[0], got[0] * wanted[0] + got[1] * wanted[1]
+        ) * 1.0,
+    }  # fmt: skip
+    if "flow" in mean:
+        out |= {
+            "mean_flow": mean["flow"], "mean_leakage": mean["leakage"], "peak_leakage": peak["leakage"],
+            "peak_outlet_pressure": peak["pressure"], "pressure_rise": peak["rise"],
+            "pressure_ripple": peak["pressure"] + peak["-pressure"],
+            "volumetric_efficiency": mean["flow"] / (m.pump.area() * mean["swept"]),
+            "delivered_power": mean["delivered"], "overall_efficiency": mean["delivered"] / mean["power"],
+            "_lift": peak["lift"], "_-lift": peak["-lift"], "_-pressure": peak["-pressure"],
+        }  # fmt: skip
+    return out
+
+
+def _status(m: Rig, out, periodic):
+    """The gravest thing that can be said of a design."""
+    half = 0.5 * m.stops.pump_stroke
+    status = jnp.where(periodic, Status.OK, Status.NOT_PERIODIC)
+    status = jnp.where(out["amplitude_ratio"] < 0.5, Status.STALLED, status)
+    status = jnp.where(out["peak_stroke"] > half, Status.HIT_STOPS, status)
+    beyond = out["peak_stroke"] > 1.2 * half
+    if "_lift" in out:
+        give = 0.5 * m.valve.valve_seat_diameter
+        beyond |= (out["_lift"] > m.valve.valve_max_lift + give) | (out["_-lift"] > give) | (out["_-pressure"] > 0.0)
+    status = jnp.where(beyond, Status.OUT_OF_RANGE, status)
+    finite = jnp.stack([jnp.isfinite(v) for n, v in out.items() if n != "residual"]).all()
+    return jnp.where(finite, status, Status.NOT_FINITE)
