@@ -25,12 +25,14 @@ class BatchSettings:
     """How a batch is run.
 
     `step` [s] is the largest time step: each design takes equal steps per cycle, as many as keep below it. A design is
-    periodic when flow, electrical power and stroke change by less than `tolerance` from one cycle to the next.
+    periodic when flow, electrical power and stroke change by less than `tolerance` from one cycle to the next. With
+    `soft_start` the first cycle is a ramp, whatever ramp the machine has; without it the set point starts at once.
     """
 
     step: float = DEFAULT_STEP
     tolerance: float = 1e-4
     max_cycles: int = 16
+    soft_start: bool = True
     precision: Precision = Precision.FLOAT64
 
 
@@ -88,11 +90,15 @@ def run_chunk(
     count = len(chunk.rows)
     padded = np.concatenate([chunk.rows, np.repeat(chunk.rows[-1:], BLOCKS_PER_CHUNK * lanes - count)])
     columns = {n: np.asarray(v)[padded].astype(dtype).reshape(BLOCKS_PER_CHUNK, lanes) for n, v in values.items()}
+    live = (np.arange(BLOCKS_PER_CHUNK * lanes) < count).reshape(BLOCKS_PER_CHUNK, lanes)
     base = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
     tolerance = dtype.type(settings.tolerance)
     devices = jax.local_devices()
     cores = max(n for n in range(1, len(devices) + 1) if BLOCKS_PER_CHUNK % n == 0)
-    out = _on_devices(tuple(devices[:cores]), base, columns, chunk.steps_per_cycle, settings.max_cycles, tolerance)
+    cycles, soft = settings.max_cycles, settings.soft_start
+    out = _on_devices(
+        tuple(devices[:cores]), base, columns, live, chunk.steps_per_cycle, cycles, tolerance, soft
+    )  # fmt: skip
     return {n: np.asarray(v).reshape(-1)[:count].astype(float) for n, v in jax.device_get(out).items()}
 
 
@@ -116,16 +122,18 @@ def run_designs(
 
 
 @partial(jax.jit, static_argnums=0)
-def _on_devices(devices, machine, columns, steps, max_cycles, tolerance):
+def _on_devices(devices, machine, columns, live, steps, max_cycles, tolerance, soft):
     # each core runs its share of the blocks in a loop of its own
-    def blocks(machine, columns, steps, max_cycles, tolerance):
-        return jax.lax.map(lambda block: run_block(machine, block, steps, max_cycles, tolerance), columns)
+    def blocks(machine, columns, live, steps, max_cycles, tolerance, soft):
+        return jax.lax.map(
+            lambda block: run_block(machine, *block, steps, max_cycles, tolerance, soft), (columns, live)
+        )
 
     whole, split = PartitionSpec(), PartitionSpec("cores")
     return jax.shard_map(
         blocks,
         mesh=Mesh(np.array(devices), ("cores",)),
-        in_specs=(whole, split, whole, whole, whole),
+        in_specs=(whole, split, split, whole, whole, whole, whole),
         out_specs=split,
         check_vma=False,
-    )(machine, columns, steps, max_cycles, tolerance)
+    )(machine, columns, live, steps, max_cycles, tolerance, soft)

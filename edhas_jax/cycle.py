@@ -34,11 +34,12 @@ REASONS = {
 }
 
 
-def run_block(machine: Rig, block: dict[str, Any], steps, max_cycles, tolerance) -> dict[str, Any]:
+def run_block(machine: Rig, block: dict[str, Any], live, steps, max_cycles, tolerance, soft) -> dict[str, Any]:
     """The metrics, `status`, `cycles` and `residual` of one block of designs.
 
-    `block` holds the parameters that vary, in SI, and what comes back has their shape (lanes,). The cycles go on until
-    every design is periodic; one that is keeps the metrics of the cycle in which it was found to be.
+    `block` holds the parameters that vary, in SI, and what comes back has their shape (lanes,); lanes that are not
+    `live` only fill the block up. The cycles go on until every design is periodic; the first is a ramp if `soft`. A
+    design that is periodic keeps the metrics of the cycle in which it was found to be.
     """
     lanes = next(iter(block.values())).shape[0]
     dtype = jnp.result_type(tolerance)
@@ -58,7 +59,7 @@ def run_block(machine: Rig, block: dict[str, Any], steps, max_cycles, tolerance)
             y, sums = carry
             phase = (n.astype(dtype) + 0.5) / steps.astype(dtype)
             h = 1.0 / (m.reference.frequency * steps.astype(dtype))
-            reference = CyclicSine.at_phase(m.reference, phase, number == 0)
+            reference = CyclicSine.at_phase(m.reference, phase, soft & (number == 0))
             y, seen = _take(tree.replace(m, reference=reference), y, h)
             return y, _add(m, sums, seen, phase)
 
@@ -82,7 +83,7 @@ def run_block(machine: Rig, block: dict[str, Any], steps, max_cycles, tolerance)
     y, first = jax.vmap(begin)(block)
     first["residual"] = jnp.ones((lanes,), dtype)
     zero = jnp.zeros((), int)
-    start = (zero, y, first, jnp.zeros((lanes,), int), jnp.zeros((lanes,), bool))
+    start = (zero, y, first, jnp.zeros((lanes,), int), ~live)
     _, _, kept, cycles, done = jax.lax.while_loop(going_on, next_cycle, start)
     status = jax.vmap(lambda values, out, ok: _status(design(values), out, ok))(block, kept, done)
     shown = {n: v for n, v in kept.items() if not n.startswith("_")}

@@ -1,0 +1,61 @@
+"""Random designs at abrupt starts and high frequency: does any end on a false periodic solution?
+
+    python benchmarks/abrupt_starts.py [--count 1000] [--step 20e-6]
+
+Each design starts at full amplitude and is run to its periodic state twice, at the step and at a tenth of it. Those that
+the batch calls periodic and valid must agree; what it flags is counted by reason. The last line holds the figures.
+"""
+
+import argparse
+import time
+
+import numpy as np
+from scipy.stats import qmc
+
+import edhas_jax as edhas
+from edhas_jax.batch import BatchSettings, Status, run_designs
+from edhas_jax.effects import EntrainedAir, LugreFriction, PistonLeakage
+
+RANGES = {
+    "frequency": (15.0, 60.0), "amplitude": (1e-3, 4.5e-3), "piston_diameter": (8e-3, 16e-3),
+    "valve_mass": (1e-3, 8e-3), "valve_spring_rate": (50.0, 800.0), "load_orifice_area": (1e-7, 8e-6),
+    "air_fraction": (5e-4, 3e-2), "accumulator_pressure": (0.05e6, 0.5e6), "piston_clearance": (5e-6, 40e-6),
+}  # fmt: skip
+AGREE = 0.01
+
+
+def main() -> None:
+    """Run the comparison and print its table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--count", type=int, default=1000)
+    parser.add_argument("--step", type=float, default=20e-6, help="seconds")
+    options = parser.parse_args()
+    machine = edhas.PumpBench(effects=(LugreFriction(), PistonLeakage(), EntrainedAir()))
+    unit = qmc.LatinHypercube(len(RANGES), rng=1).random(options.count)
+    designs = {n: low * (high / low) ** unit[:, k] for k, (n, (low, high)) in enumerate(RANGES.items())}
+    results = []
+    for step in (options.step, options.step / 10.0):
+        began = time.perf_counter()
+        settings = BatchSettings(step=step, soft_start=False, max_cycles=40)
+        results.append(run_designs(machine, designs, settings))
+        seconds = time.perf_counter() - began
+        counts = {s.name.lower(): int((results[-1]["status"] == s).sum()) for s in Status}
+        print(f"step {step * 1e6:5.1f} µs, {seconds:6.1f} s: " + ", ".join(f"{n} {c}" for n, c in counts.items() if c))
+    coarse, fine = results
+    ok = coarse["status"] == Status.OK
+    scale = np.maximum(np.abs(fine["mean_flow"]), 0.02 * 4.0 * designs["frequency"] * designs["amplitude"] * (
+        0.25 * np.pi * designs["piston_diameter"] ** 2
+    ))  # fmt: skip
+    error = np.abs(coarse["mean_flow"] - fine["mean_flow"]) / scale
+    wrong = ok & ~(error <= AGREE)
+    print(f"of {int(ok.sum())} called periodic and valid, error of mean flow: median {np.median(error[ok]):.1e}, ", end="")
+    print(f"99 % below {np.quantile(error[ok], 0.99):.1e}, largest {error[ok].max():.1e}")
+    for k in np.flatnonzero(wrong)[:20]:
+        values = ", ".join(f"{n} {v[k]:.4g}" for n, v in designs.items())
+        verdict = Status(int(fine["status"][k])).name.lower()
+        print(f"  {error[k]:.1%}: {coarse['mean_flow'][k]:.3e} against {fine['mean_flow'][k]:.3e} ({verdict}): {values}")
+    print(f"designs={options.count} ok={int(ok.sum())} flagged={int((~ok).sum())} false={int(wrong.sum())}")
+
+
+if __name__ == "__main__":
+    main()
