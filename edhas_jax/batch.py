@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 
-from edhas_jax.cycle import REASONS, Status, run_block
+from edhas_jax.cycle import REASONS, Status, advance, begin, verdict
 from edhas_jax.integrate import DEFAULT_STEP
 from edhas_jax.parameters import get_parameter
 from edhas_jax.run import Precision
@@ -87,19 +87,45 @@ def run_chunk(
     The result depends on the designs and settings alone, not on the number of cores or on the neighbours.
     """
     lanes, dtype = LANES[settings.precision], np.dtype(settings.precision.value)
-    count = len(chunk.rows)
-    padded = np.concatenate([chunk.rows, np.repeat(chunk.rows[-1:], BLOCKS_PER_CHUNK * lanes - count)])
-    columns = {n: np.asarray(v)[padded].astype(dtype).reshape(BLOCKS_PER_CHUNK, lanes) for n, v in values.items()}
-    live = (np.arange(BLOCKS_PER_CHUNK * lanes) < count).reshape(BLOCKS_PER_CHUNK, lanes)
+    size = BLOCKS_PER_CHUNK * lanes
     base = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
-    tolerance = dtype.type(settings.tolerance)
+    columns = {n: np.asarray(v)[chunk.rows].astype(dtype) for n, v in values.items()}
+    numbers = chunk.steps_per_cycle, dtype.type(settings.tolerance), settings.soft_start
+    count = len(chunk.rows)
+    slots = np.resize(np.arange(count), size)  # which design stands where; the block is filled up with copies
+    live = np.arange(size) < count
+    state = jax.device_get(_begin(base, _at(columns, slots), live, dtype))
+    kept, cycles, done = (jax.tree.map(lambda leaf: leaf[:count].copy(), part) for part in state[1:])
+    number = 0
+    for until in _stages(settings.max_cycles):
+        state = jax.device_get(_advance(_devices(), base, _at(columns, slots), state, number, until, *numbers))
+        for name, column in state.kept.items():
+            kept[name][slots[live]] = column[live]
+        cycles[slots[live]], done[slots[live]] = state.cycles[live], state.done[live]
+        number, still = until, np.flatnonzero(live & ~state.done)
+        if not len(still):
+            break
+        # the designs that are not yet periodic close ranks, so that they do not keep whole blocks waiting
+        order = np.resize(still, size)
+        slots, live = slots[order], np.arange(size) < len(still)
+        state = jax.tree.map(lambda leaf, order=order: leaf[order], state)._replace(done=~live)
+    every = np.resize(np.arange(count), size)
+    out = jax.device_get(_verdict(base, _at(columns, every), _at(kept, every), done[every]))
+    return {n: np.asarray(v)[:count].astype(float) for n, v in out.items()} | {"cycles": cycles.astype(float)}
+
+
+def _at(columns: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
+    return {n: column[rows] for n, column in columns.items()}
+
+
+def _stages(max_cycles: int) -> list[int]:
+    """The cycles after which the designs close ranks."""
+    return sorted({min(n, max_cycles) for n in (4, 5, 6, 8, 12, 24, 48, max_cycles)})
+
+
+def _devices() -> tuple:
     devices = jax.local_devices()
-    cores = max(n for n in range(1, len(devices) + 1) if BLOCKS_PER_CHUNK % n == 0)
-    cycles, soft = settings.max_cycles, settings.soft_start
-    out = _on_devices(
-        tuple(devices[:cores]), base, columns, live, chunk.steps_per_cycle, cycles, tolerance, soft
-    )  # fmt: skip
-    return {n: np.asarray(v).reshape(-1)[:count].astype(float) for n, v in jax.device_get(out).items()}
+    return tuple(devices[: max(n for n in range(1, len(devices) + 1) if BLOCKS_PER_CHUNK % n == 0)])
 
 
 def run_designs(
@@ -121,19 +147,26 @@ def run_designs(
     return table
 
 
+_begin = jax.jit(begin, static_argnums=3)
+_verdict = jax.jit(verdict)
+
+
 @partial(jax.jit, static_argnums=0)
-def _on_devices(devices, machine, columns, live, steps, max_cycles, tolerance, soft):
-    # each core runs its share of the blocks in a loop of its own
-    def blocks(machine, columns, live, steps, max_cycles, tolerance, soft):
-        return jax.lax.map(
-            lambda block: run_block(machine, *block, steps, max_cycles, tolerance, soft), (columns, live)
-        )
+def _advance(devices, machine, columns, state, number, until, steps, tolerance, soft):
+    """`advance` for a whole chunk: each core runs its share of the blocks, one after the other."""
+
+    def blocks(machine, columns, state, *numbers):
+        return jax.lax.map(lambda block: advance(machine, *block, *numbers), (columns, state))
+
+    def fold(leaf):
+        return leaf.reshape(BLOCKS_PER_CHUNK, -1)
 
     whole, split = PartitionSpec(), PartitionSpec("cores")
-    return jax.shard_map(
+    result = jax.shard_map(
         blocks,
         mesh=Mesh(np.array(devices), ("cores",)),
-        in_specs=(whole, split, split, whole, whole, whole, whole),
+        in_specs=(whole, split, split, *[whole] * 5),
         out_specs=split,
         check_vma=False,
-    )(machine, columns, live, steps, max_cycles, tolerance, soft)
+    )(machine, *jax.tree.map(fold, (columns, state)), number, until, steps, tolerance, soft)
+    return jax.tree.map(lambda leaf: leaf.reshape(-1), result)

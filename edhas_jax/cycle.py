@@ -1,7 +1,7 @@
 """One block of designs through all its cycles: sums and peaks in the time loop, metrics and a verdict at the end."""
 
 import enum
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,26 +34,39 @@ REASONS = {
 }
 
 
-def run_block(machine: Rig, block: dict[str, Any], live, steps, max_cycles, tolerance, soft) -> dict[str, Any]:
-    """The metrics, `status`, `cycles` and `residual` of one block of designs.
+class Lanes(NamedTuple):
+    """Where the designs of a block stand; every leaf has the shape (lanes,).
 
-    `block` holds the parameters that vary, in SI, and what comes back has their shape (lanes,); lanes that are not
-    `live` only fill the block up. The cycles go on until every design is periodic; the first is a ramp if `soft`. A
-    design that is periodic keeps the metrics of the cycle in which it was found to be.
+    `kept` are the metrics of the last cycle that counts, `cycles` its number; `done`: no further one is wanted.
     """
-    lanes = next(iter(block.values())).shape[0]
+
+    y: dict[str, Any]
+    kept: dict[str, Any]
+    cycles: Any
+    done: Any
+
+
+def begin(machine: Rig, block: dict[str, Any], live, dtype) -> Lanes:
+    """All designs at rest. `block` holds the parameters that vary, in SI; lanes that are not `live` only fill it up."""
+
+    def one(values):
+        m = set_parameters(machine, values)
+        y = {n: jnp.asarray(v, dtype) for n, v in m.start().items()}
+        return y, _measured(m, _empty(m, dtype), jnp.ones((), dtype)) | {"residual": jnp.ones((), dtype)}
+
+    y, kept = jax.vmap(one)(block)
+    return Lanes(y, kept, jnp.zeros_like(live, int), ~live)
+
+
+def advance(machine: Rig, block: dict[str, Any], lanes: Lanes, number, until, steps, tolerance, soft) -> Lanes:
+    """Cycles from `number` on until every design is periodic or `until` is reached; the first is a ramp if `soft`.
+
+    A design that is periodic keeps the metrics of the cycle in which it was found to be.
+    """
     dtype = jnp.result_type(tolerance)
 
-    def design(values):
-        return set_parameters(machine, values)
-
-    def begin(values):
-        m = design(values)
-        y = {n: jnp.asarray(v, dtype) for n, v in m.start().items()}
-        return y, _measured(m, _empty(m, dtype), jnp.ones((), dtype))
-
     def cycle(values, y, number):
-        m = design(values)
+        m = set_parameters(machine, values)
 
         def one(n, carry):
             y, sums = carry
@@ -67,27 +80,26 @@ def run_block(machine: Rig, block: dict[str, Any], live, steps, max_cycles, tole
         return y, _measured(m, sums, 1.0 / steps.astype(dtype))
 
     def going_on(carry):
-        number, _, _, _, done = carry
-        return (number < max_cycles) & ~done.all()
+        number, lanes = carry
+        return (number < until) & ~lanes.done.all()
 
     def next_cycle(carry):
-        number, y, kept, cycles, done = carry
+        number, (y, kept, cycles, done) = carry
         y, new = jax.vmap(cycle, in_axes=(0, 0, None))(block, y, number)
         residual = jnp.max(jnp.stack([_change(new[n], kept[n]) for n in PERIODIC if n in new]), axis=0)
         new["residual"] = jnp.where(number < 2, jnp.ones_like(residual), residual)
         kept = {n: jnp.where(done, kept[n], new[n]) for n in kept}
         cycles = jnp.where(done, cycles, number + 1)
         finite = jnp.isfinite(kept["mean_electrical_power"])
-        return number + 1, y, kept, cycles, done | (new["residual"] <= tolerance) | ~finite
+        return number + 1, Lanes(y, kept, cycles, done | (new["residual"] <= tolerance) | ~finite)
 
-    y, first = jax.vmap(begin)(block)
-    first["residual"] = jnp.ones((lanes,), dtype)
-    zero = jnp.zeros((), int)
-    start = (zero, y, first, jnp.zeros((lanes,), int), ~live)
-    _, _, kept, cycles, done = jax.lax.while_loop(going_on, next_cycle, start)
-    status = jax.vmap(lambda values, out, ok: _status(design(values), out, ok))(block, kept, done)
-    shown = {n: v for n, v in kept.items() if not n.startswith("_")}
-    return shown | {"cycles": cycles.astype(dtype), "status": status.astype(dtype)}
+    return jax.lax.while_loop(going_on, next_cycle, (number, lanes))[1]
+
+
+def verdict(machine: Rig, block: dict[str, Any], kept: dict[str, Any], done) -> dict[str, Any]:
+    """The metrics, with the `status` of each design."""
+    status = jax.vmap(lambda values, out, ok: _status(set_parameters(machine, values), out, ok))(block, kept, done)
+    return {n: v for n, v in kept.items() if not n.startswith("_")} | {"status": status}
 
 
 PERIODIC = ("mean_flow", "mean_electrical_power", "peak_stroke")

@@ -105,6 +105,6 @@ def test_a_longer_table_compiles_nothing():
     from edhas_jax import batch
 
     run_designs(PUMP, {"valve_mass": np.linspace(2e-3, 6e-3, 3)}, QUICK)
-    compiled = batch._on_devices._cache_size()
+    compiled = batch._advance._cache_size()
     run_designs(PUMP, {"valve_mass": np.linspace(2e-3, 6e-3, 300)}, QUICK)
-    assert batch._on_devices._cache_size() == compiled and len(jax.local_devices()) >= 1
+    assert batch._advance._cache_size() == compiled and len(jax.local_devices()) >= 1
