@@ -2,8 +2,8 @@
 
     python benchmarks/abrupt_starts.py [--count 1000] [--step 20e-6]
 
-Each design starts at full amplitude and is run to its periodic state twice, at the step and at a tenth of it. Those that
-the batch calls periodic and valid must agree; what it flags is counted by reason. The last line holds the figures.
+Each design starts at full amplitude and is run to its periodic state twice, at the step and at a tenth of it. Those
+that the batch calls periodic and valid must agree; what it flags is counted by reason. The last line holds the figures.
 """
 
 import argparse
@@ -48,12 +48,13 @@ def main() -> None:
     ))  # fmt: skip
     error = np.abs(coarse["mean_flow"] - fine["mean_flow"]) / scale
     wrong = ok & ~(error <= AGREE)
-    print(f"of {int(ok.sum())} called periodic and valid, error of mean flow: median {np.median(error[ok]):.1e}, ", end="")
+    print(f"{int(ok.sum())} periodic and valid; error of mean flow: median {np.median(error[ok]):.1e}, ", end="")
     print(f"99 % below {np.quantile(error[ok], 0.99):.1e}, largest {error[ok].max():.1e}")
     for k in np.flatnonzero(wrong)[:20]:
         values = ", ".join(f"{n} {v[k]:.4g}" for n, v in designs.items())
         verdict = Status(int(fine["status"][k])).name.lower()
-        print(f"  {error[k]:.1%}: {coarse['mean_flow'][k]:.3e} against {fine['mean_flow'][k]:.3e} ({verdict}): {values}")
+        flows = f"{coarse['mean_flow'][k]:.3e} against {fine['mean_flow'][k]:.3e} m³/s"
+        print(f"  {error[k]:.1%}: {flows} ({verdict} there): {values}")
     print(f"designs={options.count} ok={int(ok.sum())} flagged={int((~ok).sum())} false={int(wrong.sum())}")
 
 

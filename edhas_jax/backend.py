@@ -1,6 +1,7 @@
 """Compiler flags, precision and compilation cache, set before JAX starts so that no user has to know them."""
 
 import os
+import re
 from pathlib import Path
 
 # Both belong together: wide fusions keep the step from being computed several times over, and the loop compiled as one
@@ -9,23 +10,29 @@ CPU_OPTIONS = "xla_cpu_use_multi_output_fusion=true,xla_cpu_small_while_loop_byt
 
 
 def cores() -> int:
-    """The processor cores that this process may use."""
+    """The processor cores that this process may use; `EDHAS_CORES` sets fewer."""
+    if os.environ.get("EDHAS_CORES", "").isdigit():
+        return max(1, int(os.environ["EDHAS_CORES"]))
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def prepare() -> None:
     """Set the flags, 64-bit numbers and the cache of compiled programs.
 
-    `EDHAS_XLA=plain` leaves the compiler flags alone; `EDHAS_CACHE` names another folder for the cache, or `off`.
+    `EDHAS_XLA=plain` leaves the compiler flags alone; `EDHAS_CACHE` names another folder for the cache, or `off`;
+    `EDHAS_CORES` is the number of cores to use, all by default.
     Flags that the user has set are kept.
     """
     flags = os.environ.get("XLA_FLAGS", "")
     if os.environ.get("EDHAS_XLA") != "plain":
         if "xla_backend_extra_options" not in flags:
             flags = f"{flags} --xla_backend_extra_options={CPU_OPTIONS}"
+        if "EDHAS_CORES" in os.environ:
+            flags = re.sub(r"--xla_force_host_platform_device_count=\d+", "", flags)
         if "xla_force_host_platform_device_count" not in flags:
-            # one device a core: a batch runs a loop of its own on each, which no thread pool inside a loop matches
-            flags = f"{flags} --xla_force_host_platform_device_count={cores()}"
+            # one device a core: a batch runs a loop of its own on each, which no thread pool inside a loop matches;
+            # never a single one, because a program for one device is compiled on another path, to other last bits
+            flags = f"{flags} --xla_force_host_platform_device_count={max(2, cores())}"
         os.environ["XLA_FLAGS"] = flags.strip()
 
     import jax

@@ -62,7 +62,8 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     if isinstance(machine, ActuatorSystem) or not isinstance(machine.reference, Sine):
         raise BatchError(f"a batch needs a bench that is driven by a sine; this is {machine.name}")
     count = len(next(iter(values.values())))
-    frequency = np.asarray(values.get("frequency", get_parameter(machine, "frequency")), float)
+    varied = [values[n] for n in ("frequency", "reference.frequency") if n in values]
+    frequency = np.asarray(varied[0] if varied else get_parameter(machine, "reference.frequency"), float)
     frequency = np.broadcast_to(frequency, (count,))
     steps = np.array([steps_per_cycle(f, settings.step) for f in frequency])
     size = LANES[settings.precision] * BLOCKS_PER_CHUNK
@@ -87,18 +88,17 @@ def run_chunk(
     The result depends on the designs and settings alone, not on the number of cores or on the neighbours.
     """
     lanes, dtype = LANES[settings.precision], np.dtype(settings.precision.value)
-    size = BLOCKS_PER_CHUNK * lanes
+    devices = tuple(jax.local_devices()[:BLOCKS_PER_CHUNK])
     base = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
     columns = {n: np.asarray(v)[chunk.rows].astype(dtype) for n, v in values.items()}
     numbers = chunk.steps_per_cycle, dtype.type(settings.tolerance), settings.soft_start
-    count = len(chunk.rows)
-    slots = np.resize(np.arange(count), size)  # which design stands where; the block is filled up with copies
-    live = np.arange(size) < count
+    every = np.arange(len(chunk.rows))
+    slots, live = _placed(every, lanes, len(devices))
     state = jax.device_get(_begin(base, _at(columns, slots), live, dtype))
-    kept, cycles, done = (jax.tree.map(lambda leaf: leaf[:count].copy(), part) for part in state[1:])
+    kept, cycles, done = (jax.tree.map(lambda leaf: np.zeros_like(leaf[every]), part) for part in state[1:])
     number = 0
     for until in _stages(settings.max_cycles):
-        state = jax.device_get(_advance(_devices(), base, _at(columns, slots), state, number, until, *numbers))
+        state = jax.device_get(_advance(devices, base, _at(columns, slots), state, number, until, *numbers))
         for name, column in state.kept.items():
             kept[name][slots[live]] = column[live]
         cycles[slots[live]], done[slots[live]] = state.cycles[live], state.done[live]
@@ -106,26 +106,34 @@ def run_chunk(
         if not len(still):
             break
         # the designs that are not yet periodic close ranks, so that they do not keep whole blocks waiting
-        order = np.resize(still, size)
-        slots, live = slots[order], np.arange(size) < len(still)
+        order, live = _placed(still, lanes, len(devices))
+        slots = slots[order]
         state = jax.tree.map(lambda leaf, order=order: leaf[order], state)._replace(done=~live)
-    every = np.resize(np.arange(count), size)
-    out = jax.device_get(_verdict(base, _at(columns, every), _at(kept, every), done[every]))
-    return {n: np.asarray(v)[:count].astype(float) for n, v in out.items()} | {"cycles": cycles.astype(float)}
+    out = jax.device_get(_verdict(base, columns, kept, done))
+    return {n: np.asarray(v, float) for n, v in out.items()} | {"cycles": cycles.astype(float)}
 
 
 def _at(columns: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
     return {n: column[rows] for n, column in columns.items()}
 
 
+def _placed(rows: np.ndarray, lanes: int, devices: int) -> tuple[np.ndarray, np.ndarray]:
+    """Which of `rows` stands in which lane, block after block in turn over the devices, and which lanes are filled.
+
+    Each device gets room for a whole chunk, so that its program is the same, to the bit, however many there are.
+    """
+    slots = np.resize(rows, devices * BLOCKS_PER_CHUNK * lanes)
+    live = np.zeros(slots.size, bool)
+    for block, first in enumerate(range(0, len(rows), lanes)):
+        part = rows[first : first + lanes]
+        at = (block % devices * BLOCKS_PER_CHUNK + block // devices) * lanes
+        slots[at : at + len(part)], live[at : at + len(part)] = part, True
+    return slots, live
+
+
 def _stages(max_cycles: int) -> list[int]:
     """The cycles after which the designs close ranks."""
     return sorted({min(n, max_cycles) for n in (4, 5, 6, 8, 12, 24, 48, max_cycles)})
-
-
-def _devices() -> tuple:
-    devices = jax.local_devices()
-    return tuple(devices[: max(n for n in range(1, len(devices) + 1) if BLOCKS_PER_CHUNK % n == 0)])
 
 
 def run_designs(
@@ -159,7 +167,7 @@ def _advance(devices, machine, columns, state, number, until, steps, tolerance, 
         return jax.lax.map(lambda block: advance(machine, *block, *numbers), (columns, state))
 
     def fold(leaf):
-        return leaf.reshape(BLOCKS_PER_CHUNK, -1)
+        return leaf.reshape(len(devices) * BLOCKS_PER_CHUNK, -1)
 
     whole, split = PartitionSpec(), PartitionSpec("cores")
     result = jax.shard_map(

@@ -1,5 +1,9 @@
 """The batch engine against the independent solver, against single runs, and against its own neighbours."""
 
+import os
+import subprocess
+import sys
+
 import jax
 import numpy as np
 import pandas as pd
@@ -99,6 +103,23 @@ def test_chunks_cover_the_table_once_and_share_their_steps():
 def test_what_cannot_be_a_batch_is_refused():
     with pytest.raises(BatchError, match="driven by a sine"):
         plan_chunks(edhas.ActuatorSystem(), {"frequency": np.ones(3)}, BatchSettings())
+
+
+def test_the_number_of_cores_changes_no_bit():
+    program = (
+        "import hashlib, numpy as np, edhas_jax as edhas\n"
+        "from edhas_jax.batch import BatchSettings, run_designs\n"
+        "masses = {'mover_mass': np.linspace(0.1, 0.2, 200)}\n"
+        "got = run_designs(edhas.ActuatorBench(), masses, BatchSettings(step=1e-4))\n"
+        "print(hashlib.sha1(b''.join(got[n].tobytes() for n in sorted(got))).hexdigest())\n"
+    )
+    digests = set()
+    for cores in "123":
+        environment = os.environ | {"EDHAS_CORES": cores}
+        done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        digests.add(done.stdout)
+    assert len(digests) == 1
 
 
 def test_a_longer_table_compiles_nothing():

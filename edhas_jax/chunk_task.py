@@ -1,0 +1,92 @@
+"""One chunk of a sweep as a message: all that a worker needs to compute it, and what it answers."""
+
+import dataclasses
+import functools
+import hashlib
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import jax
+import jaxlib
+import numpy as np
+
+import edhas_jax
+from edhas_jax.batch import BatchSettings, Chunk, run_chunk
+from edhas_jax.config import build
+from edhas_jax.system import Rig
+from edhas_jax.yaml_text import read_yaml
+
+# what the numbers of a design depend on
+MODEL = (
+    "components", "effects", "batch.py", "circuit.py", "cycle.py", "elimination.py", "integrate.py", "linearize.py",
+    "oil.py", "signals.py", "slots.py", "system.py",
+)  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """A chunk to compute: the machine as configuration text, the values (SI) of its designs, how they are run."""
+
+    number: int
+    machine: str
+    values: Mapping[str, np.ndarray]
+    steps_per_cycle: int
+    settings: BatchSettings
+
+
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """The metrics (SI) of a chunk's designs, and what they were computed with."""
+
+    number: int
+    metrics: Mapping[str, np.ndarray]
+    versions: Mapping[str, str]
+    device: Mapping[str, str]
+
+
+def compute(task: Task) -> Answer:
+    """Run one chunk; a text says which machine, so that every process builds the same."""
+    rows = np.arange(len(next(iter(task.values.values()))))
+    metrics = run_chunk(_machine(task.machine), task.values, Chunk(rows, task.steps_per_cycle), task.settings)
+    return Answer(task.number, metrics, versions(), device())
+
+
+@functools.lru_cache(maxsize=8)
+def _machine(text: str) -> Rig:
+    return build(read_yaml(text)[0]).machine
+
+
+@functools.cache
+def versions() -> dict[str, str]:
+    """The versions that decide about results, with a hash of the model's own code."""
+    root, digest = Path(__file__).parent, hashlib.sha256()
+    for part in MODEL:
+        for path in sorted((root / part).rglob("*.py")) or [root / part]:
+            digest.update(path.read_bytes())
+    return {
+        "edhas_jax": edhas_jax.__version__,
+        "model code": digest.hexdigest()[:12],
+        "jax": jax.__version__,
+        "jaxlib": jaxlib.__version__,
+    }
+
+
+def device() -> dict[str, str]:
+    """What this process computes on, and with which compiler flags."""
+    return {
+        "platform": jax.default_backend(),
+        "device": str(jax.devices()[0].device_kind),
+        "xla_flags": os.environ.get("XLA_FLAGS", ""),
+    }
+
+
+def effect_code(machine: Rig) -> dict[str, str]:
+    """For each effect of a machine: `library`, or a hash of the file that it comes from."""
+    found = {}
+    for effect in machine.effects:
+        module = sys.modules[type(effect).__module__]
+        own = module.__name__.startswith("edhas_jax.")
+        found[effect.id] = "library" if own else hashlib.sha256(Path(module.__file__).read_bytes()).hexdigest()[:12]
+    return found
