@@ -25,6 +25,7 @@ bench: setup
 	$(BIN)/python benchmarks/accuracy.py
 	$(BIN)/python benchmarks/step_size.py
 	$(BIN)/python benchmarks/abrupt_starts.py
+	$(BIN)/python benchmarks/throughput.py
 
 lint: setup
 	$(BIN)/ruff check --fix .

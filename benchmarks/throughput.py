@@ -1,0 +1,127 @@
+"""Design-steps per second of the batch engine, by batch, precision and cores, against a C loop of the same step.
+
+    python benchmarks/throughput.py [--out FILE.csv] [--largest N]
+
+Each number of cores is measured in a process of its own that is confined to them; package and C loop take turns, and
+the best of the runs counts. The engine computes its metrics on the way, the C loop nothing but the state.
+"""
+
+import argparse
+import json
+import math
+import os
+import platform
+import re
+import subprocess
+import sys
+import time
+from datetime import date
+from pathlib import Path
+
+import c_loop
+import jax
+import numpy as np
+import pandas as pd
+
+from edhas_jax.batch import BatchSettings, run_designs, steps_per_cycle
+from edhas_jax.integrate import DEFAULT_STEP
+from edhas_jax.run import Precision
+
+BATCHES = (64, 100, 128, 256, 512, 1000, 1024, 2048, 4096, 8192, 10000, 16384)
+DTYPES = ("float32", "float64")
+SECONDS = 1.5  # of repetitions for each cell; two at least
+C_DESIGN_STEPS = 2_000_000  # in one timed call of the C loop, roughly
+
+
+def main() -> None:
+    """Print the table; the last line sums it up as key=value."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--out", type=Path, help="write the table to this CSV file")
+    options.add_argument("--largest", type=int, default=BATCHES[-1], help="leave out batches above this one")
+    options.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    options = options.parse_args()
+    if options.worker:
+        return worker(options.largest)
+
+    cores = sorted(os.sched_getaffinity(0))
+    rows = []
+    device = processor()
+    print(f"{device}, {len(cores)} cores; one step of the pump bench with {len(c_loop.VARIED)} parameters varied")
+    if not c_loop.available():
+        print("C loop: not installed (g++ is needed)")
+    print(f"{'cores':>5}{'dtype':>9}{'batch':>7}{'package':>10}{'C loop':>10}  M design-steps/s")
+    for count in sorted({1, len(cores)}):
+        for row in measured(cores[:count], options.largest):
+            rows.append({"device": device, "date": date.today().isoformat(), **row, "cores": count})
+            print(f"{count:5}{row['dtype']:>9}{row['batch']:7}", end="")
+            print(f"{row['rate'] / 1e6:10.2f}{row['c_rate'] / 1e6:10.2f}", flush=True)
+    table = pd.DataFrame(rows)[["device", "flags", "date", "batch", "dtype", "cores", "rate", "c_rate"]]
+    if options.out:
+        table.to_csv(options.out, index=False)
+    best = table[table["cores"] == len(cores)].groupby("dtype")[["rate", "c_rate"]].max()
+    f32, f64 = best.loc["float32"], best.loc["float64"]
+    print(
+        f"f32={f32['rate']:.4g} f64={f64['rate']:.4g} "
+        f"c_ratio_f32={f32['rate'] / f32['c_rate']:.3g} c_ratio_f64={f64['rate'] / f64['c_rate']:.3g}"
+    )
+
+
+def processor() -> str:
+    """The name of the processor."""
+    info = Path("/proc/cpuinfo")
+    names = [line for line in info.read_text().splitlines() if line.startswith("model name")] if info.exists() else []
+    return names[0].split(":")[1].strip() if names else platform.processor() or platform.machine()
+
+
+def measured(cores: list[int], largest: int):
+    """The rows of a process that is confined to these cores, as they come."""
+    command = [sys.executable, __file__, "--worker", "--largest", str(largest)]
+    # the package sets one device a core, unless it is told otherwise
+    flags = re.sub(r"--xla_force_host_platform_device_count=\d+", "", os.environ.get("XLA_FLAGS", ""))
+    with c_loop.confined(cores):
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"XLA_FLAGS": flags})
+    with process:
+        for line in process.stdout:
+            yield json.loads(line)
+    if process.returncode:
+        sys.exit(f"a measurement on {len(cores)} cores failed")
+
+
+def worker(largest: int) -> None:
+    """One line of JSON for each batch and precision, on the cores of this process."""
+    cores = len(os.sched_getaffinity(0))
+    for dtype in DTYPES:
+        loop = c_loop.of_bench(dtype) if c_loop.available() else None
+        for batch in (b for b in BATCHES if b <= largest):
+            rate, c_rate = package_rate(batch, dtype, cores), c_rate_of(loop, batch, cores)
+            row = {"flags": os.environ.get("XLA_FLAGS", ""), "batch": batch, "dtype": dtype}
+            print(json.dumps(row | {"rate": rate, "c_rate": c_rate}), flush=True)
+
+
+def package_rate(batch: int, dtype: str, cores: int) -> float:
+    """Design-steps per second of the engine; it uses the cores this process is confined to."""
+    if cores != len(os.sched_getaffinity(0)) or len(jax.local_devices()) < cores:
+        raise ValueError(f"this process is not set up for {cores} cores")
+    machine, values = c_loop.bench_machine(), c_loop.designs(batch, "float64")
+    # no cycle counts as periodic, so that each design takes the same number of steps
+    settings = BatchSettings(tolerance=-1.0, max_cycles=1, precision=Precision(dtype))
+    run_designs(machine, {n: v[:1] for n, v in values.items()}, settings)
+    best, spent, runs = math.inf, 0.0, 0
+    while runs < 2 or spent < SECONDS:
+        begin = time.perf_counter()
+        table = run_designs(machine, values, settings)
+        took = time.perf_counter() - begin
+        best, spent, runs = min(best, took), spent + took, runs + 1
+    per_cycle = np.array([steps_per_cycle(f, DEFAULT_STEP) for f in values["frequency"]])
+    return float((table["cycles"] * per_cycle).sum() / best)
+
+
+def c_rate_of(loop: c_loop.Loop | None, batch: int, cores: int) -> float:
+    """Design-steps per second of the C loop."""
+    if loop is None:
+        return math.nan
+    return c_loop.rate(loop, batch, max(100, C_DESIGN_STEPS // batch), cores)
+
+
+if __name__ == "__main__":
+    main()
