@@ -5,7 +5,8 @@ import re
 from pathlib import Path
 
 # Both belong together: wide fusions keep the step from being computed several times over, and the loop compiled as one
-# function is free of a dispatch per fusion. They are undocumented options of jaxlib, checked for 0.7 to 0.10.
+# function is free of a dispatch per fusion. They are undocumented options of jaxlib, checked with 0.10.2. The first can
+# make the compiler abort on other JAX programs in the same process; EDHAS_XLA=plain leaves both out.
 CPU_OPTIONS = "xla_cpu_use_multi_output_fusion=true,xla_cpu_small_while_loop_byte_threshold=100000000"
 
 

@@ -178,7 +178,7 @@ def _measured(m: Rig, sums, share) -> dict[str, Any]:
         "amplitude_ratio": jnp.sqrt((got[0] ** 2 + got[1] ** 2) / square),
         "phase_lag": jnp.arctan2(
             got[0] * wanted[1] - got[1] * wanted[0], got[0] * wanted[0] + got[1] * wanted[1]
-        ) * 1.0,
+        ),
     }  # fmt: skip
     if "flow" in mean:
         out |= {

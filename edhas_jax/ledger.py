@@ -11,7 +11,6 @@ FLOWS = (
     "suction_flow_a", "suction_flow_b", "delivery_flow_a", "delivery_flow_b", "leakage_a", "leakage_b",
     "outlet_flow", "return_flow", "relief_flow", "accumulator_flow",
 )  # fmt: skip
-GROUPS = ("input", "copper", "mechanical", "fluid", "stored", "delivered")
 
 
 class Book(NamedTuple):

@@ -40,6 +40,16 @@ def free_folder(parent: Path, name: str) -> Path:
     return folder
 
 
+def check_free(folder: Path, overwrite: bool) -> None:
+    """Refuse a folder that exists, unless it may be overwritten; worth asking before a long run.
+
+    Raises:
+        StoreError: the folder exists and `overwrite` is false.
+    """
+    if folder.exists() and not overwrite:
+        raise StoreError(f"{folder}: exists already; nothing was written. Name another folder or add --overwrite")
+
+
 def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool = True) -> Path:
     """Write a run folder: series and ledger (Parquet, units in the schema), metrics, configuration, figure, manifest.
 
@@ -49,8 +59,7 @@ def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool
         StoreError: the folder exists and `overwrite` is false, or is not a run folder, or cannot be written.
     """
     folder = Path(folder)
-    if folder.exists() and not overwrite:
-        raise StoreError(f"{folder}: exists already; nothing was written. Name another folder or add --overwrite")
+    check_free(folder, overwrite)
     if folder.exists() and not (folder / MANIFEST).exists():
         raise StoreError(f"{folder}: is not a run folder, so it is not overwritten")
     try:

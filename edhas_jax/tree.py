@@ -37,21 +37,11 @@ def par(default: float, unit: str, span: tuple[float, float], doc: str, source: 
     return dataclasses.field(default=default, metadata={"par": (unit, span, doc, source)})
 
 
-def static(default: Any = dataclasses.MISSING) -> Any:
-    """Declare a field that is part of the program, not of the data: it must hash by value."""
-    return dataclasses.field(default=default, metadata={"static": True})
-
-
-@dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(par, static))
+@dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(par,))
 def struct(cls):
-    """Make `cls` a frozen, keyword-only dataclass that is a JAX pytree: its fields are leaves unless `static`."""
+    """Make `cls` a frozen, keyword-only dataclass that is a JAX pytree with its fields as children."""
     cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
-    fields = dataclasses.fields(cls)
-    jax.tree_util.register_dataclass(
-        cls,
-        [f.name for f in fields if not f.metadata.get("static")],
-        [f.name for f in fields if f.metadata.get("static")],
-    )
+    jax.tree_util.register_dataclass(cls, [f.name for f in dataclasses.fields(cls)], [])
     return cls
 
 

@@ -12,12 +12,11 @@ def simulate(options) -> None:
 
     from edhas_jax.config import read_config
     from edhas_jax.run import simulate as run_machine
-    from edhas_jax.store import StoreError, free_folder, save_run
+    from edhas_jax.store import check_free, free_folder, save_run
 
     config = read_config(options.config, options.overrides)
     folder = options.out or free_folder(Path("runs"), options.config.stem)
-    if folder.exists() and not options.overwrite:
-        raise StoreError(f"{folder}: exists already; nothing was written. Name another folder or add --overwrite")
+    check_free(folder, options.overwrite)
     out = console()
     began = time.perf_counter()
     with Progress(
