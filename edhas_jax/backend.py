@@ -21,7 +21,7 @@ def prepare() -> None:
     """Set the flags, 64-bit numbers and the cache of compiled programs.
 
     `EDHAS_XLA=plain` leaves the compiler flags alone; `EDHAS_CACHE` names another folder for the cache, or `off`;
-    `EDHAS_CORES` is the number of cores to use, all by default.
+    `EDHAS_CORES` is the number of cores to use, all by default; `EDHAS_ENGINE=xla` leaves the loops of a batch to XLA.
     Flags that the user has set are kept.
     """
     flags = os.environ.get("XLA_FLAGS", "")
@@ -39,7 +39,20 @@ def prepare() -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    cache = os.environ.get("EDHAS_CACHE") or str(Path.home() / ".cache" / "edhas_jax")
-    if cache != "off" and not jax.config.jax_compilation_cache_dir:
-        jax.config.update("jax_compilation_cache_dir", cache)
+    cache = cache_folder()
+    if cache is not None and not jax.config.jax_compilation_cache_dir:
+        jax.config.update("jax_compilation_cache_dir", str(cache))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+def cache_folder() -> Path | None:
+    """Where compiled programs are kept, if anywhere."""
+    named = os.environ.get("EDHAS_CACHE")
+    return None if named == "off" else Path(named or Path.home() / ".cache" / "edhas_jax")
+
+
+def native_loops() -> bool:
+    """Whether the package compiles loops for this processor itself: on a CPU, unless `EDHAS_ENGINE=xla`."""
+    import jax
+
+    return os.environ.get("EDHAS_ENGINE") != "xla" and jax.default_backend() == "cpu"

@@ -3,21 +3,19 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from functools import partial
 
 import jax
 import numpy as np
-from jax.sharding import Mesh, PartitionSpec
 
-from edhas_jax.cycle import REASONS, Status, advance, begin, verdict
+from edhas_jax import cycle_xla
+from edhas_jax.cycle import REASONS, Status, verdict
+from edhas_jax.cycle_loop import cycle_loop
 from edhas_jax.integrate import DEFAULT_STEP
 from edhas_jax.parameters import get_parameter
 from edhas_jax.run import Precision
 from edhas_jax.system import ActuatorSystem, Rig, Sine
 
-# Arrays of this many designs: enough to keep vector units busy, little enough to stay in the first-level cache.
-LANES = {Precision.FLOAT32: 128, Precision.FLOAT64: 64}
-BLOCKS_PER_CHUNK = 4
+CHUNK = 1024  # designs that are run together
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,11 +64,10 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     frequency = np.asarray(varied[0] if varied else get_parameter(machine, "reference.frequency"), float)
     frequency = np.broadcast_to(frequency, (count,))
     steps = np.array([steps_per_cycle(f, settings.step) for f in frequency])
-    size = LANES[settings.precision] * BLOCKS_PER_CHUNK
     chunks = []
     for n in np.unique(steps):
         rows = np.flatnonzero(steps == n)
-        chunks += [Chunk(rows[i : i + size], int(n)) for i in range(0, len(rows), size)]
+        chunks += [Chunk(rows[i : i + CHUNK], int(n)) for i in range(0, len(rows), CHUNK)]
     return chunks
 
 
@@ -87,53 +84,20 @@ def run_chunk(
 
     The result depends on the designs and settings alone, not on the number of cores or on the neighbours.
     """
-    lanes, dtype = LANES[settings.precision], np.dtype(settings.precision.value)
-    devices = tuple(jax.local_devices()[:BLOCKS_PER_CHUNK])
+    dtype, count = np.dtype(settings.precision.value), len(chunk.rows)
     base = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
-    columns = {n: np.asarray(v)[chunk.rows].astype(dtype) for n, v in values.items()}
-    numbers = chunk.steps_per_cycle, dtype.type(settings.tolerance), settings.soft_start
-    every = np.arange(len(chunk.rows))
-    slots, live = _placed(every, lanes, len(devices))
-    state = jax.device_get(_begin(base, _at(columns, slots), live, dtype))
-    kept, cycles, done = (jax.tree.map(lambda leaf: np.zeros_like(leaf[every]), part) for part in state[1:])
-    number = 0
-    for until in _stages(settings.max_cycles):
-        state = jax.device_get(_advance(devices, base, _at(columns, slots), state, number, until, *numbers))
-        for name, column in state.kept.items():
-            kept[name][slots[live]] = column[live]
-        cycles[slots[live]], done[slots[live]] = state.cycles[live], state.done[live]
-        number, still = until, np.flatnonzero(live & ~state.done)
-        if not len(still):
-            break
-        # the designs that are not yet periodic close ranks, so that they do not keep whole blocks waiting
-        order, live = _placed(still, lanes, len(devices))
-        slots = slots[order]
-        state = jax.tree.map(lambda leaf, order=order: leaf[order], state)._replace(done=~live)
-    out = jax.device_get(_verdict(base, columns, kept, done))
-    return {n: np.asarray(v, float) for n, v in out.items()} | {"cycles": cycles.astype(float)}
-
-
-def _at(columns: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
-    return {n: column[rows] for n, column in columns.items()}
-
-
-def _placed(rows: np.ndarray, lanes: int, devices: int) -> tuple[np.ndarray, np.ndarray]:
-    """Which of `rows` stands in which lane, block after block in turn over the devices, and which lanes are filled.
-
-    Each device gets room for a whole chunk, so that its program is the same, to the bit, however many there are.
-    """
-    slots = np.resize(rows, devices * BLOCKS_PER_CHUNK * lanes)
-    live = np.zeros(slots.size, bool)
-    for block, first in enumerate(range(0, len(rows), lanes)):
-        part = rows[first : first + lanes]
-        at = (block % devices * BLOCKS_PER_CHUNK + block // devices) * lanes
-        slots[at : at + len(part)], live[at : at + len(part)] = part, True
-    return slots, live
-
-
-def _stages(max_cycles: int) -> list[int]:
-    """The cycles after which the designs close ranks."""
-    return sorted({min(n, max_cycles) for n in (4, 5, 6, 8, 12, 24, 48, max_cycles)})
+    # one length for all chunks, so that a longer table compiles nothing
+    rows = np.resize(chunk.rows, max(count, CHUNK))
+    columns = {n: np.asarray(v)[rows].astype(dtype) for n, v in values.items()}
+    how = chunk.steps_per_cycle, dtype.type(settings.tolerance), settings.max_cycles, settings.soft_start
+    loop = cycle_loop(machine, tuple(columns), dtype)
+    if loop is not None:
+        lanes = loop.run_cycles(base, columns, count, *how)
+    else:
+        lanes = cycle_xla.run_cycles(base, {n: v[:count] for n, v in columns.items()}, *how)
+        lanes = jax.tree.map(lambda leaf: np.resize(leaf, len(rows)), lanes)
+    out = jax.device_get(_verdict(base, columns, lanes.kept, lanes.done)) | {"cycles": lanes.cycles}
+    return {n: np.asarray(v[:count], float) for n, v in out.items()}
 
 
 def run_designs(
@@ -155,26 +119,4 @@ def run_designs(
     return table
 
 
-_begin = jax.jit(begin, static_argnums=3)
 _verdict = jax.jit(verdict)
-
-
-@partial(jax.jit, static_argnums=0)
-def _advance(devices, machine, columns, state, number, until, steps, tolerance, soft):
-    """`advance` for a whole chunk: each core runs its share of the blocks, one after the other."""
-
-    def blocks(machine, columns, state, *numbers):
-        return jax.lax.map(lambda block: advance(machine, *block, *numbers), (columns, state))
-
-    def fold(leaf):
-        return leaf.reshape(len(devices) * BLOCKS_PER_CHUNK, -1)
-
-    whole, split = PartitionSpec(), PartitionSpec("cores")
-    result = jax.shard_map(
-        blocks,
-        mesh=Mesh(np.array(devices), ("cores",)),
-        in_specs=(whole, split, split, *[whole] * 5),
-        out_specs=split,
-        check_vma=False,
-    )(machine, *jax.tree.map(fold, (columns, state)), number, until, steps, tolerance, soft)
-    return jax.tree.map(lambda leaf: leaf.reshape(-1), result)

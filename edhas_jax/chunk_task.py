@@ -10,9 +10,11 @@ from pathlib import Path
 
 import jax
 import jaxlib
+import llvmlite
 import numpy as np
 
 import edhas_jax
+from edhas_jax import backend
 from edhas_jax.batch import BatchSettings, Chunk, run_chunk
 from edhas_jax.config import build
 from edhas_jax.system import Rig
@@ -20,8 +22,8 @@ from edhas_jax.yaml_text import read_yaml
 
 # what the numbers of a design depend on
 MODEL = (
-    "components", "effects", "batch.py", "circuit.py", "cycle.py", "elimination.py", "integrate.py", "linearize.py",
-    "oil.py", "signals.py", "slots.py", "system.py",
+    "components", "effects", "native", "batch.py", "circuit.py", "cycle.py", "cycle_loop.py", "cycle_xla.py",
+    "elimination.py", "integrate.py", "linearize.py", "oil.py", "signals.py", "slots.py", "system.py",
 )  # fmt: skip
 
 
@@ -70,6 +72,7 @@ def versions() -> dict[str, str]:
         "model code": digest.hexdigest()[:12],
         "jax": jax.__version__,
         "jaxlib": jaxlib.__version__,
+        "llvmlite": llvmlite.__version__,
     }
 
 
@@ -78,6 +81,7 @@ def device() -> dict[str, str]:
     return {
         "platform": jax.default_backend(),
         "device": str(jax.devices()[0].device_kind),
+        "loops": "machine code" if backend.native_loops() else "XLA",
         "xla_flags": os.environ.get("XLA_FLAGS", ""),
     }
 

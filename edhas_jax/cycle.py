@@ -52,7 +52,7 @@ def begin(machine: Rig, block: dict[str, Any], live, dtype) -> Lanes:
     def one(values):
         m = set_parameters(machine, values)
         y = {n: jnp.asarray(v, dtype) for n, v in m.start().items()}
-        return y, _measured(m, _empty(m, dtype), jnp.ones((), dtype)) | {"residual": jnp.ones((), dtype)}
+        return y, measured(m, empty_sums(m, dtype), jnp.ones((), dtype)) | {"residual": jnp.ones((), dtype)}
 
     y, kept = jax.vmap(one)(block)
     return Lanes(y, kept, jnp.zeros_like(live, int), ~live)
@@ -64,36 +64,48 @@ def advance(machine: Rig, block: dict[str, Any], lanes: Lanes, number, until, st
     A design that is periodic keeps the metrics of the cycle in which it was found to be.
     """
     dtype = jnp.result_type(tolerance)
+    count = steps.astype(dtype)
 
     def cycle(values, y, number):
         m = set_parameters(machine, values)
-
-        def one(n, carry):
-            y, sums = carry
-            phase = (n.astype(dtype) + 0.5) / steps.astype(dtype)
-            h = 1.0 / (m.reference.frequency * steps.astype(dtype))
-            reference = CyclicSine.at_phase(m.reference, phase, soft & (number == 0))
-            y, seen = _take(tree.replace(m, reference=reference), y, h)
-            return y, _add(m, sums, seen, phase)
-
-        y, sums = jax.lax.fori_loop(0, steps, one, (y, _empty(m, dtype)))
-        return y, _measured(m, sums, 1.0 / steps.astype(dtype))
+        sums = empty_sums(m, dtype)
+        y, sums = jax.lax.fori_loop(
+            0, steps, lambda n, c: cycle_step(m, *c, n.astype(dtype), count, soft & (number == 0)), (y, sums)
+        )
+        return y, measured(m, sums, 1.0 / count)
 
     def going_on(carry):
         number, lanes = carry
         return (number < until) & ~lanes.done.all()
 
     def next_cycle(carry):
-        number, (y, kept, cycles, done) = carry
-        y, new = jax.vmap(cycle, in_axes=(0, 0, None))(block, y, number)
-        residual = jnp.max(jnp.stack([_change(new[n], kept[n]) for n in PERIODIC if n in new]), axis=0)
-        new["residual"] = jnp.where(number < 2, jnp.ones_like(residual), residual)
-        kept = {n: jnp.where(done, kept[n], new[n]) for n in kept}
-        cycles = jnp.where(done, cycles, number + 1)
-        finite = jnp.isfinite(kept["mean_electrical_power"])
-        return number + 1, Lanes(y, kept, cycles, done | (new["residual"] <= tolerance) | ~finite)
+        number, lanes = carry
+        y, new = jax.vmap(cycle, in_axes=(0, 0, None))(block, lanes.y, number)
+        return number + 1, judged(lanes, y, new, number, tolerance)
 
     return jax.lax.while_loop(going_on, next_cycle, (number, lanes))[1]
+
+
+def cycle_step(m: Rig, y, sums, n, steps, first) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Step n of the `steps` steps of a cycle: the new state, and the sums and peaks with what it adds to them.
+
+    In the `first` cycle a ramp brings the set point in.
+    """
+    phase = (n + 0.5) / steps
+    h = 1.0 / (m.reference.frequency * steps)
+    y, seen = _take(tree.replace(m, reference=CyclicSine.at_phase(m.reference, phase, first)), y, h)
+    return y, _add(m, sums, seen, phase)
+
+
+def judged(lanes: Lanes, y, new: dict[str, Any], number, tolerance) -> Lanes:
+    """The lanes after the cycle `number`, which left the states `y` and the metrics `new`."""
+    _, kept, cycles, done = lanes
+    residual = jnp.max(jnp.stack([_change(new[n], kept[n]) for n in PERIODIC if n in new]), axis=0)
+    new = new | {"residual": jnp.where(number < 2, jnp.ones_like(residual), residual)}
+    kept = {n: jnp.where(done, kept[n], new[n]) for n in kept}
+    cycles = jnp.where(done, cycles, number + 1)
+    finite = jnp.isfinite(kept["mean_electrical_power"])
+    return Lanes(y, kept, cycles, done | (new["residual"] <= tolerance) | ~finite)
 
 
 def verdict(machine: Rig, block: dict[str, Any], kept: dict[str, Any], done) -> dict[str, Any]:
@@ -131,7 +143,8 @@ PEAKS = ("current", "voltage", "stroke")
 PUMP_PEAKS = ("leakage", "pressure", "rise", "lift", "-pressure", "-lift")
 
 
-def _empty(m: Rig, dtype) -> dict[str, Any]:
+def empty_sums(m: Rig, dtype) -> dict[str, Any]:
+    """The sums and peaks at the start of a cycle."""
     pump = not isinstance(m, ActuatorBench)
     zeros = {n: jnp.zeros((), dtype) for n in SUMS + (PUMP_SUMS if pump else ())}
     return zeros | {f"peak {n}": jnp.full((), -jnp.inf, dtype) for n in PEAKS + (PUMP_PEAKS if pump else ())}
@@ -164,8 +177,8 @@ def _add(m: Rig, sums, s, phase) -> dict[str, Any]:
     }
 
 
-def _measured(m: Rig, sums, share) -> dict[str, Any]:
-    """The metrics of a cycle from its sums; names and meanings as in `edhas_jax.metrics`."""
+def measured(m: Rig, sums, share) -> dict[str, Any]:
+    """The metrics of a cycle from its sums, each step having the `share` 1/steps; named as in `edhas_jax.metrics`."""
     mean = {n: v * share for n, v in sums.items() if not n.startswith("peak ")}
     peak = {n.removeprefix("peak "): v for n, v in sums.items() if n.startswith("peak ")}
     got, wanted = (mean["x sin"], mean["x cos"]), (mean["r sin"], mean["r cos"])

@@ -1,0 +1,92 @@
+"""The cycles of a batch on a CPU, as machine code of its own; `edhas_jax.cycle` runs the same ones under XLA."""
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from edhas_jax import backend
+from edhas_jax.cycle import Lanes, begin, cycle_step, empty_sums, judged, measured
+from edhas_jax.native import Loop, Untranslatable
+from edhas_jax.parameters import set_parameters
+from edhas_jax.system import Rig
+
+
+class CycleLoop:
+    """Whole cycles of many designs of one kind of machine.
+
+    `machine` and the `varied` parameters count only by their structure.
+
+    Raises:
+        Untranslatable: the machine uses an operation that has no machine code here.
+    """
+
+    def __init__(self, machine: Rig, varied: Sequence[str], dtype):
+        def body(n, carry, values, uniform):
+            base, steps, ramp = uniform
+            return cycle_step(set_parameters(base, values), *carry, n, steps, ramp > 0.5)
+
+        self._sums = {n: np.asarray(v, dtype) for n, v in empty_sums(machine, dtype).items()}
+        carry = {n: 0.0 for n in machine.start()}, self._sums
+        self._loop = Loop(body, dtype, carry, dict.fromkeys(varied, 0.0), (machine, 0.0, 0.0), backend.cache_folder())
+
+    def run_cycles(
+        self, machine: Rig, columns: dict[str, np.ndarray], count: int, steps: int, tolerance, max_cycles: int,
+        soft: bool,
+    ) -> Lanes:  # fmt: skip
+        """Run the first `count` designs, at `steps` steps per cycle, until each is periodic or `max_cycles` are over.
+
+        A design that is periodic keeps the metrics of the cycle in which it was found to be.
+        """
+        size = len(next(iter(columns.values())))
+        lanes = jax.device_get(_begin(machine, columns, np.arange(size) < count, tolerance.dtype))
+        for number in range(max_cycles):
+            rows = np.flatnonzero(~lanes.done)
+            if not len(rows):
+                break
+            start = {n: v[rows] for n, v in lanes.y.items()}, {n: np.full(len(rows), v) for n, v in self._sums.items()}
+            values = {n: v[rows] for n, v in columns.items()}
+            uniform = machine, steps, float(soft and number == 0)
+            after = self._loop(start, values, uniform, 0, steps, backend.cores())
+            y, sums = ({n: _spread(v, rows, size) for n, v in part.items()} for part in after)
+            lanes = jax.device_get(_judged(machine, columns, lanes, y, sums, number, steps, tolerance))
+        return lanes
+
+
+def _spread(values: np.ndarray, rows: np.ndarray, size: int) -> np.ndarray:
+    """`values` at `rows`; what stands elsewhere belongs to designs that are done, and is never looked at."""
+    out = np.ones(size, values.dtype)
+    out[rows] = values
+    return out
+
+
+_begin = jax.jit(begin, static_argnums=3)
+
+
+@jax.jit
+def _judged(machine: Rig, columns: dict[str, Any], lanes: Lanes, y, sums, number, steps, tolerance) -> Lanes:
+    share = jnp.ones((), tolerance.dtype) / steps
+
+    def of_one(values, sums):
+        return measured(set_parameters(machine, values), sums, share.astype(tolerance.dtype))
+
+    return judged(lanes, y, jax.vmap(of_one)(columns, sums), number, tolerance)
+
+
+def cycle_loop(machine: Rig, varied: Sequence[str], dtype) -> CycleLoop | None:
+    """The loop for machines of this structure, made once; None where XLA has to do it."""
+    if not backend.native_loops():
+        return None
+    return _made(jax.tree.structure(machine), tuple(varied), np.dtype(dtype))
+
+
+@functools.lru_cache(maxsize=32)
+def _made(structure, varied: tuple[str, ...], dtype) -> CycleLoop | None:
+    machine = jax.tree.unflatten(structure, [np.ones((), dtype)] * structure.num_leaves)
+    try:
+        return CycleLoop(machine, varied, dtype)
+    except Untranslatable:
+        return None

@@ -1,0 +1,156 @@
+"""A program as LLVM assembly: a loop over time for blocks of lanes, with the carry in registers."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from edhas_jax.native.program import Level, Program
+from edhas_jax.native.vector_code import VECTORS, Processor, VectorCode
+
+
+class Source(NamedTuple):
+    """Where an input comes from: row `row` of `table` ("carry", "lane" or "uniform"), or the number of the "step"."""
+
+    table: str
+    row: int = 0
+
+
+_ACROSS = range(VECTORS)
+_FRAME = """{declarations}
+define void @run(ptr %carry, ptr %lane, ptr %uniform, ptr %kept, i64 %first, i64 %per_sample, i64 %samples, i64 %blocks)
+  #0 {{
+entry:
+  br label %block_loop
+block_loop:
+  %block = phi i64 [ 0, %entry ], [ %next_block, %block_end ]
+  {opening}
+  br label %sample_loop
+sample_loop:
+  %sample = phi i64 [ 0, %block_loop ], [ %next_sample, %sample_end ]
+  {sample_phis}
+  %keeping = icmp ne ptr %kept, null
+  br i1 %keeping, label %keep, label %steps
+keep:
+  %kept_before = mul i64 %block, %samples
+  %kept_block = add i64 %kept_before, %sample
+  {keep}
+  br label %steps
+steps:
+  %done = mul i64 %sample, %per_sample
+  %begin = add i64 %first, %done
+  %end = add i64 %begin, %per_sample
+  br label %step_loop
+step_loop:
+  %n = phi i64 [ %begin, %steps ], [ %next_n, %step_loop ]
+  {step_phis}
+  {body}
+  %next_n = add i64 %n, 1
+  %more_steps = icmp slt i64 %next_n, %end
+  br i1 %more_steps, label %step_loop, label %sample_end
+sample_end:
+  %next_sample = add i64 %sample, 1
+  %more_samples = icmp slt i64 %next_sample, %samples
+  br i1 %more_samples, label %sample_loop, label %block_end
+block_end:
+  {closing}
+  %next_block = add i64 %block, 1
+  %more_blocks = icmp slt i64 %next_block, %blocks
+  br i1 %more_blocks, label %block_loop, label %exit
+exit:
+  ret void
+}}
+attributes #0 = {{ nounwind "prefer-vector-width"="{bits}" "min-legal-vector-width"="{bits}" }}
+"""
+
+
+def assembly(program: Program, processor: Processor, sources: Sequence[Source], rows: int, lane_rows: int) -> str:
+    """The text of a module with the function
+
+    run(carry, lane, uniform, kept, first, per_sample, samples, blocks): `samples` times, the carry is kept and
+    `per_sample` ≥ 1 steps are taken, the first of which has the number `first`. For each block of lanes there are
+    `rows` rows of carry, `lane_rows` rows that stay as they are, and `samples` × `rows` rows to keep the carry in (none
+    if `kept` is null). Output k of the program is row k of the new carry.
+    """
+    code = VectorCode(program.type, processor)
+    order = program.order()
+    apart = _lane_by_lane(program, order, sources)
+    names: dict[int, list[str]] = {}
+    inputs = {program.nodes[i][1]: i for i in order if program.nodes[i][0] == "input"}
+
+    def compute(level: Level) -> None:
+        for i in order:
+            op, *args = program.nodes[i]
+            if program.level[i] != level or op == "input":
+                continue
+            if op in ("const", "truth"):
+                names[i] = [code.number(args[0]) if op == "const" else code.truth(args[0])] * VECTORS
+            else:
+                each = [code.operation(op, [names[k][j] for k in args]) for j in (_ACROSS if apart[i] else (0,))]
+                names[i] = each if apart[i] else each * VECTORS
+
+    start = [[code.load(_at(code, "%carry", "%block", rows, r, j)) for j in _ACROSS] for r in range(rows)]
+    for k, source in enumerate(sources):
+        if k in inputs and source.table == "lane":
+            spots = [_at(code, "%lane", "%block", lane_rows, source.row, j) for j in _ACROSS]
+            names[inputs[k]] = [code.load(spot) for spot in spots]
+        elif k in inputs and source.table == "uniform":
+            spot = code.line(f"getelementptr {code.scalar}, ptr %uniform, i64 {source.row}")
+            names[inputs[k]] = [code.splat(code.load_scalar(spot))] * VECTORS
+        elif k in inputs and source.table == "carry":
+            names[inputs[k]] = [f"%c{source.row}.{j}" for j in _ACROSS]
+    compute(Level.FIXED)
+    opening = code.taken()
+    for r in range(rows):
+        for j in _ACROSS:
+            code.store(f"%s{r}.{j}", _at(code, "%kept", "%kept_block", rows, r, j))
+    keep = code.taken()
+    number = [code.splat(code.line(f"sitofp i64 %n to {code.scalar}"))] * VECTORS
+    names |= {inputs[k]: number for k, source in enumerate(sources) if k in inputs and source.table == "step"}
+    compute(Level.STEP)
+    compute(Level.CARRY)
+    body = code.taken()
+    new = [names[program.outputs[r]] for r in range(rows)]
+    for r in range(rows):
+        for j in _ACROSS:
+            code.store(new[r][j], _at(code, "%carry", "%block", rows, r, j))
+    closing = code.taken()
+
+    def phis(name: str, first, before: str, then: str) -> list[str]:
+        return [
+            f"%{name}{r}.{j} = phi {code.vector} [ {first(r, j)}, %{before} ], [ {new[r][j]}, %{then} ]"
+            for r in range(rows)
+            for j in _ACROSS
+        ]
+
+    parts = {
+        "opening": opening,
+        "sample_phis": phis("s", lambda r, j: start[r][j], "block_loop", "sample_end"),
+        "keep": keep,
+        "step_phis": phis("c", lambda r, j: f"%s{r}.{j}", "steps", "step_loop"),
+        "body": body,
+        "closing": closing,
+    }
+    text = {n: "\n  ".join(lines) for n, lines in parts.items()}
+    return _FRAME.format(declarations="\n".join(code.declarations()), bits=8 * processor.vector_bytes, **text)
+
+
+def _at(code: VectorCode, table: str, block: str, rows: int, row: int, j: int) -> str:
+    """The address of vector j of a row of a block."""
+    wide = VECTORS * code.width
+    before = code.line(f"mul i64 {block}, {rows * wide}")
+    spot = code.line(f"add i64 {before}, {row * wide + j * code.width}")
+    return code.line(f"getelementptr {code.scalar}, ptr {table}, i64 {spot}")
+
+
+def _lane_by_lane(program: Program, order: Sequence[int], sources: Sequence[Source]) -> dict[int, bool]:
+    """Whether a value differs from lane to lane; what does not is computed once for all vectors of a block."""
+    apart: dict[int, bool] = {}
+    for i in order:
+        op, *args = program.nodes[i]
+        if op == "input":
+            apart[i] = sources[args[0]].table in ("carry", "lane")
+        else:
+            apart[i] = any(apart[k] for k in program.operands(i))
+    return apart
+
+
+__all__ = ["Processor", "Source", "assembly"]

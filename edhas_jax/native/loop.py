@@ -1,0 +1,102 @@
+"""A loop over time for many lanes, compiled for this processor."""
+
+import ctypes
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from edhas_jax.native.assembly import Source, assembly
+from edhas_jax.native.machine_code import function, host
+from edhas_jax.native.program import Level, Program
+from edhas_jax.native.reading import Untranslatable, read
+
+
+class Marched(NamedTuple):
+    """What a loop leaves behind: the last carry, and those before every stretch with the samples as first axis."""
+
+    carry: Any
+    kept: Any
+
+
+class Loop:
+    """carry ← body(n, carry, lane, uniform) for n = first, first + 1, …: for each lane on its own.
+
+    `body` is a JAX function of scalars. `carry`, `lane` (what differs from lane to lane) and `uniform` (what does not)
+    are pytrees of real scalars; the examples given here count only by their structure. Changing any number compiles
+    nothing. The numbers of a lane depend on that lane alone, to the bit, not on its place or on the number of threads.
+
+    Raises:
+        Untranslatable: the body uses an operation that is not known here.
+    """
+
+    def __init__(self, body: Callable, dtype, carry: Any, lane: Any, uniform: Any, cache: Path | None = None):
+        self.dtype = np.dtype(dtype)
+        self._structures = [jax.tree.structure(t) for t in (carry, lane, uniform)]
+        tables = [
+            jax.tree.map(lambda _, level=level: level, t)
+            for t, level in ((carry, Level.CARRY), (lane, Level.FIXED), (uniform, Level.FIXED))
+        ]
+        self.program, out = read(body, self.dtype, Level.STEP, *tables)
+        if out != self._structures[0]:
+            raise ValueError(f"the body turns {self._structures[0]} into {out}")
+        rows, lane_rows, uniform_rows = (s.num_leaves for s in self._structures)
+        sources = [Source("step")]
+        for name, count in (("carry", rows), ("lane", lane_rows), ("uniform", uniform_rows)):
+            sources += [Source(name, row) for row in range(count)]
+        self.lanes = host().processor.lanes(self.dtype)
+        text = assembly(self.program, host().processor, sources, rows, lane_rows)
+        self._run = function(text, "run", [ctypes.c_void_p] * 4 + [ctypes.c_int64] * 4, cache)
+
+    def __call__(self, carry: Any, lane: Any, uniform: Any, first: int, steps: int, threads: int = 1) -> Any:
+        """The carry after `steps` steps; leaves of `carry` and `lane` have the shape (lanes,)."""
+        return self.march(carry, lane, uniform, first, steps, 1, threads, keep=False).carry
+
+    def march(
+        self, carry: Any, lane: Any, uniform: Any, first: int, per_sample: int, samples: int, threads: int = 1,
+        keep: bool = True,
+    ) -> Marched:  # fmt: skip
+        """`samples` stretches of `per_sample` steps, the carry being kept before each: leaves (samples, lanes)."""
+        count = np.shape(jax.tree.leaves(carry)[0])[0]
+        state, fixed = self._blocks(0, carry, count), self._blocks(1, lane, count)
+        scalars = np.array([*self._leaves(2, uniform)], self.dtype)
+        blocks, rows, _ = state.shape
+        kept = np.empty((blocks, samples, rows, self.lanes) if keep else 0, self.dtype)
+
+        def work(some: range) -> None:
+            def at(table):
+                return table[some.start :].ctypes.data if table.size else None
+
+            self._run(at(state), at(fixed), scalars.ctypes.data, at(kept), first, per_sample, samples, len(some))
+
+        shares = [range(b, min(b + 1, blocks)) for b in range(blocks)] if threads > 1 else [range(blocks)]
+        if threads == 1 or blocks == 1:
+            work(range(blocks))
+        else:
+            with ThreadPoolExecutor(min(threads, blocks)) as pool:
+                list(pool.map(work, shares))
+        last = state.transpose(1, 0, 2).reshape(rows, -1)[:, :count]
+        seen = kept.transpose(2, 1, 0, 3).reshape(rows, samples, -1)[..., :count] if keep else ()
+        return Marched(jax.tree.unflatten(self._structures[0], list(last)), self._tree(seen) if keep else None)
+
+    def _tree(self, rows) -> Any:
+        return jax.tree.unflatten(self._structures[0], list(rows))
+
+    def _leaves(self, which: int, tree: Any) -> list:
+        leaves, structure = jax.tree.flatten(tree)
+        if structure != self._structures[which]:
+            raise ValueError(f"this loop was compiled for {self._structures[which]}, not for {structure}")
+        return leaves
+
+    def _blocks(self, which: int, tree: Any, count: int) -> np.ndarray:
+        """The rows of a table, cut into blocks of lanes; the last block is filled up with its last lane."""
+        rows = [np.broadcast_to(np.asarray(leaf, self.dtype), count) for leaf in self._leaves(which, tree)]
+        table = np.stack(rows) if rows else np.empty((0, count), self.dtype)
+        table = np.pad(table, ((0, 0), (0, -count % self.lanes)), mode="edge")
+        return np.ascontiguousarray(table.reshape(len(rows), -1, self.lanes).transpose(1, 0, 2))
+
+
+__all__ = ["Level", "Loop", "Marched", "Program", "Untranslatable"]

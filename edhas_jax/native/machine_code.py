@@ -1,0 +1,70 @@
+"""From LLVM assembly to a function in this process, by way of a cache of object files."""
+
+import ctypes
+import functools
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import llvmlite
+from llvmlite import binding as llvm
+
+from edhas_jax.native.vector_code import Processor
+
+
+class Host(NamedTuple):
+    """The processor at hand, as LLVM knows it."""
+
+    name: str
+    features: str
+    processor: Processor
+
+
+@functools.cache
+def host() -> Host:
+    """The processor at hand."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    features = llvm.get_host_cpu_features()
+    return Host(llvm.get_host_cpu_name(), features.flatten(), Processor.of(features))
+
+
+def function(assembly: str, name: str, arguments: list, cache: Path | None = None) -> Callable:
+    """The function `name` of a module as a callable without result, for `arguments` of types of ctypes.
+
+    The object file is kept in the folder `cache` and taken from there the next time.
+    """
+    here = host()
+    key = hashlib.sha256("\n".join((assembly, here.name, here.features, llvmlite.__version__)).encode()).hexdigest()
+    kept = None if cache is None else cache / f"loop-{key[:32]}.o"
+    machine = llvm.Target.from_default_triple().create_target_machine(
+        cpu=here.name, features=here.features, opt=3, reloc="pic", codemodel="jitdefault"
+    )
+    if kept is not None and kept.exists():
+        code = kept.read_bytes()
+    else:
+        module = llvm.parse_assembly(assembly)
+        module.verify()
+        code = machine.emit_object(module)
+        if kept is not None:
+            _keep(kept, code)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.object_file.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    call = ctypes.CFUNCTYPE(None, *arguments)(engine.get_function_address(name))
+    call.engine = engine  # the code lives as long as its engine
+    return call
+
+
+def _keep(path: Path, code: bytes) -> None:
+    """Write a file that is either whole or not there; a cache that cannot be written is no reason to stop."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(code)
+        os.replace(file.name, path)
+    except OSError:
+        pass
