@@ -13,9 +13,12 @@ from edhas_jax import slots
 from edhas_jax.components.coil import CurrentAmplifier, VoltageAmplifier
 from edhas_jax.components.controller import limited
 from edhas_jax.effects.base import initial_states, own_states
+from edhas_jax.mechanics import move_pump, slide
 from edhas_jax.signals import Passage, Signals
 from edhas_jax.slots import enter
 from edhas_jax.tree import parameters
+
+MANIFOLD_VOLUME = 10e-6  # m³ of oil between a suction line and the suction valves
 
 
 def first_signals(m, y: dict, t, h, law: Callable | None = None) -> Signals:
@@ -68,6 +71,10 @@ def start_pump(m) -> dict:
     y = dict.fromkeys(
         ("chamber_pressure_a", "chamber_pressure_b", "outlet_pressure"), m.accumulator.accumulator_pressure
     )
+    if slots.taken(slots.SUCTION_LINE_RESISTANCE, m.effects):
+        y["suction_pressure"] = m.accumulator.accumulator_pressure
+    if slots.taken(slots.COUPLING_FORCE, m.effects):
+        y |= {"coupling_deflection": 0.0, "coupling_velocity": 0.0}
     y["gas_volume_change"] = 0.0
     for kind in ("suction", "delivery"):
         for side in ("a", "b"):
@@ -88,42 +95,19 @@ def drive(m, y: dict, s: Signals) -> None:
     s.set(coil_voltage=m.amplifier.coil_voltage(s))
     if isinstance(m.amplifier, VoltageAmplifier):
         s.bond("electrical input", "input", s.voltage, s.current)
-        s.store("coil", 0.5 * s.inductance * jnp.square(s.current))
+        if s.entered("coil_inductance_factor"):  # ½ L i² is then not what flowed in
+            s.bond("coil", "stored", s.coil_voltage - s.resistance * s.current - s.back_emf, s.current)
+        else:
+            s.store("coil", 0.5 * s.inductance * jnp.square(s.current))
     else:
         s.bond("electrical input", "input", s.coil_voltage, s.current)
     s.bond("copper", "copper", s.resistance * s.current, s.current)
     s.limit("piston_position", -0.6 * m.stops.pump_stroke, 0.6 * m.stops.pump_stroke)
-    for effect, value in s.entered("coil_voltage_change").items():
-        s.bond(effect, "copper", -value, s.current)
-
-
-def move(m, s: Signals, mass, damping, pressure_force) -> dict:
-    """The mover's equation: M dv/dt = F_e − c v − (p_A − p_B) S_p − F_f − F_stop."""
-    x, v = s.piston_position, s.piston_velocity
-    half = 0.5 * m.stops.pump_stroke
-    stop = m.stops.force(x, v, -half, half)
-    friction = enter(slots.MOVER_FRICTION, None, s)
-    s.set(stop_force=stop, friction_force=jnp.zeros_like(v) if friction is None else friction)
-    force = s.motor_force - damping * v - stop - pressure_force
-    if friction is not None:
-        force = force - friction
-    force = enter(slots.MOVER_FORCE, force, s)
-    s.store("mover", 0.5 * mass * jnp.square(v))
-    s.bond("mover damping", "mechanical", damping * v, v)
-    s.bond("end stops", "mechanical", stop, v)
-    for effect, value in s.entered("mover_friction").items():
-        s.bond(effect, "mechanical", value, v)
-    for effect, value in s.entered("mover_force").items():
-        s.bond(effect, "mechanical", -value, v)
-    if s.entered("motor_force_factor"):
-        s.bond("back-EMF", "mechanical", s.back_emf, s.current)
-        s.bond("motor force", "mechanical", -s.motor_force, v)
-    rates = {"piston_position": v, "piston_velocity": force / mass}
-    return rates | m.amplifier.rates(s) | m.controller.rates(s)
+    s.bond_entered("coil_voltage_change", "copper", s.current, -1.0)
 
 
 def pump(m, y: dict, s: Signals) -> dict:
-    """Accumulator pressure, chambers, leakage and check valves; the mover with its plungers."""
+    """Accumulator pressure, suction line, chambers, leakage and check valves; the mover with its plungers."""
     s.set(
         piston_area=m.pump.area(),
         viscosity=m.oil.viscosity(s),
@@ -134,39 +118,58 @@ def pump(m, y: dict, s: Signals) -> dict:
         chamber_pressure_b=y["chamber_pressure_b"],
     )
     s.limit("gas_volume", 0.02 * m.accumulator.accumulator_gas_volume, 50.0 * m.accumulator.accumulator_gas_volume)
+    slide(y, s)
+    has_line = "suction_pressure" in y
+    if has_line:
+        _suction_line(y, s)
     rates = {}
     for side, sign in (("a", 1.0), ("b", -1.0)):
-        rates |= _chamber(m, y, s, side, sign)
-    pressure_force = (s.chamber_pressure_a - s.chamber_pressure_b) * s.piston_area
-    mass = m.mover.mover_mass + m.pump.plunger_mass
-    return rates | move(m, s, mass, m.mover.mover_damping + m.pump.pump_damping, pressure_force)
+        rates |= _chamber(m, y, s, side, sign, "suction_pressure" if has_line else "accumulator_pressure")
+    drawn = s.suction_flow_a + s.suction_flow_b
+    if has_line:
+        rates |= m.oil.rate("suction_pressure", s.suction_line_flow - drawn, MANIFOLD_VOLUME, s)
+    s.set(drawn_flow=s.suction_line_flow if has_line else drawn)
+    return rates | move_pump(m, s)
 
 
-def _chamber(m, y: dict, s: Signals, side: str, sign: float) -> dict:
+def _suction_line(y: dict, s: Signals) -> None:
+    """The line from accumulator to manifold: Q_l = (p_s − p_m)/R, or a state of the effect that gives it inertia."""
+    s.set(
+        suction_pressure=y["suction_pressure"],
+        suction_line_resistance=enter(slots.SUCTION_LINE_RESISTANCE, None, s),
+    )
+    drop = s.accumulator_pressure - s.suction_pressure
+    flow = enter(slots.SUCTION_LINE_FLOW, None, s)
+    s.set(suction_line_flow=drop / s.suction_line_resistance if flow is None else flow)
+    s.bond("suction line", "fluid", drop, s.suction_line_flow)
+
+
+def _chamber(m, y: dict, s: Signals, side: str, sign: float, upstream: str) -> dict:
     """One chamber with its two valves: V/β dp/dt = S_p v − Q_d + Q_s − Q_L."""
     p = getattr(s, f"chamber_pressure_{side}")
-    v = s.piston_velocity if sign > 0 else -s.piston_velocity
-    x = s.piston_position if sign > 0 else -s.piston_position
+    v = s.sliding_velocity if sign > 0 else -s.sliding_velocity
+    x = s.sliding_position if sign > 0 else -s.sliding_position
     volume = m.pump.volume(0.5 * m.stops.pump_stroke - x)
     rates = {}
     flows = {}
     chamber = f"chamber_pressure_{side}"
     for kind, ends, slot in (
-        ("suction", ("accumulator_pressure", chamber), slots.SUCTION_VALVE_AREA),
+        ("suction", (upstream, chamber), slots.SUCTION_VALVE_AREA),
         ("delivery", (chamber, "outlet_pressure"), slots.DELIVERY_VALVE_AREA),
     ):
         drop = getattr(s, ends[0]) - getattr(s, ends[1])
         lift, speed = y[f"{kind}_lift_{side}"], y[f"{kind}_lift_velocity_{side}"]
-        area = m.valve.area(lift, speed, drop, slot, s)
-        flows[kind] = passage(m, s, f"{kind} valve {side}", area, ends)
+        ball = s.at(lift=lift, lift_velocity=speed, pressure_drop=drop, valve_area=m.valve.area(lift))
+        flows[kind] = passage(m, s, f"{kind} valve {side}", enter(slot, ball.valve_area, ball), ends)
         rates[f"{kind}_lift_{side}"] = speed
-        rates[f"{kind}_lift_velocity_{side}"] = m.valve.acceleration(lift, speed, drop, area, s)
+        rates[f"{kind}_lift_velocity_{side}"] = m.valve.acceleration(ball)
         s.set(**{f"{kind}_lift_{side}": lift, f"{kind}_flow_{side}": flows[kind]})
         give = 0.5 * m.valve.valve_seat_diameter
         s.limit(f"{kind}_lift_{side}", -give, m.valve.valve_max_lift + give)
         s.bond(f"{kind} valve {side}", "fluid", drop, flows[kind])
     flow = s.piston_area * v + flows["suction"] - flows["delivery"]
-    local = s.at(chamber_pressure=p, plunger_velocity=v)
+    gap = enter(slots.GAP_VISCOSITY, s.viscosity, s.at(chamber_pressure=p))
+    local = s.at(chamber_pressure=p, plunger_velocity=v, viscosity=gap)
     leakage = enter(slots.CHAMBER_LEAKAGE, None, local)
     if leakage is not None:
         flow = flow - leakage
@@ -175,12 +178,31 @@ def _chamber(m, y: dict, s: Signals, side: str, sign: float) -> dict:
     return rates | m.oil.rate(chamber, flow, volume, s)
 
 
+def load(m, s: Signals) -> None:
+    """The load of the bench: an orifice from outlet node to accumulator, in series with a line where there is one."""
+    drop, area = s.outlet_pressure - s.accumulator_pressure, m.load.load_orifice_area
+    resistance = enter(slots.OUTLET_LINE_RESISTANCE, None, s)
+    flow = enter(slots.OUTLET_LINE_FLOW, None, s)
+    across = drop
+    if flow is not None:
+        across = m.orifice.drop(area, flow, m.oil.oil_density)
+    elif resistance is not None:
+        across = m.orifice.drop_in_series(area, drop, resistance, m.oil.oil_density)
+        flow = m.orifice.flow(area, across, m.oil.oil_density)
+    else:
+        flow = passage(m, s, "load orifice", area, ("outlet_pressure", "accumulator_pressure"))
+    s.set(outlet_flow=flow, return_flow=flow, load_drop=across)
+    s.bond("load orifice", "delivered", across, flow)
+    if resistance is not None:
+        s.set(outlet_line_resistance=resistance)
+        s.bond("outlet line", "fluid", drop - across, flow)
+
+
 def outlet(m, s: Signals) -> dict:
     """Outlet node and accumulator: what the load returns, plunger leakage and relief flow come back."""
     p = s.outlet_pressure
     relief = m.outlet.relief_flow(p)
-    drawn = s.suction_flow_a + s.suction_flow_b
-    back = s.return_flow + relief - drawn
+    back = s.return_flow + relief - s.drawn_flow
     if s.entered("chamber_leakage"):
         back = back + s.leakage_a + s.leakage_b
     s.set(relief_flow=relief, accumulator_flow=back)
@@ -210,6 +232,7 @@ def cylinder(m, y: dict, s: Signals, known: dict) -> dict:
     s.set(outlet_flow=q["P to head"] + q["P to rod"], return_flow=q["rod to T"] + q["head to T"])
 
     area = c.area()
+    s.set(cylinder_area=area)
     conductance = enter(slots.CYLINDER_LEAKAGE, c.cylinder_leakage, s)
     leakage = conductance * (head - rod)
     s.bond("cylinder leakage", "fluid", head - rod, leakage)
@@ -227,10 +250,8 @@ def cylinder(m, y: dict, s: Signals, known: dict) -> dict:
     s.bond("cylinder damping", "mechanical", c.cylinder_damping * v, v)
     s.bond("cylinder stops", "mechanical", stop, v)
     s.bond("load", "delivered", c.load_force, v)
-    for effect, value in s.entered("cylinder_friction_force").items():
-        s.bond(effect, "mechanical", value, v)
-    for effect, value in s.entered("cylinder_force").items():
-        s.bond(effect, "mechanical", -value, v)
+    s.bond_entered("cylinder_friction_force", "mechanical", v)
+    s.bond_entered("cylinder_force", "mechanical", v, -1.0)
     force = free if friction is None else free - friction
     into_head = q["P to head"] - q["head to T"] - area * v - leakage
     into_rod = q["P to rod"] - q["rod to T"] + area * v + leakage

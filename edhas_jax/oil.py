@@ -18,8 +18,9 @@ class Oil:
     """
 
     oil_density: float = par(860.0, "kg/m^3", (300.0, 2000.0), "density ρ")
-    oil_viscosity: float = par(0.040, "Pa*s", (1e-5, 10.0), "dynamic viscosity μ")
+    oil_viscosity: float = par(0.040, "Pa*s", (1e-5, 10.0), "dynamic viscosity at 40 °C, μ")
     oil_bulk_modulus: float = par(1.4e9, "Pa", (1e7, 1e11), "bulk modulus without air β_f")
+    oil_temperature: float = par(313.15, "K", (223.15, 473.15), "temperature of the oil T, which effects alone look at")
     atmospheric_pressure: float = par(101325.0, "Pa", (1e3, 2e5), "ambient pressure p_atm")
 
     def pole(self, s: Signals):

@@ -23,6 +23,7 @@ SIGNALS: dict[str, Signal] = {
     "motor_force": Signal("N", "N", "electromagnetic force on the mover"),
     "piston_position": Signal("m", "mm", "mover and plungers, from mid-stroke, positive into chamber A"),
     "piston_velocity": Signal("m/s", "m/s", "speed of the mover"),
+    "coupling_deflection": Signal("m", "mm", "how far the plungers lag behind the coil carrier"),
     "friction_force": Signal("N", "N", "friction on the mover, viscous damping apart"),
     "stop_force": Signal("N", "N", "force of the end stops on the mover"),
     "chamber_pressure_a": Signal("Pa", "MPa", "pump chamber A, absolute"),
@@ -40,6 +41,8 @@ SIGNALS: dict[str, Signal] = {
     "outlet_pressure": Signal("Pa", "MPa", "outlet node, absolute"),
     "outlet_flow": Signal("m^3/s", "L/min", "flow from the outlet node to the load"),
     "relief_flow": Signal("m^3/s", "L/min", "flow through the relief valve"),
+    "suction_pressure": Signal("Pa", "MPa", "manifold before the suction valves, absolute"),
+    "suction_line_flow": Signal("m^3/s", "L/min", "flow from the accumulator to the manifold"),
     "accumulator_pressure": Signal("Pa", "MPa", "accumulator, absolute"),
     "accumulator_flow": Signal("m^3/s", "L/min", "net flow into the accumulator"),
     "gas_volume": Signal("m^3", "mL", "gas in the accumulator"),
@@ -156,6 +159,15 @@ class Signals:
     def entered(self, slot_name: str) -> dict[str, Any]:
         """What each effect has entered at a slot so far, by the effect's id."""
         return {e: sum(v[1:], start=v[0]) for e, v in self.notes.contributions.get(slot_name, {}).items()}
+
+    def bond_entered(self, slot_name: str, group: str, flow, sign: float = 1.0) -> None:
+        """Note the power sign · contribution · `flow` of each effect at a slot, in a row of the effect's own.
+
+        An effect that takes power at two places has a row for each: `effect` and `effect, slot`.
+        """
+        for effect, value in self.entered(slot_name).items():
+            row = effect if effect not in self.notes.bonds else f"{effect}, {slot_name}"
+            self.bond(row, group, value if sign > 0 else -value, flow)
 
     def values(self) -> dict[str, Any]:
         """Every signal by name."""

@@ -36,6 +36,11 @@ FORCE_CONSTANT = Slot("force_constant_factor", "coil", "-", Rule.SCALE, "multipl
 MOTOR_FORCE = Slot("motor_force_factor", "mover", "-", Rule.SCALE, "multiplies the motor force, not the back-EMF")
 MOVER_FORCE = Slot("mover_force", "mover", "N", Rule.ADD, "force on the mover, positive along x")
 MOVER_FRICTION = Slot("mover_friction", "mover", "N", Rule.ADD, "friction on the mover, positive when it opposes v > 0")
+# a coil carrier and plungers that are not one body have two positions: the machine then has two more states
+COUPLING_FORCE = Slot(
+    "coupling_force", "mover", "N", Rule.ADD, "force from coil carrier to plungers, which with it are two masses",
+    ("coupling_deflection", "coupling_velocity"),
+)
 CHECK_VALVE_FORCE = Slot(
     "check_valve_force", "check_valves", "N", Rule.ADD, "force on the ball, positive in the opening direction",
     ("lift", "lift_velocity", "pressure_drop", "valve_area"),
@@ -51,6 +56,26 @@ DELIVERY_VALVE_AREA = Slot(
 CHAMBER_LEAKAGE = Slot(
     "chamber_leakage", "chamber", "m^3/s", Rule.ADD, "flow out of a pump chamber to the accumulator",
     ("chamber_pressure", "plunger_velocity", "viscosity"),
+)
+# the gap of a plunger has a pressure of its own, which the viscosity of the machine cannot know
+GAP_VISCOSITY = Slot(
+    "gap_viscosity_factor", "oil", "-", Rule.SCALE, "multiplies the viscosity of the oil in the gap of a plunger",
+    ("chamber_pressure",),
+)
+# a line ends in a volume of oil before the valves, a node that the step must solve for as for any other
+SUCTION_LINE_RESISTANCE = Slot(
+    "suction_line_resistance", "suction", "Pa*s/m^3", Rule.ADD,
+    "resistance between accumulator and suction valves; with it a manifold of 10 mL stands before the valves",
+)
+SUCTION_LINE_FLOW = Slot(
+    "suction_line_flow", "suction", "m^3/s", Rule.ADD, "flow of a suction line whose oil has inertia",
+)  # fmt: skip
+# the flow of the load follows from its pressure drop only where nothing is in series with it
+OUTLET_LINE_RESISTANCE = Slot(
+    "outlet_line_resistance", "outlet", "Pa*s/m^3", Rule.ADD, "resistance in series with the load orifice"
+)
+OUTLET_LINE_FLOW = Slot(
+    "outlet_line_flow", "outlet", "m^3/s", Rule.ADD, "flow of an outlet line whose oil has inertia"
 )
 OUTLET_CAPACITY = Slot("outlet_capacity", "outlet", "m^3/Pa", Rule.ADD, "added to the capacity V/β of the outlet node")
 OIL_COMPRESSIBILITY = Slot(
@@ -76,15 +101,21 @@ CYLINDER_LEAKAGE = Slot(
 _COIL = (SUPPLY_VOLTAGE, COIL_VOLTAGE, COIL_RESISTANCE, COIL_INDUCTANCE, FORCE_CONSTANT)
 _MOVER = (MOTOR_FORCE, MOVER_FORCE, MOVER_FRICTION)
 _PUMP = (
-    CHECK_VALVE_FORCE, SUCTION_VALVE_AREA, DELIVERY_VALVE_AREA, CHAMBER_LEAKAGE, OUTLET_CAPACITY,
-    OIL_COMPRESSIBILITY, OIL_GAS, OIL_VISCOSITY,
+    COUPLING_FORCE, CHECK_VALVE_FORCE, SUCTION_VALVE_AREA, DELIVERY_VALVE_AREA, CHAMBER_LEAKAGE, GAP_VISCOSITY,
+    SUCTION_LINE_RESISTANCE, SUCTION_LINE_FLOW, OUTLET_CAPACITY, OIL_COMPRESSIBILITY, OIL_GAS, OIL_VISCOSITY,
 )  # fmt: skip
+_LOAD = (OUTLET_LINE_RESISTANCE, OUTLET_LINE_FLOW)
 _CYLINDER = (CYLINDER_FORCE, CYLINDER_FRICTION, CYLINDER_FRICTION_LEVEL, CYLINDER_LEAKAGE)
 
 ACTUATOR_SLOTS = _COIL + _MOVER
-PUMP_SLOTS = ACTUATOR_SLOTS + _PUMP
-SYSTEM_SLOTS = PUMP_SLOTS + _CYLINDER
-SLOTS: dict[str, Slot] = {slot.name: slot for slot in SYSTEM_SLOTS}
+PUMP_SLOTS = ACTUATOR_SLOTS + _PUMP + _LOAD
+SYSTEM_SLOTS = ACTUATOR_SLOTS + _PUMP + _CYLINDER
+SLOTS: dict[str, Slot] = {slot.name: slot for slot in PUMP_SLOTS + _CYLINDER}
+
+
+def taken(slot: Slot, effects: tuple) -> bool:
+    """Whether one of the effects of a machine enters `slot`."""
+    return any(hasattr(effect, slot.name) for effect in effects)
 
 
 def enter(slot: Slot, base, s: Signals):

@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-from edhas_jax import circuit, slots
+from edhas_jax import circuit, mechanics, slots
 from edhas_jax.components.accumulator import Accumulator
 from edhas_jax.components.check_valve import CheckValve
 from edhas_jax.components.coil import Coil, CurrentAmplifier, VoltageAmplifier
@@ -58,7 +58,8 @@ class ActuatorBench:
         s = circuit.first_signals(self, y, t, h, law)
         s.set(**circuit.set_point(self.reference, t, 1.0))
         circuit.drive(self, y, s)
-        rates = circuit.move(self, s, self.mover.mover_mass, self.mover.mover_damping, 0.0)
+        mechanics.slide(y, s)
+        rates = mechanics.move(self, s, self.mover.mover_mass, self.mover.mover_damping, 0.0)
         return s, rates | effect_rates(s)
 
 
@@ -95,11 +96,7 @@ class PumpBench:
         s.set(**circuit.set_point(self.reference, t, 1.0))
         circuit.drive(self, y, s)
         rates = circuit.pump(self, y, s)
-        drop = s.outlet_pressure - s.accumulator_pressure
-        ends = ("outlet_pressure", "accumulator_pressure")
-        flow = circuit.passage(self, s, "load orifice", self.load.load_orifice_area, ends)
-        s.set(outlet_flow=flow, return_flow=flow)
-        s.bond("load orifice", "delivered", drop, flow)
+        circuit.load(self, s)
         rates |= circuit.outlet(self, s)
         return s, rates | effect_rates(s)
 

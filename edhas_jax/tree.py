@@ -10,7 +10,8 @@ import jax
 class Parameter:
     """What is known of one physical parameter: everything but its present value.
 
-    `default` and `span` (the closed interval of allowed values) are in SI; `unit` is the SI unit as text.
+    `default`, `span` (the closed interval of allowed values) and `plausible` (the narrower one in which a search for
+    its value looks; None: the value is taken as known) are in SI; `unit` is the SI unit as text.
     """
 
     name: str
@@ -20,6 +21,7 @@ class Parameter:
     doc: str
     source: str
     owner: type
+    plausible: tuple[float, float] | None = None
 
 
 def owner_id(owner: type) -> str:
@@ -32,9 +34,12 @@ def snake_case(name: str) -> str:
     return "".join("_" + c.lower() if c.isupper() and i else c.lower() for i, c in enumerate(name))
 
 
-def par(default: float, unit: str, span: tuple[float, float], doc: str, source: str = "") -> Any:
-    """Declare one parameter of a struct: SI default, SI unit, allowed span, meaning and source."""
-    return dataclasses.field(default=default, metadata={"par": (unit, span, doc, source)})
+def par(
+    default: float, unit: str, span: tuple[float, float], doc: str, source: str = "", *,
+    plausible: tuple[float, float] | None = None,
+) -> Any:  # fmt: skip
+    """Declare one parameter of a struct: SI default, SI unit, allowed span, meaning, source, plausible range."""
+    return dataclasses.field(default=default, metadata={"par": (unit, span, doc, source), "plausible": plausible})
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(par,))
@@ -48,7 +53,7 @@ def struct(cls):
 def parameters(owner: type) -> list[Parameter]:
     """The parameters that `owner` declares, in the order of declaration."""
     return [
-        Parameter(f.name, f.default, *f.metadata["par"], owner)
+        Parameter(f.name, f.default, *f.metadata["par"], owner, f.metadata["plausible"])
         for f in dataclasses.fields(owner)
         if "par" in f.metadata
     ]

@@ -53,7 +53,7 @@ _SHOWN: dict[str, tuple[tuple[str, float, float], ...]] = {
     "rad": (("deg", math.pi / 180.0, 0.0),),
 }
 _USUAL = {"m": "mm", "m^2": "mm²", "m^3": "mL", "Pa": "MPa", "rad": "deg"}
-_POWERS = str.maketrans("23", "²³")
+_POWERS = str.maketrans("234", "²³⁴")
 
 
 @functools.lru_cache(maxsize=1)
@@ -193,7 +193,7 @@ def _usual(number: str, unit: str) -> float:
 
 
 def _plain(unit: str) -> str:
-    return re.sub(r"\^([23])", lambda m: m[1].translate(_POWERS), unit).replace("*", "·")
+    return re.sub(r"\^([234])", lambda m: m[1].translate(_POWERS), unit).replace("*", "·")
 
 
 def _row(unit: str, value: float) -> tuple[str, float, float]:

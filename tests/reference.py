@@ -168,7 +168,10 @@ RANGES = {
     "piston_position": (-5.05e-3, 5.05e-3), "piston_velocity": (-0.8, 0.8),
     "gas_volume_change": (-2e-6, 2e-6), "spool": (-1.0, 1.0),
     "cylinder_position": (-1e-4, 20.1e-3), "cylinder_velocity": (-0.1, 0.1),
-    "lugre_friction.deflection": (-6e-5, 6e-5),
+    "lugre_friction.deflection": (-6e-5, 6e-5), "coupling_deflection": (-1e-4, 1e-4),
+    "coupling_velocity": (-0.1, 0.1), "amplifier_lag.output": (-48.0, 48.0),
+    "coil_heating.temperature_rise": (0.0, 80.0),
+    "outlet_line_inertance.flow": (-1e-4, 1e-4), "suction_line_inertance.flow": (-1e-4, 1e-4),
 }  # fmt: skip
 """Where the states of a machine may lie, in SI; valves and oil apart."""
 

@@ -6,6 +6,8 @@ import textwrap
 import jax
 import pytest
 
+from edhas_jax.components.coil import CurrentAmplifier
+from edhas_jax.components.controller import CascadeController
 from edhas_jax.effects import LIBRARY, EffectError, LugreFriction
 from edhas_jax.effects.check import check_effect
 from edhas_jax.effects.discover import effect_spec, load_effect
@@ -72,12 +74,22 @@ def test_the_check_leaves_effect_and_machine_alone(folder):
     assert not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(effect))
 
 
+def rig_for(cls):
+    return ActuatorSystem if set(cls.slots) <= set(ActuatorSystem.slots) else PumpBench
+
+
 def test_library_acts_where_its_slots_are():
     for cls in LIBRARY:
-        check_effect(cls(), ActuatorSystem())
+        check_effect(cls(), rig_for(cls)())
     check_effect(LugreFriction(), ActuatorBench())
     with pytest.raises(EffectError, match=r"acts on the cylinder \(slot cylinder_friction_force\), which pump_bench"):
         check_effect(load_effect("karnopp_friction")(), PumpBench())
+
+
+def test_an_effect_that_nothing_asks_for_is_refused():
+    machine = replace(PumpBench(), amplifier=CurrentAmplifier(), controller=CascadeController())
+    with pytest.raises(EffectError, match="amplifier_lag acts on nothing here: .*coil_voltage_change"):
+        check_effect(load_effect("amplifier_lag")(), machine)
 
 
 def test_an_effect_that_is_mounted_may_be_checked_again():
@@ -143,7 +155,7 @@ def test_a_constant_that_forces_float64(folder):
     with pytest.raises(EffectError, match=r"forced\.py:\d+\): a constant forces another precision"):
         check_effect(effect, PumpBench(), "float32")
     for cls in LIBRARY:
-        check_effect(cls(), ActuatorSystem(), "float32")
+        check_effect(cls(), rig_for(cls)(), "float32")
 
 
 def test_if_on_a_parameter_is_refused_too(folder):

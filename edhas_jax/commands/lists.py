@@ -52,20 +52,13 @@ def effects(options) -> None:
     from edhas_jax.config import read_config
     from edhas_jax.effects import LIBRARY
     from edhas_jax.effects.discover import load_effect
-    from edhas_jax.units import format_quantity
 
     out = console()
     if options.name:
         effect = load_effect(options.name)
-        out.print(f"[bold]{effect.id}[/bold]  {effect.__doc__ or ''}", markup=True)
-        out.print("enters at: " + ", ".join(f"{s.name} ({s.where})" for s in effect.slots))
-        rows = table(None, "parameter", "default", "allowed", "meaning")
-        for p in tree.parameters(effect):
-            low, high = (format_quantity(bound, p.unit) for bound in p.span)
-            rows.add_row(p.name, format_quantity(p.default, p.unit), f"{low} … {high}", p.doc)
-        out.print(rows)
-        for name, state in effect.states.items():
-            out.print(f"state: {name}, {state.doc}, in {state.unit}")
+        _effect(effect, out)
+        if options.picture:
+            _signature(effect, options.picture, out)
         return
     shown = LIBRARY
     if options.config:
@@ -76,6 +69,46 @@ def effects(options) -> None:
         what = (effect.__doc__ or "").strip().split("\n")[0]
         rows.add_row(effect.id, where, what, ", ".join(p.name for p in tree.parameters(effect)))
     out.print(rows)
+
+
+def _effect(effect, out) -> None:
+    """One effect in full."""
+    from inspect import cleandoc
+
+    from edhas_jax import tree
+    from edhas_jax.units import format_quantity
+
+    def interval(bounds, unit):
+        return f"{format_quantity(bounds[0], unit)} … {format_quantity(bounds[1], unit)}" if bounds else "known"
+
+    out.print(f"[bold]{effect.id}[/bold]")
+    out.print(cleandoc(effect.__doc__ or ""), markup=False)
+    if effect.looks_like:
+        out.print(f"\n[bold]looks like[/bold]: {effect.looks_like}")
+    if effect.confused_with:
+        out.print(f"[bold]confused with[/bold]: {', '.join(effect.confused_with)}")
+    out.print("[bold]enters at[/bold]: " + ", ".join(f"{s.name} ({s.where})" for s in effect.slots))
+    for name, state in effect.states.items():
+        out.print(f"[bold]state[/bold]: {name}, {state.doc}, in {state.unit}")
+    rows = table(None, "parameter", "default", "plausible", "allowed", "meaning")
+    for p in tree.parameters(effect):
+        default = format_quantity(p.default, p.unit)
+        rows.add_row(p.name, default, interval(p.plausible, p.unit), interval(p.span, p.unit), p.doc)
+    out.print(rows)
+
+
+def _signature(effect, path, out) -> None:
+    """The picture of what an effect does to the signals."""
+    from edhas_jax.signature import plot_signature, signature
+    from edhas_jax.store import StoreError
+
+    with out.status(f"runs without and with {effect.id}"):
+        figure = plot_signature(signature(effect()))
+    try:
+        figure.savefig(path, dpi=130)
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{path}: cannot be written: {error}") from None
+    out.print(f"written: {path}", soft_wrap=True)
 
 
 def schema(options) -> None:

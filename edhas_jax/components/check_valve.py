@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 from edhas_jax.signals import Signals
-from edhas_jax.slots import CHECK_VALVE_FORCE, Slot, enter
+from edhas_jax.slots import CHECK_VALVE_FORCE, enter
 from edhas_jax.tree import par, struct
 
 
@@ -28,24 +28,23 @@ class CheckValve:
     valve_contact_stiffness: float = par(5e5, "N/m", (1.0, 1e9), "stiffness of seat and lift stop k_c")
     valve_contact_damping: float = par(5.0, "s/m", (0.0, 1e4), "damping of seat and lift stop d_c")
 
-    def area(self, lift, lift_velocity, drop, slot: Slot, s: Signals):
-        """Flow area [m²], with what enters `slot`."""
-        base = jnp.pi * self.valve_seat_diameter * jnp.sin(self.valve_seat_angle) * jnp.maximum(lift, 0.0)
-        return enter(slot, base, s.at(lift=lift, lift_velocity=lift_velocity, pressure_drop=drop))
+    def area(self, lift):
+        """The area A(y) [m²] between ball and seat."""
+        return jnp.pi * self.valve_seat_diameter * jnp.sin(self.valve_seat_angle) * jnp.maximum(lift, 0.0)
 
-    def acceleration(self, lift, lift_velocity, drop, area, s: Signals):
-        """ÿ [m/s²] of the ball under the pressure drop [Pa] in flow direction."""
+    def acceleration(self, ball: Signals):
+        """ÿ [m/s²] of a ball with `lift`, `lift_velocity` and the `pressure_drop` [Pa] in flow direction."""
         k, d = self.valve_contact_stiffness, self.valve_contact_damping
+        lift, speed = ball.lift, ball.lift_velocity
         below, above = jnp.maximum(-lift, 0.0), jnp.maximum(lift - self.valve_max_lift, 0.0)
-        seat = k * below * jnp.maximum(1.0 - d * lift_velocity, 0.0)
-        stop = k * above * jnp.maximum(1.0 + d * lift_velocity, 0.0)
+        seat = k * below * jnp.maximum(1.0 - d * speed, 0.0)
+        stop = k * above * jnp.maximum(1.0 + d * speed, 0.0)
         force = (
-            0.25 * jnp.pi * jnp.square(self.valve_seat_diameter) * drop
+            0.25 * jnp.pi * jnp.square(self.valve_seat_diameter) * ball.pressure_drop
             - self.valve_preload
             - self.valve_spring_rate * lift
-            - self.valve_damping * lift_velocity
+            - self.valve_damping * speed
             + seat
             - stop
         )
-        local = s.at(lift=lift, lift_velocity=lift_velocity, pressure_drop=drop, valve_area=area)
-        return enter(CHECK_VALVE_FORCE, force, local) / self.valve_mass
+        return enter(CHECK_VALVE_FORCE, force, ball) / self.valve_mass

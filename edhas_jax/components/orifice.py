@@ -24,3 +24,24 @@ class Orifice:
         inverse = 1.0 / jnp.sqrt(jnp.square(drop) + jnp.square(self.transition_pressure))
         chord = self.discharge_coefficient * jnp.sqrt(2.0 / density) * jnp.sqrt(inverse)
         return chord, chord * (1.0 - 0.5 * jnp.square(drop * inverse)), inverse
+
+    def drop(self, area, flow, density):
+        """Δp [Pa] at which `area` [m²] lets `flow` [m³/s] through: the inverse of `flow`, smooth and odd."""
+        q = flow / (self.discharge_coefficient * area * jnp.sqrt(2.0 / density))
+        square = jnp.square(q)
+        root = jnp.sqrt(jnp.square(square) + 4.0 * jnp.square(self.transition_pressure))
+        return q * jnp.sqrt(0.5 * (square + root))
+
+    def drop_in_series(self, area, drop, resistance, density):
+        """The share of `drop` [Pa] at the orifice when a laminar `resistance` [Pa·s/m³] is in series with it.
+
+        Newton's method on u + R Q(u) = `drop`; its start, the drop at a fully turbulent orifice, lies on the side of
+        the root from which it converges monotonically.
+        """
+        k = resistance * self.discharge_coefficient * area * jnp.sqrt(2.0 / density)
+        size = jnp.sqrt(jnp.square(drop) + jnp.square(self.transition_pressure))
+        u = 4.0 * drop * size / jnp.square(k + jnp.sqrt(jnp.square(k) + 4.0 * size))
+        for _ in range(4):
+            chord, tangent, _ = self.conductance(u, density)
+            u = u + (drop - u - resistance * area * chord * u) / (1.0 + resistance * area * tangent)
+        return u

@@ -33,7 +33,8 @@ class Effect:
     A subclass declares parameters with `par` and states with `state`, and defines one method per slot it enters, named
     as the slot in `edhas_jax.slots`: `method(self, s, z)` with `s` the signals (and parameters) of the machine and `z`
     the effect's own states. It returns the contribution in the slot's unit. An effect with states also defines
-    `rates(self, s, z)`, which returns a dict {state: d state/dt}.
+    `rates(self, s, z)`, which returns a dict {state: d state/dt}. `looks_like` says in one sentence what the effect
+    does to measurements; `confused_with` has the ids of effects and the names of parameters that do nearly the same.
 
     The step linearises whatever an effect returns, so a stiff effect is implicit without another line. Physics must be
     written with `jax.numpy`; a value decides by `jnp.where`, not by `if`.
@@ -46,6 +47,8 @@ class Effect:
     id: ClassVar[str]
     states: ClassVar[dict[str, OwnState]]
     slots: ClassVar[tuple[Slot, ...]]
+    looks_like: ClassVar[str] = ""
+    confused_with: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls):
         for other in (base for base in cls.__bases__ if base is not Effect):

@@ -83,7 +83,11 @@ def _dry_run(machine, zero):
         # this copy was made by the trace and ends with it, so that nobody sees the watched methods
         object.__setattr__(probe, method, _watched(probe, method, machine, zero.dtype))
     y = {name: zero + jnp.asarray(value, zero.dtype) for name, value in machine.start().items()}
-    return machine.evaluate(y, zero, zero, y)[1]
+    s, rates = machine.evaluate(y, zero, zero, y)
+    if not any(probe.id in found for found in s.notes.contributions.values()):
+        names = ", ".join(slot.name for slot in probe.slots)
+        raise EffectError(f"{probe.id} acts on nothing here: this {machine.name} does not ask for {names}")
+    return rates
 
 
 def _watched(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
@@ -172,6 +176,10 @@ def _check_parameter(where: str, field: dataclasses.Field) -> None:
         raise EffectError(f"{where}: unit and meaning of a parameter must be texts")
     if not (low <= default <= high and math.isfinite(default)):
         raise EffectError(f"{where}: the default {default:g} is outside its own span {low:g} … {high:g}")
+    if (plausible := field.metadata["plausible"]) is not None:
+        inside = isinstance(plausible, tuple) and len(plausible) == 2 and low <= plausible[0] < plausible[1] <= high
+        if not inside or not plausible[0] <= default <= plausible[1]:
+            raise EffectError(f"{where}: plausible must be (low, high) within the span, with the default inside")
 
 
 def _methods(cls: type[Effect]) -> list[str]:

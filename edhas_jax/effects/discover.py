@@ -1,5 +1,6 @@
 """Effects by name: from the library, from a file of the user, from a module."""
 
+import difflib
 import functools
 import importlib
 import sys
@@ -51,7 +52,9 @@ def _library_effect(name: str) -> type[Effect]:
     if name.endswith(".py"):
         raise EffectError(f"{name} names no class; write {name}:ClassName")
     if name not in by_id:
-        raise EffectError(f"no effect `{name}` in the library; {nearest(name, by_id)}; your own: file.py:ClassName")
+        close = difflib.get_close_matches(name, by_id, n=3, cutoff=0.6)
+        hint = f"nearest: {', '.join(close)}" if close else "`edhas effects` lists them"
+        raise EffectError(f"no effect `{name}` in the library; {hint}; your own: file.py:ClassName")
     return by_id[name]
 
 

@@ -9,12 +9,15 @@ class EntrainedAir(Effect):
 
     1/β(p) = α p_atm/p² + (1 − α p_atm/p)/β_f,   p absolute; added here is what differs from 1/β_f
 
-    Looks like: a rounded rise of chamber pressure, late opening of the delivery valves; gone above 1 … 3 MPa.
-    Confused with: hose compliance, which does not fall with pressure; a larger dead volume.
     Source: Actuators 2022, 11(10), 281, Eq. 4 (isothermal bubbles).
     """
 
-    air_fraction: float = par(0.005, "-", (1e-7, 0.2), "volume of free air per volume of oil at 1 atm, α")
+    looks_like = "a rounded rise of chamber pressure, late opening of the delivery valves; gone above 1 … 3 MPa"
+    confused_with = ("hose_compliance", "pump_dead_volume", "backlash")
+
+    air_fraction: float = par(
+        0.005, "-", (1e-7, 0.2), "volume of free air per volume of oil at 1 atm, α", plausible=(5e-4, 0.05)
+    )
 
     def oil_gas(self, s, z):
         return self.air_fraction * s.atmospheric_pressure

@@ -13,13 +13,16 @@ class KarnoppFriction(Effect):
     cylinder (v_c is set to 0 and stays 0), otherwise F = F_m sgn(F_rem). The step that catches the cylinder counts the
     friction that stops it, F_rem + M v_c/h, so that the energy taken out is booked.
 
-    Looks like: a late start and a dead stop of the cylinder, a step of the head pressure between the two.
-    Confused with: outlet line resistance (grows with flow), cylinder_seal_friction (grows with pressure).
     Source: Karnopp, J. Dyn. Sys. Meas. Control 107 (1985) 100; Actuators 2022, 11(10), 281, Eq. 12 with min for max.
     """
 
-    cylinder_sliding_friction: float = par(10.0, "N", (0.0, 1e5), "friction while sliding, F_d")
-    cylinder_breakaway_friction: float = par(15.0, "N", (0.0, 1e5), "friction at break-away, F_m")
+    looks_like = "a late start and a dead stop of the cylinder, a step of the head pressure between the two"
+    confused_with = ("cylinder_seal_friction", "load_force", "cylinder_damping")
+
+    cylinder_sliding_friction: float = par(10.0, "N", (0.0, 1e5), "friction while sliding, F_d", plausible=(3.0, 60.0))
+    cylinder_breakaway_friction: float = par(
+        15.0, "N", (0.0, 1e5), "friction at break-away, F_m", plausible=(3.0, 150.0)
+    )
     karnopp_velocity: float = par(1e-3, "m/s", (1e-6, 0.1), "half-width of the standstill band, v_min")
 
     def cylinder_friction_force(self, s, z):

@@ -11,18 +11,21 @@ class LugreFriction(Effect):
 
     F_f = σ0 z + σ1 ż + σ2 v,   ż = v − σ0 |v| z / G(v),   G(v) = F_C + (F_S − F_C) exp(−(v/v_S)²)
 
-    Looks like: current in phase with speed and nearly independent of it, a step at each reversal of the piston.
-    Confused with: inverter_dead_time, viscous damping at one single amplitude.
     Source: Canudas de Wit, Olsson, Åström, Lischinsky, IEEE Trans. Autom. Control 40 (1995) 419; Actuators 2022,
     11(10), 281, Eq. 2.
     """
 
-    coulomb_friction: float = par(4.0, "N", (1e-6, 1e4), "friction while sliding, F_C")
-    static_friction: float = par(6.0, "N", (1e-6, 1e4), "friction at break-away, F_S")
-    stribeck_velocity: float = par(0.02, "m/s", (1e-5, 1.0), "speed at which friction has fallen, v_S")
-    bristle_stiffness: float = par(1e5, "N/m", (1.0, 1e9), "stiffness before sliding, σ0")
-    bristle_damping: float = par(100.0, "N*s/m", (0.0, 1e6), "damping of the bristles, σ1")
-    viscous_friction: float = par(2.0, "N*s/m", (0.0, 1e4), "viscous part, σ2")
+    looks_like = "current in phase with speed and nearly independent of it, a step at each reversal of the piston"
+    confused_with = ("inverter_dead_time", "asymmetric_friction", "stroke_dependent_friction", "mover_damping")
+
+    coulomb_friction: float = par(4.0, "N", (1e-6, 1e4), "friction while sliding, F_C", plausible=(0.5, 15.0))
+    static_friction: float = par(6.0, "N", (1e-6, 1e4), "friction at break-away, F_S", plausible=(0.5, 25.0))
+    stribeck_velocity: float = par(
+        0.02, "m/s", (1e-5, 1.0), "speed at which friction has fallen, v_S", plausible=(0.003, 0.1)
+    )
+    bristle_stiffness: float = par(1e5, "N/m", (1.0, 1e9), "stiffness before sliding, σ0", plausible=(1e4, 1e6))
+    bristle_damping: float = par(100.0, "N*s/m", (0.0, 1e6), "damping of the bristles, σ1", plausible=(10.0, 1000.0))
+    viscous_friction: float = par(2.0, "N*s/m", (0.0, 1e4), "viscous part, σ2", plausible=(0.0, 10.0))
 
     deflection = state("m", "mean bending of the bristles")
 
@@ -33,12 +36,12 @@ class LugreFriction(Effect):
         return v - self.bristle_stiffness * jnp.abs(v) * z / level
 
     def mover_friction(self, s, z):
-        rate = self._rate(s.piston_velocity, z.deflection)
+        rate = self._rate(s.sliding_velocity, z.deflection)
         return (
             self.bristle_stiffness * z.deflection
             + self.bristle_damping * rate
-            + self.viscous_friction * s.piston_velocity
+            + self.viscous_friction * s.sliding_velocity
         )
 
     def rates(self, s, z):
-        return {"deflection": self._rate(s.piston_velocity, z.deflection)}
+        return {"deflection": self._rate(s.sliding_velocity, z.deflection)}

@@ -13,13 +13,16 @@ class PistonLeakage(Effect):
 
     8.68 = 12 atan(√1.5)/√1.5 is the inclined gap's factor in place of 12 for a concentric one. Laminar: Re < 1000.
 
-    Looks like: mean flow lower by an amount that grows with pressure and not with frequency.
-    Confused with: seat leakage, which does not care about viscosity; warm oil.
     Source: Actuators 2022, 11(10), 281, Eq. 9, with the shear term signed so that it follows the plunger.
     """
 
-    piston_clearance: float = par(20e-6, "m", (0.0, 1e-3), "radial gap between plunger and bore, δ")
-    piston_fit_length: float = par(20e-3, "m", (1e-4, 1.0), "length of the gap, L_fit")
+    looks_like = "mean flow lower by an amount that grows with pressure and not with frequency"
+    confused_with = ("suction_seat_leakage", "delivery_seat_leakage", "oil_viscosity")
+
+    piston_clearance: float = par(
+        20e-6, "m", (0.0, 1e-3), "radial gap between plunger and bore, δ", plausible=(5e-6, 40e-6)
+    )
+    piston_fit_length: float = par(20e-3, "m", (1e-4, 1.0), "length of the gap, L_fit", plausible=(5e-3, 50e-3))
 
     def chamber_leakage(self, s, z):
         around = jnp.pi * s.piston_diameter * self.piston_clearance
