@@ -60,7 +60,7 @@ def read_recording(path: Path, column: str | None, unit: str | None, wanted: str
         time = time * to_si(f"1 {_unit_of(names['time'])}", "s", "1 ms")
     except UnitError:
         raise RecordingError("file", f"{path}: the header of the time column must be `time [s]`") from None
-    return _even(path, time, values * size)
+    return evenly(path, time, values * size)
 
 
 def _header(path: Path) -> list[str]:
@@ -154,7 +154,7 @@ def _number(text: str, path: Path, line: int) -> float:
         raise RecordingError("file", f'{path}:{line}: "{text}" is not a number') from None
 
 
-def _even(path: Path, time: np.ndarray, values: np.ndarray) -> Recorded:
+def evenly(path: Path, time: np.ndarray, values: np.ndarray) -> Recorded:
     """The samples at equal steps."""
     if len(time) < 2:
         raise RecordingError("file", f"{path}: at least 2 samples are needed; there are {len(time)}")
