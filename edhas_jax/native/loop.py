@@ -11,8 +11,8 @@ import numpy as np
 
 from edhas_jax.native.assembly import Source, assembly
 from edhas_jax.native.machine_code import function, host
-from edhas_jax.native.program import Level, Program
-from edhas_jax.native.reading import Untranslatable, read
+from edhas_jax.native.program import Level
+from edhas_jax.native.reading import read
 
 
 class Marched(NamedTuple):
@@ -27,29 +27,37 @@ class Loop:
 
     `body` is a JAX function of scalars. `carry`, `lane` (what differs from lane to lane) and `uniform` (what does not)
     are pytrees of real scalars; the examples given here count only by their structure. Changing any number compiles
-    nothing. The numbers of a lane depend on that lane alone, to the bit, not on its place or on the number of threads.
+    nothing. With a `cache` the machine code is kept; a `key` stands for all that the body depends on, its own text
+    included, and saves even looking at it. The numbers of a lane depend on that lane alone, to the bit, not on its
+    place or on the number of threads.
 
     Raises:
         Untranslatable: the body uses an operation that is not known here.
     """
 
-    def __init__(self, body: Callable, dtype, carry: Any, lane: Any, uniform: Any, cache: Path | None = None):
+    def __init__(
+        self, body: Callable, dtype, carry: Any, lane: Any, uniform: Any, cache: Path | None = None,
+        key: str | None = None,
+    ):  # fmt: skip
         self.dtype = np.dtype(dtype)
         self._structures = [jax.tree.structure(t) for t in (carry, lane, uniform)]
         tables = [
             jax.tree.map(lambda _, level=level: level, t)
             for t, level in ((carry, Level.CARRY), (lane, Level.FIXED), (uniform, Level.FIXED))
         ]
-        self.program, out = read(body, self.dtype, Level.STEP, *tables)
-        if out != self._structures[0]:
-            raise ValueError(f"the body turns {self._structures[0]} into {out}")
+
+        def text() -> str:
+            program, out = read(body, self.dtype, Level.STEP, *tables)
+            if out != self._structures[0]:
+                raise ValueError(f"the body turns {self._structures[0]} into {out}")
+            return assembly(program, host().processor, sources, rows, lane_rows)
+
         rows, lane_rows, uniform_rows = (s.num_leaves for s in self._structures)
         sources = [Source("step")]
         for name, count in (("carry", rows), ("lane", lane_rows), ("uniform", uniform_rows)):
             sources += [Source(name, row) for row in range(count)]
         self.lanes = host().processor.lanes(self.dtype)
-        text = assembly(self.program, host().processor, sources, rows, lane_rows)
-        self._run = function(text, "run", [ctypes.c_void_p] * 4 + [ctypes.c_int64] * 4, cache)
+        self._run = function(text, "run", [ctypes.c_void_p] * 4 + [ctypes.c_int64] * 4, cache, key)
 
     def __call__(self, carry: Any, lane: Any, uniform: Any, first: int, steps: int, threads: int = 1) -> Any:
         """The carry after `steps` steps; leaves of `carry` and `lane` have the shape (lanes,)."""
@@ -99,4 +107,3 @@ class Loop:
         return np.ascontiguousarray(table.reshape(len(rows), -1, self.lanes).transpose(1, 0, 2))
 
 
-__all__ = ["Level", "Loop", "Marched", "Program", "Untranslatable"]

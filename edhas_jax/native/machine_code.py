@@ -32,21 +32,25 @@ def host() -> Host:
     return Host(llvm.get_host_cpu_name(), features.flatten(), Processor.of(features))
 
 
-def function(assembly: str, name: str, arguments: list, cache: Path | None = None) -> Callable:
+def function(
+    assembly: Callable[[], str], name: str, arguments: list, cache: Path | None = None, key: str | None = None
+) -> Callable:
     """The function `name` of a module as a callable without result, for `arguments` of types of ctypes.
 
-    The object file is kept in the folder `cache` and taken from there the next time.
+    The object file is kept in the folder `cache` and taken from there the next time: where a `key` stands for the
+    assembly, without asking for it.
     """
     here = host()
-    key = hashlib.sha256("\n".join((assembly, here.name, here.features, llvmlite.__version__)).encode()).hexdigest()
-    kept = None if cache is None else cache / f"loop-{key[:32]}.o"
+    text = assembly() if key is None else key
+    digest = hashlib.sha256("\n".join((text, here.name, here.features, llvmlite.__version__)).encode()).hexdigest()
+    kept = None if cache is None else cache / f"loop-{digest[:32]}.o"
     machine = llvm.Target.from_default_triple().create_target_machine(
         cpu=here.name, features=here.features, opt=3, reloc="pic", codemodel="jitdefault"
     )
     if kept is not None and kept.exists():
         code = kept.read_bytes()
     else:
-        module = llvm.parse_assembly(assembly)
+        module = llvm.parse_assembly(text if key is None else assembly())
         module.verify()
         code = machine.emit_object(module)
         if kept is not None:

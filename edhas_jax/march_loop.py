@@ -1,0 +1,140 @@
+"""Runs side by side as machine code: the march of many lanes and their signals, with one derivative per lane."""
+
+import functools
+import hashlib
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from edhas_jax import backend
+from edhas_jax.integrate import observe, step
+from edhas_jax.native import Loop, Untranslatable
+from edhas_jax.parameters import set_parameters
+from edhas_jax.system import Rig
+
+
+class MarchLoop:
+    """The march of lanes of one kind of machine with the parameters `varied`, and its signals `watch`.
+
+    With `seeded`, everything is followed by its derivative along a change of the parameters that each lane has of its
+    own. `machine` counts only by its structure.
+
+    Raises:
+        Untranslatable: the machine uses an operation that has no machine code here.
+    """
+
+    def __init__(self, machine: Rig, varied: Sequence[str], watch: Sequence[str], seeded: bool, dtype):
+        self._dtype, self._watch = np.dtype(dtype), tuple(watch)
+        names = dict.fromkeys(varied, 0.0)
+        self._start = {n: 0.0 for n in machine.start()}
+        cache, key = backend.cache_folder(), _key(machine, varied, watch, seeded, dtype)
+
+        def keyed(part: str) -> str | None:
+            return None if key is None else f"{part} {key}"
+
+        def twice(tree):
+            return (tree, tree) if seeded else (tree,)
+
+        def along(f, primals, tangents):
+            return jax.jvp(f, primals, tangents) if seeded else (f(*primals),)
+
+        def rest(n, carry, lane, uniform):
+            (values, *seeds), (base, _) = lane, uniform
+
+            def one(values):
+                zero = jnp.zeros((), self._dtype)
+                return {n: zero + v for n, v in set_parameters(base, values).start().items()}
+
+            return along(one, (values,), (*seeds,))
+
+        def go(n, carry, lane, uniform):
+            (values, *seeds), (y, *dy), (base, h) = lane, carry, uniform
+
+            def one(values, y):
+                return step(set_parameters(base, values), y, n * h, h)[0]
+
+            return along(one, (values, y), (*seeds, *dy))
+
+        def see(n, carry, lane, uniform):
+            (values, *seeds), (y, *dy), t = lane
+            base, h = uniform
+
+            def one(values, y):
+                seen = observe(set_parameters(base, values), y, t, h)
+                return {s: seen[s] for s in self._watch}
+
+            return along(one, (values, y), (*seeds, *dy))
+
+        state, signals = twice(self._start), twice(dict.fromkeys(self._watch, 0.0))
+        self._rest = Loop(rest, dtype, state, twice(names), (machine, 0.0), cache, keyed("rest"))
+        self._go = Loop(go, dtype, state, twice(names), (machine, 0.0), cache, keyed("go"))
+        self._see = Loop(see, dtype, signals, (twice(names), state, 0.0), (machine, 0.0), cache, keyed("see"))
+
+    def march(
+        self, machine: Rig, lanes: tuple[dict[str, np.ndarray], ...], step_size: float, per_sample: int,
+        lengths: np.ndarray,
+    ) -> tuple[dict[str, np.ndarray], ...]:  # fmt: skip
+        """Signals (samples, lanes), and with seeds their derivatives; NaN beyond the `lengths` of the lanes.
+
+        `lanes` are the parameters and, if seeded, their changes, each (lanes,).
+        """
+        out = tuple({s: np.full((lengths.max(), len(lengths)), np.nan) for s in self._watch} for _ in lanes)
+        # long runs first, and runs of one length together
+        order = np.argsort(-lengths, kind="stable")
+        blocks = [order[first : first + self._go.lanes] for first in range(0, len(order), self._go.lanes)]
+
+        def work(rows: np.ndarray) -> None:
+            here = tuple({n: v[rows] for n, v in part.items()} for part in lanes)
+            samples = int(lengths[rows].max())
+            uniform, empty = (machine, step_size), tuple({n: np.zeros(len(rows)) for n in self._start} for _ in lanes)
+            begin = self._rest(empty, here, uniform, 0, 1)
+            kept = self._go.march(begin, here, uniform, 0, per_sample, samples).kept
+            flat = jax.tree.map(np.ravel, kept)
+            wide = tuple({n: np.tile(v, samples) for n, v in part.items()} for part in here)
+            time = np.repeat(np.arange(samples) * (per_sample * step_size), len(rows))
+            empty = tuple({s: np.zeros(len(time)) for s in self._watch} for _ in lanes)
+            for whole, part in zip(out, self._see(empty, (wide, flat, time), uniform, 0, 1), strict=True):
+                for s, column in part.items():
+                    whole[s][:samples, rows] = column.reshape(samples, len(rows))
+
+        with ThreadPoolExecutor(min(backend.cores(), len(blocks))) as pool:
+            list(pool.map(work, blocks))
+        for column in (column for part in out for column in part.values()):
+            column[np.arange(len(column))[:, None] >= lengths] = np.nan
+        return out
+
+
+def _key(machine: Rig, varied, watch, seeded: bool, dtype) -> str | None:
+    """A text for all that the loops depend on; None where an effect is not the package's own."""
+    if any(not type(effect).__module__.startswith("edhas_jax.") for effect in machine.effects):
+        return None
+    return f"{jax.tree.structure(machine)} {varied} {watch} {seeded} {np.dtype(dtype)} {_own_code()} {jax.__version__}"
+
+
+@functools.cache
+def _own_code() -> str:
+    """A hash of the package."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def march_loop(machine: Rig, varied: Sequence[str], watch: Sequence[str], seeded: bool, dtype) -> MarchLoop | None:
+    """The loop for machines of this structure, made once; None where XLA has to do it."""
+    if not backend.native_loops() or any(np.ndim(leaf) for leaf in jax.tree.leaves(machine)):
+        return None
+    return _made(jax.tree.structure(machine), tuple(varied), tuple(watch), seeded, np.dtype(dtype))
+
+
+@functools.lru_cache(maxsize=256)
+def _made(structure, varied, watch, seeded: bool, dtype) -> MarchLoop | None:
+    machine = jax.tree.unflatten(structure, [np.ones((), dtype)] * structure.num_leaves)
+    try:
+        return MarchLoop(machine, varied, watch, seeded, dtype)
+    except Untranslatable:
+        return None
