@@ -29,13 +29,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from c_loop import PARAMETER, STATE, TIME, Program
 from scipy.integrate import solve_ivp
 
 from edhas_jax.backend import CPU_OPTIONS
 from edhas_jax.batch import BatchSettings, run_designs, steps_per_cycle
 from edhas_jax.elimination import jacobian
 from edhas_jax.linearize import linearize
+from edhas_jax.native.program import Level, Program
+from edhas_jax.native.reading import read
 from edhas_jax.run import Precision
 
 FREQUENCY = 10.0
@@ -223,10 +224,19 @@ def exact_jacobian(p, y, t) -> dict:
     return {f"{i}|{j}": value for i, row in rows.items() for j, value in row.items()}
 
 
-def program_of(f) -> Program:
-    """The program of f(p, y, t)."""
-    levels = {"p": dict.fromkeys(c_loop.VARIED, PARAMETER), "y": dict.fromkeys(start(), STATE), "t": TIME}
-    return c_loop.transcribe(f, "float64", **levels)
+LEVELS = {"p": dict.fromkeys(c_loop.VARIED, Level.FIXED), "t": Level.STEP}
+FUNCTIONS = {n: (lambda p, x, n=n: p.node(n, x)) for n in ("exp", "log1p", "sin", "cos")}  # Numba has its own
+
+
+def program_of(f, dtype: str = "float64", **more: Level) -> Program:
+    """The program of f(p, y, t, …): inputs and outputs by name."""
+    levels = LEVELS | {"y": dict.fromkeys(start(), Level.CARRY)} | more
+    program, structure = read(lambda inputs: f(**inputs), dtype, levels, functions=FUNCTIONS)
+    names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_flatten_with_path(levels)[0]]
+    program.nodes = [("input", names[n[1]], n[2]) if n[0] == "input" else n for n in program.nodes]
+    numbers = jax.tree.unflatten(structure, list(range(structure.num_leaves)))
+    program.outputs = {n: program.outputs[k] for n, k in numbers.items()}
+    return program
 
 
 _TEXT = {
@@ -238,10 +248,10 @@ _TEXT = {
 }  # fmt: skip
 
 
-def python_source(program: Program, prefix: str) -> tuple[dict[int, list[str]], dict[str, str], list[str]]:
+def python_source(program: Program, prefix: str) -> tuple[dict[Level, list[str]], dict[str, str], list[str]]:
     """Statements by level, the name of each output, and the constants as definitions outside the function."""
     names: dict[int, str] = {}
-    lines: dict[int, list[str]] = {PARAMETER: [], TIME: [], STATE: []}
+    lines: dict[Level, list[str]] = {level: [] for level in Level}
     inputs = {f"['y'][{n!r}]": f"y{i}" for i, n in enumerate(sorted(start()))}
     inputs |= {f"['p'][{n!r}]": f"p{i}" for i, n in enumerate(c_loop.VARIED)} | {"['t']": "t", "['h']": "h"}
     constants = [f"{prefix}one = real(1.0)"]
@@ -267,7 +277,7 @@ def numba_module(folder: Path) -> Path:
     for name, f in (("rhs", right_side), ("jac", exact_jacobian)):
         lines, out, constants = python_source(program_of(f), name + "_")
         shape = (len(rows),) if name == "rhs" else (len(rows), len(rows))
-        body = [*unpack, *lines[PARAMETER], *lines[TIME], *lines[STATE], f"out = np.zeros({shape})"]
+        body = [*unpack, *(line for level in Level for line in lines[level]), f"out = np.zeros({shape})"]
         for n, value in out.items():
             at = ", ".join(str(rows.index(key)) for key in n.split("|"))
             body.append(f"out[{at}] = {value}")
@@ -283,8 +293,7 @@ def numba_module(folder: Path) -> Path:
 def loop_source(dtype: str) -> list[str]:
     """The march of every design, one after the other on each core, as one writes it for Numba."""
     one = functools.partial(_step_and_flow, dtype)
-    levels = {"p": dict.fromkeys(c_loop.VARIED, PARAMETER), "y": dict.fromkeys(start(), STATE), "t": TIME}
-    lines, out, constants = python_source(c_loop.transcribe(one, dtype, **levels, h=PARAMETER), dtype + "_")
+    lines, out, constants = python_source(program_of(one, dtype, h=Level.FIXED), dtype + "_")
     states, deep = sorted(start()), "\n            "
     flow = len(states)
     head = [f"y{i} = Y[{i}, d]" for i in range(len(states))] + [f"p{i} = P[{i}, d]" for i in range(len(c_loop.VARIED))]
@@ -294,10 +303,10 @@ def loop_{dtype}(Y, P, h, first, steps):
     for d in numba.prange(Y.shape[1]):
         {(deep[:-4]).join(head)}
         s = Y[{flow}, d]
-        {(deep[:-4]).join(lines[PARAMETER])}
+        {(deep[:-4]).join(lines[Level.FIXED])}
         for n in range(first, first + steps):
             t = np.{dtype}(n) * h
-            {deep.join(lines[TIME] + lines[STATE])}
+            {deep.join(lines[Level.STEP] + lines[Level.CARRY])}
             s += {out[FLOW]}
             {deep.join(f"z{i} = {out['y ' + n]}" for i, n in enumerate(states))}
             {deep.join(f"y{i} = z{i}" for i in range(len(states)))}

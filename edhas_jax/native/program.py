@@ -43,7 +43,8 @@ class Program:
         self.outputs: dict[Any, int] = {}
         self._number: dict[tuple, int] = {}
 
-    def _node(self, operation: str, *operands) -> int:
+    def node(self, operation: str, *operands) -> int:
+        """The number of an operation as it stands, the same for the same one."""
         key = (operation, *operands)
         if key not in self._number:
             self._number[key] = len(self.nodes)
@@ -57,13 +58,13 @@ class Program:
 
     def input(self, name, level: Level) -> int:
         """A value that comes from outside."""
-        return self._node("input", name, level)
+        return self.node("input", name, level)
 
     def const(self, value) -> int:
         """A number, or a truth value."""
         if isinstance(value, bool | np.bool_):
-            return self._node("truth", bool(value))
-        return self._node("const", float(self.type(value)))
+            return self.node("truth", bool(value))
+        return self.node("const", float(self.type(value)))
 
     def value(self, i: int):
         """The value of a constant, else None."""
@@ -78,7 +79,7 @@ class Program:
             return args[0]
         if op == "sub":
             return self.sub(args[1], args[0])
-        return self._node("neg", a)
+        return self.node("neg", a)
 
     def add(self, a: int, b: int) -> int:
         """a + b"""
@@ -91,7 +92,7 @@ class Program:
             return self.sub(a, self.nodes[b][1])
         if self.nodes[a][0] == "neg":
             return self.sub(b, self.nodes[a][1])
-        return self._node("add", *sorted((a, b)))
+        return self.node("add", *sorted((a, b)))
 
     def sub(self, a: int, b: int) -> int:
         """a − b"""
@@ -108,7 +109,7 @@ class Program:
             return self.add(a, self.nodes[b][1])
         if self.nodes[a][0] == "neg":
             return self.neg(self.add(self.nodes[a][1], b))
-        return self._node("sub", a, b)
+        return self.node("sub", a, b)
 
     def mul(self, a: int, b: int) -> int:
         """a · b"""
@@ -132,7 +133,7 @@ class Program:
                 if self.value(one) is not None:
                     a, b = self.const(x * self.value(one)), other
                     break
-        out = self._node("mul", *sorted((a, b)))
+        out = self.node("mul", *sorted((a, b)))
         return self.neg(out) if negative else out
 
     def reciprocal(self, a: int) -> int:
@@ -146,7 +147,7 @@ class Program:
             return args[0]
         if op == "sqrt":
             return self.unary("rsqrt", args[0])
-        return self._node("reciprocal", a)
+        return self.node("reciprocal", a)
 
     def power(self, a: int, n: int) -> int:
         """aⁿ for a whole n"""
@@ -166,16 +167,16 @@ class Program:
             return self.unary(op, self.nodes[a][1])
         if op in ("sqrt", "rsqrt") and self.nodes[a][0] in ("sqrt", "rsqrt"):
             inside = self.nodes[a][1]
-            fourth = self._node("root4", inside)  # a^(−1/4)
-            return fourth if op != self.nodes[a][0] else self.mul(self._node("sqrt", inside), fourth)
-        return self._node(op, a)
+            fourth = self.node("root4", inside)  # a^(−1/4)
+            return fourth if op != self.nodes[a][0] else self.mul(self.node("sqrt", inside), fourth)
+        return self.node(op, a)
 
     def extreme(self, op: str, a: int, b: int) -> int:
         """The `max` or `min` of a and b."""
         x, y = self.value(a), self.value(b)
         if x is not None and y is not None:
             return self.const(max(x, y) if op == "max" else min(x, y))
-        return a if a == b else self._node(op, *sorted((a, b)))
+        return a if a == b else self.node(op, *sorted((a, b)))
 
     def compare(self, op: str, a: int, b: int) -> int:
         """A truth value: a op b."""
@@ -184,21 +185,21 @@ class Program:
             return self.const({"gt": x > y, "lt": x < y, "ge": x >= y, "le": x <= y, "eq": x == y, "ne": x != y}[op])
         if op in ("lt", "le"):
             op, a, b = {"lt": "gt", "le": "ge"}[op], b, a
-        return self._node(op, a, b)
+        return self.node(op, a, b)
 
     def invert(self, a: int) -> int:
         """not a"""
         op, *args = self.nodes[a]
         if op == "truth":
             return self.const(not args[0])
-        return args[0] if op == "not" else self._node("not", a)
+        return args[0] if op == "not" else self.node("not", a)
 
     def both(self, a: int, b: int) -> int:
         """a and b"""
         for one, other in ((a, b), (b, a)):
             if self.value(one) is not None:
                 return other if self.value(one) else one
-        return a if a == b else self._node("and", *sorted((a, b)))
+        return a if a == b else self.node("and", *sorted((a, b)))
 
     def select(self, which: int, yes: int, no: int) -> int:
         """`yes` where `which` holds, else `no`; both numbers or both truth values."""
@@ -212,7 +213,7 @@ class Program:
             return self.invert(
                 self.both(self.invert(self.both(which, yes)), self.invert(self.both(self.invert(which), no)))
             )
-        return self._node("select", which, yes, no)
+        return self.node("select", which, yes, no)
 
     def is_logical(self, i: int) -> bool:
         """Whether node i is a truth value."""
@@ -226,13 +227,13 @@ class Program:
         for i in self.order():
             op, *args = self.nodes[i]
             if op in _LEAVES:
-                moved[i] = out._node(op, *args)
+                moved[i] = out.node(op, *args)
             elif op in ("sqrt", "rsqrt") and ("root4", args[0]) in known:
-                fourth = out._node("root4", moved[args[0]])
+                fourth = out.node("root4", moved[args[0]])
                 inverse = out.mul(fourth, fourth)
                 moved[i] = inverse if op == "rsqrt" else out.mul(moved[args[0]], inverse)
             else:
-                moved[i] = out._node(op, *(moved[j] for j in args))
+                moved[i] = out.node(op, *(moved[j] for j in args))
         out.outputs = {n: moved[i] for n, i in self.outputs.items()}
         return out
 

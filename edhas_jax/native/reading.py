@@ -1,6 +1,6 @@
 """From a JAX function of scalars to a `Program`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -18,14 +18,16 @@ class Untranslatable(Exception):
 
 _INLINE = ("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "remat", "checkpoint")
 _SAME = ("convert_element_type", "copy", "copy_p", "stop_gradient", "broadcast_in_dim", "reshape", "squeeze")
-_SERIES = {n: getattr(series, n) for n in ("exp", "expm1", "log", "log1p", "sin", "cos", "tanh", "logistic")}
+Functions = Mapping[str, Callable[[Program, int], int]]
+SERIES: Functions = {n: getattr(series, n) for n in ("exp", "expm1", "log", "log1p", "sin", "cos", "tanh", "logistic")}
 
 
-def read(f: Callable[..., Any], dtype, *levels: Any) -> tuple[Program, Any]:
+def read(f: Callable[..., Any], dtype, *levels: Any, functions: Functions = SERIES) -> tuple[Program, Any]:
     """The program of `f(*arguments)`: pytrees of scalars in, a pytree of scalars out; every leaf a real number.
 
     `levels` has the structure of the arguments, a `Level` for each leaf. The inputs and outputs of the program are
-    numbered in the order of the leaves; the second result is the structure of the output.
+    numbered in the order of the leaves; the second result is the structure of the output. `functions` says how the
+    elementary functions are computed.
 
     Raises:
         Untranslatable: an operation is beyond this.
@@ -41,12 +43,12 @@ def read(f: Callable[..., Any], dtype, *levels: Any) -> tuple[Program, Any]:
     closed = jax.make_jaxpr(flat)(*[jax.ShapeDtypeStruct((), dtype)] * len(leaves))
     program = Program(dtype)
     arguments = [program.input(i, level) for i, level in enumerate(leaves)]
-    results = _take_in(program, closed.jaxpr, closed.consts, arguments)
+    results = _take_in(program, closed.jaxpr, closed.consts, arguments, functions)
     program.outputs = dict(enumerate(results))
     return program.with_shared_roots(), shape[0]
 
 
-def _take_in(p: Program, jaxpr, consts, arguments: list[int]) -> list[int]:
+def _take_in(p: Program, jaxpr, consts, arguments: list[int], functions: Functions) -> list[int]:
     known = {v: _constant(p, c) for v, c in zip(jaxpr.constvars, consts, strict=True)}
     known |= zip(jaxpr.invars, arguments, strict=True)
 
@@ -54,7 +56,7 @@ def _take_in(p: Program, jaxpr, consts, arguments: list[int]) -> list[int]:
         return _constant(p, atom.val) if isinstance(atom, core.Literal) else known[atom]
 
     for eqn in jaxpr.eqns:
-        known |= zip(eqn.outvars, _equation(p, eqn, [node(a) for a in eqn.invars]), strict=True)
+        known |= zip(eqn.outvars, _equation(p, eqn, [node(a) for a in eqn.invars], functions), strict=True)
     return [node(a) for a in jaxpr.outvars]
 
 
@@ -64,11 +66,11 @@ def _constant(p: Program, value) -> int:
     return p.const(np.asarray(value).item())
 
 
-def _equation(p: Program, eqn, args: list[int]) -> list[int]:
+def _equation(p: Program, eqn, args: list[int], functions: Functions) -> list[int]:
     name = eqn.primitive.name
     if name in _INLINE:
         inner = eqn.params.get("jaxpr") or eqn.params["call_jaxpr"]
-        return _take_in(p, getattr(inner, "jaxpr", inner), getattr(inner, "consts", ()), args)
+        return _take_in(p, getattr(inner, "jaxpr", inner), getattr(inner, "consts", ()), args, functions)
     of = eqn.outvars[0].aval
     if of.shape or not (of.dtype == bool or jnp.issubdtype(of.dtype, jnp.floating)):
         raise Untranslatable(f"`{name}` makes {of.str_short()}")
@@ -78,6 +80,8 @@ def _equation(p: Program, eqn, args: list[int]) -> list[int]:
         if of.dtype == bool and not p.is_logical(args[0]):
             return [p.compare("ne", args[0], p.const(0.0))]
         return args[:1]
+    if name in functions:
+        return [functions[name](p, *args)]
     if name in _RULES:
         return [_RULES[name](p, *args)]
     if name == "integer_pow":
@@ -118,8 +122,7 @@ _RULES: dict[str, Callable[..., int]] = {
     "sign": _sign,
     "is_finite": lambda p, x: p.compare("lt", p.unary("abs", x), p.const(np.inf)),
     **{n: _unary(n) for n in ("sqrt", "rsqrt", "abs")},
-    **_SERIES,
     **{n: (lambda p, a, b, n=n: p.compare(n, a, b)) for n in (*COMPARISONS, "lt", "le")},
 }
 
-__all__ = ["Level", "Untranslatable", "read"]
+__all__ = ["SERIES", "Functions", "Level", "Untranslatable", "read"]

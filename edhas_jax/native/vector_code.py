@@ -95,12 +95,15 @@ class VectorCode:
         self._lines.append(f"store {self.vector} {value}, ptr {spot}, {self._align}")
 
     def arithmetic(self, op: str, a: str, b: str) -> str:
+        """a `add`ed to b, `sub`, `mul`; a product and a sum may become one operation."""
         return self.line(f"{_ARITHMETIC[op]} {self.vector} {a}, {b}")
 
     def compare(self, how: str, a: str, b: str) -> str:
+        """A truth value, by a predicate of LLVM's `fcmp`."""
         return self.line(f"fcmp {how} {self.vector} {a}, {b}")
 
     def select(self, which: str, yes: str, no: str) -> str:
+        """`yes` where `which` holds, else `no`."""
         return self.line(f"select {self.mask} {which}, {self.vector} {yes}, {self.vector} {no}")
 
     def call(self, name: str, *a: str) -> str:
@@ -166,6 +169,7 @@ class VectorCode:
         return self.refined(r, factor)
 
     def power_of_two(self, n: str) -> str:
+        """2ⁿ for a whole n, put together from its bits."""
         k = self.line(f"fptosi {self.vector} {n} to {self.whole}")
         k = self.line(f"add {self.whole} {k}, {self.spread(f'{self.integer} {self.bias}')}")
         k = self.line(f"shl {self.whole} {k}, {self.spread(f'{self.integer} {self.mantissa}')}")
@@ -179,6 +183,7 @@ class VectorCode:
         return self.line(f"sitofp {self.whole} {k} to {self.vector}")
 
     def operation(self, op: str, a: Sequence[str]) -> str:
+        """Any operation of a `Program`."""
         if op in _ARITHMETIC:
             return self.arithmetic(op, *a)
         if op in _COMPARE:
