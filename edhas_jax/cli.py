@@ -5,8 +5,14 @@ import sys
 from pathlib import Path
 
 import edhas_jax
+from edhas_jax.commands.campaign import check_campaign, new_campaign
+from edhas_jax.commands.compare import compare
+from edhas_jax.commands.diagnose import add, diagnose
+from edhas_jax.commands.fit import fit
 from edhas_jax.commands.lists import effects, parameters, schema
+from edhas_jax.commands.sensitivity import sensitivity
 from edhas_jax.commands.simulate import simulate
+from edhas_jax.commands.size import size
 from edhas_jax.commands.sweep import plot_sweep, sweep
 
 USER_ERROR = 2
@@ -16,6 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; the exit status is 0, or 2 with one clear message when the input is at fault."""
     options = _parser().parse_args(arguments)
     # one line for bad input, wherever it was found; anything else is a defect and keeps its traceback
+    from edhas_jax.campaign import CampaignError
     from edhas_jax.config import ConfigError
     from edhas_jax.effects import EffectError
     from edhas_jax.parameters import ParameterError
@@ -25,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     try:
         return options.command(options) or 0
-    except (ConfigError, EffectError, ParameterError, SimulationError, StoreError, UnitError) as error:
+    except (CampaignError, ConfigError, EffectError, ParameterError, SimulationError, StoreError, UnitError) as error:
         print(f"edhas: {error}", file=sys.stderr)
         return USER_ERROR
     except BrokenPipeError:
@@ -60,6 +67,66 @@ def _parser() -> argparse.ArgumentParser:
     )
     sweep_.set_defaults(command=sweep)
 
+    compare_ = commands.add_parser("compare", help="the model beside the measurements, and where it fails")
+    compare_.add_argument("campaign", type=Path, help="folder of the campaign")
+    compare_.add_argument("--model", type=Path, help="configuration of the model (default: the campaign's own)")
+    compare_.add_argument(
+        "--replay", choices=("set_point", "voltage", "current", "piston_position"), default="set_point",
+        help="drive the model with this measured signal, so that what lies behind it is judged alone",
+    )  # fmt: skip
+    compare_.add_argument("--out", type=Path, help="folder to write (default: comparisons/NAME, numbered)")
+    compare_.add_argument("--overwrite", action="store_true", help="write into the folder of --out if it exists")
+    compare_.set_defaults(command=compare)
+
+    fit_ = commands.add_parser("fit", help="calibrate the uncertain parameters of a campaign's machine")
+    fit_.add_argument("campaign", type=Path, help="folder of the campaign")
+    fit_.add_argument("--out", type=Path, help="folder to write (default: fits/NAME, numbered if it exists)")
+    fit_.add_argument("--overwrite", action="store_true", help="write into the folder given with --out if it exists")
+    fit_.add_argument("--starts", type=int, default=4, help="points to start from (default: 4)")
+    fit_.add_argument(
+        "--profile", action="append", default=[], metavar="NAME",
+        help="also the likelihood along this parameter, all others fitted anew; may be given several times",
+    )  # fmt: skip
+    fit_.set_defaults(command=fit)
+
+    sensitivity_ = commands.add_parser("sensitivity", help="which parameters matter where: elasticities, Sobol, Morris")
+    sensitivity_.add_argument("config", type=Path, help="configuration of the analysis, YAML")
+    sensitivity_.add_argument("--out", type=Path, help="folder to write (default: runs/NAME, numbered if it exists)")
+    sensitivity_.add_argument("--overwrite", action="store_true", help="write into the folder given with --out again")
+    sensitivity_.set_defaults(command=sensitivity)
+
+    campaign = commands.add_parser("campaign", help="measurements of a bench: begin a campaign, check its files")
+    of_campaign = campaign.add_subparsers(title="what to do", required=True, metavar="ACTION")
+    check_ = of_campaign.add_parser("check", help="read everything, list what looks wrong; status 1 if anything does")
+    check_.add_argument("campaign", type=Path, help="folder of the campaign")
+    check_.set_defaults(command=check_campaign)
+    new_ = of_campaign.add_parser("new", help="write a commented template that passes the check")
+    new_.add_argument("campaign", type=Path, help="folder to write")
+    new_.set_defaults(command=new_campaign)
+
+    size_ = commands.add_parser("size", help="find the dimensions that make a machine best within its limits")
+    size_.add_argument("config", type=Path, help="configuration of the task, YAML")
+    size_.add_argument("--out", type=Path, help="folder to write (default: runs/NAME, numbered if it exists)")
+    size_.add_argument("--overwrite", action="store_true", help="write into the folder given with --out again")
+    size_.set_defaults(command=size)
+
+    diagnose_ = commands.add_parser("diagnose", help="what is missing in the model of a campaign's machine")
+    diagnose_.add_argument("campaign", type=Path, help="folder of the campaign")
+    diagnose_.add_argument("--out", type=Path, help="folder to write (default: diagnoses/NAME, numbered)")
+    diagnose_.add_argument("--overwrite", action="store_true", help="write into the folder of --out if it exists")
+    diagnose_.add_argument(
+        "--effect", dest="effects", action="append", default=[], metavar="FILE.py:CLASS",
+        help="suspect an effect of your own too; may be given several times",
+    )  # fmt: skip
+    diagnose_.set_defaults(command=diagnose)
+
+    add_ = commands.add_parser("add", help="fit a campaign's model with one more effect and write its configuration")
+    add_.add_argument("effect", help="id of an effect, or FILE.py:Class")
+    add_.add_argument("--campaign", type=Path, required=True, help="folder of the campaign")
+    add_.add_argument("--out", type=Path, help="configuration to write (default: NAME_EFFECT.yaml)")
+    add_.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
+    add_.set_defaults(command=add)
+
     plot = commands.add_parser("plot", help="pictures of a result")
     of_sweep = plot.add_subparsers(title="results", required=True, metavar="KIND").add_parser(
         "sweep", help="heat maps, parallel coordinates and Pareto front of a sweep"
@@ -89,6 +156,7 @@ def _parser() -> argparse.ArgumentParser:
 
     effects_ = commands.add_parser("effects", help="the library of effects; with a name, one effect in full")
     effects_.add_argument("name", nargs="?", help="id of an effect, or FILE.py:Class")
+    effects_.add_argument("--picture", type=Path, metavar="FILE", help="draw what the named effect does to the signals")
     effects_.add_argument("--config", type=Path, help="list the effects of this configuration, a user's own included")
     effects_.set_defaults(command=effects)
 

@@ -1,0 +1,55 @@
+"""A report as one file: HTML with its pictures inside."""
+
+import base64
+import html
+import io
+from collections.abc import Sequence
+
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; max-width: 1180px; margin: 2em auto; padding: 0 1.5em }
+h1 { font-size: 1.6em; margin-bottom: 0.2em } h2 { font-size: 1.2em; margin-top: 2em }
+table { border-collapse: collapse } td, th { padding: 0.25em 0.9em 0.25em 0; text-align: left; vertical-align: top }
+th { border-bottom: 1px solid #6e7781; font-weight: 600 } td.number { text-align: right; white-space: nowrap }
+img { max-width: 100% } p.quiet { color: #6e7781 } li { margin: 0.3em 0 }
+"""
+
+
+def page(title: str, *parts: str) -> str:
+    """The whole file."""
+    head = f'<meta charset="utf-8"><title>{html.escape(title)}</title><style>{STYLE}</style>'
+    return f"<!doctype html><html lang=en><head>{head}</head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
+
+
+def heading(text: str, depth: int = 2) -> str:
+    """A heading."""
+    return f"<h{depth}>{html.escape(text)}</h{depth}>"
+
+
+def paragraph(text: str) -> str:
+    """A paragraph in a quiet colour: how to read what follows."""
+    return f'<p class="quiet">{html.escape(text)}</p>'
+
+
+def listing(sentences: Sequence[str]) -> str:
+    """Sentences as a numbered list."""
+    return "<ol>" + "".join(f"<li>{html.escape(s)}</li>" for s in sentences) + "</ol>"
+
+
+def rows(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+    """A table; every column but the first and the last is set as numbers."""
+
+    def cell(at: int, text: str) -> str:
+        number = ' class="number"' if 0 < at < len(header) - 1 else ""
+        return f"<td{number}>{html.escape(text)}</td>"
+
+    top = "".join(f"<th>{html.escape(text)}</th>" for text in header)
+    lines = "".join("<tr>" + "".join(cell(k, t) for k, t in enumerate(row)) + "</tr>" for row in body)
+    return f"<table><tr>{top}</tr>{lines}</table>"
+
+
+def picture(figure, says: str) -> str:
+    """A matplotlib figure, with the sentence that says what it shows."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110)
+    data = base64.b64encode(buffer.getvalue()).decode()
+    return f'<img alt="{html.escape(says)}" title="{html.escape(says)}" src="data:image/png;base64,{data}">'

@@ -1,0 +1,52 @@
+"""The studies of fitting, in short form."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+from bench import SOUND
+from synthetic import bench, empty_campaign
+
+from edhas_jax.unknown import uncertain_unknowns
+
+STUDIES = SOUND.parent.parent.parent / "studies"
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, STUDIES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_lugre_friction_is_identified():
+    study = load("friction_identification")
+    study.SPEEDS, study.CREEPS = (5e-3, 20e-3, 80e-3), (60e-6,)
+    found = study.identify(study.measure(study.experiments()))
+    for name, value in found.values.items():
+        assert abs(value - study.TRUTH[name]) < 4.0 * found.errors[name], name
+        assert found.errors[name] < 0.4 * study.TRUTH[name]
+    assert study.draw(found).axes
+
+
+def test_error_bars_hold():
+    study = load("fit_coverage")
+    campaign = empty_campaign(bench(), lengths=(201, 201, 201))
+    distances = study.study(campaign, 4)
+    assert distances.shape == (4, len(uncertain_unknowns(campaign)))
+    assert (np.abs(distances) <= 1.96).mean() >= 0.75
+    assert "all" in study.report(campaign, distances)
+
+
+def test_the_drive_study_finds_what_it_put_in(monkeypatch):
+    """The friction of the drive, on a record made from it: the real record is not part of the project."""
+    study = load("emps")
+    names = study.MODELS["asymmetric"][1]
+    assert set(names) < {p for p in study.DriveFriction.__dataclass_fields__}
+    found = study.DriveFriction(dry_ratio=1.03, viscous_ratio=1.4)
+
+    class Here:
+        piston_velocity = -0.1
+
+    force = float(found.mover_friction(Here, None))
+    assert force == pytest.approx(-(1.03 * 20.0 + 1.4 * 20.0), rel=1e-6)
