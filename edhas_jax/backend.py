@@ -28,6 +28,8 @@ def prepare() -> None:
     if os.environ.get("EDHAS_XLA") != "plain":
         if "xla_backend_extra_options" not in flags:
             flags = f"{flags} --xla_backend_extra_options={CPU_OPTIONS}"
+        if "xla_flags_reset" not in flags:  # flags are read anew for each program: a reverse pass wants others
+            flags = f"{flags} --xla_flags_reset=true"
         if "EDHAS_CORES" in os.environ:
             flags = re.sub(r"--xla_force_host_platform_device_count=\d+", "", flags)
         if "xla_force_host_platform_device_count" not in flags:

@@ -125,7 +125,7 @@ def _watched(m: Rig) -> tuple[str, ...]:
     actuator = ("voltage", "coil_voltage", "current", "resistance", "piston_position", "piston_velocity", "reference")
     if isinstance(m, ActuatorBench):
         return actuator
-    return (*actuator, "outlet_flow", "outlet_pressure", "accumulator_pressure", "leakage_a", "leakage_b")
+    return (*actuator, "outlet_flow", "outlet_pressure", "accumulator_pressure", "load_drop", "leakage_a", "leakage_b")
 
 
 def _take(m: Rig, y, h):
@@ -165,7 +165,7 @@ def _add(m: Rig, sums, s, phase) -> dict[str, Any]:
         rise = s["outlet_pressure"] - s["accumulator_pressure"]
         new |= {
             "flow": s["outlet_flow"], "leakage": s["leakage_a"] + s["leakage_b"],
-            "swept": jnp.abs(s["piston_velocity"]), "delivered": s["outlet_flow"] * rise,
+            "swept": jnp.abs(s["piston_velocity"]), "delivered": s["outlet_flow"] * s["load_drop"],
         }  # fmt: skip
         peaks |= {
             "leakage": jnp.maximum(jnp.abs(s["leakage_a"]), jnp.abs(s["leakage_b"])), "rise": rise,
