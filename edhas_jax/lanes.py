@@ -64,7 +64,7 @@ def march_lanes(
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
     columns = {n: np.asarray(v, dtype) for n, v in values.items()}
     along = None if seeds is None else {n: np.asarray(seeds.get(n, np.zeros(count)), dtype) for n in columns}
-    loop = march_loop(numbers, tuple(columns), watch, seeds is not None, dtype)
+    loop = march_loop(numbers, tuple(columns), watch, seeds is not None, dtype, per_sample * step)
     if loop is not None:
         signals = loop.march(numbers, (columns,) if along is None else (columns, along), step, per_sample, lengths)
         return Traces(*signals, *[None] * (seeds is None))

@@ -78,3 +78,19 @@ def test_numbers_compile_nothing():
         )
     assert traces.values["current"].shape == (350, 2)
     assert not [row for row in compiled if "_stretch" in str(row)]
+
+
+def test_a_recorded_set_point_is_followed_alike_by_both_engines(monkeypatch):
+    rng = np.random.default_rng(0)
+    wanted = 1e-3 * np.cumsum(rng.standard_normal(60)) / 8.0
+    machine = edhas.ActuatorBench(reference=edhas.Recorded(values=wanted, interval=1e-3))
+    values, seeds = {"mover_mass": np.array([0.1, 0.2, 0.3])}, {"mover_mass": np.ones(3)}
+    watch = ("piston_position", "reference", "voltage")
+    native = march_lanes(machine, values, seeds, 1e-4, 10, 80, watch)  # beyond the end it is held
+    monkeypatch.setenv("EDHAS_ENGINE", "xla")
+    xla = march_lanes(machine, values, seeds, 1e-4, 10, 80, watch)
+    there = np.arange(80) != 59  # where the recording ends its rate has two values
+    for n in watch:
+        for one, other, share in ((native.values, xla.values, 1e-10), (native.slopes, xla.slopes, 1e-8)):
+            scale = np.abs(other[n]).max() + 1e-30
+            np.testing.assert_allclose(one[n][there], other[n][there], rtol=0, atol=share * scale, err_msg=n)

@@ -1,6 +1,7 @@
 """What a run is driven by: set points and recorded signals, as functions of time."""
 
 import jax.numpy as jnp
+import numpy as np
 
 from edhas_jax.tree import par, struct
 
@@ -82,6 +83,42 @@ class Recorded:
         value = here + u * (slope_here + u * (c2 + u * c3))
         rate = (slope_here + u * (2.0 * c2 + 3.0 * u * c3)) / self.interval
         return value, jnp.where(inside, rate, 0.0)
+
+
+@struct
+class Stretch:
+    """One interval of a recorded signal, from its sample number `index` to the next: the cubic of `Recorded`.
+
+    A march that takes its samples where the recording has its own needs no table, only the stretch that it is in.
+    """
+
+    interval: object
+    index: object
+    here: object
+    slope: object
+    second: object
+    third: object
+
+    @classmethod
+    def of(cls, recorded: Recorded, count: int) -> "Stretch":
+        """The first `count` stretches of a recording that starts at 0; every leaf (count,), the interval a number."""
+        values = np.asarray(recorded.values, float)
+        values = values[np.minimum(np.arange(-1, count + 2).clip(0), len(values) - 1)]  # held after the last
+        before, here, there, after = values[:-3], values[1:-2], values[2:-1], values[3:]
+        k, last, rise = np.arange(count), len(recorded.values) - 1, there - here
+        slope_here = np.where(k > 0, 0.5 * (there - before), rise)
+        slope_there = np.where(k < last - 1, 0.5 * (after - here), rise)
+        slope_here, slope_there = (np.where(k < last, slope, 0.0) for slope in (slope_here, slope_there))
+        return cls(
+            interval=float(recorded.interval), index=k.astype(float), here=here, slope=slope_here,
+            second=3.0 * rise - 2.0 * slope_here - slope_there, third=slope_here + slope_there - 2.0 * rise,
+        )  # fmt: skip
+
+    def at(self, t):
+        """Value and rate at time t [s] within the stretch."""
+        u = t / self.interval - self.index
+        value = self.here + u * (self.slope + u * (self.second + u * self.third))
+        return value, (self.slope + u * (2.0 * self.second + 3.0 * u * self.third)) / self.interval
 
 
 @struct

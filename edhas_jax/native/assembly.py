@@ -8,7 +8,7 @@ from edhas_jax.native.vector_code import VECTORS, Processor, VectorCode
 
 
 class Source(NamedTuple):
-    """Where an input comes from: row `row` of `table` ("carry", "lane" or "uniform"), or the number of the "step"."""
+    """Where an input comes from: a row of `table` ("carry", "lane", "uniform", "fed"), or the number of the "step"."""
 
     table: str
     row: int = 0
@@ -16,8 +16,8 @@ class Source(NamedTuple):
 
 _ACROSS = range(VECTORS)
 _FRAME = """{declarations}
-define void @run(ptr %carry, ptr %lane, ptr %uniform, ptr %kept, i64 %first, i64 %per_sample, i64 %samples, i64 %blocks)
-  #0 {{
+define void @run(ptr %carry, ptr %lane, ptr %uniform, ptr %fed, ptr %kept,
+                 i64 %first, i64 %per_sample, i64 %samples, i64 %blocks) #0 {{
 entry:
   br label %block_loop
 block_loop:
@@ -27,14 +27,15 @@ block_loop:
 sample_loop:
   %sample = phi i64 [ 0, %block_loop ], [ %next_sample, %sample_end ]
   {sample_phis}
+  %samples_before = mul i64 %block, %samples
+  %sample_block = add i64 %samples_before, %sample
   %keeping = icmp ne ptr %kept, null
   br i1 %keeping, label %keep, label %steps
 keep:
-  %kept_before = mul i64 %block, %samples
-  %kept_block = add i64 %kept_before, %sample
   {keep}
   br label %steps
 steps:
+  {feeding}
   %done = mul i64 %sample, %per_sample
   %begin = add i64 %first, %done
   %end = add i64 %begin, %per_sample
@@ -62,13 +63,16 @@ attributes #0 = {{ nounwind "prefer-vector-width"="{bits}" "min-legal-vector-wid
 """
 
 
-def assembly(program: Program, processor: Processor, sources: Sequence[Source], rows: int, lane_rows: int) -> str:
+def assembly(
+    program: Program, processor: Processor, sources: Sequence[Source], rows: int, lane_rows: int, fed_rows: int
+) -> str:
     """The text of a module with the function
 
-    run(carry, lane, uniform, kept, first, per_sample, samples, blocks): `samples` times, the carry is kept and
+    run(carry, lane, uniform, fed, kept, first, per_sample, samples, blocks): `samples` times, the carry is kept and
     `per_sample` ≥ 1 steps are taken, the first of which has the number `first`. For each block of lanes there are
-    `rows` rows of carry, `lane_rows` rows that stay as they are, and `samples` × `rows` rows to keep the carry in (none
-    if `kept` is null). Output k of the program is row k of the new carry.
+    `rows` rows of carry, `lane_rows` rows that stay as they are, `samples` × `fed_rows` rows of which each sample has
+    its own, and `samples` × `rows` rows to keep the carry in (none if `kept` is null). Output k of the program is row k
+    of the new carry.
     """
     code = VectorCode(program.type, processor)
     order = program.order()
@@ -101,8 +105,14 @@ def assembly(program: Program, processor: Processor, sources: Sequence[Source], 
     opening = code.taken()
     for r in range(rows):
         for j in _ACROSS:
-            code.store(f"%s{r}.{j}", _at(code, "%kept", "%kept_block", rows, r, j))
+            code.store(f"%s{r}.{j}", _at(code, "%kept", "%sample_block", rows, r, j))
     keep = code.taken()
+    for k, source in enumerate(sources):
+        if k in inputs and source.table == "fed":
+            spots = [_at(code, "%fed", "%sample_block", fed_rows, source.row, j) for j in _ACROSS]
+            names[inputs[k]] = [code.load(spot) for spot in spots]
+    compute(Level.SAMPLE)
+    feeding = code.taken()
     number = [code.splat(code.line(f"sitofp i64 %n to {code.scalar}"))] * VECTORS
     names |= {inputs[k]: number for k, source in enumerate(sources) if k in inputs and source.table == "step"}
     compute(Level.STEP)
@@ -125,6 +135,7 @@ def assembly(program: Program, processor: Processor, sources: Sequence[Source], 
         "opening": opening,
         "sample_phis": phis("s", lambda r, j: start[r][j], "block_loop", "sample_end"),
         "keep": keep,
+        "feeding": feeding,
         "step_phis": phis("c", lambda r, j: f"%s{r}.{j}", "steps", "step_loop"),
         "body": body,
         "closing": closing,
@@ -147,7 +158,7 @@ def _lane_by_lane(program: Program, order: Sequence[int], sources: Sequence[Sour
     for i in order:
         op, *args = program.nodes[i]
         if op == "input":
-            apart[i] = sources[args[0]].table in ("carry", "lane")
+            apart[i] = sources[args[0]].table in ("carry", "lane", "fed")
         else:
             apart[i] = any(apart[k] for k in program.operands(i))
     return apart

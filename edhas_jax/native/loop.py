@@ -14,6 +14,8 @@ from edhas_jax.native.machine_code import function, host
 from edhas_jax.native.program import Level
 from edhas_jax.native.reading import read
 
+_LEVELS = {"carry": Level.CARRY, "lane": Level.FIXED, "uniform": Level.FIXED, "fed": Level.SAMPLE}
+
 
 class Marched(NamedTuple):
     """What a loop leaves behind: the last carry, and those before every stretch with the samples as first axis."""
@@ -26,7 +28,8 @@ class Loop:
     """carry ← body(n, carry, lane, uniform) for n = first, first + 1, …: for each lane on its own.
 
     `body` is a JAX function of scalars. `carry`, `lane` (what differs from lane to lane) and `uniform` (what does not)
-    are pytrees of real scalars; the examples given here count only by their structure. Changing any number compiles
+    are pytrees of real scalars; the examples given here count only by their structure. With `fed`, another pytree of
+    what changes from sample to sample, the body has it as a fifth argument. Changing any number compiles
     nothing. With a `cache` the machine code is kept; a `key` stands for all that the body depends on, its own text
     included, and saves even looking at it. The numbers of a lane depend on that lane alone, to the bit, not on its
     place or on the number of threads.
@@ -37,27 +40,23 @@ class Loop:
 
     def __init__(
         self, body: Callable, dtype, carry: Any, lane: Any, uniform: Any, cache: Path | None = None,
-        key: str | None = None,
+        key: str | None = None, fed: Any = None,
     ):  # fmt: skip
         self.dtype = np.dtype(dtype)
-        self._structures = [jax.tree.structure(t) for t in (carry, lane, uniform)]
-        tables = [
-            jax.tree.map(lambda _, level=level: level, t)
-            for t, level in ((carry, Level.CARRY), (lane, Level.FIXED), (uniform, Level.FIXED))
-        ]
+        tables = {"carry": carry, "lane": lane, "uniform": uniform} | ({} if fed is None else {"fed": fed})
+        self._structures = {name: jax.tree.structure(table) for name, table in tables.items()}
 
         def text() -> str:
-            program, out = read(body, self.dtype, Level.STEP, *tables)
-            if out != self._structures[0]:
-                raise ValueError(f"the body turns {self._structures[0]} into {out}")
-            return assembly(program, host().processor, sources, rows, lane_rows)
+            levels = [jax.tree.map(lambda _, name=name: _LEVELS[name], table) for name, table in tables.items()]
+            program, out = read(body, self.dtype, Level.STEP, *levels)
+            if out != self._structures["carry"]:
+                raise ValueError(f"the body turns {self._structures['carry']} into {out}")
+            rows = {name: structure.num_leaves for name, structure in self._structures.items()}
+            sources = [Source("step"), *(Source(name, row) for name, count in rows.items() for row in range(count))]
+            return assembly(program, host().processor, sources, rows["carry"], rows["lane"], rows.get("fed", 0))
 
-        rows, lane_rows, uniform_rows = (s.num_leaves for s in self._structures)
-        sources = [Source("step")]
-        for name, count in (("carry", rows), ("lane", lane_rows), ("uniform", uniform_rows)):
-            sources += [Source(name, row) for row in range(count)]
         self.lanes = host().processor.lanes(self.dtype)
-        self._run = function(text, "run", [ctypes.c_void_p] * 4 + [ctypes.c_int64] * 4, cache, key)
+        self._run = function(text, "run", [ctypes.c_void_p] * 5 + [ctypes.c_int64] * 4, cache, key)
 
     def __call__(self, carry: Any, lane: Any, uniform: Any, first: int, steps: int, threads: int = 1) -> Any:
         """The carry after `steps` steps; leaves of `carry` and `lane` have the shape (lanes,)."""
@@ -65,20 +64,29 @@ class Loop:
 
     def march(
         self, carry: Any, lane: Any, uniform: Any, first: int, per_sample: int, samples: int, threads: int = 1,
-        keep: bool = True,
+        keep: bool = True, fed: Any = None,
     ) -> Marched:  # fmt: skip
-        """`samples` stretches of `per_sample` steps, the carry being kept before each: leaves (samples, lanes)."""
+        """`samples` stretches of `per_sample` steps, the carry being kept before each: leaves (samples, lanes).
+
+        Leaves of `fed` have the shape (samples,): they are the same for all lanes.
+        """
         count = np.shape(jax.tree.leaves(carry)[0])[0]
-        state, fixed = self._blocks(0, carry, count), self._blocks(1, lane, count)
-        scalars = np.array([*self._leaves(2, uniform)], self.dtype)
+        state, fixed = self._blocks("carry", carry, count), self._blocks("lane", lane, count)
+        scalars = np.array([*self._leaves("uniform", uniform)], self.dtype)
         blocks, rows, _ = state.shape
         kept = np.empty((blocks, samples, rows, self.lanes) if keep else 0, self.dtype)
+        feed = np.empty(0, self.dtype)
+        if fed is not None:
+            columns = np.stack([np.asarray(leaf, self.dtype) for leaf in self._leaves("fed", fed)], axis=1)
+            shape = blocks, samples, columns.shape[1], self.lanes
+            feed = np.ascontiguousarray(np.broadcast_to(columns[None, :, :, None], shape))
 
         def work(some: range) -> None:
             def at(table):
                 return table[some.start :].ctypes.data if table.size else None
 
-            self._run(at(state), at(fixed), scalars.ctypes.data, at(kept), first, per_sample, samples, len(some))
+            tables = at(state), at(fixed), scalars.ctypes.data, at(feed), at(kept)
+            self._run(*tables, first, per_sample, samples, len(some))
 
         shares = [range(b, min(b + 1, blocks)) for b in range(blocks)] if threads > 1 else [range(blocks)]
         if threads == 1 or blocks == 1:
@@ -88,18 +96,18 @@ class Loop:
                 list(pool.map(work, shares))
         last = state.transpose(1, 0, 2).reshape(rows, -1)[:, :count]
         seen = kept.transpose(2, 1, 0, 3).reshape(rows, samples, -1)[..., :count] if keep else ()
-        return Marched(jax.tree.unflatten(self._structures[0], list(last)), self._tree(seen) if keep else None)
+        return Marched(self._tree(last), self._tree(seen) if keep else None)
 
     def _tree(self, rows) -> Any:
-        return jax.tree.unflatten(self._structures[0], list(rows))
+        return jax.tree.unflatten(self._structures["carry"], list(rows))
 
-    def _leaves(self, which: int, tree: Any) -> list:
+    def _leaves(self, which: str, tree: Any) -> list:
         leaves, structure = jax.tree.flatten(tree)
         if structure != self._structures[which]:
             raise ValueError(f"this loop was compiled for {self._structures[which]}, not for {structure}")
         return leaves
 
-    def _blocks(self, which: int, tree: Any, count: int) -> np.ndarray:
+    def _blocks(self, which: str, tree: Any, count: int) -> np.ndarray:
         """The rows of a table, cut into blocks of lanes; the last block is filled up with its last lane."""
         rows = [np.broadcast_to(np.asarray(leaf, self.dtype), count) for leaf in self._leaves(which, tree)]
         table = np.stack(rows) if rows else np.empty((0, count), self.dtype)

@@ -12,8 +12,9 @@ class Level(enum.IntEnum):
     """What a value depends on at most."""
 
     FIXED = 0
-    STEP = 1
-    CARRY = 2
+    SAMPLE = 1
+    STEP = 2
+    CARRY = 3
 
 
 _LEAVES = ("input", "const", "truth")
@@ -147,12 +148,14 @@ class Program:
             return args[0]
         if op == "sqrt":
             return self.unary("rsqrt", args[0])
+        if op == "select" and all(self.value(i) for i in args[1:]):
+            return self.select(args[0], *(self.reciprocal(i) for i in args[1:]))
         return self.node("reciprocal", a)
 
     def power(self, a: int, n: int) -> int:
         """aⁿ for a whole n"""
         if n < 0:
-            return self.reciprocal(self.power(a, -n))
+            return self.power(self.reciprocal(a), -n)
         if n == 0:
             return self.const(1.0)
         half = self.power(a, n // 2)
