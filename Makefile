@@ -15,6 +15,7 @@ $(VENV)/.ready: pyproject.toml
 
 demo: setup
 	$(BIN)/python studies/first_run.py
+	$(BIN)/python studies/missing_effect.py
 
 test: setup
 	$(BIN)/ruff check .
@@ -22,10 +23,13 @@ test: setup
 	$(BIN)/python -m pytest -n 2
 
 bench: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python benchmarks/accuracy.py
 	$(BIN)/python benchmarks/step_size.py
 	$(BIN)/python benchmarks/abrupt_starts.py
+	$(BIN)/python benchmarks/gradients.py
 	$(BIN)/python benchmarks/throughput.py
+	$(BIN)/python benchmarks/peers.py
 
 lint: setup
 	$(BIN)/ruff check --fix .

@@ -177,16 +177,27 @@ def fit(
 
 
 def _corrected(model: Model, x: np.ndarray, covariance, per_sample: int, bounds) -> tuple[np.ndarray, tuple]:
-    """Gauss-Newton steps with signals from a finer step, the derivatives kept; and the signals there."""
+    """Gauss-Newton steps with signals from a finer step, the derivatives kept; and the signals there.
+
+    A step that does not lower the cost is not taken: a model that does not fit has other errors than the solver's.
+    """
     every = tuple(range(len(model.runs)))
     slopes = model.outcomes([Case(x, every)], per_sample, derive=True)[0]
-    for left in reversed(range(CORRECTIONS + 1)):
+
+    def at(x):
         exact = model.outcomes([Case(x, every)], EXACT * per_sample, derive=False)[0]
         outcomes = tuple(Outcome(exact[r].values, slopes[r].slopes) for r in every)
-        quadratic = _quadratic(model, x, dict(enumerate(outcomes)))
-        if not left or not np.isfinite(quadratic.cost[0]):
+        return outcomes, _quadratic(model, x, dict(enumerate(outcomes)))
+
+    outcomes, quadratic = at(x)
+    for _ in range(CORRECTIONS):
+        if not np.isfinite(quadratic.cost[0]):
             break
-        x = np.clip(x - covariance @ quadratic.gradient[0], *bounds)
+        moved = np.clip(x - covariance @ quadratic.gradient[0], *bounds)
+        there, after = at(moved)
+        if not after.cost[0] < quadratic.cost[0]:
+            break
+        x, outcomes, quadratic = moved, there, after
     return x, outcomes
 
 

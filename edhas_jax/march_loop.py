@@ -160,7 +160,7 @@ def march_loop(
     return _made(jax.tree.structure(machine), tuple(varied), tuple(watch), seeded, np.dtype(dtype))
 
 
-@functools.lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=24)
 def _made(structure, varied, watch, seeded: bool, dtype) -> MarchLoop | None:
     machine = jax.tree.unflatten(structure, [np.ones((), dtype)] * structure.num_leaves)
     try:

@@ -113,6 +113,7 @@ class _Bench:
         d["z"] = vp - p["s0"] * abs(vp) * y["z"] / level
         drag = p["s0"] * y["z"] + p["s1"] * d["z"] + p["s2"] * vp
         drag += get("asymmetric_friction", "forward_friction") * th * (1.0 + th) / 2.0
+        drag += get("asymmetric_damping", "damping_difference") * abs(v)
         drag += get("stroke_dependent_friction", "end_friction") * (xp / 5e-3) ** 2 * th
         gauge = max(y["pA"] - p["p_atm"], 0.0) + max(y["pB"] - p["p_atm"], 0.0)
         drag += get("seal_friction", "seal_coefficient") * S * gauge * th

@@ -1,6 +1,7 @@
 """The library of physical effects: one small class each, all alike, each removable."""
 
 from edhas_jax.effects.amplifier_lag import AmplifierLag
+from edhas_jax.effects.asymmetric_damping import AsymmetricDamping
 from edhas_jax.effects.asymmetric_friction import AsymmetricFriction
 from edhas_jax.effects.base import Effect, EffectError, state
 from edhas_jax.effects.cogging_force import CoggingForce
@@ -34,9 +35,9 @@ from edhas_jax.effects.valve_flow_force import ValveFlowForce
 LIBRARY: tuple[type[Effect], ...] = (
     LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction, ForceConstantDroop, MagneticSaturation,
     ReluctanceForce, CoggingForce, EddyDrag, InverterDeadTime, SupplySag, AmplifierLag, CoilHeating,
-    ConstantBiasForce, ParasiticSpring, AsymmetricFriction, StrokeDependentFriction, SealFriction, CouplingCompliance,
-    Backlash, ValveFlowForce, ValveAdhesion, SuctionSeatLeakage, DeliverySeatLeakage, HoseCompliance,
-    OutletLineInertance, OutletLineResistance, SuctionLineResistance, SuctionLineInertance, OilTemperature,
+    ConstantBiasForce, ParasiticSpring, AsymmetricFriction, AsymmetricDamping, StrokeDependentFriction, SealFriction,
+    CouplingCompliance, Backlash, ValveFlowForce, ValveAdhesion, SuctionSeatLeakage, DeliverySeatLeakage,
+    HoseCompliance, OutletLineInertance, OutletLineResistance, SuctionLineResistance, SuctionLineInertance, OilTemperature,
     PressureViscosity, CylinderSealFriction, LoadSpring, CylinderLeakageRise,
 )  # fmt: skip
 

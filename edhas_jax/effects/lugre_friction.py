@@ -18,14 +18,14 @@ class LugreFriction(Effect):
     looks_like = "current in phase with speed and nearly independent of it, a step at each reversal of the piston"
     confused_with = ("inverter_dead_time", "asymmetric_friction", "stroke_dependent_friction", "mover_damping")
 
-    coulomb_friction: float = par(4.0, "N", (1e-6, 1e4), "friction while sliding, F_C", plausible=(0.5, 15.0))
-    static_friction: float = par(6.0, "N", (1e-6, 1e4), "friction at break-away, F_S", plausible=(0.5, 25.0))
+    coulomb_friction: float = par(4.0, "N", (1e-6, 1e4), "friction while sliding, F_C", plausible=(0.5, 50.0))
+    static_friction: float = par(6.0, "N", (1e-6, 1e4), "friction at break-away, F_S", plausible=(0.5, 80.0))
     stribeck_velocity: float = par(
         0.02, "m/s", (1e-5, 1.0), "speed at which friction has fallen, v_S", plausible=(0.003, 0.1)
     )
     bristle_stiffness: float = par(1e5, "N/m", (1.0, 1e9), "stiffness before sliding, σ0", plausible=(1e4, 1e6))
     bristle_damping: float = par(100.0, "N*s/m", (0.0, 1e6), "damping of the bristles, σ1", plausible=(10.0, 1000.0))
-    viscous_friction: float = par(2.0, "N*s/m", (0.0, 1e4), "viscous part, σ2", plausible=(0.0, 10.0))
+    viscous_friction: float = par(2.0, "N*s/m", (0.0, 1e4), "viscous part, σ2", plausible=(0.5, 400.0))
 
     deflection = state("m", "mean bending of the bristles")
 

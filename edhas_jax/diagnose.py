@@ -1,0 +1,208 @@
+"""The search for what is missing: calibrate, screen every suspect, try the best, accept what new runs confirm."""
+
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from edhas_jax.calibration import residuals_of
+from edhas_jax.campaign import Campaign, Use
+from edhas_jax.diagnosis import Diagnosis, Round, Verdict
+from edhas_jax.effects import Effect
+from edhas_jax.fit import FitError
+from edhas_jax.forms import FORMS
+from edhas_jax.instruments import Instruments
+from edhas_jax.resolution import Resolution, choose_resolution
+from edhas_jax.screening import Score, Screen
+from edhas_jax.suspects import Suspect, can_have, problem_of, suspects_for
+from edhas_jax.trial import Judged, Trial, refined, search, start_from, try_suspect
+
+MOST_EFFECTS = 3
+CALIBRATION_STEPS, TRIAL_STEPS, FINAL_STEPS = 25, 12, 12
+PROMISE = 25.0  # fall of χ² below which a suspect is not worth a trial: chance gives as much to the best of forty
+MOST_TRIALS = 5
+RIVAL = 0.1  # share of the best gain that a suspect must promise to be tried as its rival
+GAIN = 12.0  # rise of the evidence for which an effect is accepted, if new runs agree
+SIGMAS = 2.0  # standard errors by which ½χ² of new runs must fall
+NEAR_NOISE = 1.3  # residual over noise below which fits are finished at the fine step before they are compared
+MARGIN = 30.0  # rise of the evidence by which a bare formula must beat a named effect
+AHEAD = 2.0  # how much more a formula must promise than an effect has brought, to be worth a trial
+MOST = 0.9  # share of what a model leaves over beyond noise for which an effect accounts fully
+FLOOR = 1.02  # residual over noise on new runs above which something is left to explain
+
+
+def diagnose(
+    campaign: Campaign,
+    library: Iterable[type[Effect]] | None = None,
+    more: Iterable[type[Effect]] = (),
+    on_progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Say whether anything is missing in a campaign's model, and what.
+
+    `library` restricts the effects that are suspected, `more` adds a user's own. `on_progress` gets a sentence now and
+    then.
+
+    Raises:
+        FitError: nothing to fit, or a model that cannot be fitted.
+    """
+    began, say = time.perf_counter(), on_progress or (lambda sentence: None)
+    machine, instruments = campaign.machine, Instruments()
+    problem = problem_of(campaign, machine, instruments, ())
+    centre = start_from(problem, {})
+    say("looking for the step that serves")
+    resolution = choose_resolution(problem.model(), centre)
+    say("fitting what is uncertain")
+    null = search(problem, centre, resolution.rough, CALIBRATION_STEPS)
+    null = _finished(null, resolution, say)
+    allowed = None if library is None else {kind.id for kind in (*library, *more)}
+    rounds = _rounds(campaign, null, resolution, more, allowed, say)
+    after = rounds[-1].before
+    return Diagnosis(
+        campaign, _verdict(after, rounds), tuple(rounds),
+        residuals_of(campaign, machine, instruments, resolution.fine), null, after, time.perf_counter() - began,
+    )  # fmt: skip
+
+
+def _rounds(
+    campaign: Campaign, null: Judged, resolution: Resolution, more, allowed: set[str] | None, say
+) -> list[Round]:
+    """One effect after another, until nothing that is left to suspect is confirmed by new runs."""
+    before, rounds = null, []
+    while True:
+        accepted = [r.accepted.suspect for r in rounds]
+        fitted = before.fit.problem
+        suspects = suspects_for(campaign, fitted.machine, fitted.instruments, more)
+        if allowed is not None:
+            suspects = [s for s in suspects if s.signal is not None or s.id in allowed]
+        rounds.append(_round(before, accepted, suspects, resolution, say, last=len(rounds) == MOST_EFFECTS))
+        found = rounds[-1].accepted
+        if found is None:
+            return rounds
+        say(f"found: {found.suspect.name}")
+        before = found.judged if _near(before) else _finished(found.judged, resolution, say)
+
+
+def _round(
+    before: Judged, accepted: Sequence[Suspect], suspects: Sequence[Suspect], resolution: Resolution, say, last: bool
+) -> Round:
+    """The search for one more effect. Formulas are asked where no effect promises to account for what is left over."""
+    screen, excess = Screen(before.fit, accepted), _excess(before)
+    scores = _screened(screen, suspects, say)
+    if last:
+        return Round(before, tuple(scores), (), None)
+    most = scores[0].fall if scores else 0.0
+    forms: list[Score] = []
+    if excess > PROMISE and most < 0.5 * excess:
+        forms = _screened(screen, [Suspect(k) for k in FORMS if can_have(before.fit.problem.machine, k)], say)
+    first = bool(forms) and forms[0].fall > AHEAD * most
+    tried = _tournament(before, accepted, forms, resolution, say) if first else []
+    reached = max((t.gain for t in tried), default=0.0)
+    trials = _tournament(before, accepted, scores, resolution, say, reached)
+    best = max(trials, key=lambda t: t.gain, default=None)
+    found = best if best is not None and confirmed(before, best) else None
+    gain = found.gain if found else 0.0
+    if forms and not first and 2.0 * gain < MOST * excess:
+        promising = [s for s in forms if s.fall > AHEAD * gain]
+        tried = _tournament(before, accepted, promising, resolution, say, gain)
+    tried = sorted(tried, key=lambda t: -t.gain)
+    if tried and confirmed(before, tried[0]) and tried[0].gain > MARGIN + gain:
+        # a bare formula does better than any effect: what is missing is not in the library
+        return Round(before, tuple(scores), tuple(trials), None, tuple(tried))
+    return Round(before, tuple(scores), tuple(trials), found)
+
+
+def _excess(judged: Judged) -> float:
+    """How far χ² of the fitted runs lies above what noise alone gives, beyond the scatter of that."""
+    samples = sum(np.isfinite(v).sum() for signals in judged.fit.residuals.values() for v in signals.values())
+    return 2.0 * judged.cost - float(samples) - 3.0 * math.sqrt(2.0 * float(samples))
+
+
+def _screened(screen: Screen, suspects: Sequence[Suspect], say) -> list[Score]:
+    """The scores of all suspects, the most promising first."""
+    scores = []
+    for k, suspect in enumerate(suspects):
+        say(f"screening {k + 1} of {len(suspects)}: {suspect.name}")
+        scores.append(screen.score(suspect))
+    return sorted(scores, key=lambda score: -score.fall)
+
+
+def _tournament(
+    before: Judged, accepted: Sequence[Suspect], scores: Sequence[Score], resolution: Resolution, say,
+    reached: float = 0.0,
+) -> list[Trial]:  # fmt: skip
+    """Trials of the suspects that promise most, until the rest promise too little beside what was reached."""
+    trials: list[Trial] = []
+    for score in scores[:MOST_TRIALS]:
+        if score.fall < PROMISE or 0.5 * score.fall < RIVAL * reached:
+            break
+        say(f"trying {score.suspect.name}, which promises a fall of χ² by {score.fall:.0f}")
+        trials.append(try_suspect(before, accepted, score, resolution, TRIAL_STEPS, finish=_near(before)))
+        reached = max(reached, trials[-1].gain)
+    return trials
+
+
+def _finished(judged: Judged, resolution: Resolution, say) -> Judged:
+    """A fit with the solver's error taken out, where what is left over is so little that this would matter."""
+    if not _near(judged):
+        return judged
+    say("refining the fit")
+    return refined(judged, resolution, FINAL_STEPS)
+
+
+def _near(judged: Judged) -> bool:
+    """Whether so little is left over that the solver's error at the rough step would matter."""
+    return judged.level(Use.FIT) < NEAR_NOISE
+
+
+def confirmed(before: Judged, trial: Trial) -> bool:
+    """Whether the evidence for a suspect is clear, and runs that no fit has seen say so too."""
+    if trial.judged is None or trial.gain < GAIN:
+        return False
+    gains = before.half_chi_square() - trial.judged.half_chi_square()
+    # under the better model the fall of ½χ² has a variance of twice itself
+    return float(gains.sum()) > SIGMAS * math.sqrt(2.0 * max(float(np.abs(gains).sum()), 1.0))
+
+
+def _unexplained(judged: Judged) -> bool:
+    """Whether more is left over than noise on runs that no fit has seen."""
+    campaign = judged.fit.problem.campaign
+    use = Use.HOLDOUT if campaign.runs_for(Use.HOLDOUT) else Use.FIT
+    rows = [v for run in campaign.runs_for(use) for v in judged.residuals[run.name].values()]
+    samples = sum(int(np.isfinite(v).sum()) for v in rows)
+    # the rms of few samples scatters by 1/√(2n)
+    return judged.level(use) > max(FLOOR, 1.0 + 3.0 / math.sqrt(2.0 * max(samples, 1)))
+
+
+def _verdict(after: Judged, rounds: Sequence[Round]) -> Verdict:
+    if rounds[-1].forms or _unexplained(after):
+        return Verdict.UNKNOWN_EFFECT
+    if rounds[0].accepted is None:
+        return Verdict.ADEQUATE
+    return Verdict.AMBIGUOUS if any(len(r.group()) > 1 for r in rounds) else Verdict.MISSING_EFFECT
+
+
+def add_effect(
+    campaign: Campaign, kind: type[Effect], on_progress: Callable[[str], None] | None = None
+) -> tuple[Judged, Judged]:
+    """The model of a campaign without and with one more effect, everything uncertain fitted in both.
+
+    Raises:
+        FitError: nothing to fit, a model that cannot be fitted, or an effect that the machine cannot have.
+    """
+    say = on_progress or (lambda sentence: None)
+    able = {s.id: s for s in suspects_for(campaign, campaign.machine, Instruments(), (kind,)) if s.signal is None}
+    if kind.id not in able:
+        raise FitError(f"{kind.id} cannot be added to {campaign.name}: its machine has it already, or no place for it")
+    problem = problem_of(campaign, campaign.machine, Instruments(), ())
+    centre = start_from(problem, {})
+    say("looking for the step that serves")
+    resolution = choose_resolution(problem.model(), centre)
+    say("fitting what is uncertain")
+    before = search(problem, centre, resolution.rough, CALIBRATION_STEPS)
+    say(f"fitting with {kind.id}")
+    score = Screen(before.fit, ()).score(able[kind.id])
+    trial = try_suspect(before, (), score, resolution, TRIAL_STEPS, finish=True)
+    if trial.judged is None:
+        raise FitError(f"the model with {kind.id} fails (it is not finite) wherever the fit has looked")
+    return before, trial.judged

@@ -1,0 +1,144 @@
+"""The trial of a suspect: everything fitted anew with it in place, and judged on runs that no fit has seen."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from edhas_jax.calibration import residuals_of
+from edhas_jax.campaign import Use
+from edhas_jax.fit import EXACT, Fit, FitError, Problem, fit, sums_of_squares
+from edhas_jax.levenberg import minimise
+from edhas_jax.misfit import level
+from edhas_jax.prediction import Case
+from edhas_jax.resolution import Resolution
+from edhas_jax.screening import Score
+from edhas_jax.suspects import Suspect, problem_of
+
+ENOUGH = 0.3  # share of what a suspect promised that a fit from one start must bring, else another start is tried
+PULLED_BACK = 0.3  # share of the known parameters' excursions that the other start keeps
+
+
+@dataclasses.dataclass(frozen=True)
+class Judged:
+    """A fit with the residuals (measured − model)/noise of all runs, by run and signal."""
+
+    fit: Fit
+    residuals: dict[str, dict[str, np.ndarray]]
+
+    @property
+    def cost(self) -> float:
+        """½χ² of residuals and prior of the runs that were fitted."""
+        prior = sum(x * x for u, x in zip(self.fit.problem.unknowns, self.fit.x, strict=True) if u.prior)
+        squares = sum(np.nansum(v * v) for signals in self.fit.residuals.values() for v in signals.values())
+        return 0.5 * float(prior + squares)
+
+    @property
+    def evidence(self) -> float:
+        """ln ∫ likelihood · prior by Laplace's rule, up to what all models of a campaign share."""
+        return -self.cost + 0.5 * float(np.linalg.slogdet(self.fit.covariance)[1])
+
+    def level(self, use: Use) -> float:
+        """Residual over noise of the runs of one use; NaN where there are none."""
+        campaign = self.fit.problem.campaign
+        rows = [v for run in campaign.runs_for(use) for v in self.residuals[run.name].values()]
+        return level(rows) if rows else math.nan
+
+    def half_chi_square(self) -> np.ndarray:
+        """½Σ(residual/noise)² by run and signal, of the runs that no fit has seen; of all where none is held out."""
+        campaign = self.fit.problem.campaign
+        runs = campaign.runs_for(Use.HOLDOUT) or campaign.runs
+        return np.array([0.5 * np.nansum(np.square(v)) for run in runs for v in self.residuals[run.name].values()])
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """A suspect with what it promised and what came of it; `judged` is None where no fit was possible.
+
+    `gain` is how much it raises the evidence above that of the model without it, `gain_on_new` how much ½χ² falls on
+    runs that no fit has seen.
+    """
+
+    suspect: Suspect
+    score: Score
+    judged: Judged | None
+    gain: float
+    gain_on_new: float
+
+
+def search(problem: Problem, start: np.ndarray, per_sample: int, most_steps: int) -> Judged:
+    """The fit of a problem from one start at one step, without the refinements of a final one.
+
+    Raises:
+        FitError: the model fails wherever the fit has looked.
+    """
+    model = problem.model()
+    every = tuple(range(len(model.runs)))
+    low, high = np.array([u.bounds() for u in problem.unknowns]).T
+    found = minimise(
+        lambda x, which: sums_of_squares(model, [Case(row, every) for row in x], per_sample),
+        start[None], low, high, tolerance=0.5, most_steps=most_steps,
+    )  # fmt: skip
+    x, cost = found.x[0], float(found.at.cost[0])
+    if not np.isfinite(cost):
+        raise FitError("the model fails (it is not finite, or leaves its physical range) wherever the fit has looked")
+    outcomes = model.outcomes([Case(x, every)], per_sample, derive=True)[0]
+    covariance = np.linalg.inv(found.at.curvature[0])
+    done = Fit(
+        problem, x, x, covariance, cost, tuple(outcomes[r] for r in every),
+        Resolution(per_sample, per_sample, math.nan), bool(found.converged[0]), found.at.cost,
+    )  # fmt: skip
+    return judge(done, per_sample)
+
+
+def judge(fitted: Fit, per_sample: int) -> Judged:
+    """A fit, judged on all runs of its campaign at `per_sample` steps from sample to sample."""
+    return Judged(fitted, residuals_of(fitted.problem.campaign, fitted.machine, fitted.instruments, per_sample))
+
+
+def start_from(problem: Problem, values: dict[str, float]) -> np.ndarray:
+    """Coordinates of a problem at the values (SI) that are known; the centre of the prior for the rest."""
+    return np.array([u.coordinate(values[u.name]) if u.name in values else 0.0 for u in problem.unknowns])
+
+
+def refined(judged: Judged, resolution: Resolution, most_steps: int) -> Judged:
+    """A fit finished at the fine step and freed of the solver's error."""
+    fitted, fine = judged.fit, Resolution(resolution.rough, resolution.fine, resolution.error)
+    try:
+        done = fit(fitted.problem, fitted.x[None], resolution=fine, most_steps=most_steps, search=False)
+    except FitError:
+        return judged
+    return judge(done, EXACT * resolution.fine)
+
+
+def try_suspect(
+    before: Judged, accepted: Sequence[Suspect], score: Score, resolution: Resolution, most_steps: int, finish: bool
+) -> Trial:
+    """Fit everything anew with a suspect in place, at the fine step if it is to `finish`.
+
+    From where the fit without it stands, and if that leads nowhere, from a point nearer to what was believed of the
+    known parameters, as a wrong model may have led them astray.
+    """
+    fitted, suspect = before.fit, score.suspect
+    problem = problem_of(
+        fitted.problem.campaign, fitted.problem.machine, fitted.problem.instruments, accepted, suspect
+    )
+    known = len(problem.unknowns) - len(score.x)
+    here = np.concatenate([start_from(problem, fitted.values)[:known], score.x])
+    there = np.concatenate([PULLED_BACK * here[:known], score.x])
+    best: Judged | None = None
+    for start in (here, there):
+        try:
+            found = search(problem, start, resolution.rough, most_steps)
+            found = refined(found, resolution, most_steps) if finish else found
+        except FitError:
+            continue
+        if best is None or found.evidence > best.evidence:
+            best = found
+        if before.cost - best.cost > 0.5 * ENOUGH * score.fall:
+            break
+    if best is None:
+        return Trial(suspect, score, None, -math.inf, -math.inf)
+    gains = before.half_chi_square() - best.half_chi_square()
+    return Trial(suspect, score, best, best.evidence - before.evidence, float(gains.sum()))
