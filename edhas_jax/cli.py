@@ -10,6 +10,7 @@ from edhas_jax.commands.compare import compare
 from edhas_jax.commands.diagnose import add, diagnose
 from edhas_jax.commands.fit import fit
 from edhas_jax.commands.lists import effects, parameters, schema
+from edhas_jax.commands.plan import plan
 from edhas_jax.commands.sensitivity import sensitivity
 from edhas_jax.commands.simulate import simulate
 from edhas_jax.commands.size import size
@@ -88,6 +89,17 @@ def _parser() -> argparse.ArgumentParser:
         help="also the likelihood along this parameter, all others fitted anew; may be given several times",
     )  # fmt: skip
     fit_.set_defaults(command=fit)
+
+    plan_ = commands.add_parser("plan", help="before any test: what a campaign's runs and sensors could reveal")
+    plan_.add_argument("campaign", type=Path, help="folder of the campaign; its runs need no files yet")
+    plan_.add_argument("--rate", default="5 kHz", help="sampling of runs without a file (default: 5 kHz)")
+    plan_.add_argument(
+        "--effect", dest="effects", action="append", default=[], metavar="FILE.py:Class",
+        help="suspect this effect of your own too; may be given several times",
+    )  # fmt: skip
+    plan_.add_argument("--out", type=Path, help="folder to write (default: plans/NAME, numbered if it exists)")
+    plan_.add_argument("--overwrite", action="store_true", help="write into the folder given with --out if it exists")
+    plan_.set_defaults(command=plan)
 
     sensitivity_ = commands.add_parser("sensitivity", help="which parameters matter where: elasticities, Sobol, Morris")
     sensitivity_.add_argument("config", type=Path, help="configuration of the analysis, YAML")

@@ -12,11 +12,11 @@ from edhas_jax.misfit import levels
 from edhas_jax.screening import Score
 from edhas_jax.suspects import Suspect
 from edhas_jax.trial import Judged, Trial
-from edhas_jax.units import format_quantity
+from edhas_jax.units import format_quantity, with_error
 
 TEMPER = 0.1  # exponent of the evidence: models are never exact, so that likelihoods of 10⁴ samples are too sure
+UNCONFIRMED = 0.05  # probability that something is missing where new runs confirmed nothing
 ALIKE = 20.0  # ratio of probabilities below which two suspects are not told apart
-NONE = "none"
 
 
 class Verdict(enum.Enum):
@@ -50,8 +50,10 @@ class Round:
         gains: dict[Suspect | None, float] = {None: 0.0}
         gains |= {score.suspect: 0.25 * score.fall for score in self.scores}
         gains |= {trial.suspect: trial.gain if math.isfinite(trial.gain) else -1e9 for trial in self.trials}
-        if self.accepted is None:  # what new runs speak against is not what is missing
-            gains |= {t.suspect: min(t.gain, 0.0) - 10.0 / TEMPER * (t.gain_on_new < 0.0) for t in self.trials}
+        if self.accepted is None:  # nothing was confirmed: that one of the many is missing all the same is unlikely
+            gains |= {t.suspect: min(t.gain, 0.0) for t in self.trials}
+            penalty = math.log(len(self.scores) / UNCONFIRMED) / TEMPER if self.scores else 0.0
+            gains = {suspect: gain - penalty * (suspect is not None) for suspect, gain in gains.items()}
         most = max(gains.values())
         weights = {suspect: math.exp(TEMPER * (gain - most)) for suspect, gain in gains.items()}
         total = sum(weights.values())
@@ -108,8 +110,9 @@ class Diagnosis:
         for r in self.rounds:
             trials = {t.suspect: t for t in r.trials}
             for suspect, p in r.probabilities().items():
-                if suspect is not None and p > found.get(suspect, (-1.0, None))[0]:
-                    found[suspect] = p, trials.get(suspect)
+                if suspect is not None:
+                    most, trial = found.get(suspect, (0.0, None))
+                    found[suspect] = max(p, most), trial or trials.get(suspect)
         if self.verdict is Verdict.UNKNOWN_EFFECT:  # none of them is what is missing
             accepted = {t.suspect for t in self.accepted}
             found = {s: (p if s in accepted else 0.05 * p, t) for s, (p, t) in found.items()}
@@ -169,8 +172,8 @@ class Diagnosis:
         fit, out = self.final, []
         for u in fit.problem.unknowns:
             if u.name.startswith(suspect.prefix):
-                value, error = (format_quantity(v, u.unit) for v in (fit.values[u.name], fit.errors[u.name]))
-                out.append(f"{u.name.removeprefix(suspect.prefix)} {value} ± {error}")
+                size = with_error(fit.values[u.name], fit.errors[u.name], u.unit)
+                out.append(f"{u.name.removeprefix(suspect.prefix)} {size}")
         return ", ".join(out)
 
     def errors(self) -> dict[str, dict[str, dict[str, float]]]:

@@ -223,3 +223,11 @@ def _mismatch(text: str, given: str, unit: str, example: str) -> str:
     if is_word and needed and is_word != needed:
         return f'"{text}" is {with_article(is_word)}, not {with_article(needed)}; {_hint(unit, example)}'
     return f'"{text}" does not convert to {needed and with_article(needed) or _plain(unit)}; {_hint(unit, example)}'
+
+
+def with_error(value: float, error: float, unit: str) -> str:
+    """A value (SI) with its standard error, both in the unit that suits the value: "0.800 ± 0.0004 V"."""
+    shown = shown_unit(unit, value)
+    number, spread = from_si(value, unit, shown), from_si(error, unit, shown) - from_si(0.0, unit, shown)
+    digits = min(7, max(0, 1 - math.floor(math.log10(spread)))) if spread > 0.0 else 4
+    return f"{number:.{digits}f} ± {spread:.2g} {shown}".rstrip()

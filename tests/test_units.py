@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from edhas_jax.units import UnitError, exact_quantity, format_quantity, from_si, shown_unit, to_si
+from edhas_jax.units import UnitError, exact_quantity, format_quantity, from_si, shown_unit, to_si, with_error
 
 
 @pytest.mark.parametrize(
@@ -103,3 +103,8 @@ def test_from_si_and_shown_unit():
     assert shown_unit("m", 20e-6) == "µm"
     with pytest.raises(UnitError):
         from_si(1.0, "m", "kg")
+
+
+def test_an_error_is_shown_in_the_unit_of_its_value():
+    assert with_error(0.8002, 3.8e-4, "V") == "0.80020 ± 0.00038 V"
+    assert with_error(2.0e-3, 0.0, "s") == "2.0000 ± 0 ms"

@@ -14,6 +14,7 @@ def diagnose(options) -> None:
     from edhas_jax.diagnose import diagnose as search
     from edhas_jax.diagnosis_file import save_diagnosis
     from edhas_jax.diagnosis_report import write_report
+    from edhas_jax.diagnosis_story import draw_story
     from edhas_jax.effects.discover import load_effect
     from edhas_jax.fit import FitError
     from edhas_jax.plan import next_experiment
@@ -38,6 +39,7 @@ def diagnose(options) -> None:
             folder.mkdir(parents=True, exist_ok=True)
             save_diagnosis(found, folder, None if experiment is None else experiment.as_json())
             write_report(found, folder / "report.html", experiment)
+            draw_story(found).savefig(folder / "diagnosis.png", dpi=130)
         except OSError as error:
             raise StoreError(f"{folder}: cannot be written: {error.strerror}") from None
     out.print(suspects_table(found))

@@ -37,8 +37,8 @@ LIBRARY: tuple[type[Effect], ...] = (
     ReluctanceForce, CoggingForce, EddyDrag, InverterDeadTime, SupplySag, AmplifierLag, CoilHeating,
     ConstantBiasForce, ParasiticSpring, AsymmetricFriction, AsymmetricDamping, StrokeDependentFriction, SealFriction,
     CouplingCompliance, Backlash, ValveFlowForce, ValveAdhesion, SuctionSeatLeakage, DeliverySeatLeakage,
-    HoseCompliance, OutletLineInertance, OutletLineResistance, SuctionLineResistance, SuctionLineInertance, OilTemperature,
-    PressureViscosity, CylinderSealFriction, LoadSpring, CylinderLeakageRise,
+    HoseCompliance, OutletLineInertance, OutletLineResistance, SuctionLineResistance, SuctionLineInertance,
+    OilTemperature, PressureViscosity, CylinderSealFriction, LoadSpring, CylinderLeakageRise,
 )  # fmt: skip
 
 __all__ = ["LIBRARY", "Effect", "EffectError", "state", *(effect.__name__ for effect in LIBRARY)]
