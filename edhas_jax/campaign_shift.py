@@ -16,6 +16,7 @@ from edhas_jax.components.reference import Sine
 from edhas_jax.sensors import SensorLag
 from edhas_jax.units import format_quantity
 
+LAGS = (0.0, 0.5, 1.0, 1.5)  # intervals by which the time constant of a lag may exceed the shift it looks like
 LEAST = 1e-3  # s; smaller shifts cannot be told from what a wrong parameter does
 SAMPLES = 2.0  # and shifts by fewer samples
 BETTER = 0.4  # what moving the signal leaves of the difference to the model
@@ -119,7 +120,8 @@ class Shifts:
             return False
         if late < 0.0:
             return True
-        lagged = np.array([self._left(run, name, 0.0, lag=late) for run in runs])
+        # a lag of sampled values is late by half an interval less than its time constant
+        lagged = np.array([min(self._left(run, name, 0.0, lag=late + k * run.interval) for k in LAGS) for run in runs])
         return np.sum(shifted**2) < np.sum(lagged**2)
 
 

@@ -26,7 +26,8 @@ from edhas_jax.system import RIGS, ActuatorBench, ActuatorSystem, PumpBench
 from edhas_jax.tree import replace
 
 CONFIGS = Path(__file__).parent.parent / "configs"
-SHIPPED = sorted(p for p in CONFIGS.glob("*.yaml") if not p.name.startswith("sweep_"))  # those are read in test_sweep
+# sweeps, sensitivities and sizings are read in tests of their own
+SHIPPED = sorted(p for p in CONFIGS.glob("*.yaml") if p.name.split("_")[0] not in ("sweep", "sensitivity.yaml", "size"))
 
 
 def same(a, b) -> bool:

@@ -9,7 +9,7 @@ from edhas_jax.tree import par
 class AsymmetricDamping(Effect):
     """Viscous friction that differs between forward and backward, as of a worn screw or of guides under a side load.
 
-    F = c_a |v|: the coefficient of damping is higher by c_a forward, and lower by c_a backward
+    F = −c_a |v|: the coefficient of damping is higher by c_a forward, and lower by c_a backward
 
     Source: found on a real linear drive, 167 and 240 N·s/m (Janot, Gautier, Brunot: EMPS, 2019).
     """
@@ -21,5 +21,5 @@ class AsymmetricDamping(Effect):
         5.0, "N*s/m", (-1e4, 1e4), "half of forward less backward damping, c_a", plausible=(-60.0, 60.0)
     )
 
-    def mover_friction(self, s, z):
-        return self.damping_difference * jnp.abs(s.sliding_velocity)
+    def mover_force(self, s, z):
+        return -self.damping_difference * jnp.abs(s.piston_velocity)
