@@ -1,0 +1,75 @@
+"""A campaign as the folder that it is read from: `campaign.yaml` and one CSV file per run."""
+
+from pathlib import Path
+
+import numpy as np
+
+from edhas_jax.campaign import Campaign, CampaignError
+from edhas_jax.campaign_reader import FILE, REFINED
+from edhas_jax.parameters import KINDS, find_parameter, list_parameters
+from edhas_jax.signals import SIGNALS
+from edhas_jax.units import exact_quantity, from_si
+
+DIGITS = "%.6g"
+
+
+def write_campaign(campaign: Campaign, folder: Path) -> list[Path]:
+    """Write a campaign into a new or empty folder; the paths of its files.
+
+    The machine may differ from the nominal one by its parameters and by refined effects that it lacks.
+
+    Raises:
+        CampaignError: another amplifier, controller or reference than nominal, which would be lost; the folder holds
+            something already, or cannot be written.
+    """
+    nominal = type(campaign.machine)()
+    for section in (name for name in KINDS if hasattr(nominal, name)):
+        if type(getattr(campaign.machine, section)) is not type(getattr(nominal, section)):
+            raise CampaignError(f"{campaign.name}: a campaign with another {section} than nominal cannot be written")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise CampaignError(f"{folder}: exists already; nothing was written. Name another folder")
+    paths = [folder / FILE]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        paths[0].write_text(campaign_text(campaign), encoding="utf-8")
+        for run in campaign.runs:
+            columns = {"time [ms]": 1e3 * run.time}
+            for name, values in run.signals.items():
+                unit = campaign.channels[name].unit
+                columns[f"{name} [{unit}]"] = from_si(values, SIGNALS[name].unit, unit)
+            path = folder / f"{run.name}.csv"
+            table = np.stack(list(columns.values()), axis=1)
+            np.savetxt(path, table, DIGITS, ",", header=",".join(columns), comments="", encoding="utf-8")
+            paths.append(path)
+    except OSError as error:
+        raise CampaignError(f"{folder}: cannot be written: {error.strerror}") from None
+    return paths
+
+
+def campaign_text(campaign: Campaign) -> str:
+    """The text of `campaign.yaml`."""
+    machine = campaign.machine
+    lines = [f"name: {campaign.name}", f"rig: {machine.name}"]
+    mounted = {effect.id for effect in machine.effects}
+    without = [e.id for e in REFINED if e.id not in mounted and set(e.slots) <= set(machine.slots)]
+    lines += [f"without: [{', '.join(without)}]"] if without else []
+    rows = list_parameters(machine)
+    flat = [p.name for p, _, _ in rows]
+    changed = [(p, value, path) for p, value, path in rows if float(value) != p.default]
+    lines += ["parameters:"] if changed else []
+    for p, value, path in changed:
+        name = p.name if flat.count(p.name) == 1 else f"{path}.{p.name}"
+        lines.append(f"  {name}: {exact_quantity(value, p.unit)}")
+    lines += ["uncertain:   # relative standard deviation"] if campaign.uncertain else []
+    lines += [f"  {name}: {spread:g}" for name, spread in campaign.uncertain.items()]
+    lines.append("signals:   # unit in the files, standard deviation of the noise in that unit")
+    for name, channel in campaign.channels.items():
+        size = from_si(channel.noise, SIGNALS[name].unit, channel.unit)
+        lines.append(f"  {name}: {{unit: {channel.unit}, noise: {size:.6g}}}")
+    lines.append("runs:")
+    for run in campaign.runs:
+        words = [f"file: {run.name}.csv", f"use: {run.use.value}"]
+        for name, value in run.conditions.items():
+            words.append(f"{name}: {exact_quantity(value, find_parameter(machine, name)[0].unit)}")
+        lines.append(f"  - {{{', '.join(words)}}}")
+    return "\n".join([*lines, ""])

@@ -1,0 +1,120 @@
+"""Hidden effects found end to end: campaigns made by another integrator, what is answered, and that it helps."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import edhas_jax as edhas
+from edhas_jax import tree
+from edhas_jax.campaign import Channel, Use
+from edhas_jax.diagnose import diagnose
+from edhas_jax.diagnosis import Diagnosis, Verdict
+from edhas_jax.effects import (
+    AsymmetricFriction,
+    CoggingForce,
+    Effect,
+    ForceConstantDroop,
+    InverterDeadTime,
+    LugreFriction,
+    MagneticSaturation,
+    ParasiticSpring,
+)
+from edhas_jax.sensors import SensorLag
+from edhas_jax.synthesise import PlannedRun, drawn, planned_campaign, synthesise
+from edhas_jax.tree import par
+
+LIBRARY = (
+    AsymmetricFriction, CoggingForce, ForceConstantDroop, InverterDeadTime, MagneticSaturation, ParasiticSpring
+)  # fmt: skip
+CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
+UNCERTAIN = {"coil_resistance": 0.02, "force_constant": 0.02, "mover_damping": 0.25, "coulomb_friction": 0.25}
+RUNS = tuple(
+    PlannedRun(use, 0.2, {"frequency": frequency, "amplitude": amplitude})
+    for use, frequency, amplitude in (
+        (Use.FIT, 10.0, 3.5e-3), (Use.FIT, 25.0, 3e-3), (Use.FIT, 15.0, 4e-3), (Use.HOLDOUT, 20.0, 3.5e-3)
+    )
+)  # fmt: skip
+DECISIVE = 12.0  # of evidence
+
+
+class Windage(Effect):
+    """Drag with the square of the speed, which the library does not have."""
+
+    windage: float = par(25.0, "N*s^2/m^2", (0.0, 1e3), "drag per squared speed")
+
+    def mover_force(self, s, z):
+        return -self.windage * s.piston_velocity * jnp.abs(s.piston_velocity)
+
+
+def diagnosed(*hidden: Effect, chains=None, seed: int) -> Diagnosis:
+    """The diagnosis of an actuator bench on which `hidden` acts, and whose sensors have `chains`."""
+    bench = edhas.ActuatorBench(reference=edhas.Sine(ramp_time=0.05), effects=(LugreFriction(),))
+    plan = planned_campaign("bench", bench, UNCERTAIN, CHANNELS, RUNS, 5e-4)
+    rng = np.random.default_rng(seed)
+    truth = drawn(plan, bench, rng)
+    truth = tree.replace(truth, effects=(*truth.effects, *hidden))
+    return diagnose(synthesise(plan, truth, rng, chains), LIBRARY)
+
+
+def errors(found: Diagnosis) -> tuple[float, float, float]:
+    """Residual over noise on the run that no fit has seen: before, calibrated, after."""
+    return tuple(found.errors()[state]["holdout"]["overall"] for state in ("before", "calibrated", "after"))
+
+
+def lead(found: Diagnosis, of: int = 0) -> float:
+    """By how much evidence the accepted effect of a round beats the best of the others."""
+    turn = found.rounds[of]
+    rivals = [t.gain for t in turn.trials if t is not turn.accepted]
+    promised = [0.5 * score.fall for score in turn.scores if score.suspect not in [t.suspect for t in turn.trials]]
+    return turn.accepted.gain - max([0.0, *rivals, *promised])
+
+
+def test_nothing_is_missing():
+    found = diagnosed(seed=1)
+    before, calibrated, after = errors(found)
+    assert found.verdict is Verdict.ADEQUATE and not found.accepted
+    assert before > 2.0 and calibrated == after == pytest.approx(1.0, abs=0.05)
+    assert found.candidates()[0][1] < 0.5
+
+
+def test_one_effect():
+    found = diagnosed(InverterDeadTime(dead_time_voltage=0.8), seed=2)
+    before, calibrated, after = errors(found)
+    assert found.verdict is Verdict.MISSING_EFFECT
+    assert [t.suspect.id for t in found.accepted] == ["inverter_dead_time"]
+    assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
+    assert lead(found) > DECISIVE
+    assert found.candidates()[0][1] > 0.95 and next(iter(found.where())) == "coil"
+    name = "inverter_dead_time.dead_time_voltage"
+    assert abs(found.final.values[name] - 0.8) < max(0.08, 2.0 * found.final.errors[name])
+
+
+def test_two_effects():
+    found = diagnosed(ForceConstantDroop(droop=0.15), InverterDeadTime(dead_time_voltage=0.6), seed=3)
+    before, calibrated, after = errors(found)
+    assert found.verdict is Verdict.MISSING_EFFECT
+    assert {t.suspect.id for t in found.accepted} == {"inverter_dead_time", "force_constant_droop"}
+    assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
+    assert lead(found, 0) > DECISIVE and lead(found, 1) > DECISIVE
+
+
+def test_an_effect_outside_the_library():
+    found = diagnosed(Windage(windage=40.0), seed=4)
+    before, calibrated, after = errors(found)
+    assert found.verdict is Verdict.UNKNOWN_EFFECT
+    assert before > calibrated > 1.1
+    assert next(iter(found.where())) == "mover"
+    form = found.forms[0]
+    assert form.suspect.kind.text.startswith("(v/0.2 m/s)·|v/0.2 m/s|")
+    assert form.judged.fit.values[f"{form.suspect.prefix}coefficient"] == pytest.approx(-40.0 * 0.2**2, rel=0.1)
+    assert form.gain - max((t.gain for t in found.rounds[-1].trials), default=0.0) > DECISIVE
+
+
+def test_a_sensor_that_lags():
+    found = diagnosed(chains={"current": (SensorLag(lag_time=1e-3),)}, seed=5)
+    before, calibrated, after = errors(found)
+    assert found.verdict is Verdict.MISSING_EFFECT
+    assert [t.suspect.name for t in found.accepted] == ["sensor_lag on current"]
+    assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
+    assert lead(found) > DECISIVE and next(iter(found.where())) == "sensor"
+    assert found.final.values["current.sensor_lag.lag_time"] == pytest.approx(1e-3, rel=0.1)
