@@ -70,6 +70,8 @@ def suspects_for(
         if kind.id not in there and not taken & {s.name for s in kind.slots} and can_have(machine, kind)
     ]
     links = {(signal, type(link)) for signal, chain in instruments.chains.items() for link in chain}
+    # half a sample of dead time is what tells one way of sampling a lag from another
+    links |= {(signal, SensorDelay) for signal, kind in links if kind is SensorLag}
     return able + [
         Suspect(kind, signal)
         for signal in campaign.channels
