@@ -1,5 +1,7 @@
 """Compiler flags, precision and compilation cache, set before JAX starts so that no user has to know them."""
 
+import functools
+import hashlib
 import os
 import re
 from pathlib import Path
@@ -51,6 +53,16 @@ def cache_folder() -> Path | None:
     """Where compiled programs are kept, if anywhere."""
     named = os.environ.get("EDHAS_CACHE")
     return None if named == "off" else Path(named or Path.home() / ".cache" / "edhas_jax")
+
+
+@functools.cache
+def code_hash(parts: tuple[str, ...] = ("",)) -> str:
+    """A hash of modules and folders of the package; by default of all of it."""
+    root, digest = Path(__file__).parent, hashlib.sha256()
+    for part in parts:
+        for path in sorted((root / part).rglob("*.py")) or [root / part]:
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def native_loops() -> bool:

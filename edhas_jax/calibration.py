@@ -1,9 +1,6 @@
 """A fit and what came of it: the error before and after on all runs, what is suspicious, and a folder that keeps it."""
 
 import dataclasses
-import json
-import math
-import os
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +14,7 @@ from edhas_jax.integrate import LARGEST_STEP
 from edhas_jax.misfit import levels, whitened
 from edhas_jax.prediction import Case, Model, Outcome
 from edhas_jax.run import Simulation
+from edhas_jax.store import plain, write_json
 from edhas_jax.system import Rig
 from edhas_jax.units import format_quantity
 
@@ -140,19 +138,22 @@ def save_calibration(calibration: Calibration, folder: Path) -> None:
     head = f"# {fit.problem.campaign.name}, calibrated by `edhas fit`; before the conditions of any run are set\n"
     text = head + dump_config(fit.machine, Simulation(step=step, sample_rate=rate))
     (folder / CONFIG).write_text(text, encoding="utf-8")
-    partial = folder / f".{RESULT}"
-    partial.write_text(json.dumps(_plain(as_json(calibration)), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(partial, folder / RESULT)
+    write_json(folder / RESULT, plain(as_json(calibration)))
+
+
+def estimates(fit: Fit) -> dict[str, dict]:
+    """Value, standard error and unit (SI) of every unknown, as plain data."""
+    units = {u.name: u.unit for u in fit.problem.unknowns}
+    return {n: {"value": v, "std": fit.errors[n], "unit": units[n]} for n, v in fit.values.items()}
 
 
 def as_json(calibration: Calibration) -> dict:
     """The result as plain data: values and standard errors in SI."""
     fit = calibration.fit
-    units = {u.name: u.unit for u in fit.problem.unknowns}
-    names = list(units)
+    names = [u.name for u in fit.problem.unknowns]
     out = {
         "campaign": fit.problem.campaign.name,
-        "calibrated": {n: {"value": v, "std": fit.errors[n], "unit": units[n]} for n, v in fit.values.items()},
+        "calibrated": estimates(fit),
         "error": calibration.errors(),
         "converged": fit.converged,
         "half_chi_square": fit.cost,
@@ -181,14 +182,3 @@ def as_json(calibration: Calibration) -> dict:
         for p in calibration.profiles
     }
     return out
-
-
-def _plain(value):
-    """JSON has no infinity: what is not finite becomes null."""
-    if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

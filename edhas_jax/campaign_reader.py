@@ -21,7 +21,7 @@ from edhas_jax.recording import pack
 from edhas_jax.signals import SIGNALS, nearest
 from edhas_jax.system import RIGS, Rig
 from edhas_jax.units import UnitError, to_si
-from edhas_jax.yaml_text import YamlError, dotted, kind_name, line_of, read_yaml
+from edhas_jax.yaml_text import YamlError, dotted, kind_name, line_of, read_text, read_yaml
 
 FILE = "campaign.yaml"
 REFINED = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)
@@ -53,7 +53,7 @@ def read_campaign(path: Path | str) -> Campaign:
     path = Path(path)
     path = path / FILE if path.is_dir() else path
     try:
-        data, lines, problems = read_yaml(_text(path))
+        data, lines, problems = read_yaml(read_text(path, CampaignError))
     except YamlError as error:
         raise CampaignError(f"{path}:{error.line}: {error}" if error.line else f"{path}: {error}") from None
     reader = CampaignReader(data, path.parent)
@@ -72,16 +72,6 @@ def read_campaign(path: Path | str) -> Campaign:
     if runs[0].reference is not None:
         machine = tree.replace(machine, reference=runs[0].reference)
     return Campaign(reader.name, path.parent, machine, reader.uncertain, reader.channels, tuple(runs), tuple(remarks))
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise CampaignError(f"{path}: is not a text file in UTF-8; a YAML file is needed") from None
-    except OSError as error:
-        reason = {FileNotFoundError: "no such file", IsADirectoryError: "is a folder, not a file"}
-        raise CampaignError(f"{path}: {reason.get(type(error), error.strerror)}") from None
 
 
 class CampaignReader(Gatherer):

@@ -47,21 +47,24 @@ def diagnose(
         FitError: nothing to fit, or a model that cannot be fitted.
     """
     began, say = time.perf_counter(), on_progress or (lambda sentence: None)
-    machine, instruments = campaign.machine, Instruments()
-    problem = problem_of(campaign, machine, instruments, ())
-    centre = start_from(problem, {})
-    say("looking for the step that serves")
-    resolution = choose_resolution(problem.model(), centre)
-    say("fitting what is uncertain")
-    null = search(problem, centre, resolution.rough, CALIBRATION_STEPS)
+    null, resolution = _calibrated(campaign, say)
     null = _finished(null, resolution, say)
     allowed = None if library is None else {kind.id for kind in (*library, *more)}
     rounds = _rounds(campaign, null, resolution, more, allowed, say)
     after = rounds[-1].before
-    return Diagnosis(
-        campaign, _verdict(after, rounds), tuple(rounds),
-        residuals_of(campaign, machine, instruments, resolution.fine), null, after, time.perf_counter() - began,
-    )  # fmt: skip
+    as_it_was = residuals_of(campaign, campaign.machine, Instruments(), resolution.fine)
+    seconds = time.perf_counter() - began
+    return Diagnosis(campaign, _verdict(after, rounds), tuple(rounds), as_it_was, null, after, seconds)
+
+
+def _calibrated(campaign: Campaign, say) -> tuple[Judged, Resolution]:
+    """The campaign's model with what is uncertain fitted at a rough step, and the steps that serve."""
+    problem = problem_of(campaign, campaign.machine, Instruments(), ())
+    centre = start_from(problem, {})
+    say("looking for the step that serves")
+    resolution = choose_resolution(problem.model(), centre)
+    say("fitting what is uncertain")
+    return search(problem, centre, resolution.rough, CALIBRATION_STEPS), resolution
 
 
 def _rounds(
@@ -168,8 +171,7 @@ def _unexplained(judged: Judged) -> bool:
     """Whether more is left over than noise on runs that no fit has seen."""
     campaign = judged.fit.problem.campaign
     use = Use.HOLDOUT if campaign.runs_for(Use.HOLDOUT) else Use.FIT
-    rows = [v for run in campaign.runs_for(use) for v in judged.residuals[run.name].values()]
-    samples = sum(int(np.isfinite(v).sum()) for v in rows)
+    samples = sum(int(np.isfinite(v).sum()) for v in judged.rows(campaign.runs_for(use)))
     # the rms of few samples scatters by 1/√(2n)
     return judged.level(use) > max(FLOOR, 1.0 + 3.0 / math.sqrt(2.0 * max(samples, 1)))
 
@@ -194,12 +196,7 @@ def add_effect(
     able = {s.id: s for s in suspects_for(campaign, campaign.machine, Instruments(), (kind,)) if s.signal is None}
     if kind.id not in able:
         raise FitError(f"{kind.id} cannot be added to {campaign.name}: its machine has it already, or no place for it")
-    problem = problem_of(campaign, campaign.machine, Instruments(), ())
-    centre = start_from(problem, {})
-    say("looking for the step that serves")
-    resolution = choose_resolution(problem.model(), centre)
-    say("fitting what is uncertain")
-    before = search(problem, centre, resolution.rough, CALIBRATION_STEPS)
+    before, resolution = _calibrated(campaign, say)
     say(f"fitting with {kind.id}")
     score = Screen(before.fit, ()).score(able[kind.id])
     trial = try_suspect(before, (), score, resolution, TRIAL_STEPS, finish=True)

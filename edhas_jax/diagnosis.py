@@ -169,12 +169,10 @@ class Diagnosis:
 
     def _size(self, suspect: Suspect) -> str:
         """A suspect's own parameters as text, with their standard errors."""
-        fit, out = self.final, []
-        for u in fit.problem.unknowns:
-            if u.name.startswith(suspect.prefix):
-                size = with_error(fit.values[u.name], fit.errors[u.name], u.unit)
-                out.append(f"{u.name.removeprefix(suspect.prefix)} {size}")
-        return ", ".join(out)
+        fit, own = self.final, suspect.own(self.final.problem.unknowns)
+        return ", ".join(
+            f"{name} {with_error(fit.values[u.name], fit.errors[u.name], u.unit)}" for name, u in own.items()
+        )
 
     def errors(self) -> dict[str, dict[str, dict[str, float]]]:
         """Residual over noise: {before, calibrated, after} × {fit, holdout} × {overall, each signal}."""

@@ -1,18 +1,16 @@
 """A diagnosis as a file that programs read, and as the configuration of the model that it leaves behind."""
 
-import json
-import math
-import os
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.calibration import CONFIG
+from edhas_jax.calibration import CONFIG, estimates
 from edhas_jax.campaign import Use
 from edhas_jax.diagnosis import Diagnosis, Verdict
 from edhas_jax.dump import dump_config
 from edhas_jax.fit import Fit
 from edhas_jax.misfit import levels
 from edhas_jax.run import Simulation
+from edhas_jax.store import plain, write_json
 from edhas_jax.suspects import Suspect
 from edhas_jax.trial import Trial
 
@@ -32,17 +30,14 @@ def save_diagnosis(diagnosis: Diagnosis, folder: Path, next_experiment: dict[str
         head += f"# what is wrong with a sensor is not part of the machine: {names}\n"
     text = head + dump_config(final.machine, Simulation(sample_rate=rate))
     (folder / CONFIG).write_text(text, encoding="utf-8")
-    partial = folder / f".{RESULT}"
-    plain = json.dumps(as_json(diagnosis, next_experiment), indent=2, allow_nan=False)
-    partial.write_text(plain + "\n", encoding="utf-8")
-    os.replace(partial, folder / RESULT)
+    write_json(folder / RESULT, plain(as_json(diagnosis, next_experiment)))
 
 
 def as_json(diagnosis: Diagnosis, next_experiment: dict[str, Any] | None = None) -> dict[str, Any]:
     """The diagnosis as plain data; values in SI."""
     final = diagnosis.final
     known = [u.name for u in final.problem.unknowns if "." not in u.name]
-    out = {
+    return {
         "version": VERSION,
         "campaign": diagnosis.campaign.name,
         "verdict": diagnosis.verdict.value,
@@ -55,12 +50,11 @@ def as_json(diagnosis: Diagnosis, next_experiment: dict[str, Any] | None = None)
         "groups": [[suspect.id for suspect in group] for group in diagnosis.groups()],
         "where": [{"slot": part, "probability": p} for part, p in diagnosis.where().items()],
         "form": _form(diagnosis),
-        "calibrated": {n: v for n, v in _estimates(final, final).items() if n in known},
+        "calibrated": {n: v for n, v in estimates(final).items() if n in known},
         "error": diagnosis.errors(),
         "next_experiment": next_experiment,
         "seconds": diagnosis.seconds,
     }
-    return _plain(out)
 
 
 def _candidate(diagnosis: Diagnosis, suspect: Suspect, probability: float, trial: Trial | None) -> dict[str, Any]:
@@ -82,13 +76,8 @@ def _candidate(diagnosis: Diagnosis, suspect: Suspect, probability: float, trial
 
 def _own(fit: Fit, suspect: Suspect) -> dict[str, Any]:
     """A suspect's own parameters as fitted."""
-    every = _estimates(fit, fit)
-    return {n.removeprefix(suspect.prefix): v for n, v in every.items() if n.startswith(suspect.prefix)}
-
-
-def _estimates(fit: Fit, of: Fit) -> dict[str, dict[str, Any]]:
-    units = {u.name: u.unit for u in fit.problem.unknowns}
-    return {n: {"value": v, "std": of.errors[n], "unit": units[n]} for n, v in fit.values.items()}
+    every = estimates(fit)
+    return {name: every[u.name] for name, u in suspect.own(fit.problem.unknowns).items()}
 
 
 def _form(diagnosis: Diagnosis) -> dict[str, Any] | None:
@@ -107,14 +96,3 @@ def _form(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "holdout_error": best.judged.level(Use.HOLDOUT),
         "error": levels(diagnosis.campaign, best.judged.residuals, Use.HOLDOUT),
     }
-
-
-def _plain(value: Any) -> Any:
-    """JSON has no infinity: what is not finite becomes null."""
-    if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value

@@ -151,11 +151,9 @@ def _suspects(diagnosis: Diagnosis) -> str:
 
 def sizes_of(suspect: Suspect, fitted: Fit) -> list[str]:
     """A suspect's own parameters in a fit, with their standard errors."""
-    own = [u for u in fitted.problem.unknowns if u.name.startswith(suspect.prefix)]
     return [
-        f"{u.name.removeprefix(suspect.prefix).replace('_', ' ')} "
-        + with_error(fitted.values[u.name], fitted.errors[u.name], _unit(suspect, u))
-        for u in own
+        f"{name.replace('_', ' ')} " + with_error(fitted.values[u.name], fitted.errors[u.name], _unit(suspect, u))
+        for name, u in suspect.own(fitted.problem.unknowns).items()
     ]
 
 

@@ -1,10 +1,8 @@
 """Runs side by side as machine code: the march of many lanes and their signals, with one derivative per lane."""
 
 import functools
-import hashlib
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -131,16 +129,8 @@ def _key(machine: Rig, varied, watch, seeded: bool, dtype) -> str | None:
     """A text for all that the loops depend on; None where an effect is not the package's own."""
     if any(not type(effect).__module__.startswith("edhas_jax.") for effect in machine.effects):
         return None
-    return f"{jax.tree.structure(machine)} {varied} {watch} {seeded} {np.dtype(dtype)} {_own_code()} {jax.__version__}"
-
-
-@functools.cache
-def _own_code() -> str:
-    """A hash of the package."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
+    versions = f"{backend.code_hash()} {jax.__version__}"
+    return f"{jax.tree.structure(machine)} {varied} {watch} {seeded} {np.dtype(dtype)} {versions}"
 
 
 def march_loop(

@@ -2,11 +2,13 @@
 
 import datetime
 import json
+import math
 import os
 import platform
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -90,7 +92,7 @@ def _fill(folder: Path, run: Run, figure: bool) -> None:
         metrics = {n: {"value": m.value, "unit": m.unit, "doc": m.doc} for n, m in run.metrics.items()}
     except TooShort:
         metrics = {}
-    _write_json(folder / METRICS, metrics)
+    write_json(folder / METRICS, metrics)
     (folder / CONFIG).write_text(dump_config(run.machine, run.simulation), encoding="utf-8")
     manifest = {
         "format": FORMAT,
@@ -108,7 +110,7 @@ def _fill(folder: Path, run: Run, figure: bool) -> None:
     }
     if figure:
         run.plot().savefig(folder / FIGURE, dpi=110)
-    _write_json(folder / MANIFEST, manifest)
+    write_json(folder / MANIFEST, manifest)
 
 
 def _table(columns: dict, units: dict[str, str]) -> pa.Table:
@@ -116,8 +118,22 @@ def _table(columns: dict, units: dict[str, str]) -> pa.Table:
     return pa.table([pa.array(np.asarray(v, float)) for v in columns.values()], schema=pa.schema(fields))
 
 
-def _write_json(path: Path, value: dict) -> None:
-    path.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+def write_json(path: Path, value: dict) -> None:
+    """Write plain data to a file that is either whole or not there."""
+    partial = path.with_name(f".{path.name}")
+    partial.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(partial, path)
+
+
+def plain(value: Any) -> Any:
+    """The same data with null for every number that is not finite, which JSON has no word for."""
+    if isinstance(value, dict):
+        return {k: plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def open_run(folder: str | Path) -> Run:

@@ -53,6 +53,10 @@ class Suspect:
         """What stands before the names of its parameters where they are sought."""
         return f"{self.id}." if self.signal is None else f"{self.signal}.{self.id}."
 
+    def own(self, unknowns: Iterable[Unknown]) -> dict[str, Unknown]:
+        """Those of the unknowns of a fit that are its parameters, by their bare names."""
+        return {u.name.removeprefix(self.prefix): u for u in unknowns if u.name.startswith(self.prefix)}
+
     def searched(self) -> list[Parameter]:
         """The parameters whose values are not known beforehand."""
         return [p for p in tree.parameters(self.kind) if p.plausible is not None or p.name == "offset"]

@@ -13,7 +13,7 @@ from edhas_jax.effects import EffectError
 from edhas_jax.effects.check import check_effect
 from edhas_jax.sweep_reader import SweepReader
 from edhas_jax.system import Rig
-from edhas_jax.yaml_text import YamlError, dotted, line_of, read_yaml
+from edhas_jax.yaml_text import YamlError, dotted, line_of, read_text, read_yaml
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +40,7 @@ def load_sweep(path: Path | str) -> Sweep:
         ConfigError: every problem of the file, one line each.
     """
     path = Path(path)
-    text = _text(path)
+    text = read_text(path, ConfigError)
     try:
         data, lines, problems = read_yaml(text)
     except YamlError as error:
@@ -66,13 +66,3 @@ def load_sweep(path: Path | str) -> Sweep:
         raise ConfigError("\n".join(dict.fromkeys([*told, *reader.elsewhere])))
     r = reader
     return Sweep(r.machine, r.designs, r.settings, r.kind, r.axes, r.seed, r.name, path)
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: is not a text file in UTF-8; a YAML file is needed") from None
-    except OSError as error:
-        reason = {FileNotFoundError: "no such file", IsADirectoryError: "is a folder, not a file"}
-        raise ConfigError(f"{path}: {reason.get(type(error), error.strerror)}") from None

@@ -9,7 +9,7 @@ from edhas_jax.config import ConfigError
 from edhas_jax.designs import Axis
 from edhas_jax.sweep_reader import SweepReader
 from edhas_jax.system import ActuatorSystem, Sine
-from edhas_jax.yaml_text import Key, YamlError, dotted, kind_name, line_of, read_yaml
+from edhas_jax.yaml_text import Key, YamlError, dotted, kind_name, line_of, read_text, read_yaml
 
 COMMON = ("name", "base", "machine", "parameters", "batch")
 _SWEEP = ("sweep", "parameters")
@@ -24,14 +24,9 @@ class TaskReader(Gatherer):
     def __init__(self, path: Path | str, sections: tuple[str, ...], ranges: str, optional: bool = False):
         super().__init__([])
         self.path = Path(path)
+        self.text = read_text(self.path, ConfigError)
         try:
-            self.text = self.path.read_bytes().decode("utf-8-sig")
             self.data, self._lines, self._twice = read_yaml(self.text)
-        except UnicodeDecodeError:
-            raise ConfigError(f"{path}: is not a text file in UTF-8; a YAML file is needed") from None
-        except OSError as error:
-            reason = {FileNotFoundError: "no such file", IsADirectoryError: "is a folder, not a file"}
-            raise ConfigError(f"{path}: {reason.get(type(error), error.strerror)}") from None
         except YamlError as error:
             raise ConfigError(f"{path}:{error.line}: {error}" if error.line else f"{path}: {error}") from None
         self.unknown((), self.data, (*COMMON, *sections))

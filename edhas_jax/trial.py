@@ -2,12 +2,12 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from edhas_jax.calibration import residuals_of
-from edhas_jax.campaign import Use
+from edhas_jax.campaign import BenchRun, Use
 from edhas_jax.fit import EXACT, Fit, FitError, Problem, fit, sums_of_squares
 from edhas_jax.levenberg import minimise
 from edhas_jax.misfit import level
@@ -39,17 +39,20 @@ class Judged:
         """ln ∫ likelihood · prior by Laplace's rule, up to what all models of a campaign share."""
         return -self.cost + 0.5 * float(np.linalg.slogdet(self.fit.covariance)[1])
 
+    def rows(self, runs: Iterable[BenchRun]) -> list[np.ndarray]:
+        """The residuals of some runs, signal by signal."""
+        return [v for run in runs for v in self.residuals[run.name].values()]
+
     def level(self, use: Use) -> float:
         """Residual over noise of the runs of one use; NaN where there are none."""
-        campaign = self.fit.problem.campaign
-        rows = [v for run in campaign.runs_for(use) for v in self.residuals[run.name].values()]
+        rows = self.rows(self.fit.problem.campaign.runs_for(use))
         return level(rows) if rows else math.nan
 
     def half_chi_square(self) -> np.ndarray:
         """½Σ(residual/noise)² by run and signal, of the runs that no fit has seen; of all where none is held out."""
         campaign = self.fit.problem.campaign
         runs = campaign.runs_for(Use.HOLDOUT) or campaign.runs
-        return np.array([0.5 * np.nansum(np.square(v)) for run in runs for v in self.residuals[run.name].values()])
+        return np.array([0.5 * np.nansum(np.square(v)) for v in self.rows(runs)])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,9 +107,9 @@ def start_from(problem: Problem, values: dict[str, float]) -> np.ndarray:
 
 def refined(judged: Judged, resolution: Resolution, most_steps: int) -> Judged:
     """A fit finished at the fine step and freed of the solver's error."""
-    fitted, fine = judged.fit, Resolution(resolution.rough, resolution.fine, resolution.error)
+    fitted = judged.fit
     try:
-        done = fit(fitted.problem, fitted.x[None], resolution=fine, most_steps=most_steps, search=False)
+        done = fit(fitted.problem, fitted.x[None], resolution=resolution, most_steps=most_steps, search=False)
     except FitError:
         return judged
     return judge(done, EXACT * resolution.fine)

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -72,6 +73,21 @@ def _take(node: yaml.Node, key: Key, lines: dict[Key, int], twice: list[tuple[in
         lines[inner] = line
         result[name] = _take(value, inner, lines, twice)
     return result
+
+
+def read_text(path: Path, error: type[Exception]) -> str:
+    """The text of a YAML file.
+
+    Raises:
+        error: there is no such file, it cannot be read, or it is no text.
+    """
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise error(f"{path}: is not a text file in UTF-8; a YAML file is needed") from None
+    except OSError as problem:
+        reason = {FileNotFoundError: "no such file", IsADirectoryError: "is a folder, not a file"}
+        raise error(f"{path}: {reason.get(type(problem), problem.strerror)}") from None
 
 
 def line_of(lines: Mapping[Key, int], key: Key) -> int:

@@ -105,12 +105,8 @@ def suspects_table(diagnosis):
         if trial is None or trial.judged is None:
             continue
         judged = diagnosis.after if suspect in [t.suspect for t in diagnosis.accepted] else trial.judged
-        units = {u.name: u.unit for u in judged.fit.problem.unknowns}
-        sizes = [
-            f"{name.removeprefix(suspect.prefix)} {format_quantity(value, units[name])}"
-            for name, value in judged.fit.values.items()
-            if name.startswith(suspect.prefix)
-        ]
+        own = suspect.own(judged.fit.problem.unknowns)
+        sizes = [f"{name} {format_quantity(judged.fit.values[u.name], u.unit)}" for name, u in own.items()]
         listed.add_row(suspect.name, suspect.where, ", ".join(sizes), f"{p:.3f}", f"{judged.level(Use.HOLDOUT):.3f}")
     return listed
 

@@ -88,12 +88,11 @@ class Loop:
             tables = at(state), at(fixed), scalars.ctypes.data, at(feed), at(kept)
             self._run(*tables, first, per_sample, samples, len(some))
 
-        shares = [range(b, min(b + 1, blocks)) for b in range(blocks)] if threads > 1 else [range(blocks)]
         if threads == 1 or blocks == 1:
             work(range(blocks))
         else:
             with ThreadPoolExecutor(min(threads, blocks)) as pool:
-                list(pool.map(work, shares))
+                list(pool.map(work, (range(b, b + 1) for b in range(blocks))))
         last = state.transpose(1, 0, 2).reshape(rows, -1)[:, :count]
         seen = kept.transpose(2, 1, 0, 3).reshape(rows, samples, -1)[..., :count] if keep else ()
         return Marched(self._tree(last), self._tree(seen) if keep else None)

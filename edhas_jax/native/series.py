@@ -113,19 +113,21 @@ def _turn(p: Program, x: int) -> tuple[int, int, int]:
     return sine, cosine, p.sub(n, p.mul(p.const(4.0), quarter))
 
 
+def _in_quadrant(p: Program, n: int, even: int, odd: int) -> int:
+    """`even` after no quarter turn and −`even` after two; `odd` after one and −`odd` after minus one."""
+    size = p.unary("abs", n)
+    even = p.select(p.compare("lt", size, p.const(0.5)), even, p.neg(even))
+    odd = p.select(p.compare("gt", n, p.const(0.0)), odd, p.neg(odd))
+    return p.select(p.compare("eq", size, p.const(1.0)), odd, even)
+
+
 def sin(p: Program, x: int) -> int:
     """sin x"""
     sine, cosine, n = _turn(p, x)
-    near, size = p.compare("lt", p.unary("abs", n), p.const(0.5)), p.unary("abs", n)
-    even = p.select(near, sine, p.neg(sine))
-    odd = p.select(p.compare("gt", n, p.const(0.0)), cosine, p.neg(cosine))
-    return p.select(p.compare("eq", size, p.const(1.0)), odd, even)
+    return _in_quadrant(p, n, sine, cosine)
 
 
 def cos(p: Program, x: int) -> int:
     """cos x"""
     sine, cosine, n = _turn(p, x)
-    near, size = p.compare("lt", p.unary("abs", n), p.const(0.5)), p.unary("abs", n)
-    even = p.select(near, cosine, p.neg(cosine))
-    odd = p.select(p.compare("gt", n, p.const(0.0)), p.neg(sine), sine)
-    return p.select(p.compare("eq", size, p.const(1.0)), odd, even)
+    return _in_quadrant(p, n, cosine, p.neg(sine))
