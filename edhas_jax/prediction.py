@@ -69,6 +69,7 @@ class Model:
         for name in sorted(varied & conditions - set(campaign.uncertain)):
             raise ParameterError(f"{name}: is set by the runs, so it cannot be sought; name it as uncertain")
         self._names = tuple(sorted(varied | conditions)) or (EVERYWHERE,)
+        self._nominal = {n: float(get_parameter(machine, n)) for n in varied}
         self._base = [{n: float(get_parameter(m, n)) for n in self._names} for m in mounted]
         self._groups = _groups(self.runs, mounted)
 
@@ -118,7 +119,7 @@ class Model:
                 slopes.append(0.0)
                 continue
             # where the run sets the parameter itself, the unknown is a common factor on what it sets
-            factor = values[u.name] / nominal if (nominal := float(get_parameter(self.machine, u.name))) else 1.0
+            factor = values[u.name] / nominal if (nominal := self._nominal[u.name]) else 1.0
             values[u.name], slope = u.value(coordinate) * factor, u.slope(coordinate) * factor
             slopes.append(float(slope))
         return values, slopes

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from edhas_jax.fit import Fit
+from edhas_jax.instruments import Instruments
 from edhas_jax.prediction import Case
 from edhas_jax.suspects import Suspect, grid, problem_of, unknowns_of
 from edhas_jax.unknown import Unknown
@@ -97,17 +98,11 @@ class Screen:
 
     def _recorded(self, suspect: Suspect, points: np.ndarray) -> Iterator[list[dict[str, np.ndarray]]]:
         """The signals of every run with a fault of one sensor."""
-        unknowns = unknowns_of(suspect, self._campaign)
+        unknowns, runs = unknowns_of(suspect, self._campaign), self._model.runs
         for x in points:
             values = {u.name.removeprefix(suspect.prefix): u.value(v) for u, v in zip(unknowns, x, strict=True)}
-            link = suspect.kind(**values)
-            rows = []
-            for r, run in enumerate(self._model.runs):
-                found = dict(self._base[r].values)
-                if suspect.signal in found:
-                    found[suspect.signal] = np.asarray(link.record(run.time, found[suspect.signal]))
-                rows.append(found)
-            yield rows
+            faulty = Instruments({suspect.signal: (suspect.kind(**values),)})
+            yield [faulty.record(run.time, self._base[r].values, None, (), ())[0] for r, run in enumerate(runs)]
 
     def _flat(self, runs: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
         """Signals (n,) or slopes (n, unknowns) of all runs one below the other, in units of noise."""

@@ -1,6 +1,7 @@
 """Parameters declared once, and the frozen structs (JAX pytrees) that hold them."""
 
 import dataclasses
+import functools
 from typing import Any, dataclass_transform
 
 import jax
@@ -50,13 +51,14 @@ def struct(cls):
     return cls
 
 
-def parameters(owner: type) -> list[Parameter]:
+@functools.cache
+def parameters(owner: type) -> tuple[Parameter, ...]:
     """The parameters that `owner` declares, in the order of declaration."""
-    return [
+    return tuple(
         Parameter(f.name, f.default, *f.metadata["par"], owner, f.metadata["plausible"])
         for f in dataclasses.fields(owner)
         if "par" in f.metadata
-    ]
+    )
 
 
 def replace(node: Any, **values: Any) -> Any:
