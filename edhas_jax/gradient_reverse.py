@@ -1,21 +1,21 @@
 """Reverse mode: one sweep back through the cycles gives the derivatives of a metric by any number of parameters."""
 
-import contextlib
-import os
-import re
+import functools
 from collections.abc import Mapping, Sequence
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.cycle import advance, begin, cycle_step, empty_sums, measured, verdict
-from edhas_jax.gradient_plan import Derivatives, GradientSettings, filled
+from edhas_jax import backend
+from edhas_jax.cycle import begin, cycle_step, empty_sums, judged, measured, verdict
+from edhas_jax.gradient_plan import Derivatives, GradientSettings
+from edhas_jax.gradient_reverse_blocks import reverse_blocks
+from edhas_jax.native import AdjointLoop, Untranslatable
 from edhas_jax.parameters import set_parameters
 from edhas_jax.system import Rig
 
-LANES = 60  # designs in a block
+TOGETHER = 256  # designs at a time: what is kept of their way does not grow with the number of designs
 
 
 def reverse(
@@ -28,130 +28,132 @@ def reverse(
 ) -> Derivatives:
     """As `forward`, in reverse mode, after so many `cycles`, or as many as the metrics take to settle.
 
-    Kept are the states at the start of every cycle; on the way back each cycle is run again and keeps the states of
-    its steps. So the memory does not grow with the number of cycles: 19 states × steps per cycle × LANES, 160 MB.
+    All designs run as many cycles as the slowest of those that run together. Kept are some states of every cycle; on
+    the way back the states between are computed again, so that the memory needed hardly grows with the cycles.
     """
     columns = {n: np.asarray(column, float) for n, column in columns.items()}
-    count = len(next(iter(columns.values())))
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
-    values = {n: np.full(count, np.nan) for n in metrics}
-    slopes = {n: np.full((count, len(names)), np.nan) for n in metrics}
-    status = np.zeros(count)
-    for rows, block in filled(columns, LANES):
-        starts, state = [], _begin(base, block)
-        done = np.zeros(LANES, bool)
-        while len(starts) < (cycles or settings.max_cycles):
-            if cycles is None and len(starts) > settings.min_cycles and done.all():
-                break
-            starts.append(state.y)
-            state = _cycle(base, block, state, len(starts) - 1, settings.steps_per_cycle)
-            done = np.asarray(state.kept["residual"]) <= settings.tolerance
-        status[rows] = np.asarray(_verdict(base, block, state.kept, done)["status"])[: len(rows)]
-        pulled, moved = None, {n: np.zeros((len(metrics), LANES)) for n in columns}
-        for number in reversed(range(len(starts))):
-            last = number == len(starts) - 1
-            with _flags_for_reverse():
-                found, share, pulled = _pull(
-                    base, block, starts[number], tuple(metrics), pulled, last, number == 0, settings.steps_per_cycle
-                )
-            moved = {n: moved[n] + share[n] for n in moved}
-            if last:
-                values |= {n: _put(values[n], rows, found[n]) for n in metrics}
-        with _flags_for_reverse():
-            share = _pull_begin(base, block, pulled)
-        for k, metric in enumerate(metrics):
-            for j, n in enumerate(names):
-                slopes[metric][rows, j] = np.asarray(moved[n] + share[n])[k, : len(rows)]
-    return Derivatives(values, slopes, status, len(starts))
+    loop = _loop(base, tuple(columns))
+    if loop is None:
+        return reverse_blocks(machine, columns, names, metrics, settings, cycles)
+    count = len(next(iter(columns.values())))
+    parts = []
+    for first in range(0, count, TOGETHER):
+        some = {n: column[first : first + TOGETHER] for n, column in columns.items()}
+        parts.append(loop.run(base, some, names, metrics, settings, cycles))
+    values, slopes = ({n: np.concatenate([getattr(p, of)[n] for p in parts]) for n in metrics} for of in _TABLES)
+    status = np.concatenate([p.status for p in parts])
+    return Derivatives(values, slopes, status, max(p.cycles for p in parts))
 
 
-def _put(column, rows, block):
-    column[rows] = np.asarray(block)[: len(rows)]
-    return column
+_TABLES = ("values", "slopes")
 
 
-@contextlib.contextmanager
-def _flags_for_reverse():
-    """The compiler flags under which a loop that keeps its states is fast.
+class CycleAdjoint:
+    """Whole cycles of many designs and the way back through them, as machine code.
 
-    What makes the plain loop fast, a loop compiled as one function, copies the kept states in every step. The flags are
-    read anew at each compilation because `--xla_flags_reset` is set when JAX starts.
+    Raises:
+        Untranslatable: the machine uses an operation that has no machine code here.
     """
-    flags = os.environ.get("XLA_FLAGS", "")
-    os.environ["XLA_FLAGS"] = re.sub(r"(while_loop_byte_threshold=)\d+", r"\g<1>1024", flags)
-    try:
-        yield
-    finally:
-        os.environ["XLA_FLAGS"] = flags
+
+    def __init__(self, machine: Rig, varied: Sequence[str]):
+        def body(n, carry, values, uniform):
+            base, steps, ramp = uniform
+            return cycle_step(set_parameters(base, values), *carry, n, steps, ramp > 0.5)
+
+        self._sums = {n: np.asarray(v, float) for n, v in empty_sums(machine, float).items()}
+        carry = dict.fromkeys(machine.start(), 0.0), self._sums
+        self._loop = AdjointLoop(
+            body, float, carry, dict.fromkeys(varied, 0.0), (machine, 0.0, 0.0), backend.cache_folder()
+        )
+
+    def run(self, machine, columns, names, metrics, settings: GradientSettings, cycles: int | None) -> Derivatives:
+        """Derivatives of some designs, all after the same number of cycles."""
+        count, steps = len(next(iter(columns.values()))), settings.steps_per_cycle
+        nothing = {n: np.full(count, v) for n, v in self._sums.items()}
+        lanes = jax.device_get(_begin(machine, columns, np.ones(count, bool)))
+        trails, done = [], np.zeros(count, bool)
+        while len(trails) < (cycles or settings.max_cycles):
+            if cycles is None and len(trails) > settings.min_cycles and done.all():
+                break
+            uniform = machine, float(steps), float(not trails)
+            (y, sums), trail = self._loop.run((lanes.y, nothing), columns, uniform, steps, backend.cores())
+            lanes = jax.device_get(_judged(machine, columns, lanes, y, sums, len(trails), 1.0 / steps))
+            trails.append(trail)
+            done = lanes.kept["residual"] <= settings.tolerance
+        run_cycles = len(trails)
+        found = jax.device_get(_measured(machine, columns, sums, tuple(metrics), 1.0 / steps))
+        status = jax.device_get(_verdict(machine, columns, lanes.kept, done))["status"]
+        by_value, by_sums = found[1:]
+        still = {n: np.zeros(count) for n in y}
+        pulled = [(still, {n: v[k] for n, v in by_sums.items()}) for k in range(len(metrics))]
+        moved = [{n: v[k] for n, v in by_value.items()} for k in range(len(metrics))]
+        for number in reversed(range(len(trails))):
+            uniform = machine, float(steps), float(number == 0)
+            back = self._loop.pull(trails.pop(), pulled, columns, uniform, backend.cores())
+            # each cycle begins its sums anew
+            pulled = [(by_y, dict.fromkeys(self._sums, np.zeros(count))) for (by_y, _), _ in back]
+            moved = [{n: v + share[n] for n, v in m.items()} for m, (_, share) in zip(moved, back, strict=True)]
+        slopes = {}
+        for k, metric in enumerate(metrics):
+            share = jax.device_get(_pull_begin(machine, columns, pulled[k][0]))
+            slopes[metric] = np.stack([moved[k][n] + share[n] for n in names], axis=1)
+        return Derivatives(dict(found[0]), slopes, status.astype(float), run_cycles)
 
 
 @jax.jit
-def _begin(machine, block):
-    return begin(machine, block, jnp.ones(LANES, bool), jnp.float64)
+def _begin(machine, columns, live):
+    return begin(machine, columns, live, jnp.float64)
 
 
 @jax.jit
-def _cycle(machine, block, lanes, number, steps):
-    return advance(machine, block, lanes, number, number + 1, steps, -1.0, True)
+def _judged(machine, columns, lanes, y, sums, number, share):
+    new = jax.vmap(lambda values, sums: measured(set_parameters(machine, values), sums, share))(columns, sums)
+    return judged(lanes, y, new, number, -1.0)
+
+
+@functools.partial(jax.jit, static_argnames="metrics")
+def _measured(machine, columns, sums, metrics, share):
+    """The metrics (lanes,), and their derivatives (metrics, lanes) by the parameters at fixed sums and by the sums."""
+
+    def one(values, sums):
+        def metric(values, sums):
+            found = measured(set_parameters(machine, values), sums, share)
+            return {n: found[n] for n in metrics}
+
+        found, pull = jax.vjp(metric, values, sums)
+        rows = [{n: jnp.where(n == m, 1.0, 0.0) for n in metrics} for m in metrics]
+        return found, jax.tree.map(lambda *leaves: jnp.stack(leaves), *(pull(row) for row in rows))
+
+    found, (by_values, by_sums) = jax.vmap(one, out_axes=(0, 1))(columns, sums)
+    return found, by_values, by_sums
+
+
+@jax.jit
+def _pull_begin(machine, columns, pulled):
+    """Back through the start from rest."""
+
+    def one(values, pulled):
+        def start(values):
+            return {n: jnp.asarray(v, float) for n, v in set_parameters(machine, values).start().items()}
+
+        return jax.vjp(start, values)[1](pulled)[0]
+
+    return jax.vmap(one)(columns, pulled)
 
 
 _verdict = jax.jit(verdict)
 
 
-@partial(jax.jit, static_argnames=("metrics", "last", "steps"))
-def _pull(machine, block, y, metrics, pulled, last: bool, first, steps: int):
-    """Back through one cycle: metrics, and the derivatives of each by the parameters and by the states at its start.
-
-    In the `last` cycle each metric starts a row of its own; before it, `pulled` holds the derivatives by the states at
-    its end, (metrics, lanes) each. The number of steps is static: a loop can only be reversed if its length is known.
-    """
-
-    def lane(values, y, pulled):
-        (y_end, found), back = jax.vjp(lambda v, y: _march(machine, v, y, metrics, first, steps), values, y)
-
-        def row(k, pulled):
-            cotangents = {n: jnp.where(k == i, 1.0, 0.0) if last else 0.0 * found[n] for i, n in enumerate(metrics)}
-            return back((jax.tree.map(jnp.zeros_like, y_end) if last else pulled, cotangents))
-
-        by_values, by_y = jax.vmap(row)(jnp.arange(len(metrics)), pulled)
-        return found, by_values, by_y
-
-    if last:
-        pulled = jax.tree.map(lambda leaf: jnp.zeros((len(metrics), LANES)), y)
-    return jax.vmap(lane, in_axes=(0, 0, 1), out_axes=(0, 1, 1))(block, y, pulled)
+def _loop(machine: Rig, varied: tuple[str, ...]) -> CycleAdjoint | None:
+    """The loop for machines of this structure, made once; None where XLA has to do it."""
+    return _made(jax.tree.structure(machine), varied) if backend.native_loops() else None
 
 
-@jax.jit
-def _pull_begin(machine, block, pulled):
-    """Back through the start from rest."""
-
-    def lane(values, pulled):
-        def start(v):
-            m = set_parameters(machine, v)
-            return {n: jnp.asarray(x, jnp.float64) for n, x in m.start().items()}
-
-        return jax.vmap(lambda row: jax.vjp(start, values)[1](row)[0])(pulled)
-
-    return jax.vmap(lane, in_axes=(0, 1), out_axes=1)(block, pulled)
-
-
-def _march(machine, values, y, metrics, first, steps: int):
-    """One cycle of one design as a loop that can be reversed: each step keeps its start and is taken again."""
-    m = set_parameters(machine, values)
-
-    @jax.checkpoint
-    def one(carry, n):
-        return cycle_step(m, *carry, n, steps, first), None
-
-    (y, sums), _ = jax.lax.scan(one, (y, empty_sums(m, jnp.float64)), jnp.arange(steps, dtype=jnp.float64))
-    found = measured(m, sums, 1.0 / steps)
-    return y, {n: found[n] for n in metrics}
-
-
-def memory(machine: Rig, columns: Mapping[str, np.ndarray], metrics: tuple[str, ...], steps: int) -> int:
-    """Bytes that the way back through one cycle of a block of designs needs beside its arguments."""
-    base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
-    block = filled({n: np.asarray(column, float) for n, column in columns.items()}, LANES)[0][1]
-    with _flags_for_reverse():
-        program = _pull.lower(base, block, _begin(base, block).y, metrics, None, True, False, steps).compile()
-    return program.memory_analysis().temp_size_in_bytes
+@functools.lru_cache(maxsize=16)
+def _made(structure, varied: tuple[str, ...]) -> CycleAdjoint | None:
+    machine = jax.tree.unflatten(structure, [np.ones(())] * structure.num_leaves)
+    try:
+        return CycleAdjoint(machine, varied)
+    except Untranslatable:
+        return None

@@ -12,6 +12,7 @@ from edhas_jax.gradient_blocks import forward_blocks
 from edhas_jax.gradient_forward import forward
 from edhas_jax.gradient_plan import GradientSettings
 from edhas_jax.gradient_reverse import reverse
+from edhas_jax.gradient_reverse_blocks import reverse_blocks
 
 PUMP = edhas.PumpBench(effects=(LugreFriction(), PistonLeakage(), EntrainedAir()))
 ACTUATOR = edhas.ActuatorBench(effects=(LugreFriction(),))
@@ -58,7 +59,7 @@ def table(machine, names, count=3):
     return {n: float(edhas.get(machine, n)) * rng.uniform(0.9, 1.1, count) for n in names}
 
 
-def test_forward_equals_reverse_equals_blocks():
+def test_forward_equals_reverse_equals_those_under_xla():
     """After the same cycles, on the same steps: to rounding."""
     names = ["frequency", "amplitude", "coil_resistance", "mover_mass", "coulomb_friction", "position_gain"]
     metrics = ["mean_electrical_power", "peak_current", "tracking_error", "phase_lag"]
@@ -66,6 +67,7 @@ def test_forward_equals_reverse_equals_blocks():
     ahead = forward(ACTUATOR, columns, names, metrics, settings)
     others = (
         reverse(ACTUATOR, columns, names, metrics, settings, cycles=3),
+        reverse_blocks(ACTUATOR, columns, names, metrics, settings, cycles=3),
         forward_blocks(ACTUATOR, columns, names, metrics, settings),
     )
     sizes = np.stack([columns[n] for n in names], axis=1)

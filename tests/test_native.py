@@ -8,7 +8,8 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.effects import EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.integrate import step
-from edhas_jax.native import Loop, Untranslatable
+from edhas_jax.native import AdjointLoop, Loop, Untranslatable
+from edhas_jax.native.adjoint import STRETCH
 from edhas_jax.native.vector_code import Processor
 from edhas_jax.parameters import set_parameters
 
@@ -160,3 +161,30 @@ def test_what_has_no_machine_code_is_said():
 def test_processors_without_wide_vectors_are_known():
     assert Processor.of({"avx": True, "avx512f": False}) == Processor(32, False)
     assert Processor.of({}) == Processor(16, False) and Processor.of({}).lanes("float32") == 8
+
+
+def test_back_through_a_loop():
+    """The covectors of a reversed loop are those of reverse mode through the same steps, whatever the stretches."""
+
+    def body(n, carry, lane, uniform):
+        x, v = carry
+        force = -lane["k"] * x - uniform * v * jnp.abs(v) + jnp.sin(0.1 * n)
+        return x + 0.05 * v, v + 0.05 * jnp.where(x > 0.5, 2.0 * force, force)
+
+    steps, count = 2 * STRETCH + 7, 3
+    start = np.linspace(0.2, 0.9, count), np.linspace(-1.0, 1.0, count)
+    lane, uniform = {"k": np.array([1.0, 2.0, 3.0])}, 0.3
+    loop = AdjointLoop(body, float, (0.0, 0.0), {"k": 0.0}, 0.0)
+    end, trail = loop.run(start, lane, uniform, steps)
+    weights = [(np.ones(count), np.zeros(count)), (np.zeros(count), np.array([1.0, -2.0, 0.5]))]
+
+    def whole(start, lane):
+        return jax.lax.scan(lambda c, n: (body(n, c, lane, uniform), None), start, jnp.arange(float(steps)))[0]
+
+    for j in range(count):
+        one = jax.tree.map(lambda leaf, j=j: leaf[j], (start, lane))
+        wanted, pull = jax.vjp(whole, *one)
+        np.testing.assert_allclose([e[j] for e in end], wanted, rtol=1e-10)
+        for found, weight in zip(loop.pull(trail, weights, lane, uniform), weights, strict=True):
+            by = pull(tuple(jnp.asarray(w[j]) for w in weight))
+            np.testing.assert_allclose([leaf[j] for leaf in jax.tree.leaves(found)], jax.tree.leaves(by), rtol=1e-8)

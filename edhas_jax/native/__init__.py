@@ -4,7 +4,8 @@
 beyond its reach is `Untranslatable`. Nothing here knows of machines.
 """
 
+from edhas_jax.native.adjoint import AdjointLoop
 from edhas_jax.native.loop import Loop, Marched
 from edhas_jax.native.reading import Untranslatable
 
-__all__ = ["Loop", "Marched", "Untranslatable"]
+__all__ = ["AdjointLoop", "Loop", "Marched", "Untranslatable"]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from edhas_jax.native.program import Level, Program
-from edhas_jax.native.vector_code import VECTORS, Processor, VectorCode
+from edhas_jax.native.vector_code import Processor, VectorCode
 
 
 class Source(NamedTuple):
@@ -14,11 +14,11 @@ class Source(NamedTuple):
     row: int = 0
 
 
-_ACROSS = range(VECTORS)
 _FRAME = """{declarations}
 define void @run(ptr %carry, ptr %lane, ptr %uniform, ptr %fed, ptr %kept,
                  i64 %first, i64 %per_sample, i64 %samples, i64 %blocks) #0 {{
 entry:
+  %last = sub i64 %samples, 1
   br label %block_loop
 block_loop:
   %block = phi i64 [ 0, %entry ], [ %next_block, %block_end ]
@@ -35,8 +35,9 @@ keep:
   {keep}
   br label %steps
 steps:
+  {order}
   {feeding}
-  %done = mul i64 %sample, %per_sample
+  %done = mul i64 {at}, %per_sample
   %begin = add i64 %first, %done
   %end = add i64 %begin, %per_sample
   br label %step_loop
@@ -64,17 +65,18 @@ attributes #0 = {{ nounwind "prefer-vector-width"="{bits}" "min-legal-vector-wid
 
 
 def assembly(
-    program: Program, processor: Processor, sources: Sequence[Source], rows: int, lane_rows: int, fed_rows: int
-) -> str:
+    program: Program, processor: Processor, sources: Sequence[Source], rows: int, lane_rows: int, fed_rows: int,
+    backwards: bool = False,
+) -> str:  # fmt: skip
     """The text of a module with the function
 
     run(carry, lane, uniform, fed, kept, first, per_sample, samples, blocks): `samples` times, the carry is kept and
     `per_sample` ≥ 1 steps are taken, the first of which has the number `first`. For each block of lanes there are
     `rows` rows of carry, `lane_rows` rows that stay as they are, `samples` × `fed_rows` rows of which each sample has
     its own, and `samples` × `rows` rows to keep the carry in (none if `kept` is null). Output k of the program is row k
-    of the new carry.
+    of the new carry. If `backwards`, the samples are gone through from the last to the first.
     """
-    code = VectorCode(program.type, processor)
+    code, across = VectorCode(program.type, processor), range(processor.vectors)
     order = program.order()
     apart = _lane_by_lane(program, order, sources)
     names: dict[int, list[str]] = {}
@@ -86,41 +88,44 @@ def assembly(
             if program.level[i] != level or op == "input":
                 continue
             if op in ("const", "truth"):
-                names[i] = [code.number(args[0]) if op == "const" else code.truth(args[0])] * VECTORS
+                names[i] = [code.number(args[0]) if op == "const" else code.truth(args[0])] * len(across)
             else:
-                each = [code.operation(op, [names[k][j] for k in args]) for j in (_ACROSS if apart[i] else (0,))]
-                names[i] = each if apart[i] else each * VECTORS
+                each = [code.operation(op, [names[k][j] for k in args]) for j in (across if apart[i] else (0,))]
+                names[i] = each if apart[i] else each * len(across)
 
-    start = [[code.load(_at(code, "%carry", "%block", rows, r, j)) for j in _ACROSS] for r in range(rows)]
+    start = [[code.load(_at(code, "%carry", "%block", rows, r, j)) for j in across] for r in range(rows)]
     for k, source in enumerate(sources):
         if k in inputs and source.table == "lane":
-            spots = [_at(code, "%lane", "%block", lane_rows, source.row, j) for j in _ACROSS]
+            spots = [_at(code, "%lane", "%block", lane_rows, source.row, j) for j in across]
             names[inputs[k]] = [code.load(spot) for spot in spots]
         elif k in inputs and source.table == "uniform":
             spot = code.line(f"getelementptr {code.scalar}, ptr %uniform, i64 {source.row}")
-            names[inputs[k]] = [code.splat(code.load_scalar(spot))] * VECTORS
+            names[inputs[k]] = [code.splat(code.load_scalar(spot))] * len(across)
         elif k in inputs and source.table == "carry":
-            names[inputs[k]] = [f"%c{source.row}.{j}" for j in _ACROSS]
+            names[inputs[k]] = [f"%c{source.row}.{j}" for j in across]
     compute(Level.FIXED)
     opening = code.taken()
     for r in range(rows):
-        for j in _ACROSS:
+        for j in across:
             code.store(f"%s{r}.{j}", _at(code, "%kept", "%sample_block", rows, r, j))
     keep = code.taken()
+    at = code.line("sub i64 %last, %sample") if backwards else "%sample"
+    feed_block = code.line(f"add i64 %samples_before, {at}")
+    order_of_samples = code.taken()
     for k, source in enumerate(sources):
         if k in inputs and source.table == "fed":
-            spots = [_at(code, "%fed", "%sample_block", fed_rows, source.row, j) for j in _ACROSS]
+            spots = [_at(code, "%fed", feed_block, fed_rows, source.row, j) for j in across]
             names[inputs[k]] = [code.load(spot) for spot in spots]
     compute(Level.SAMPLE)
     feeding = code.taken()
-    number = [code.splat(code.line(f"sitofp i64 %n to {code.scalar}"))] * VECTORS
+    number = [code.splat(code.line(f"sitofp i64 %n to {code.scalar}"))] * len(across)
     names |= {inputs[k]: number for k, source in enumerate(sources) if k in inputs and source.table == "step"}
     compute(Level.STEP)
     compute(Level.CARRY)
     body = code.taken()
     new = [names[program.outputs[r]] for r in range(rows)]
     for r in range(rows):
-        for j in _ACROSS:
+        for j in across:
             code.store(new[r][j], _at(code, "%carry", "%block", rows, r, j))
     closing = code.taken()
 
@@ -128,25 +133,26 @@ def assembly(
         return [
             f"%{name}{r}.{j} = phi {code.vector} [ {first(r, j)}, %{before} ], [ {new[r][j]}, %{then} ]"
             for r in range(rows)
-            for j in _ACROSS
+            for j in across
         ]
 
     parts = {
         "opening": opening,
         "sample_phis": phis("s", lambda r, j: start[r][j], "block_loop", "sample_end"),
         "keep": keep,
+        "order": order_of_samples,
         "feeding": feeding,
         "step_phis": phis("c", lambda r, j: f"%s{r}.{j}", "steps", "step_loop"),
         "body": body,
         "closing": closing,
     }
     text = {n: "\n  ".join(lines) for n, lines in parts.items()}
-    return _FRAME.format(declarations="\n".join(code.declarations()), bits=8 * processor.vector_bytes, **text)
+    return _FRAME.format(at=at, declarations="\n".join(code.declarations()), bits=8 * processor.vector_bytes, **text)
 
 
 def _at(code: VectorCode, table: str, block: str, rows: int, row: int, j: int) -> str:
     """The address of vector j of a row of a block."""
-    wide = VECTORS * code.width
+    wide = code.processor.vectors * code.width
     before = code.line(f"mul i64 {block}, {rows * wide}")
     spot = code.line(f"add i64 {before}, {row * wide + j * code.width}")
     return code.line(f"getelementptr {code.scalar}, ptr {table}, i64 {spot}")

@@ -1,6 +1,7 @@
 """A loop over time for many lanes, compiled for this processor."""
 
 import ctypes
+import dataclasses
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -29,7 +30,8 @@ class Loop:
 
     `body` is a JAX function of scalars. `carry`, `lane` (what differs from lane to lane) and `uniform` (what does not)
     are pytrees of real scalars; the examples given here count only by their structure. With `fed`, another pytree of
-    what changes from sample to sample, the body has it as a fifth argument. Changing any number compiles
+    what changes from sample to sample, the body has it as a fifth argument; `backwards` goes through the samples from
+    the last to the first; `vectors` are marched side by side, two where nothing is said. Changing any number compiles
     nothing. With a `cache` the machine code is kept; a `key` stands for all that the body depends on, its own text
     included, and saves even looking at it. The numbers of a lane depend on that lane alone, to the bit, not on its
     place or on the number of threads.
@@ -40,9 +42,12 @@ class Loop:
 
     def __init__(
         self, body: Callable, dtype, carry: Any, lane: Any, uniform: Any, cache: Path | None = None,
-        key: str | None = None, fed: Any = None,
+        key: str | None = None, fed: Any = None, backwards: bool = False, vectors: int | None = None,
     ):  # fmt: skip
         self.dtype = np.dtype(dtype)
+        processor = host().processor
+        if vectors is not None:
+            processor = dataclasses.replace(processor, vectors=vectors)
         tables = {"carry": carry, "lane": lane, "uniform": uniform} | ({} if fed is None else {"fed": fed})
         self._structures = {name: jax.tree.structure(table) for name, table in tables.items()}
 
@@ -53,10 +58,11 @@ class Loop:
                 raise ValueError(f"the body turns {self._structures['carry']} into {out}")
             rows = {name: structure.num_leaves for name, structure in self._structures.items()}
             sources = [Source("step"), *(Source(name, row) for name, count in rows.items() for row in range(count))]
-            return assembly(program, host().processor, sources, rows["carry"], rows["lane"], rows.get("fed", 0))
+            counts = rows["carry"], rows["lane"], rows.get("fed", 0)
+            return assembly(program, processor, sources, *counts, backwards)
 
-        self.lanes = host().processor.lanes(self.dtype)
-        self._run = function(text, "run", [ctypes.c_void_p] * 5 + [ctypes.c_int64] * 4, cache, key)
+        self.lanes = processor.lanes(self.dtype)
+        self._code = function(text, "run", [ctypes.c_void_p] * 5 + [ctypes.c_int64] * 4, cache, key)
 
     def __call__(self, carry: Any, lane: Any, uniform: Any, first: int, steps: int, threads: int = 1) -> Any:
         """The carry after `steps` steps; leaves of `carry` and `lane` have the shape (lanes,)."""
@@ -71,8 +77,8 @@ class Loop:
         Leaves of `fed` have the shape (samples,): they are the same for all lanes.
         """
         count = np.shape(jax.tree.leaves(carry)[0])[0]
-        state, fixed = self._blocks("carry", carry, count), self._blocks("lane", lane, count)
-        scalars = np.array([*self._leaves("uniform", uniform)], self.dtype)
+        state, fixed = self.blocks("carry", carry, count), self.blocks("lane", lane, count)
+        scalars = self.scalars(uniform)
         blocks, rows, _ = state.shape
         kept = np.empty((blocks, samples, rows, self.lanes) if keep else 0, self.dtype)
         feed = np.empty(0, self.dtype)
@@ -82,20 +88,33 @@ class Loop:
             feed = np.ascontiguousarray(np.broadcast_to(columns[None, :, :, None], shape))
 
         def work(some: range) -> None:
-            def at(table):
-                return table[some.start :].ctypes.data if table.size else None
-
-            tables = at(state), at(fixed), scalars.ctypes.data, at(feed), at(kept)
-            self._run(*tables, first, per_sample, samples, len(some))
+            tables = (table[some.start :] if table.size else None for table in (state, fixed, feed, kept))
+            self.run(*tables, scalars, first, per_sample, samples, len(some))
 
         if threads == 1 or blocks == 1:
             work(range(blocks))
         else:
             with ThreadPoolExecutor(min(threads, blocks)) as pool:
                 list(pool.map(work, (range(b, b + 1) for b in range(blocks))))
-        last = state.transpose(1, 0, 2).reshape(rows, -1)[:, :count]
         seen = kept.transpose(2, 1, 0, 3).reshape(rows, samples, -1)[..., :count] if keep else ()
-        return Marched(self._tree(last), self._tree(seen) if keep else None)
+        return Marched(self.tree(state, count), self._tree(seen) if keep else None)
+
+    def run(self, state, fixed, fed, kept, scalars, first: int, per_sample: int, samples: int, blocks: int = 1) -> None:
+        """`march` on tables as they lie in memory, the state being replaced; see `assembly` for their shapes.
+
+        `state` and `fixed` as `blocks` makes them, `scalars` likewise; `fed` and `kept`, with the shape
+        (blocks, samples, rows, lanes), may be None.
+        """
+        tables = (None if table is None else table.ctypes.data for table in (state, fixed, scalars, fed, kept))
+        self._code(*tables, first, per_sample, samples, blocks)
+
+    def scalars(self, uniform: Any) -> np.ndarray:
+        """What is the same for all lanes, as `run` takes it."""
+        return np.array([*self._leaves("uniform", uniform)], self.dtype)
+
+    def tree(self, table: np.ndarray, count: int) -> Any:
+        """The carry of `count` lanes from a table (blocks, rows, lanes)."""
+        return self._tree(table.transpose(1, 0, 2).reshape(table.shape[1], -1)[:, :count])
 
     def _tree(self, rows) -> Any:
         return jax.tree.unflatten(self._structures["carry"], list(rows))
@@ -106,11 +125,12 @@ class Loop:
             raise ValueError(f"this loop was compiled for {self._structures[which]}, not for {structure}")
         return leaves
 
-    def _blocks(self, which: str, tree: Any, count: int) -> np.ndarray:
-        """The rows of a table, cut into blocks of lanes; the last block is filled up with its last lane."""
+    def blocks(self, which: str, tree: Any, count: int) -> np.ndarray:
+        """The rows of a table ("carry" or "lane"), cut into blocks of lanes: (blocks, rows, lanes).
+
+        The last block is filled up with its last lane.
+        """
         rows = [np.broadcast_to(np.asarray(leaf, self.dtype), count) for leaf in self._leaves(which, tree)]
         table = np.stack(rows) if rows else np.empty((0, count), self.dtype)
         table = np.pad(table, ((0, 0), (0, -count % self.lanes)), mode="edge")
         return np.ascontiguousarray(table.reshape(len(rows), -1, self.lanes).transpose(1, 0, 2))
-
-

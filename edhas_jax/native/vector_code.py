@@ -6,15 +6,17 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-VECTORS = 2  # marched side by side: one vector alone waits for its own results
-
 
 @dataclasses.dataclass(frozen=True)
 class Processor:
-    """What code is written for: bytes in a vector register, and whether AVX-512's approximations are there."""
+    """What code is written for: bytes in a vector register, and whether AVX-512's approximations are there.
+
+    `vectors` are marched side by side: one alone waits for its own results, more fill the nearest cache.
+    """
 
     vector_bytes: int
     approximates: bool
+    vectors: int = 2
 
     @classmethod
     def of(cls, features: dict[str, bool]) -> "Processor":
@@ -25,7 +27,7 @@ class Processor:
 
     def lanes(self, dtype) -> int:
         """The lanes of one block."""
-        return VECTORS * self.vector_bytes // np.dtype(dtype).itemsize
+        return self.vectors * self.vector_bytes // np.dtype(dtype).itemsize
 
 
 _ARITHMETIC = {"add": "fadd contract", "sub": "fsub contract", "mul": "fmul contract"}

@@ -1,0 +1,92 @@
+"""A loop that can be gone back through: derivatives of its end by its beginning and by what its lanes hold."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from edhas_jax.native.loop import Loop
+
+STRETCH = 128  # steps that are run again at a time on the way back: their carries stay in the processor's cache
+
+
+class Trail(NamedTuple):
+    """Where a run came along: the carry before every stretch, (blocks, stretches, rows, lanes), and its length."""
+
+    carries: np.ndarray
+    steps: int
+
+
+class AdjointLoop:
+    """carry ← body(n, carry, lane, uniform) for n = 0, 1, …, as `Loop`, and the way back.
+
+    With w a covector of the carry, the way back takes each step as  (w, v) ← (wᵀ ∂body/∂carry, v + wᵀ ∂body/∂lane).
+    Kept are the carries before every stretch of steps; on the way back a stretch is run again and keeps all of its own.
+
+    Raises:
+        Untranslatable: the body, or its derivative, uses an operation that is not known here.
+    """
+
+    def __init__(self, body: Callable, dtype, carry: Any, lane: Any, uniform: Any, cache: Path | None = None):
+        def back(n, pulled, lane, uniform, before):
+            by_carry, by_lane = pulled
+            _, pull = jax.vjp(lambda carry, lane: body(n, carry, lane, uniform), before, lane)
+            by_carry, share = pull(by_carry)
+            return by_carry, jax.tree.map(jnp.add, by_lane, share)
+
+        # a step back holds all values of the step ahead: those of a second vector would not fit the nearest cache
+        self._ahead = Loop(body, dtype, carry, lane, uniform, cache, vectors=1)
+        self._back = Loop(back, dtype, (carry, lane), lane, uniform, cache, fed=carry, backwards=True, vectors=1)
+
+    def run(self, carry: Any, lane: Any, uniform: Any, steps: int, threads: int = 1) -> tuple[Any, Trail]:
+        """The carry after `steps` steps, and what is needed to go back; leaves have the shape (lanes,)."""
+        count = np.shape(jax.tree.leaves(carry)[0])[0]
+        state, fixed = self._ahead.blocks("carry", carry, count), self._ahead.blocks("lane", lane, count)
+        scalars = self._ahead.scalars(uniform)
+        blocks, rows, lanes = state.shape
+        whole, rest = divmod(steps, STRETCH)
+        carries = np.empty((blocks, whole + bool(rest), rows, lanes), state.dtype)
+
+        def work(b: int) -> None:
+            if whole:
+                self._ahead.run(state[b], fixed[b], None, carries[b], scalars, 0, STRETCH, whole)
+            if rest:
+                carries[b, whole] = state[b]
+                self._ahead.run(state[b], fixed[b], None, None, scalars, whole * STRETCH, rest, 1)
+
+        _each(work, blocks, threads)
+        return self._ahead.tree(state, count), Trail(carries, steps)
+
+    def pull(
+        self, trail: Trail, covectors: Sequence[Any], lane: Any, uniform: Any, threads: int = 1
+    ) -> list[tuple[Any, Any]]:
+        """For each covector of the carry at the end: those of the carry at the start, and of `lane`."""
+        count = np.shape(jax.tree.leaves(covectors[0])[0])[0]
+        nothing = jax.tree.map(lambda leaf: np.zeros(count), lane)
+        pulled = [self._back.blocks("carry", (w, nothing), count) for w in covectors]
+        fixed, scalars = self._ahead.blocks("lane", lane, count), self._ahead.scalars(uniform)
+
+        def work(b: int) -> None:
+            seen = np.empty((STRETCH, *trail.carries.shape[2:]), trail.carries.dtype)
+            for k in reversed(range(trail.carries.shape[1])):
+                first, state = k * STRETCH, trail.carries[b, k].copy()
+                steps = min(STRETCH, trail.steps - first)
+                self._ahead.run(state, fixed[b], None, seen, scalars, first, 1, steps)
+                for table in pulled:
+                    self._back.run(table[b], fixed[b], seen, None, scalars, first, 1, steps)
+
+        _each(work, len(trail.carries), threads)
+        return [self._back.tree(table, count) for table in pulled]
+
+
+def _each(work: Callable[[int], None], count: int, threads: int) -> None:
+    if threads == 1 or count == 1:
+        for k in range(count):
+            work(k)
+    else:
+        with ThreadPoolExecutor(min(threads, count)) as pool:
+            list(pool.map(work, range(count)))
