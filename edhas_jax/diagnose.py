@@ -15,8 +15,9 @@ from edhas_jax.forms import FORMS
 from edhas_jax.instruments import Instruments
 from edhas_jax.resolution import Resolution, choose_resolution
 from edhas_jax.screening import Score, Screen
+from edhas_jax.second_look import second_look
 from edhas_jax.suspects import Suspect, can_have, problem_of, suspects_for
-from edhas_jax.trial import Judged, Trial, refined, search, start_from, try_suspect
+from edhas_jax.trial import Judged, Trial, again, refined, search, start_from, try_suspect
 
 MOST_EFFECTS = 3
 CALIBRATION_STEPS, TRIAL_STEPS, FINAL_STEPS = 25, 12, 12
@@ -25,6 +26,7 @@ MOST_TRIALS = 5
 RIVAL = 0.1  # share of the best gain that a suspect must promise to be tried as its rival
 GAIN = 12.0  # rise of the evidence for which an effect is accepted, if new runs agree
 SIGMAS = 2.0  # standard errors by which ½χ² of new runs must fall
+CLEAR, FEWER = 40.0, 1.0  # rise of the evidence beyond which fewer will do: new runs may be short and show little
 NEAR_NOISE = 1.3  # residual over noise below which fits are finished at the fine step before they are compared
 MARGIN = 30.0  # rise of the evidence by which a bare formula must beat a named effect
 AHEAD = 2.0  # how much more a formula must promise than an effect has brought, to be worth a trial
@@ -78,7 +80,9 @@ def _rounds(
         suspects = suspects_for(campaign, fitted.machine, fitted.instruments, more)
         if allowed is not None:
             suspects = [s for s in suspects if s.signal is not None or s.id in allowed]
-        rounds.append(_round(before, accepted, suspects, resolution, say, last=len(rounds) == MOST_EFFECTS))
+        last = len(rounds) == MOST_EFFECTS
+        one_more, resolution = _round(before, accepted, suspects, resolution, say, last)
+        rounds.append(one_more)
         found = rounds[-1].accepted
         if found is None:
             return rounds
@@ -88,12 +92,15 @@ def _rounds(
 
 def _round(
     before: Judged, accepted: Sequence[Suspect], suspects: Sequence[Suspect], resolution: Resolution, say, last: bool
-) -> Round:
-    """The search for one more effect. Formulas are asked where no effect promises to account for what is left over."""
+) -> tuple[Round, Resolution]:
+    """The search for one more effect, and the steps that serve after it.
+
+    Formulas are asked where no effect promises to account for what is left over.
+    """
     screen, excess = Screen(before.fit, accepted), _excess(before)
     scores = _screened(screen, suspects, say)
     if last:
-        return Round(before, tuple(scores), (), None)
+        return Round(before, tuple(scores), (), None), resolution
     most = scores[0].fall if scores else 0.0
     forms: list[Score] = []
     if excess > PROMISE and most < 0.5 * excess:
@@ -102,6 +109,7 @@ def _round(
     tried = _tournament(before, accepted, forms, resolution, say) if first else []
     reached = max((t.gain for t in tried), default=0.0)
     trials = _tournament(before, accepted, scores, resolution, say, reached)
+    trials, resolution = _looked_closer(before, trials, resolution, say)
     best = max(trials, key=lambda t: t.gain, default=None)
     found = best if best is not None and confirmed(before, best) else None
     gain = found.gain if found else 0.0
@@ -111,8 +119,8 @@ def _round(
     tried = sorted(tried, key=lambda t: -t.gain)
     if tried and confirmed(before, tried[0]) and tried[0].gain > MARGIN + gain:
         # a bare formula does better than any effect: what is missing is not in the library
-        return Round(before, tuple(scores), tuple(trials), None, tuple(tried))
-    return Round(before, tuple(scores), tuple(trials), found)
+        return Round(before, tuple(scores), tuple(trials), None, tuple(tried)), resolution
+    return Round(before, tuple(scores), tuple(trials), found), resolution
 
 
 def _excess(judged: Judged) -> float:
@@ -145,6 +153,33 @@ def _tournament(
     return trials
 
 
+def _looked_closer(before: Judged, trials: list[Trial], resolution: Resolution, say) -> tuple[list[Trial], Resolution]:
+    """The best of the trials again, where it is confirmed and yet leaves much over; and the steps that serve then.
+
+    What is left may be the step's doing, as the effect may ask for a finer one, or that of a pit on the way down.
+    """
+    best = max(trials, key=lambda t: t.gain, default=None)
+    if best is None or not confirmed(before, best) or _near(best.judged):
+        return trials, resolution
+    closer, finer = best, _serving(best)
+    if finer.rough > resolution.rough:
+        say(f"a finer step for {best.suspect.name}")
+        fitted = best.judged.fit
+        closer = again(before, best, search(fitted.problem, fitted.x, finer.rough, TRIAL_STEPS))
+        resolution = finer
+    if not _near(closer.judged):
+        say(f"{best.suspect.name}: first without the runs that fit worst")
+        closer = second_look(before, closer, resolution.rough, CALIBRATION_STEPS)
+        finer = _serving(closer)
+        resolution = finer if finer.rough > resolution.rough else resolution
+    return [closer if t is best else t for t in trials], resolution
+
+
+def _serving(trial: Trial) -> Resolution:
+    """The steps that serve where a trial has led."""
+    return choose_resolution(trial.judged.fit.problem.model(), trial.judged.fit.x)
+
+
 def _finished(judged: Judged, resolution: Resolution, say) -> Judged:
     """A fit with the solver's error taken out, where what is left over is so little that this would matter."""
     if not _near(judged):
@@ -164,7 +199,8 @@ def confirmed(before: Judged, trial: Trial) -> bool:
         return False
     gains = before.half_chi_square() - trial.judged.half_chi_square()
     # under the better model the fall of ½χ² has a variance of twice itself
-    return float(gains.sum()) > SIGMAS * math.sqrt(2.0 * max(float(np.abs(gains).sum()), 1.0))
+    sigmas = FEWER if trial.gain > CLEAR else SIGMAS
+    return float(gains.sum()) > sigmas * math.sqrt(2.0 * max(float(np.abs(gains).sum()), 1.0))
 
 
 def _unexplained(judged: Judged) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from edhas_jax import tree
 from edhas_jax.campaign import BenchRun, Campaign, Use
 from edhas_jax.instruments import Instruments
-from edhas_jax.levenberg import Quadratic, minimise
+from edhas_jax.levenberg import Quadratic, inverse, minimise
 from edhas_jax.misfit import whitened
 from edhas_jax.parameters import set_parameters
 from edhas_jax.prediction import Case, Model, Outcome
@@ -169,7 +169,7 @@ def fit(
     if not np.isfinite(done.at.cost[0]):
         raise FitError("the model fails (it is not finite, or leaves its physical range) wherever the fit has looked")
     say("freeing the estimate of the solver's error")
-    covariance = np.linalg.inv(done.at.curvature[0])
+    covariance = inverse(done.at.curvature[0])
     x, outcomes = _corrected(model, done.x[0], covariance, resolution.fine, (low, high))
     return Fit(
         problem, x, done.x[0], covariance, float(done.at.cost[0]), outcomes, resolution, bool(done.converged[0]), costs

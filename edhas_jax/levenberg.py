@@ -21,6 +21,17 @@ class Quadratic:
     curvature: np.ndarray
 
 
+def inverse(curvature: np.ndarray) -> np.ndarray:
+    """The inverse of a curvature (n, n), positive definite whatever rounding has made of it.
+
+    Coordinates are scaled to unit curvature first, so that what is known sharply does not hide the rest.
+    """
+    scale = 1.0 / np.sqrt(np.diag(curvature))
+    values, vectors = np.linalg.eigh(scale[:, None] * curvature * scale)
+    kept = np.maximum(values, len(values) * np.finfo(float).eps * values[-1])
+    return scale[:, None] * ((vectors / kept) @ vectors.T) * scale
+
+
 @dataclasses.dataclass(frozen=True)
 class Minima:
     """Where the starts ended: `x` (k, n), the sum of squares there, the steps taken, and which have converged."""

@@ -9,7 +9,7 @@ import numpy as np
 from edhas_jax.calibration import residuals_of
 from edhas_jax.campaign import BenchRun, Use
 from edhas_jax.fit import EXACT, Fit, FitError, Problem, fit, sums_of_squares
-from edhas_jax.levenberg import minimise
+from edhas_jax.levenberg import inverse, minimise
 from edhas_jax.misfit import level
 from edhas_jax.prediction import Case
 from edhas_jax.resolution import Resolution
@@ -70,8 +70,8 @@ class Trial:
     gain_on_new: float
 
 
-def search(problem: Problem, start: np.ndarray, per_sample: int, most_steps: int) -> Judged:
-    """The fit of a problem from one start at one step, without the refinements of a final one.
+def search(problem: Problem, starts: np.ndarray, per_sample: int, most_steps: int) -> Judged:
+    """The best fit of a problem from one start (n,) or several (k, n), without the refinements of a final one.
 
     Raises:
         FitError: the model fails wherever the fit has looked.
@@ -81,16 +81,16 @@ def search(problem: Problem, start: np.ndarray, per_sample: int, most_steps: int
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
     found = minimise(
         lambda x, which: sums_of_squares(model, [Case(row, every) for row in x], per_sample),
-        start[None], low, high, tolerance=0.5, most_steps=most_steps,
+        np.atleast_2d(starts), low, high, tolerance=0.5, most_steps=most_steps, merge=0.5,
     )  # fmt: skip
-    x, cost = found.x[0], float(found.at.cost[0])
+    best = int(np.argmin(found.at.cost))
+    x, cost = found.x[best], float(found.at.cost[best])
     if not np.isfinite(cost):
         raise FitError("the model fails (it is not finite, or leaves its physical range) wherever the fit has looked")
     outcomes = model.outcomes([Case(x, every)], per_sample, derive=True)[0]
-    covariance = np.linalg.inv(found.at.curvature[0])
     done = Fit(
-        problem, x, x, covariance, cost, tuple(outcomes[r] for r in every),
-        Resolution(per_sample, per_sample, math.nan), bool(found.converged[0]), found.at.cost,
+        problem, x, x, inverse(found.at.curvature[best]), cost, tuple(outcomes[r] for r in every),
+        Resolution(per_sample, per_sample, math.nan), bool(found.converged[best]), found.at.cost,
     )  # fmt: skip
     return judge(done, per_sample)
 
@@ -124,9 +124,7 @@ def try_suspect(
     known parameters, as a wrong model may have led them astray.
     """
     fitted, suspect = before.fit, score.suspect
-    problem = problem_of(
-        fitted.problem.campaign, fitted.problem.machine, fitted.problem.instruments, accepted, suspect
-    )
+    problem = problem_of(fitted.problem.campaign, fitted.problem.machine, fitted.problem.instruments, accepted, suspect)
     known = len(problem.unknowns) - len(score.x)
     here = np.concatenate([start_from(problem, fitted.values)[:known], score.x])
     there = np.concatenate([PULLED_BACK * here[:known], score.x])
@@ -141,7 +139,13 @@ def try_suspect(
             best = found
         if before.cost - best.cost > 0.5 * ENOUGH * score.fall:
             break
-    if best is None:
-        return Trial(suspect, score, None, -math.inf, -math.inf)
-    gains = before.half_chi_square() - best.half_chi_square()
-    return Trial(suspect, score, best, best.evidence - before.evidence, float(gains.sum()))
+    failed = Trial(suspect, score, None, -math.inf, -math.inf)
+    return failed if best is None else again(before, failed, best)
+
+
+def again(before: Judged, trial: Trial, judged: Judged) -> Trial:
+    """The trial with another fit of its suspect."""
+    gains = before.half_chi_square() - judged.half_chi_square()
+    return dataclasses.replace(
+        trial, judged=judged, gain=judged.evidence - before.evidence, gain_on_new=float(gains.sum())
+    )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from edhas_jax.levenberg import Quadratic, minimise
+from edhas_jax.levenberg import Quadratic, inverse, minimise
 
 WIDE = np.full(2, -np.inf), np.full(2, np.inf)
 
@@ -73,3 +73,16 @@ def test_a_rough_floor_ends_the_search():
 
     found = minimise(rough, np.array([[1.0, 1.0]]), *WIDE, tolerance=1e-9, most_steps=100)
     assert found.converged[0] and len(calls) < 60
+
+
+def test_the_inverse_of_a_curvature_is_positive_definite():
+    """Where rounding leaves nothing of the smallest eigenvalue, too; elsewhere it is the inverse."""
+    rng = np.random.default_rng(0)
+    slopes = rng.standard_normal((30, 5)) * 10.0 ** np.arange(-2, 3)
+    sound = slopes.T @ slopes + np.eye(5)
+    np.testing.assert_allclose(inverse(sound) @ sound, np.eye(5), atol=1e-9)
+    twin = slopes[:, [4, 4]] * (1.0, 1.0 + 1e-15) * 1e6
+    lost = np.concatenate([slopes, twin], axis=1)
+    found = inverse(lost.T @ lost + np.eye(7))
+    assert np.linalg.eigvalsh(found / np.sqrt(np.outer(np.diag(found), np.diag(found)))).min() > -1e-12
+    assert (np.diag(found) > 0.0).all()
