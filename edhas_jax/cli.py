@@ -8,6 +8,7 @@ import edhas_jax
 from edhas_jax.commands.campaign import check_campaign, new_campaign
 from edhas_jax.commands.compare import compare
 from edhas_jax.commands.diagnose import add, diagnose
+from edhas_jax.commands.export import export
 from edhas_jax.commands.fit import fit
 from edhas_jax.commands.lists import effects, parameters, schema
 from edhas_jax.commands.plan import plan
@@ -26,14 +27,18 @@ def main(arguments: list[str] | None = None) -> int:
     from edhas_jax.campaign import CampaignError
     from edhas_jax.config import ConfigError
     from edhas_jax.effects import EffectError
+    from edhas_jax.fmu_inputs import FmuError
     from edhas_jax.parameters import ParameterError
     from edhas_jax.run import SimulationError
     from edhas_jax.store import StoreError
     from edhas_jax.units import UnitError
 
+    user_errors = (
+        CampaignError, ConfigError, EffectError, FmuError, ParameterError, SimulationError, StoreError, UnitError,
+    )  # fmt: skip
     try:
         return options.command(options) or 0
-    except (CampaignError, ConfigError, EffectError, ParameterError, SimulationError, StoreError, UnitError) as error:
+    except user_errors as error:
         print(f"edhas: {error}", file=sys.stderr)
         return USER_ERROR
     except BrokenPipeError:
@@ -138,6 +143,26 @@ def _parser() -> argparse.ArgumentParser:
     add_.add_argument("--out", type=Path, help="configuration to write (default: NAME_EFFECT.yaml)")
     add_.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
     add_.set_defaults(command=add)
+
+    export_ = commands.add_parser("export", help="the machine as an FMU for Simulink, OpenModelica, Amesim, FMPy")
+    export_.add_argument("config", type=Path, help="configuration, YAML")
+    export_.add_argument("--out", type=Path, help="file to write (default: NAME.fmu)")
+    export_.add_argument(
+        "--input", dest="inputs", action="append", default=[], metavar="NAME",
+        help="a parameter that may change during the run, or reference, voltage, target, spool to come from outside; "
+             "may be given several times",
+    )  # fmt: skip
+    export_.add_argument(
+        "--set", dest="overrides", action="append", default=[], metavar="NAME=VALUE",
+        help="override a parameter or simulation setting, with unit: --set step=10us",
+    )  # fmt: skip
+    export_.add_argument(
+        "--compiler", dest="compilers", action="append", default=[], metavar="COMMAND",
+        help="C compiler (default: $CC or cc); several, cross compilers among them, add a binary each",
+    )  # fmt: skip
+    export_.add_argument("--sources-only", action="store_true", help="compile nothing; the target does it")
+    export_.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
+    export_.set_defaults(command=export)
 
     plot = commands.add_parser("plot", help="pictures of a result")
     of_sweep = plot.add_subparsers(title="results", required=True, metavar="KIND").add_parser(
