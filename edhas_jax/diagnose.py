@@ -81,13 +81,14 @@ def _rounds(
         if allowed is not None:
             suspects = [s for s in suspects if s.signal is not None or s.id in allowed]
         last = len(rounds) == MOST_EFFECTS
-        one_more, resolution = _round(before, accepted, suspects, resolution, say, last)
+        one_more, finer = _round(before, accepted, suspects, resolution, say, last)
         rounds.append(one_more)
         found = rounds[-1].accepted
         if found is None:
             return rounds
         say(f"found: {found.suspect.name}")
-        before = found.judged if _near(before) else _finished(found.judged, resolution, say)
+        done = _near(before) and finer.fine == resolution.fine
+        before, resolution = found.judged if done else _finished(found.judged, finer, say), finer
 
 
 def _round(
@@ -154,30 +155,29 @@ def _tournament(
 
 
 def _looked_closer(before: Judged, trials: list[Trial], resolution: Resolution, say) -> tuple[list[Trial], Resolution]:
-    """The best of the trials again, where it is confirmed and yet leaves much over; and the steps that serve then.
+    """The trials, the best fitted again where it is confirmed and yet leaves much over; and the steps that serve then.
 
     What is left may be the step's doing, as the effect may ask for a finer one, or that of a pit on the way down.
     """
     best = max(trials, key=lambda t: t.gain, default=None)
-    if best is None or not confirmed(before, best) or _near(best.judged):
+    if best is None or not confirmed(before, best):
         return trials, resolution
-    closer, finer = best, _serving(best)
-    if finer.rough > resolution.rough:
+    closer, finer = best, _serving(best, resolution)
+    if not _near(best.judged) and finer.rough > resolution.rough:
         say(f"a finer step for {best.suspect.name}")
         fitted = best.judged.fit
         closer = again(before, best, search(fitted.problem, fitted.x, finer.rough, TRIAL_STEPS))
-        resolution = finer
     if not _near(closer.judged):
         say(f"{best.suspect.name}: first without the runs that fit worst")
-        closer = second_look(before, closer, resolution.rough, CALIBRATION_STEPS)
-        finer = _serving(closer)
-        resolution = finer if finer.rough > resolution.rough else resolution
-    return [closer if t is best else t for t in trials], resolution
+        closer = second_look(before, closer, finer.rough, CALIBRATION_STEPS)
+        finer = _serving(closer, finer)
+    return [closer if t is best else t for t in trials], finer
 
 
-def _serving(trial: Trial) -> Resolution:
-    """The steps that serve where a trial has led."""
-    return choose_resolution(trial.judged.fit.problem.model(), trial.judged.fit.x)
+def _serving(trial: Trial, resolution: Resolution) -> Resolution:
+    """The steps that serve where a trial has led too."""
+    here = choose_resolution(trial.judged.fit.problem.model(), trial.judged.fit.x)
+    return Resolution(max(resolution.rough, here.rough), max(resolution.fine, here.fine), here.error)
 
 
 def _finished(judged: Judged, resolution: Resolution, say) -> Judged:

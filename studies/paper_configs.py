@@ -14,6 +14,7 @@ CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 NAMES = ("paper_calibrated", "paper_calibrated_step")
 HEADS = {
     "paper_calibrated": """\
+# yaml-language-server: $schema=edhas.schema.json
 # The pump bench of Actuators 2022, 11(10), 281, with what the paper does not print set so that phase lag, amplitude
 # loss, outlet pressure and flow over frequency are those of the paper's simulation (docs/paper.md).
 # Written by: python studies/paper.py --calibrate
@@ -25,6 +26,7 @@ effects: [lugre_friction, piston_leakage, entrained_air]
 reference: {kind: sine, amplitude: 3.5 mm, frequency: 10 Hz}
 """,
     "paper_calibrated_step": """\
+# yaml-language-server: $schema=edhas.schema.json
 # The whole actuator of Actuators 2022, 11(10), 281, with the pump of paper_calibrated.yaml: a step of 15 mm.
 # Nothing here is fitted to the step: it is what the calibrated pump makes of it.
 # Written by: python studies/paper.py --calibrate

@@ -38,8 +38,9 @@ class AdjointLoop:
             by_carry, share = pull(by_carry)
             return by_carry, jax.tree.map(jnp.add, by_lane, share)
 
+        self._ahead = Loop(body, dtype, carry, lane, uniform, cache)
         # a step back holds all values of the step ahead: those of a second vector would not fit the nearest cache
-        self._ahead = Loop(body, dtype, carry, lane, uniform, cache, vectors=1)
+        self._again = Loop(body, dtype, carry, lane, uniform, cache, vectors=1)
         self._back = Loop(back, dtype, (carry, lane), lane, uniform, cache, fed=carry, backwards=True, vectors=1)
 
     def run(self, carry: Any, lane: Any, uniform: Any, steps: int, threads: int = 1) -> tuple[Any, Trail]:
@@ -68,19 +69,27 @@ class AdjointLoop:
         count = np.shape(jax.tree.leaves(covectors[0])[0])[0]
         nothing = jax.tree.map(lambda leaf: np.zeros(count), lane)
         pulled = [self._back.blocks("carry", (w, nothing), count) for w in covectors]
-        fixed, scalars = self._ahead.blocks("lane", lane, count), self._ahead.scalars(uniform)
+        fixed, scalars = self._again.blocks("lane", lane, count), self._again.scalars(uniform)
+        carries = _narrow(trail.carries, self._again.lanes)
 
         def work(b: int) -> None:
-            seen = np.empty((STRETCH, *trail.carries.shape[2:]), trail.carries.dtype)
-            for k in reversed(range(trail.carries.shape[1])):
-                first, state = k * STRETCH, trail.carries[b, k].copy()
+            seen = np.empty((STRETCH, *carries.shape[2:]), carries.dtype)
+            for k in reversed(range(carries.shape[1])):
+                first, state = k * STRETCH, carries[b, k].copy()
                 steps = min(STRETCH, trail.steps - first)
-                self._ahead.run(state, fixed[b], None, seen, scalars, first, 1, steps)
+                self._again.run(state, fixed[b], None, seen, scalars, first, 1, steps)
                 for table in pulled:
                     self._back.run(table[b], fixed[b], seen, None, scalars, first, 1, steps)
 
-        _each(work, len(trail.carries), threads)
+        _each(work, len(fixed), threads)
         return [self._back.tree(table, count) for table in pulled]
+
+
+def _narrow(table: np.ndarray, lanes: int) -> np.ndarray:
+    """A table (blocks, stretches, rows, …) in blocks of fewer `lanes`."""
+    blocks, stretches, rows, wide = table.shape
+    parts = table.reshape(blocks, stretches, rows, wide // lanes, lanes).transpose(0, 3, 1, 2, 4)
+    return parts.reshape(-1, stretches, rows, lanes)
 
 
 def _each(work: Callable[[int], None], count: int, threads: int) -> None:
