@@ -22,8 +22,9 @@ from edhas_jax.yaml_text import read_yaml
 
 # what the numbers of a design depend on
 MODEL = (
-    "components", "effects", "native", "batch.py", "circuit.py", "cycle.py", "cycle_loop.py", "cycle_xla.py",
-    "elimination.py", "integrate.py", "linearize.py", "mechanics.py", "oil.py", "signals.py", "slots.py", "system.py",
+    "components", "effects", "native", "batch.py", "circuit.py", "control.py", "cycle.py", "cycle_loop.py",
+    "cycle_xla.py", "elimination.py", "integrate.py", "linearize.py", "mechanics.py", "oil.py", "signals.py",
+    "slots.py", "system.py",
 )  # fmt: skip
 
 
@@ -83,10 +84,13 @@ def device() -> dict[str, str]:
 
 
 def effect_code(machine: Rig) -> dict[str, str]:
-    """For each effect of a machine: `library`, or a hash of the file that it comes from."""
-    found = {}
-    for effect in machine.effects:
-        module = sys.modules[type(effect).__module__]
-        own = module.__name__.startswith("edhas_jax.")
-        found[effect.id] = "library" if own else hashlib.sha256(Path(module.__file__).read_bytes()).hexdigest()[:12]
-    return found
+    """For each effect of a machine, and its controller if it is the user's: `library`, or a hash of the file."""
+    found = {effect.id: _code_of(effect) for effect in machine.effects}
+    controller = _code_of(machine.controller)
+    return found if controller == "library" else found | {"controller": controller}
+
+
+def _code_of(part) -> str:
+    module = sys.modules[type(part).__module__]
+    own = module.__name__.startswith("edhas_jax.")
+    return "library" if own else hashlib.sha256(Path(module.__file__).read_bytes()).hexdigest()[:12]

@@ -62,7 +62,7 @@ def set_point(reference, t, share) -> dict:
 
 def start_drive(m) -> dict:
     """The states of the actuator at rest, effects included."""
-    y = m.amplifier.initial() | m.controller.initial() | initial_states(m.effects)
+    y = m.amplifier.initial() | m.sampling.initial(m.controller) | initial_states(m.effects)
     return y | {"piston_position": 0.0, "piston_velocity": 0.0}
 
 
@@ -87,7 +87,7 @@ def drive(m, y: dict, s: Signals) -> None:
     s.set(piston_position=y["piston_position"], piston_velocity=y["piston_velocity"])
     if isinstance(m.amplifier, VoltageAmplifier):
         s.set(current=m.amplifier.current(y, s))
-    s.set(unlimited_voltage=m.controller.command(y, s))
+    s.set(unlimited_voltage=m.sampling.command(m.controller, y, s))
     s.set(voltage=limited(s.unlimited_voltage, s))
     if isinstance(m.amplifier, CurrentAmplifier):
         s.set(current=m.amplifier.current(y, s))
@@ -129,7 +129,7 @@ def pump(m, y: dict, s: Signals) -> dict:
     if has_line:
         rates |= m.oil.rate("suction_pressure", s.suction_line_flow - drawn, MANIFOLD_VOLUME, s)
     s.set(drawn_flow=s.suction_line_flow if has_line else drawn)
-    return rates | move_pump(m, s)
+    return rates | move_pump(m, y, s)
 
 
 def _suction_line(y: dict, s: Signals) -> None:

@@ -4,7 +4,7 @@ import json
 from typing import Any
 
 from edhas_jax.components.reference import Recorded
-from edhas_jax.effects.discover import effect_spec
+from edhas_jax.effects.discover import effect_spec, user_spec
 from edhas_jax.parameters import KINDS, list_parameters
 from edhas_jax.recording import pack
 from edhas_jax.run import Simulation
@@ -30,7 +30,7 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
     flat = [p.name for p, _, _ in rows]
     for section in (s for s in KINDS if hasattr(m, s)):
         part = getattr(m, section)
-        lines += [f"{section}:", f"  kind: {kind_of(section, part)}"]
+        lines += [f"{section}:", f"  kind: {_scalar(kind_of(section, part))}"]
         if isinstance(part, Recorded):
             keys = recordings.get(section, {})
             keys = pack(part) if "file" not in keys else {k: v for k, v in keys.items() if k != "kind"}
@@ -53,8 +53,8 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
 
 
 def kind_of(section: str, part: Any) -> str:
-    """The name by which a configuration calls what is mounted in a section."""
-    return next(kind for kind, cls in KINDS[section].items() if isinstance(part, cls))
+    """The name by which a configuration calls what is mounted in a section; a controller of the user by its file."""
+    return next((kind for kind, cls in KINDS[section].items() if isinstance(part, cls)), None) or user_spec(type(part))
 
 
 def _scalar(text: str) -> str:

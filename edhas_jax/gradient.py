@@ -15,7 +15,7 @@ from edhas_jax.gradient_forward import forward
 from edhas_jax.gradient_plan import Derivatives, GradientSettings
 from edhas_jax.gradient_reverse import reverse
 from edhas_jax.metrics import METRICS
-from edhas_jax.parameters import ParameterError, get_parameter, list_parameters, read_value
+from edhas_jax.parameters import ParameterError, find_parameter, get_parameter, list_parameters, read_value
 from edhas_jax.signals import nearest
 from edhas_jax.system import ActuatorSystem, Rig, Sine
 from edhas_jax.units import UnitError
@@ -127,7 +127,9 @@ def parameters_of(machine: Rig) -> list[str]:
     rows = list_parameters(machine)
     flat = [p.name for p, _, _ in rows]
     return [
-        p.name if flat.count(p.name) == 1 else f"{path}.{p.name}" for p, _, path in rows if p.name != "ramp_time"
+        p.name if flat.count(p.name) == 1 else f"{path}.{p.name}"
+        for p, _, path in rows
+        if p.name != "ramp_time" and path != "sampling"
     ]
 
 
@@ -138,6 +140,8 @@ def _own_names(machine: Rig, parameters: Sequence[str]) -> list[str]:
             names.append(own_name(machine, name)[1])
         except ParameterError as error:
             raise GradientError(f"{name}: {error}") from None
+        if find_parameter(machine, names[-1])[1] == "sampling":
+            raise GradientError(f"{name}: has no derivative; the controller's instants are whole numbers of steps")
     twice = next((n for n in names if names.count(n) > 1), None)
     if twice:
         raise GradientError(f"{twice}: asked for twice")

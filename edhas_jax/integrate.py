@@ -56,7 +56,7 @@ def watched_step(machine: Rig, y: State, t, h, watch: Callable[[Signals], dict])
     watched = [n for n in at if n.startswith(seen)]
     k = solve(graph, {n: 2.0 * at[n] for n in y}, 2.0 / h, bends, watched)
     middle = {n.removeprefix(seen): at[n] + 0.5 * k.pop(n) for n in watched}
-    return {n: y[n] + k[n] for n in y}, k, middle
+    return machine.sampling.after(machine, y, k, t, h), k, middle
 
 
 class March(NamedTuple):
@@ -90,18 +90,22 @@ def observe(machine: Rig, y: State, t, h) -> dict[str, Any]:
 
 
 def checks(machine: Rig) -> tuple[str, ...]:
-    """The names of the checks of `_broken`, in its order: every state finite, every limited signal in its range."""
+    """The names of `violations`, in their order: every state finite, every limited signal in its range."""
     y = machine.start()
     return (*sorted(y), *machine.evaluate(y, 0.0, 1.0, y)[0].notes.limits)
 
 
-def _broken(machine: Rig, y: State, t, h):
-    """The index of the first check that fails, or −1."""
+def violations(machine: Rig, y: State, t, h) -> list:
+    """Whether each of `checks` fails, in their order."""
     s, _ = machine.evaluate(y, t, h, y)
     values = s.values()
     bad = [~jnp.isfinite(y[n]) for n in sorted(y)]
-    bad += [~((values[n] >= low) & (values[n] <= high)) for n, (low, high) in s.notes.limits.items()]
-    failed = jnp.stack(bad)
+    return bad + [~((values[n] >= low) & (values[n] <= high)) for n, (low, high) in s.notes.limits.items()]
+
+
+def _broken(machine: Rig, y: State, t, h):
+    """The index of the first check that fails, or −1."""
+    failed = jnp.stack(violations(machine, y, t, h))
     return jnp.where(failed.any(), jnp.argmax(failed), -1)
 
 

@@ -126,8 +126,8 @@ def _with(machine: Rig, stretch: Stretch | None) -> Rig:
 
 
 def _key(machine: Rig, varied, watch, seeded: bool, dtype) -> str | None:
-    """A text for all that the loops depend on; None where an effect is not the package's own."""
-    if any(not type(effect).__module__.startswith("edhas_jax.") for effect in machine.effects):
+    """A text for all that the loops depend on; None where an effect or the controller is not the package's own."""
+    if any(not type(part).__module__.startswith("edhas_jax.") for part in (machine.controller, *machine.effects)):
         return None
     versions = f"{backend.code_hash()} {jax.__version__}"
     return f"{jax.tree.structure(machine)} {varied} {watch} {seeded} {np.dtype(dtype)} {versions}"

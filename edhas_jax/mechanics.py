@@ -19,16 +19,16 @@ def slide(y: dict, s: Signals) -> None:
     )
 
 
-def move(m, s: Signals, mass, damping, pressure_force) -> dict:
+def move(m, y: dict, s: Signals, mass, damping, pressure_force) -> dict:
     """One body: M dv/dt = F_e − c v − (p_A − p_B) S_p − F_f − F_stop."""
     v = s.piston_velocity
     s.store("mover", 0.5 * mass * jnp.square(v))
     s.bond("mover damping", "mechanical", damping * v, v)
     force = _motor_side(s, s.motor_force - damping * v) - _plunger_side(m, s, pressure_force)
-    return _rates(m, s, force / mass)
+    return _rates(m, y, s, force / mass)
 
 
-def move_pump(m, s: Signals) -> dict:
+def move_pump(m, y: dict, s: Signals) -> dict:
     """The mover of a pump: one body, or coil carrier and plungers with a coupling between them.
 
     M dv/dt = F_e − c v − F_k,   m_add dv_p/dt = F_k − c_p v_p − (p_A − p_B) S_p − F_f − F_stop,   dΔ/dt = v − v_p
@@ -40,7 +40,7 @@ def move_pump(m, s: Signals) -> dict:
     coupling = enter(slots.COUPLING_FORCE, None, s)
     if coupling is None:
         mass, damping = mover.mover_mass + plungers.plunger_mass, mover.mover_damping + plungers.pump_damping
-        return move(m, s, mass, damping, pressure_force)
+        return move(m, y, s, mass, damping, pressure_force)
     v, v_p = s.piston_velocity, s.sliding_velocity
     s.store("mover", 0.5 * mover.mover_mass * jnp.square(v))
     s.store("plungers", 0.5 * plungers.plunger_mass * jnp.square(v_p))
@@ -51,7 +51,7 @@ def move_pump(m, s: Signals) -> dict:
     plunger = coupling - plungers.pump_damping * v_p - _plunger_side(m, s, pressure_force)
     carrier, plunger = carrier / mover.mover_mass, plunger / plungers.plunger_mass
     own = {"coupling_deflection": s.coupling_velocity, "coupling_velocity": carrier - plunger}
-    return _rates(m, s, carrier) | own
+    return _rates(m, y, s, carrier) | own
 
 
 def _motor_side(s: Signals, force):
@@ -77,7 +77,7 @@ def _plunger_side(m, s: Signals, pressure_force):
     return force if friction is None else force + friction
 
 
-def _rates(m, s: Signals, acceleration) -> dict:
+def _rates(m, y: dict, s: Signals, acceleration) -> dict:
     """The rates of the mover, and of amplifier and controller, which needed its forces."""
     rates = {"piston_position": s.piston_velocity, "piston_velocity": acceleration}
-    return rates | m.amplifier.rates(s) | m.controller.rates(s)
+    return rates | m.amplifier.rates(s) | m.sampling.rates(m.controller, y, s)

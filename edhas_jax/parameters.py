@@ -10,9 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax import tree
+from edhas_jax.components.antsmc import AdaptiveSlidingMode
 from edhas_jax.components.coil import CurrentAmplifier, VoltageAmplifier
 from edhas_jax.components.controller import CascadeController, OpenLoop, PositionController
 from edhas_jax.components.reference import Chirp, Recorded, Sine, Step
+from edhas_jax.components.sampling import Continuous, Sampled
 from edhas_jax.effects import LIBRARY
 from edhas_jax.signals import nearest
 from edhas_jax.system import RIGS, Rig, parts
@@ -21,7 +23,13 @@ from edhas_jax.units import UnitError, format_quantity, to_si, with_article
 
 KINDS: dict[str, dict[str, type]] = {
     "amplifier": {"voltage": VoltageAmplifier, "current": CurrentAmplifier},
-    "controller": {"position": PositionController, "cascade": CascadeController, "open_loop": OpenLoop},
+    "controller": {
+        "position": PositionController,
+        "cascade": CascadeController,
+        "antsmc": AdaptiveSlidingMode,
+        "open_loop": OpenLoop,
+    },
+    "sampling": {"continuous": Continuous, "sampled": Sampled},
     "reference": {"sine": Sine, "step": Step, "chirp": Chirp, "recorded": Recorded},
     "target": {"sine": Sine, "step": Step, "chirp": Chirp, "recorded": Recorded},
 }

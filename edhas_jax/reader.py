@@ -10,6 +10,8 @@ from edhas_jax import tree
 from edhas_jax.components.coil import CurrentAmplifier
 from edhas_jax.components.controller import OpenLoop
 from edhas_jax.components.reference import Recorded
+from edhas_jax.components.sampling import Sampled
+from edhas_jax.control import Controller, ControllerError
 from edhas_jax.dump import kind_of
 from edhas_jax.effects import Effect, EffectError
 from edhas_jax.effects.check import check_effect
@@ -21,6 +23,7 @@ from edhas_jax.signals import nearest
 from edhas_jax.system import RIGS, Rig
 from edhas_jax.tree import Parameter
 from edhas_jax.units import UnitError, format_quantity, to_si, with_article
+from edhas_jax.user_controller import check_controller, load_controller
 from edhas_jax.yaml_text import Key, dotted, kind_name
 
 TOP = ("name", "rig", "effects", "parameters", *KINDS, "simulation")
@@ -104,19 +107,23 @@ class Reader:
         else:
             value, keys = self._mapping(section, f"{{kind: {next(iter(kinds))}}}"), {}
         kind = value.get("kind", kind_of(section, getattr(m, section)))
-        if not isinstance(kind, str) or kind not in kinds:
-            what = f"the name of a kind belongs here, not {kind_name(kind)}; {nearest('', kinds)}"
-            if isinstance(kind, str):
-                what = f"no {section} of kind `{kind}`; {nearest(kind, kinds)}"
-            self._add((section, "kind"), what)
+        cls = self._kind(section, kind)
+        if cls is None:
             self._incomplete = True
             return m
-        if kind == "recorded":
+        if cls is Recorded:
             # a stand-in until the parameters are known: the gain of the amplifier may scale the samples
             self.recordings[section] = dict(value)
             return tree.replace(m, **{section: Recorded(values=jnp.zeros(2), interval=1.0)})
-        if not isinstance(getattr(m, section), kinds[kind]):
-            m = tree.replace(m, **{section: kinds[kind]()})
+        if not isinstance(getattr(m, section), cls):
+            m = tree.replace(m, **{section: cls()})
+        if section == "controller":
+            try:
+                check_controller(m, self.simulation.precision.value)
+            except ControllerError as error:
+                self._add((section, "kind"), str(error))
+                self._incomplete = True
+                return tree.replace(m, controller=type(m)().controller)
         own = {p.name: p for p, _, path in list_parameters(m) if path == section}
         for name, quantity in value.items():
             if name == "kind":
@@ -126,8 +133,28 @@ class Reader:
                 m = self._put(m, key, section, own[name], quantity)
             else:
                 valid = nearest(str(name), own) if own else "it has none"
-                self._add(key, f"unknown parameter of {with_article(section)} of kind {kind}; {valid}")
+                has = [k for k, other in kinds.items() if name in (p.name for p in tree.parameters(other))]
+                hint = f"write `kind: {has[0]}`, which has it" if has and "kind" not in value else valid
+                self._add(key, f"unknown parameter of {with_article(section)} of kind {kind}; {hint}")
         return m
+
+    def _kind(self, section: str, kind: Any) -> type | None:
+        """The class that `kind` names; None after a problem. A controller may be one of the user's."""
+        kinds = KINDS[section]
+        if isinstance(kind, str) and kind in kinds:
+            return kinds[kind]
+        if section == "controller" and isinstance(kind, type) and issubclass(kind, Controller):
+            return kind
+        what = f"the name of a kind belongs here, not {kind_name(kind)}; {nearest('', kinds)}"
+        if isinstance(kind, str):
+            what = f"no {section} of kind `{kind}`; {nearest(kind, kinds)}"
+        if section == "controller" and isinstance(kind, str) and (":" in kind or kind.endswith(".py")):
+            try:
+                return load_controller(kind, self._base_dir)
+            except ControllerError as error:
+                what = str(error)
+        self._add((section, "kind"), what)
+        return None
 
     def _effects(self, m: Rig) -> Rig:
         specs = self._data.get("effects")
@@ -233,6 +260,10 @@ class Reader:
         for name in ((path, end) for path in ("reference", "target") for end in ("start_frequency", "end_frequency")):
             if getattr(getattr(m, name[0], None), name[1], 1.0) <= 0.0:
                 self._add(self._given.get(name, name), "must be above 0 Hz (a chirp runs through frequencies)")
+        if isinstance(m.sampling, Sampled) and m.sampling.computation_delay > m.sampling.sample_time:
+            key = self._given.get(("sampling", "computation_delay"), ("sampling", "sample_time"))
+            most = format_quantity(m.sampling.sample_time, "s")
+            self._add(key, f"at most one sample time ({most}) can pass from a sample to its command")
         if isinstance(m.controller, OpenLoop) and not isinstance(m.reference, Recorded) and not self._incomplete:
             name = "step_size" if hasattr(m.reference, "step_size") else "amplitude"
             if ("reference", name) not in self._given:

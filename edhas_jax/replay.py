@@ -8,6 +8,7 @@ from edhas_jax import tree
 from edhas_jax.campaign import BenchRun, Campaign, CampaignError
 from edhas_jax.components.coil import CurrentAmplifier
 from edhas_jax.components.controller import OpenLoop, PositionController, Supply
+from edhas_jax.components.sampling import Continuous
 from edhas_jax.parameters import ParameterError, find_parameter
 from edhas_jax.recording import RecordingError, evenly
 from edhas_jax.system import ActuatorBench, ActuatorSystem, Rig
@@ -58,7 +59,8 @@ def mount(campaign: Campaign, run: BenchRun, machine: Rig, replay: Replay) -> Ri
         raise CampaignError(f"{error}: {replay.value} cannot be replayed") from None
     held = np.pad(np.asarray(recorded.values), (0, -len(recorded.values) % BLOCK), mode="edge")
     recorded = tree.replace(recorded, values=held)
-    machine = tree.replace(machine, reference=recorded, supply=Supply(supply_voltage=NO_LIMIT))
+    supply, sampling = Supply(supply_voltage=NO_LIMIT), Continuous()
+    machine = tree.replace(machine, reference=recorded, supply=supply, sampling=sampling)
     if replay is Replay.VOLTAGE:
         return tree.replace(machine, controller=OpenLoop())
     machine = tree.replace(machine, amplifier=CurrentAmplifier(amplifier_gain=1.0))

@@ -55,7 +55,8 @@ def runge_kutta_step(machine: Rig, y: State, t, h) -> tuple[State, Any]:
     jump = jnp.zeros_like(t)
     for n in machine.evaluate(y, t, h, y)[0].notes.pressure_rates:
         jump = jnp.maximum(jump, jnp.abs(h * (k3[n] - k2[n])))
-    return {n: y[n] + h / 6.0 * (k1[n] + 2.0 * k2[n] + 2.0 * k3[n] + k4[n]) for n in y}, jump
+    change = {n: h / 6.0 * (k1[n] + 2.0 * k2[n] + 2.0 * k3[n] + k4[n]) for n in y}
+    return machine.sampling.after(machine, y, change, t, h), jump
 
 
 def trajectories(

@@ -13,6 +13,8 @@ from edhas_jax.system import RIGS, parts
 from edhas_jax.tree import Parameter
 from edhas_jax.units import format_quantity
 
+CLASS_IN_FILE = r"^.+:\s*[A-Za-z_]\w*\s*$"  # a class of the user
+
 
 def json_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a configuration, made from what rigs, effects and parameters declare."""
@@ -24,7 +26,7 @@ def json_schema() -> dict[str, Any]:
         for p in tree.parameters(owner):
             by_name.setdefault(p.name, []).append(p)
     effects = [cls.id for cls in LIBRARY]
-    text_file = {"type": "string", "pattern": r"^.+:\s*[A-Za-z_]\w*\s*$"}
+    text_file = {"type": "string", "pattern": CLASS_IN_FILE}
     settings = {n: _schema_of([p]) for n, p in SETTINGS.items()}
     settings["precision"] = {"enum": [p.value for p in Precision]}
     for name in ("step", "accuracy"):
@@ -32,6 +34,7 @@ def json_schema() -> dict[str, Any]:
         p = SETTINGS[name]
         settings[name]["description"] = f"{p.doc}; {shown(p, p.span[0])} … {shown(p, p.span[1])}; default: chosen"
     sections = {s: _schema_of_section(kinds) for s, kinds in KINDS.items()}
+    sections["controller"] = _schema_of_controller()
     sections["target"] = {"anyOf": [{"$ref": "#/$defs/quantity"}, sections["target"]]}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -90,3 +93,13 @@ def _schema_of_section(kinds: Mapping[str, type]) -> dict[str, Any]:
         "properties": {"kind": {"enum": list(kinds)}} | own,
         "additionalProperties": False,
     }
+
+
+def _schema_of_controller() -> dict[str, Any]:
+    """As of any section, but a kind may also be a class of the user, whose parameters are not known here."""
+    section = _schema_of_section(KINDS["controller"])
+    of_user = {"type": "string", "pattern": CLASS_IN_FILE}
+    known = {"properties": {"kind": {"enum": list(KINDS["controller"])}}}
+    section["properties"]["kind"] = {"anyOf": [section["properties"]["kind"], of_user]}
+    section["additionalProperties"] = {"$ref": "#/$defs/quantity"}
+    return section | {"if": known, "then": {"propertyNames": {"enum": list(section["properties"])}}}

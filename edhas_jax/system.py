@@ -14,13 +14,15 @@ from edhas_jax import circuit, mechanics, slots
 from edhas_jax.components.accumulator import Accumulator
 from edhas_jax.components.check_valve import CheckValve
 from edhas_jax.components.coil import Coil, CurrentAmplifier, VoltageAmplifier
-from edhas_jax.components.controller import CascadeController, Coordination, OpenLoop, PositionController, Supply
+from edhas_jax.components.controller import Coordination, PositionController, Supply
 from edhas_jax.components.cylinder import Cylinder, ReversingValve
 from edhas_jax.components.mover import EndStops, Mover
 from edhas_jax.components.orifice import Orifice
 from edhas_jax.components.outlet import LoadOrifice, Outlet
 from edhas_jax.components.pump import Pump
 from edhas_jax.components.reference import Chirp, Recorded, Sine, Step
+from edhas_jax.components.sampling import Continuous, Sampled
+from edhas_jax.control import Controller
 from edhas_jax.effects import Effect, EffectError
 from edhas_jax.effects.base import effect_rates
 from edhas_jax.oil import Oil
@@ -29,7 +31,7 @@ from edhas_jax.tree import struct
 
 State = dict[str, Any]
 Amplifier = VoltageAmplifier | CurrentAmplifier
-Controller = PositionController | CascadeController | OpenLoop
+Sampling = Continuous | Sampled
 Input = Sine | Step | Chirp | Recorded
 
 
@@ -43,6 +45,7 @@ class ActuatorBench:
     reference: Input = Sine()
     supply: Supply = Supply()
     controller: Controller = PositionController()
+    sampling: Sampling = Continuous()
     amplifier: Amplifier = VoltageAmplifier()
     coil: Coil = Coil()
     mover: Mover = Mover()
@@ -59,7 +62,7 @@ class ActuatorBench:
         s.set(**circuit.set_point(self.reference, t, 1.0))
         circuit.drive(self, y, s)
         mechanics.slide(y, s)
-        rates = mechanics.move(self, s, self.mover.mover_mass, self.mover.mover_damping, 0.0)
+        rates = mechanics.move(self, y, s, self.mover.mover_mass, self.mover.mover_damping, 0.0)
         return s, rates | effect_rates(s)
 
 
@@ -73,6 +76,7 @@ class PumpBench:
     reference: Input = Sine()
     supply: Supply = Supply()
     controller: Controller = PositionController()
+    sampling: Sampling = Continuous()
     amplifier: Amplifier = VoltageAmplifier()
     coil: Coil = Coil()
     mover: Mover = Mover()
@@ -112,6 +116,7 @@ class ActuatorSystem:
     reference: Input = Sine(ramp_time=0.0)
     supply: Supply = Supply()
     controller: Controller = PositionController()
+    sampling: Sampling = Continuous()
     coordination: Coordination = Coordination()
     amplifier: Amplifier = VoltageAmplifier()
     coil: Coil = Coil()

@@ -34,13 +34,14 @@ def _owners() -> list[type]:
 
     from edhas_jax import system
     from edhas_jax.effects import LIBRARY
+    from edhas_jax.parameters import KINDS
 
     found: dict[type, None] = {}
     for rig in system.RIGS.values():
         for name, kind in typing.get_type_hints(rig).items():
             if name == "effects":
                 continue
-            for owner in typing.get_args(kind) or (kind,):
+            for owner in KINDS[name].values() if name in KINDS else typing.get_args(kind) or (kind,):
                 if hasattr(owner, "__dataclass_fields__"):
                     found[owner] = None
     return [*found, *LIBRARY]

@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 
+from edhas_jax.control import Controller
 from edhas_jax.signals import Signals
 from edhas_jax.slots import SUPPLY_VOLTAGE, enter
 from edhas_jax.tree import par, struct
@@ -20,8 +21,7 @@ class Supply:
     supply_voltage: float = par(48.0, "V", (1e-2, 1e4), "limit of the command U_max", "Actuators 2022, 11(10), 281")
 
 
-@struct
-class PositionController:
+class PositionController(Controller):
     """PID with back-EMF feedforward and back-calculation anti-windup.
 
     u_c = Kp (r − x) + Ki ξ + Kd (ṙ − v) + k_ff Km ṙ,   u = clip(u_c, ±U_max),   ξ̇ = (r − x) + Kaw (u − u_c)/Kp
@@ -48,7 +48,7 @@ class PositionController:
             + self.emf_feedforward * s.force_constant * s.reference_velocity
         )
 
-    def rates(self, s: Signals) -> dict:
+    def rates(self, y: dict, s: Signals) -> dict:
         """dξ/dt [m]."""
         excess = s.voltage - s.unlimited_voltage
         return {
@@ -56,42 +56,24 @@ class PositionController:
         }
 
 
-@struct
-class CascadeController:
+class CascadeController(Controller):
     """Position loop around a velocity loop: u = kv (kp (r − x) − v)."""
 
     cascade_position_gain: float = par(160.0, "1/s", (0.0, 1e6), "gain of the position loop kp")
     cascade_velocity_gain: float = par(240.0, "V*s/m", (0.0, 1e7), "gain of the velocity loop kv")
-
-    def initial(self) -> dict:
-        """No states."""
-        return {}
 
     def command(self, y: dict, s: Signals):
         """u_c [V], before the limit."""
         wanted = self.cascade_position_gain * (s.reference - s.piston_position)
         return self.cascade_velocity_gain * (wanted - s.piston_velocity)
 
-    def rates(self, s: Signals) -> dict:
-        """No states, no rates."""
-        return {}
 
-
-@struct
-class OpenLoop:
+class OpenLoop(Controller):
     """No controller: the reference of the run, in volts, is the command; with a current amplifier, in amperes/gain."""
-
-    def initial(self) -> dict:
-        """No states."""
-        return {}
 
     def command(self, y: dict, s: Signals):
         """The replayed signal [V]."""
         return s.reference
-
-    def rates(self, s: Signals) -> dict:
-        """No states, no rates."""
-        return {}
 
 
 @struct

@@ -31,6 +31,20 @@ def check_declaration(cls: type[Effect]) -> None:
     """
     if not cls.id.isidentifier():
         raise EffectError(f"{place(cls)}: the id `{cls.id}` is not a name of letters, digits and underscores")
+    check_parameters(cls)
+    for method in _methods(cls):
+        try:
+            inspect.signature(getattr(cls, method)).bind(None, None, None)
+        except TypeError:
+            raise EffectError(f"{place(cls, method)}: define it as `def {method}(self, s, z)`") from None
+
+
+def check_parameters(cls: type) -> None:
+    """Refuse a class of the user with a field that is no well-declared parameter.
+
+    Raises:
+        EffectError: what is wrong, with class, file and line.
+    """
     for field in dataclasses.fields(cls):
         where = place(cls, field.name)
         if field.metadata.get("static"):
@@ -38,11 +52,6 @@ def check_declaration(cls: type[Effect]) -> None:
         if "par" not in field.metadata:
             raise EffectError(f'{where}: declare a parameter with par(default, "unit", (low, high), "meaning")')
         _check_parameter(where, field)
-    for method in _methods(cls):
-        try:
-            inspect.signature(getattr(cls, method)).bind(None, None, None)
-        except TypeError:
-            raise EffectError(f"{place(cls, method)}: define it as `def {method}(self, s, z)`") from None
 
 
 def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> None:
@@ -104,7 +113,7 @@ def _watched(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
             raise EffectError(f"{place(cls, method, error)}: {_reason(error, cls, machine)}") from error
         where = place(cls, method)
         if method != "rates":
-            _check_number(where, value, f"a real number in {unit}" if unit != "-" else "a real factor", kind)
+            check_number(where, value, f"a real number in {unit}" if unit != "-" else "a real factor", kind)
             return value
         if not isinstance(value, dict):
             raise EffectError(f"{where}: returns {_kind(value)}, not a dict of the rates of {_listed(cls.states)}")
@@ -115,13 +124,18 @@ def _watched(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
         if missing:
             raise EffectError(f"{where}: gives no rate of {_listed(missing)}")
         for name, rate in value.items():
-            _check_number(where, rate, f"a real number in ({cls.states[name].unit})/s as rate of {name}", kind)
+            check_number(where, rate, f"a real number in ({cls.states[name].unit})/s as rate of {name}", kind)
         return value
 
     return call
 
 
-def _check_number(where: str, value: Any, wanted: str, kind: Any) -> None:
+def check_number(where: str, value: Any, wanted: str, kind: Any) -> None:
+    """Refuse what a method of the user returned if it is not one real number in the precision `kind`.
+
+    Raises:
+        EffectError: what it is instead, and what was wanted.
+    """
     if value is None:
         raise EffectError(f"{where}: returns nothing; return {wanted}")
     if not isinstance(value, float) and not hasattr(value, "dtype"):
@@ -144,6 +158,11 @@ def _reason(error: Exception, cls: type[Effect], machine: Any) -> str:
         return f"{machine.name} has no signal or parameter `{name}` at this slot; {_instead(name, known, machine)}"
     if isinstance(error, AttributeError) and isinstance(getattr(error, "obj", None), types.SimpleNamespace):
         return f"`z` has no state `{error.name}`; {_states(error.name, cls)}"
+    return code_reason(error)
+
+
+def code_reason(error: Exception) -> str:
+    """What went wrong in code that JAX was to trace, and what to do instead."""
     if isinstance(error, jax.errors.TracerBoolConversionError):
         return "a value decides by `if`, `and`, `or`, `not`, `min` or `max`; decide with jnp.where"
     if isinstance(error, jax.errors.TracerArrayConversionError):

@@ -8,6 +8,7 @@ import traceback
 import types
 from pathlib import Path
 
+from edhas_jax.control import ControllerError
 from edhas_jax.effects import LIBRARY
 from edhas_jax.effects.base import Effect, EffectError
 from edhas_jax.effects.check import check_declaration
@@ -28,20 +29,33 @@ def load_effect(spec: str, base_dir: Path | str = ".") -> type[Effect]:
     source, colon, name = (part.strip() for part in str(spec).rpartition(":"))
     if not colon:
         return _library_effect(name)
-    module, shown = _file(source, Path(base_dir)) if source.endswith(".py") else _module(source, Path(base_dir))
+    cls = user_class(source, name, Path(base_dir), Effect, "edhas_jax.effects.Effect")
+    check_declaration(cls)
+    return cls
+
+
+def user_class(source: str, name: str, base_dir: Path, base: type, base_name: str) -> type:
+    """The class `name`, derived from `base`, in a file or module of the user.
+
+    Raises:
+        EffectError: file or class missing, an error in the file, or a class that is not derived from `base`.
+    """
+    module, shown = _file(source, base_dir) if source.endswith(".py") else _module(source, base_dir)
     cls = getattr(module, name, None)
     if cls is None:
-        raise EffectError(f"{shown}: no class {name}; {_classes(module, name)}")
-    if not (isinstance(cls, type) and issubclass(cls, Effect)) or cls is Effect:
-        raise EffectError(f"{shown}: {name} is not a subclass of edhas_jax.effects.Effect")
-    check_declaration(cls)
+        raise EffectError(f"{shown}: no class {name}; {_classes(module, name, base)}")
+    if not (isinstance(cls, type) and issubclass(cls, base)) or cls is base:
+        raise EffectError(f"{shown}: {name} is not a subclass of {base_name}")
     return cls
 
 
 def effect_spec(cls: type[Effect]) -> str:
     """The text by which `load_effect` finds this class again; files are named by their absolute path."""
-    if cls in LIBRARY:
-        return cls.id
+    return cls.id if cls in LIBRARY else user_spec(cls)
+
+
+def user_spec(cls: type) -> str:
+    """The text that names a class of the user; files are named by their absolute path."""
     if cls.__module__.startswith(_FILES):
         return f"{sys.modules[cls.__module__].__file__}:{cls.__name__}"
     return f"{cls.__module__}:{cls.__name__}"
@@ -87,7 +101,8 @@ def _run_file(path: str, stamp: int) -> types.ModuleType:
         exec(code, module.__dict__)
     except (Exception, SystemExit) as error:
         del sys.modules[module.__name__]
-        what = "" if isinstance(error, EffectError) else f"{type(error).__name__} while the file is read: "
+        known = isinstance(error, EffectError | ControllerError)
+        what = "" if known else f"{type(error).__name__} while the file is read: "
         raise EffectError(f"{shown}:{line_in(error, path) or 1}: {what}{first_line(error)}") from error
     return module
 
@@ -104,6 +119,6 @@ def _module(source: str, base_dir: Path) -> tuple[types.ModuleType, str]:
         raise EffectError(f"{at}: {type(error).__name__} while {source} is read: {first_line(error)}") from error
 
 
-def _classes(module: types.ModuleType, name: str) -> str:
-    own = [n for n, v in vars(module).items() if isinstance(v, type) and issubclass(v, Effect) and v is not Effect]
-    return nearest(name, own) if own else "there is no effect in it"
+def _classes(module: types.ModuleType, name: str, base: type) -> str:
+    own = [n for n, v in vars(module).items() if isinstance(v, type) and issubclass(v, base) and v is not base]
+    return nearest(name, own) if own else f"there is no {base.__name__.lower()} in it"
