@@ -61,11 +61,15 @@ class CycleAdjoint:
             base, steps, ramp = uniform
             return cycle_step(set_parameters(base, values), *carry, n, steps, ramp > 0.5)
 
+        def bare(n, y, values, uniform):
+            return body(n, (y, self._sums), values, uniform)[0]
+
         self._sums = {n: np.asarray(v, float) for n, v in empty_sums(machine, float).items()}
-        carry = dict.fromkeys(machine.start(), 0.0), self._sums
-        self._loop = AdjointLoop(
-            body, float, carry, dict.fromkeys(varied, 0.0), (machine, 0.0, 0.0), backend.cache_folder()
-        )
+        y, values = dict.fromkeys(machine.start(), 0.0), dict.fromkeys(varied, 0.0)
+        uniform, cache = (machine, 0.0, 0.0), backend.cache_folder()
+        self._loop = AdjointLoop(body, float, (y, self._sums), values, uniform, cache)
+        # each cycle begins its sums anew: before the last one only the states matter
+        self._bare = AdjointLoop(bare, float, y, values, uniform, cache)
 
     def run(self, machine, columns, names, metrics, settings: GradientSettings, cycles: int | None) -> Derivatives:
         """Derivatives of some designs, all after the same number of cycles."""
@@ -88,15 +92,16 @@ class CycleAdjoint:
         still = {n: np.zeros(count) for n in y}
         pulled = [(still, {n: v[k] for n, v in by_sums.items()}) for k in range(len(metrics))]
         moved = [{n: v[k] for n, v in by_value.items()} for k in range(len(metrics))]
-        for number in reversed(range(len(trails))):
+        for number in reversed(range(run_cycles)):
             uniform = machine, float(steps), float(number == 0)
-            back = self._loop.pull(trails.pop(), pulled, columns, uniform, backend.cores())
-            # each cycle begins its sums anew
-            pulled = [(by_y, dict.fromkeys(self._sums, np.zeros(count))) for (by_y, _), _ in back]
+            trail, last = trails.pop(), number == run_cycles - 1
+            loop, trail = (self._loop, trail) if last else (self._bare, trail.rows(len(y)))
+            back = loop.pull(trail, pulled, columns, uniform, backend.cores())
+            pulled = [by_carry[0] if last else by_carry for by_carry, _ in back]
             moved = [{n: v + share[n] for n, v in m.items()} for m, (_, share) in zip(moved, back, strict=True)]
         slopes = {}
         for k, metric in enumerate(metrics):
-            share = jax.device_get(_pull_begin(machine, columns, pulled[k][0]))
+            share = jax.device_get(_pull_begin(machine, columns, pulled[k]))
             slopes[metric] = np.stack([moved[k][n] + share[n] for n in names], axis=1)
         return Derivatives(dict(found[0]), slopes, status.astype(float), run_cycles)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from edhas_jax.native.loop import Loop
 
-STRETCH = 128  # steps that are run again at a time on the way back: their carries stay in the processor's cache
+STRETCH = 256  # steps that are run again at a time on the way back: their carries stay in the processor's cache
 
 
 class Trail(NamedTuple):
@@ -19,6 +19,10 @@ class Trail(NamedTuple):
 
     carries: np.ndarray
     steps: int
+
+    def rows(self, count: int) -> "Trail":
+        """The trail of the first `count` leaves of the carry, for a loop that needs no others."""
+        return self._replace(carries=self.carries[:, :, :count])
 
 
 class AdjointLoop:
