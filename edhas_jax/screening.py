@@ -107,8 +107,9 @@ class Screen:
     def _flat(self, runs: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
         """Signals (n,) or slopes (n, unknowns) of all runs one below the other, in units of noise."""
         rows = []
-        for run, found in zip(self._model.runs, runs, strict=True):
-            rows += [found[n] / channel.noise for n, channel in self._campaign.channels.items() if n in run.signals]
+        with np.errstate(over="ignore"):  # a suspect that makes the model blow up is passed over
+            for run, found in zip(self._model.runs, runs, strict=True):
+                rows += [found[n] / channel.noise for n, channel in self._campaign.channels.items() if n in run.signals]
         return np.concatenate(rows)
 
 
