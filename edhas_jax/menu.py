@@ -18,6 +18,7 @@ CYCLES = 4.0  # length of a run with a periodic set point, beyond its soft start
 # values tried of a condition, and how far beyond those of the campaign to either side
 LEVELS = {"frequency": (5, 1.5, 1.5), "amplitude": (2, 1.75, 1.0)}
 OTHERS = (3, 1.5, 1.5)
+WIDE = {"frequency": 5.25}  # ratio that a menu spans at least: one frequency says nothing of the others
 USUAL = ("frequency", "amplitude", "load_orifice_area")
 WITHIN = 0.99  # share of a limit that a run may use
 # signals that must stay within a parameter of the machine, times a factor, to either side
@@ -80,6 +81,7 @@ def _levels(campaign: Campaign, name: str) -> Sequence[float]:
     count, below, above = LEVELS.get(name, OTHERS)
     low, high = min(seen), max(seen)
     if low > 0.0:
+        above = max(above, WIDE.get(name, 1.0) * low / (below * high))
         tried = np.geomspace(low / below, high * above, count)
     elif low < high:
         tried = np.linspace(low, high, count)

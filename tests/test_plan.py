@@ -115,6 +115,16 @@ def test_the_menu_keeps_within_stroke_and_supply(campaign):
         assert np.abs(outcome.values["voltage"]).max() < 14.0
 
 
+@pytest.mark.parametrize("frequencies, reach", [((10.0, 10.0), (6.7, 35.0)), ((5.0, 30.0), (3.3, 45.0))])
+def test_the_menu_looks_beyond_one_frequency(campaign, frequencies, reach):
+    runs = tuple(
+        dataclasses.replace(run, conditions=run.conditions | {"frequency": f})
+        for run, f in zip(campaign.runs, frequencies, strict=False)
+    )
+    tried = [run.conditions["frequency"] for run in menu(dataclasses.replace(campaign, runs=runs))]
+    assert (min(tried), max(tried)) == reach
+
+
 def test_a_campaign_is_read_before_its_files_exist(tmp_path):
     (tmp_path / "campaign.yaml").write_text(YAML, encoding="utf-8")
     read = read_planned(tmp_path, 2e3)
