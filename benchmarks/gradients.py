@@ -123,20 +123,20 @@ def costs() -> dict[str, float]:
         unit[len(names)] = best(lambda c=columns: run_designs(PUMP, c, plain)) / COST_DESIGNS
     print(f"plain run: {1e9 * unit[8] / COST_STEPS / COST_CYCLES:.0f} ns per step and design on one core")
     jobs = {
-        "8 parameters, forward": lambda: forward_blocks(PUMP, designs(EIGHT, COST_DESIGNS), EIGHT, metric, fixed),
-        "8 parameters, a lane each": lambda: forward(PUMP, designs(EIGHT, COST_DESIGNS), EIGHT, metric, fixed),
+        "8 parameters, forward under XLA": lambda: forward_blocks(PUMP, designs(EIGHT, COST_DESIGNS), EIGHT, metric, fixed),
+        "8 parameters, forward": lambda: forward(PUMP, designs(EIGHT, COST_DESIGNS), EIGHT, metric, fixed),
         "8 parameters, reverse": lambda: reverse(PUMP, designs(EIGHT, 240), EIGHT, metric, fixed, COST_CYCLES),
-        "40 parameters, a lane each": lambda: forward(PUMP, designs(forty, 56), forty, metric, fixed),
+        "40 parameters, forward": lambda: forward(PUMP, designs(forty, 56), forty, metric, fixed),
         "40 parameters, reverse": lambda: reverse(PUMP, designs(forty, 240), forty, metric, fixed, COST_CYCLES),
     }
-    counts = {"8 parameters, reverse": 240, "40 parameters, reverse": 240, "40 parameters, a lane each": 56}
+    counts = {"8 parameters, reverse": 240, "40 parameters, reverse": 240, "40 parameters, forward": 56}
     for name, job in jobs.items():
         begin = time.perf_counter()
         job()
         compiled = time.perf_counter() - begin
         share = best(job) / counts.get(name, COST_DESIGNS)
         out[name] = share / unit[int(name.split()[0])]
-        print(f"{name:28}{out[name]:7.2f} × a plain run; first call {compiled:.0f} s", flush=True)
+        print(f"{name:32}{out[name]:7.2f} × a plain run; first call {compiled:.0f} s", flush=True)
     tracemalloc.start()
     reverse(PUMP, designs(forty, 240), forty, metric, fixed, COST_CYCLES)
     memory = tracemalloc.get_traced_memory()[1]
