@@ -123,7 +123,7 @@ def costs() -> dict[str, float]:
         unit[len(names)] = best(lambda c=columns: run_designs(PUMP, c, plain)) / COST_DESIGNS
     print(f"plain run: {1e9 * unit[8] / COST_STEPS / COST_CYCLES:.0f} ns per step and design on one core")
     jobs = {
-        "8 parameters, forward under XLA": lambda: forward_blocks(PUMP, designs(EIGHT, COST_DESIGNS), EIGHT, metric, fixed),
+        "8 parameters, under XLA": lambda: forward_blocks(PUMP, designs(EIGHT, COST_DESIGNS), EIGHT, metric, fixed),
         "8 parameters, forward": lambda: forward(PUMP, designs(EIGHT, COST_DESIGNS), EIGHT, metric, fixed),
         "8 parameters, reverse": lambda: reverse(PUMP, designs(EIGHT, 240), EIGHT, metric, fixed, COST_CYCLES),
         "40 parameters, forward": lambda: forward(PUMP, designs(forty, 56), forty, metric, fixed),
