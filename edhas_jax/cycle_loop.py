@@ -1,6 +1,5 @@
 """The cycles of a batch on a CPU, as machine code of its own; `edhas_jax.cycle` runs the same ones under XLA."""
 
-import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +9,8 @@ import numpy as np
 
 from edhas_jax import backend
 from edhas_jax.cycle import Lanes, begin, cycle_step, empty_sums, judged, measured
-from edhas_jax.native import Loop, Untranslatable
+from edhas_jax.loop_cache import loop_of
+from edhas_jax.native import Loop
 from edhas_jax.parameters import set_parameters
 from edhas_jax.system import Rig
 
@@ -42,7 +42,7 @@ class CycleLoop:
         A design that is periodic keeps the metrics of the cycle in which it was found to be.
         """
         size = len(next(iter(columns.values())))
-        lanes = jax.device_get(_begin(machine, columns, np.arange(size) < count, tolerance.dtype))
+        lanes = jax.device_get(begin_lanes(machine, columns, np.arange(size) < count, tolerance.dtype))
         for number in range(max_cycles):
             rows = np.flatnonzero(~lanes.done)
             if not len(rows):
@@ -52,7 +52,7 @@ class CycleLoop:
             uniform = machine, steps, float(soft and number == 0)
             after = self._loop(start, values, uniform, 0, steps, backend.cores())
             y, sums = ({n: _spread(v, rows, size) for n, v in part.items()} for part in after)
-            lanes = jax.device_get(_judged(machine, columns, lanes, y, sums, number, steps, tolerance))
+            lanes = jax.device_get(judge_cycle(machine, columns, lanes, y, sums, number, steps, tolerance))
         return lanes
 
 
@@ -63,11 +63,12 @@ def _spread(values: np.ndarray, rows: np.ndarray, size: int) -> np.ndarray:
     return out
 
 
-_begin = jax.jit(begin, static_argnums=3)
+begin_lanes = jax.jit(begin, static_argnums=3)
 
 
 @jax.jit
-def _judged(machine: Rig, columns: dict[str, Any], lanes: Lanes, y, sums, number, steps, tolerance) -> Lanes:
+def judge_cycle(machine: Rig, columns: dict[str, Any], lanes: Lanes, y, sums, number, steps, tolerance) -> Lanes:
+    """`judged` for the cycle `number`, of `steps` steps, that ended with the states `y` and the sums `sums`."""
     share = jnp.ones((), tolerance.dtype) / steps
 
     def of_one(values, sums):
@@ -78,15 +79,4 @@ def _judged(machine: Rig, columns: dict[str, Any], lanes: Lanes, y, sums, number
 
 def cycle_loop(machine: Rig, varied: Sequence[str], dtype) -> CycleLoop | None:
     """The loop for machines of this structure, made once; None where XLA has to do it."""
-    if not backend.native_loops():
-        return None
-    return _made(jax.tree.structure(machine), tuple(varied), np.dtype(dtype))
-
-
-@functools.lru_cache(maxsize=32)
-def _made(structure, varied: tuple[str, ...], dtype) -> CycleLoop | None:
-    machine = jax.tree.unflatten(structure, [np.ones((), dtype)] * structure.num_leaves)
-    try:
-        return CycleLoop(machine, varied, dtype)
-    except Untranslatable:
-        return None
+    return loop_of(CycleLoop, machine, tuple(varied), np.dtype(dtype), dtype=dtype)

@@ -83,7 +83,7 @@ def _rounds(
         last = len(rounds) == MOST_EFFECTS
         one_more, finer = _round(before, accepted, suspects, resolution, say, last)
         rounds.append(one_more)
-        found = rounds[-1].accepted
+        found = one_more.accepted
         if found is None:
             return rounds
         say(f"found: {found.suspect.name}")

@@ -1,6 +1,5 @@
 """Forward mode: each pair of a design and a parameter is a lane that carries its tangent along, cycle by cycle."""
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
 
 import jax
@@ -11,7 +10,8 @@ from edhas_jax import backend
 from edhas_jax.cycle import cycle_step, empty_sums, measured, verdict
 from edhas_jax.gradient_blocks import forward_blocks
 from edhas_jax.gradient_plan import Derivatives, GradientSettings, settled
-from edhas_jax.native import Loop, Untranslatable
+from edhas_jax.loop_cache import loop_of
+from edhas_jax.native import Loop
 from edhas_jax.parameters import set_parameters
 from edhas_jax.system import Rig
 
@@ -31,7 +31,7 @@ def forward(
     columns = {n: np.asarray(column, float) for n, column in columns.items()}
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
     count = len(next(iter(columns.values())))
-    loop = _tangent_loop(base, tuple(columns))
+    loop = loop_of(TangentLoop, base, tuple(columns))
     if loop is None:
         return forward_blocks(machine, columns, names, metrics, settings, on_cycle)
     values = {n: np.repeat(column, len(names)) for n, column in columns.items()}
@@ -134,17 +134,3 @@ def _measured(machine, values, seeds, sums, moved, share):
 
 
 _verdict = jax.jit(verdict)
-
-
-def _tangent_loop(machine: Rig, varied: tuple[str, ...]) -> TangentLoop | None:
-    """The loop for machines of this structure, made once; None where XLA has to do it."""
-    return _made(jax.tree.structure(machine), varied) if backend.native_loops() else None
-
-
-@functools.lru_cache(maxsize=16)
-def _made(structure, varied: tuple[str, ...]) -> TangentLoop | None:
-    machine = jax.tree.unflatten(structure, [np.ones(())] * structure.num_leaves)
-    try:
-        return TangentLoop(machine, varied)
-    except Untranslatable:
-        return None

@@ -8,14 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax import backend
-from edhas_jax.cycle import begin, cycle_step, empty_sums, judged, measured, verdict
+from edhas_jax.cycle import cycle_step, empty_sums, measured, verdict
+from edhas_jax.cycle_loop import begin_lanes, judge_cycle
 from edhas_jax.gradient_plan import Derivatives, GradientSettings
-from edhas_jax.gradient_reverse_blocks import reverse_blocks
-from edhas_jax.native import AdjointLoop, Untranslatable
+from edhas_jax.gradient_reverse_blocks import pull_begin, reverse_blocks
+from edhas_jax.loop_cache import loop_of
+from edhas_jax.native import AdjointLoop
 from edhas_jax.parameters import set_parameters
 from edhas_jax.system import Rig
 
 TOGETHER = 256  # designs at a time: what is kept of their way does not grow with the number of designs
+NEVER = np.array(-1.0)  # tolerance at which no design counts as periodic, so that all go on
 
 
 def reverse(
@@ -33,7 +36,7 @@ def reverse(
     """
     columns = {n: np.asarray(column, float) for n, column in columns.items()}
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
-    loop = _loop(base, tuple(columns))
+    loop = loop_of(CycleAdjoint, base, tuple(columns))
     if loop is None:
         return reverse_blocks(machine, columns, names, metrics, settings, cycles)
     count = len(next(iter(columns.values())))
@@ -41,12 +44,10 @@ def reverse(
     for first in range(0, count, TOGETHER):
         some = {n: column[first : first + TOGETHER] for n, column in columns.items()}
         parts.append(loop.run(base, some, names, metrics, settings, cycles))
-    values, slopes = ({n: np.concatenate([getattr(p, of)[n] for p in parts]) for n in metrics} for of in _TABLES)
+    values = {n: np.concatenate([p.values[n] for p in parts]) for n in metrics}
+    slopes = {n: np.concatenate([p.slopes[n] for p in parts]) for n in metrics}
     status = np.concatenate([p.status for p in parts])
     return Derivatives(values, slopes, status, max(p.cycles for p in parts))
-
-
-_TABLES = ("values", "slopes")
 
 
 class CycleAdjoint:
@@ -75,14 +76,14 @@ class CycleAdjoint:
         """Derivatives of some designs, all after the same number of cycles."""
         count, steps = len(next(iter(columns.values()))), settings.steps_per_cycle
         nothing = {n: np.full(count, v) for n, v in self._sums.items()}
-        lanes = jax.device_get(_begin(machine, columns, np.ones(count, bool)))
+        lanes = jax.device_get(begin_lanes(machine, columns, np.ones(count, bool), jnp.float64))
         trails, done = [], np.zeros(count, bool)
         while len(trails) < (cycles or settings.max_cycles):
             if cycles is None and len(trails) > settings.min_cycles and done.all():
                 break
             uniform = machine, float(steps), float(not trails)
             (y, sums), trail = self._loop.run((lanes.y, nothing), columns, uniform, steps, backend.cores())
-            lanes = jax.device_get(_judged(machine, columns, lanes, y, sums, len(trails), 1.0 / steps))
+            lanes = jax.device_get(judge_cycle(machine, columns, lanes, y, sums, len(trails), steps, NEVER))
             trails.append(trail)
             done = lanes.kept["residual"] <= settings.tolerance
         run_cycles = len(trails)
@@ -99,22 +100,11 @@ class CycleAdjoint:
             back = loop.pull(trail, pulled, columns, uniform, backend.cores())
             pulled = [by_carry[0] if last else by_carry for by_carry, _ in back]
             moved = [{n: v + share[n] for n, v in m.items()} for m, (_, share) in zip(moved, back, strict=True)]
-        slopes = {}
-        for k, metric in enumerate(metrics):
-            share = jax.device_get(_pull_begin(machine, columns, pulled[k]))
-            slopes[metric] = np.stack([moved[k][n] + share[n] for n in names], axis=1)
+        share = jax.device_get(pull_begin(machine, columns, {n: np.stack([row[n] for row in pulled]) for n in y}))
+        slopes = {
+            metric: np.stack([moved[k][n] + share[n][k] for n in names], axis=1) for k, metric in enumerate(metrics)
+        }
         return Derivatives(dict(found[0]), slopes, status.astype(float), run_cycles)
-
-
-@jax.jit
-def _begin(machine, columns, live):
-    return begin(machine, columns, live, jnp.float64)
-
-
-@jax.jit
-def _judged(machine, columns, lanes, y, sums, number, share):
-    new = jax.vmap(lambda values, sums: measured(set_parameters(machine, values), sums, share))(columns, sums)
-    return judged(lanes, y, new, number, -1.0)
 
 
 @functools.partial(jax.jit, static_argnames="metrics")
@@ -134,31 +124,4 @@ def _measured(machine, columns, sums, metrics, share):
     return found, by_values, by_sums
 
 
-@jax.jit
-def _pull_begin(machine, columns, pulled):
-    """Back through the start from rest."""
-
-    def one(values, pulled):
-        def start(values):
-            return {n: jnp.asarray(v, float) for n, v in set_parameters(machine, values).start().items()}
-
-        return jax.vjp(start, values)[1](pulled)[0]
-
-    return jax.vmap(one)(columns, pulled)
-
-
 _verdict = jax.jit(verdict)
-
-
-def _loop(machine: Rig, varied: tuple[str, ...]) -> CycleAdjoint | None:
-    """The loop for machines of this structure, made once; None where XLA has to do it."""
-    return _made(jax.tree.structure(machine), varied) if backend.native_loops() else None
-
-
-@functools.lru_cache(maxsize=16)
-def _made(structure, varied: tuple[str, ...]) -> CycleAdjoint | None:
-    machine = jax.tree.unflatten(structure, [np.ones(())] * structure.num_leaves)
-    try:
-        return CycleAdjoint(machine, varied)
-    except Untranslatable:
-        return None

@@ -58,7 +58,7 @@ def reverse_blocks(
             if last:
                 values |= {n: _put(values[n], rows, found[n]) for n in metrics}
         with _flags_for_reverse():
-            share = _pull_begin(base, block, pulled)
+            share = pull_begin(base, block, pulled)
         for k, metric in enumerate(metrics):
             for j, n in enumerate(names):
                 slopes[metric][rows, j] = np.asarray(moved[n] + share[n])[k, : len(rows)]
@@ -122,7 +122,7 @@ def _pull(machine, block, y, metrics, pulled, last: bool, first, steps: int):
 
 
 @jax.jit
-def _pull_begin(machine, block, pulled):
+def pull_begin(machine, block, pulled):
     """Back through the start from rest."""
 
     def lane(values, pulled):

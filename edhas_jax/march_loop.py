@@ -1,6 +1,5 @@
 """Runs side by side as machine code: the march of many lanes and their signals, with one derivative per lane."""
 
-import functools
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -11,7 +10,8 @@ import numpy as np
 from edhas_jax import backend, tree
 from edhas_jax.components.reference import Recorded, Stretch
 from edhas_jax.integrate import observe, step
-from edhas_jax.native import Loop, Untranslatable
+from edhas_jax.loop_cache import loop_of
+from edhas_jax.native import Loop
 from edhas_jax.parameters import set_parameters
 from edhas_jax.system import Rig
 
@@ -145,15 +145,6 @@ def march_loop(
         if float(recorded.start) != 0.0 or abs(float(recorded.interval) / interval - 1.0) > 1e-9:
             return None
         machine = tree.replace(machine, reference=_FIRST)
-    if not backend.native_loops() or any(np.ndim(leaf) for leaf in jax.tree.leaves(machine)):
+    if any(np.ndim(leaf) for leaf in jax.tree.leaves(machine)):
         return None
-    return _made(jax.tree.structure(machine), tuple(varied), tuple(watch), seeded, np.dtype(dtype))
-
-
-@functools.lru_cache(maxsize=24)
-def _made(structure, varied, watch, seeded: bool, dtype) -> MarchLoop | None:
-    machine = jax.tree.unflatten(structure, [np.ones((), dtype)] * structure.num_leaves)
-    try:
-        return MarchLoop(machine, varied, watch, seeded, dtype)
-    except Untranslatable:
-        return None
+    return loop_of(MarchLoop, machine, tuple(varied), tuple(watch), seeded, np.dtype(dtype), dtype=dtype)
