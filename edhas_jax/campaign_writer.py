@@ -6,7 +6,7 @@ import numpy as np
 
 from edhas_jax.campaign import Campaign, CampaignError
 from edhas_jax.campaign_reader import FILE, REFINED
-from edhas_jax.parameters import KINDS, find_parameter, list_parameters
+from edhas_jax.parameters import KINDS, find_parameter, list_parameters, short_names
 from edhas_jax.signals import SIGNALS
 from edhas_jax.units import exact_quantity, from_si
 
@@ -54,12 +54,11 @@ def campaign_text(campaign: Campaign) -> str:
     without = [e.id for e in REFINED if e.id not in mounted and set(e.slots) <= set(machine.slots)]
     lines += [f"without: [{', '.join(without)}]"] if without else []
     rows = list_parameters(machine)
-    flat = [p.name for p, _, _ in rows]
+    names = short_names(machine)
     changed = [(p, value, path) for p, value, path in rows if float(value) != p.default]
     lines += ["parameters:"] if changed else []
     for p, value, path in changed:
-        name = p.name if flat.count(p.name) == 1 else f"{path}.{p.name}"
-        lines.append(f"  {name}: {exact_quantity(value, p.unit)}")
+        lines.append(f"  {names[path, p.name]}: {exact_quantity(value, p.unit)}")
     lines += ["uncertain:   # relative standard deviation"] if campaign.uncertain else []
     lines += [f"  {name}: {spread:g}" for name, spread in campaign.uncertain.items()]
     lines.append("signals:   # unit in the files, standard deviation of the noise in that unit")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from edhas_jax.metrics import METRICS
-from edhas_jax.parameters import ParameterError, find_parameter, list_parameters, span_text
+from edhas_jax.parameters import ParameterError, find_parameter, list_parameters, short_names, span_text
 from edhas_jax.signals import SIGNALS
 from edhas_jax.system import Rig
 from edhas_jax.tree import Parameter
@@ -126,8 +126,7 @@ def own_name(machine: Rig, name: str) -> tuple[Parameter, str]:
     if flat == "ramp_time":
         raise ParameterError("has no effect in a sweep: every design is run to its periodic state; leave it out")
     p, path = find_parameter(machine, name)
-    count = sum(q.name == p.name for q, _, _ in list_parameters(machine))
-    return p, p.name if count == 1 else f"{path}.{p.name}"
+    return p, short_names(machine)[path, p.name]
 
 
 def table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ from typing import Any
 
 from edhas_jax.components.reference import Recorded
 from edhas_jax.effects.discover import effect_spec, user_spec
-from edhas_jax.parameters import KINDS, list_parameters
+from edhas_jax.parameters import KINDS, list_parameters, short_names
 from edhas_jax.recording import pack
 from edhas_jax.run import Simulation
 from edhas_jax.settings import SETTINGS
@@ -27,7 +27,7 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
     lines = [f"name: {json.dumps(title, ensure_ascii=False)}"] if title else []
     lines += [f"rig: {m.name}", f"effects: [{', '.join(_scalar(effect_spec(type(e))) for e in m.effects)}]"]
     rows = list_parameters(m)
-    flat = [p.name for p, _, _ in rows]
+    names = short_names(m)
     for section in (s for s in KINDS if hasattr(m, s)):
         part = getattr(m, section)
         lines += [f"{section}:", f"  kind: {_scalar(kind_of(section, part))}"]
@@ -41,8 +41,7 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
         own = [(p, v) for p, v, at in rows if at == path and path not in KINDS]
         lines += [f"  # {path}"] if own else []
         for p, v in own:
-            name = p.name if flat.count(p.name) == 1 else f"{path}.{p.name}"
-            lines.append(f"  {name}: {exact_quantity(v, p.unit)}  # {p.doc}")
+            lines.append(f"  {names[path, p.name]}: {exact_quantity(v, p.unit)}  # {p.doc}")
     lines.append("simulation:")
     for name, p in SETTINGS.items():
         value = getattr(settings, name)

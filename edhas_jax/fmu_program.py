@@ -16,7 +16,7 @@ from edhas_jax.native import Untranslatable
 from edhas_jax.native.c_text import C_LIBRARY
 from edhas_jax.native.program import Level, Program
 from edhas_jax.native.reading import read
-from edhas_jax.parameters import find_parameter, list_parameters, put
+from edhas_jax.parameters import find_parameter, list_parameters, put, short_names
 from edhas_jax.settings import SETTINGS
 from edhas_jax.signals import SIGNALS, Signal
 from edhas_jax.system import Rig
@@ -161,11 +161,11 @@ def _candidates(
     inputs = {(path, p.name) for p, path in (find_parameter(machine, name) for name in held)}
     given = [Variable(i.name, i.unit, "", i.doc, Causality.INPUT, 0.0) for i in inputs_of(machine, outside)]
     others = {*SIGNALS, STEP, *(v.name for v in given)}
-    flat = [p.name for p, _, _ in rows]
+    names = short_names(machine)
     variables, places = [], {}
     for p, value, path in rows:
         is_input = (path, p.name) in inputs
-        name = p.name if flat.count(p.name) == 1 and p.name not in others else f"{path}.{p.name}"
+        name = f"{path}.{p.name}" if p.name in others else names[path, p.name]
         kind = Causality.INPUT if is_input else Causality.PARAMETER
         variables.append(Variable(name, p.unit, "", p.doc, kind, float(value), p.span))
         places[name] = path, p.name

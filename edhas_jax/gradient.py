@@ -15,7 +15,7 @@ from edhas_jax.gradient_forward import forward
 from edhas_jax.gradient_plan import Derivatives, GradientSettings
 from edhas_jax.gradient_reverse import reverse
 from edhas_jax.metrics import METRICS
-from edhas_jax.parameters import ParameterError, find_parameter, get_parameter, list_parameters, read_value
+from edhas_jax.parameters import ParameterError, find_parameter, get_parameter, read_value, short_names
 from edhas_jax.signals import nearest
 from edhas_jax.system import ActuatorSystem, Rig, Sine
 from edhas_jax.units import UnitError
@@ -124,12 +124,8 @@ def metrics_of(machine: Rig) -> list[str]:
 
 def parameters_of(machine: Rig) -> list[str]:
     """Every parameter of a machine that can act in its periodic state."""
-    rows = list_parameters(machine)
-    flat = [p.name for p, _, _ in rows]
     return [
-        p.name if flat.count(p.name) == 1 else f"{path}.{p.name}"
-        for p, _, path in rows
-        if p.name != "ramp_time" and path != "sampling"
+        called for (path, name), called in short_names(machine).items() if name != "ramp_time" and path != "sampling"
     ]
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -49,6 +50,13 @@ def list_parameters(machine: Rig) -> list[tuple[Parameter, Any, str]]:
         for path, part in parts(machine).items()
         for p in tree.parameters(type(part))
     ]
+
+
+def short_names(machine: Rig) -> dict[tuple[str, str], str]:
+    """By part and field, what tables and files call each parameter: flat where that is unique, else `part.name`."""
+    rows = list_parameters(machine)
+    count = Counter(p.name for p, _, _ in rows)
+    return {(path, p.name): p.name if count[p.name] == 1 else f"{path}.{p.name}" for p, _, path in rows}
 
 
 def find_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
