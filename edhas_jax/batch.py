@@ -23,8 +23,9 @@ class BatchSettings:
     """How a batch is run.
 
     `step` [s] is the largest time step: each design takes equal steps per cycle, as many as keep below it. A design is
-    periodic when flow, electrical power and stroke change by less than `tolerance` from one cycle to the next. With
-    `soft_start` the first cycle is a ramp, whatever ramp the machine has; without it the set point starts at once.
+    periodic when flow, electrical power and stroke change by less than `tolerance` from one cycle to the next, twice in
+    a row. With `soft_start` the first cycle is a ramp, whatever ramp the machine has; without it the set point starts
+    at once.
     """
 
     step: float = DEFAULT_STEP

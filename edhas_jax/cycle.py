@@ -49,12 +49,13 @@ class Lanes(NamedTuple):
 def begin(machine: Rig, block: dict[str, Any], live, dtype) -> Lanes:
     """All designs at rest. `block` holds the parameters that vary, in SI; lanes that are not `live` only fill it up."""
 
-    def one(values):
+    def at_rest(values):
         m = set_parameters(machine, values)
         y = {n: jnp.asarray(v, dtype) for n, v in m.start().items()}
-        return y, measured(m, empty_sums(m, dtype), jnp.ones((), dtype)) | {"residual": jnp.ones((), dtype)}
+        one = jnp.ones((), dtype)
+        return y, measured(m, empty_sums(m, dtype), one) | {CHANGE: one, "residual": one}
 
-    y, kept = jax.vmap(one)(block)
+    y, kept = jax.vmap(at_rest)(block)
     return Lanes(y, kept, jnp.zeros_like(live, int), ~live)
 
 
@@ -98,10 +99,14 @@ def cycle_step(m: Rig, y, sums, n, steps, first) -> tuple[dict[str, Any], dict[s
 
 
 def judged(lanes: Lanes, y, new: dict[str, Any], number, tolerance) -> Lanes:
-    """The lanes after the cycle `number`, which left the states `y` and the metrics `new`."""
+    """The lanes after the cycle `number`, which left the states `y` and the metrics `new`.
+
+    The residual is the larger of the last two changes: a single one may be small where a slow drift turns around.
+    """
     _, kept, cycles, done = lanes
-    residual = jnp.max(jnp.stack([_change(new[n], kept[n]) for n in PERIODIC if n in new]), axis=0)
-    new = new | {"residual": jnp.where(number < 2, jnp.ones_like(residual), residual)}
+    change = jnp.max(jnp.stack([_change(new[n], kept[n]) for n in PERIODIC if n in new]), axis=0)
+    residual = jnp.where(number < 2, jnp.ones_like(change), jnp.maximum(change, kept[CHANGE]))
+    new = new | {CHANGE: change, "residual": residual}
     kept = {n: jnp.where(done, kept[n], new[n]) for n in kept}
     cycles = jnp.where(done, cycles, number + 1)
     finite = jnp.isfinite(kept["mean_electrical_power"])
@@ -115,6 +120,7 @@ def verdict(machine: Rig, block: dict[str, Any], kept: dict[str, Any], done) -> 
 
 
 PERIODIC = ("mean_flow", "mean_electrical_power", "peak_stroke")
+CHANGE = "_change"  # of these from one cycle to the next
 
 
 def _change(new, old):

@@ -16,7 +16,7 @@ from edhas_jax.units import from_si, shown_unit
 
 TABLE = "table.parquet"
 NOT_RUN = "not_run"
-ACCOUNT = {"cycles": "cycles that were run", "residual": "change of the metrics over the last cycle"}
+ACCOUNT = {"cycles": "cycles that were run", "residual": "larger change of the metrics over the last two cycles"}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -19,7 +19,7 @@ sweep:
   parameters:
     frequency: [10 Hz, 20 Hz, 40 Hz, 80 Hz]
     mover_mass: [0.1 kg, 0.15 kg]
-batch: {{step: 100 us, tolerance: 1 %, max_cycles: 4}}
+batch: {{step: 100 us, tolerance: 1 %, max_cycles: 6}}
 """
 
 

@@ -61,6 +61,12 @@ def errors(found: Diagnosis) -> tuple[float, float, float]:
     return tuple(found.errors()[state]["holdout"]["overall"] for state in ("before", "calibrated", "after"))
 
 
+def evidence(found: Diagnosis) -> str:
+    """What every trial brought, for the message of a test that fails."""
+    told = [f"{t.suspect.name} {t.gain:.1f} of {0.5 * t.score.fall:.1f}" for turn in found.rounds for t in turn.trials]
+    return f"{found.verdict}, errors {errors(found)}, before {found.rounds[0].before.evidence:.2f}, trials {told}"
+
+
 def lead(found: Diagnosis, of: int = 0) -> float:
     """By how much evidence the accepted effect of a round beats the best of the others."""
     turn = found.rounds[of]
@@ -72,7 +78,7 @@ def lead(found: Diagnosis, of: int = 0) -> float:
 def test_nothing_is_missing():
     found = diagnosed(seed=1)
     before, calibrated, after = errors(found)
-    assert found.verdict is Verdict.ADEQUATE and not found.accepted
+    assert found.verdict is Verdict.ADEQUATE and not found.accepted, evidence(found)
     assert before > 2.0 and calibrated == after == pytest.approx(1.0, abs=0.05)
     assert found.candidates()[0][1] < 0.5
 
@@ -80,7 +86,7 @@ def test_nothing_is_missing():
 def test_one_effect():
     found = diagnosed(InverterDeadTime(dead_time_voltage=0.8), seed=2)
     before, calibrated, after = errors(found)
-    assert found.verdict is Verdict.MISSING_EFFECT
+    assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
     assert [t.suspect.id for t in found.accepted] == ["inverter_dead_time"]
     assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
     assert lead(found) > DECISIVE
@@ -92,7 +98,7 @@ def test_one_effect():
 def test_two_effects():
     found = diagnosed(ForceConstantDroop(droop=0.15), InverterDeadTime(dead_time_voltage=0.6), seed=3)
     before, calibrated, after = errors(found)
-    assert found.verdict is Verdict.MISSING_EFFECT
+    assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
     assert {t.suspect.id for t in found.accepted} == {"inverter_dead_time", "force_constant_droop"}
     assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
     assert lead(found, 0) > DECISIVE and lead(found, 1) > DECISIVE
@@ -101,7 +107,7 @@ def test_two_effects():
 def test_an_effect_outside_the_library():
     found = diagnosed(Windage(windage=40.0), seed=4)
     before, calibrated, after = errors(found)
-    assert found.verdict is Verdict.UNKNOWN_EFFECT
+    assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
     assert before > calibrated > 1.1
     assert next(iter(found.where())) == "mover"
     form = found.forms[0]
@@ -113,7 +119,7 @@ def test_an_effect_outside_the_library():
 def test_a_sensor_that_lags():
     found = diagnosed(chains={"current": (SensorLag(lag_time=1e-3),)}, seed=5)
     before, calibrated, after = errors(found)
-    assert found.verdict is Verdict.MISSING_EFFECT
+    assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
     assert [t.suspect.name for t in found.accepted] == ["sensor_lag on current"]
     assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
     assert lead(found) > DECISIVE and next(iter(found.where())) == "sensor"

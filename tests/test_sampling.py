@@ -11,7 +11,7 @@ from test_no_trace import by_rig, operations, program
 
 import edhas_jax as edhas
 from edhas_jax import lanes, tree
-from edhas_jax.batch import BatchSettings, run_designs
+from edhas_jax.batch import BatchSettings, Status, run_designs
 from edhas_jax.components.sampling import Sampled
 from edhas_jax.control import Controller
 from edhas_jax.effects import LugreFriction
@@ -169,10 +169,12 @@ def test_every_engine_runs_it(monkeypatch):
 def test_metrics_are_those_of_the_run():
     """A batch in its periodic state and a simulation of the same machine see the same loop."""
     machine = bench(2e-4, 2e-4, ActuatorBench().controller)
-    machine = edhas.change(machine, frequency=10.0, ramp_time=0.1, integral_gain=0.0)
+    # without damping this delay leaves a limit cycle, whose error wanders by a percent
+    machine = edhas.change(machine, frequency=10.0, ramp_time=0.1, integral_gain=0.0, velocity_gain=20.0)
     got = run_designs(machine, {"sample_time": np.array([2e-4])}, BatchSettings(step=1e-5, tolerance=1e-3))
     run = edhas.simulate(machine, edhas.Simulation(duration=0.4, step=1e-5))
-    assert got["tracking_error"][0] == pytest.approx(run.metrics["tracking_error"].value, rel=5e-3)
+    assert got["status"][0] == Status.OK
+    assert got["tracking_error"][0] == pytest.approx(run.metrics["tracking_error"].value, rel=2e-3)
 
 
 def test_derivatives_by_gains():

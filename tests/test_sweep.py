@@ -30,7 +30,7 @@ sweep:
   parameters:
     piston_clearance: {{from: 10 um, to: 40 um, count: 2}}
     frequency: [10 Hz, 20 Hz, 40 Hz, 80 Hz]
-batch: {{step: 100 us, tolerance: 1 %, max_cycles: 4}}
+batch: {{step: 100 us, tolerance: 1 %, max_cycles: 6}}
 """
 COMMAND = ["sweep", "tiny.yaml"]
 
