@@ -16,9 +16,9 @@ from rich.console import Console
 from edhas_jax.batch import run_designs
 from edhas_jax.sizing import size
 from edhas_jax.sizing_config import Sizing, load_sizing
+from edhas_jax.sizing_descent import MET
 
 CONFIG = Path(__file__).resolve().parent.parent / "configs" / "size_robust.yaml"
-STEP_ERROR = 5e-4  # of peaks, at the default step
 COLOURS = {"nominal": "#6e7781", "robust": "#d1490c"}
 
 
@@ -72,8 +72,8 @@ def draw(task: Sizing, design: dict[str, float], count: int) -> dict[str, np.nda
 
 
 def kept(task: Sizing, got: dict[str, np.ndarray]) -> np.ndarray:
-    """Which machines keep every limit, to what the step leaves open."""
-    return np.all([got[limit.metric] <= limit.value * (1.0 + STEP_ERROR) for limit in task.limits], axis=0)
+    """Which machines keep every limit, by the rule that the sizing itself has."""
+    return np.all([got[limit.metric] <= limit.value * (1.0 + MET) for limit in task.limits], axis=0)
 
 
 def picture(task: Sizing, drawn: dict[str, dict[str, np.ndarray]]):
