@@ -31,7 +31,7 @@ _PUBLIC = {
     "uncertain_unknowns": ("unknown", "uncertain_unknowns"),
     "FitProblem": ("fit", "Problem"),
     "calibrate": ("fit", "fit"),
-    "gradient": ("gradient", "gradient"),
+    "gradient": ("gradient_table", "gradient"),
     "GradientSettings": ("gradient_plan", "GradientSettings"),
     "diagnose_campaign": ("diagnose", "diagnose"),
     "save_diagnosis": ("diagnosis_file", "save_diagnosis"),

@@ -11,8 +11,8 @@ from edhas_jax.batch import run_designs
 from edhas_jax.config import ConfigError
 from edhas_jax.cycle import Status
 from edhas_jax.dump import dump_config
-from edhas_jax.gradient import gradient
 from edhas_jax.gradient_plan import GradientSettings
+from edhas_jax.gradient_table import gradient
 from edhas_jax.run import Simulation
 from edhas_jax.sensitivity_config import Sensitivity
 from edhas_jax.sensitivity_global import at_shares, morris, sobol

@@ -7,7 +7,7 @@ import numpy as np
 
 from edhas_jax.batch import BatchSettings
 from edhas_jax.designs import Axis, grid, own_name
-from edhas_jax.gradient import metrics_of, parameters_of
+from edhas_jax.gradient_table import metrics_of, parameters_of
 from edhas_jax.parameters import ParameterError
 from edhas_jax.signals import nearest
 from edhas_jax.system import Rig

@@ -10,7 +10,7 @@ import numpy as np
 
 from edhas_jax.batch import BatchSettings
 from edhas_jax.designs import Axis, grid, own_name
-from edhas_jax.gradient import metrics_of
+from edhas_jax.gradient_table import metrics_of
 from edhas_jax.metrics import METRICS
 from edhas_jax.parameters import ParameterError, get_parameter
 from edhas_jax.settings import quantity_text

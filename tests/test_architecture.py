@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import edhas_jax
 from edhas_jax.slots import SLOTS
 
 ROOT = Path(__file__).parent.parent
@@ -32,6 +33,12 @@ def test_module(path):
     assert ast.get_docstring(module), "no docstring"
     silent = [name for name, node in public(module) if not ast.get_docstring(node)]
     assert not silent, f"without a docstring: {', '.join(silent)}"
+
+
+def test_no_public_name_is_that_of_a_module():
+    """Importing the module would put it in the place of the function."""
+    named = {path.stem for path in MODULES if path.parent.name == "edhas_jax"}
+    assert not named & set(edhas_jax.__all__)
 
 
 def public(node: ast.Module | ast.ClassDef, owner: str = ""):

@@ -7,12 +7,12 @@ from reference import DATA
 
 import edhas_jax as edhas
 from edhas_jax.effects import EntrainedAir, LugreFriction, PistonLeakage
-from edhas_jax.gradient import GradientError, Mode, gradient
 from edhas_jax.gradient_blocks import forward_blocks
 from edhas_jax.gradient_forward import forward
 from edhas_jax.gradient_plan import GradientSettings
 from edhas_jax.gradient_reverse import reverse
 from edhas_jax.gradient_reverse_blocks import reverse_blocks
+from edhas_jax.gradient_table import GradientError, Mode, gradient
 
 PUMP = edhas.PumpBench(effects=(LugreFriction(), PistonLeakage(), EntrainedAir()))
 ACTUATOR = edhas.ActuatorBench(effects=(LugreFriction(),))

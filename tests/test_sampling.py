@@ -15,8 +15,8 @@ from edhas_jax.batch import BatchSettings, Status, run_designs
 from edhas_jax.components.sampling import Sampled
 from edhas_jax.control import Controller
 from edhas_jax.effects import LugreFriction
-from edhas_jax.gradient import GradientError, gradient, parameters_of
 from edhas_jax.gradient_plan import GradientSettings
+from edhas_jax.gradient_table import GradientError, gradient, parameters_of
 from edhas_jax.integrate import step
 from edhas_jax.runge_kutta import trajectories
 from edhas_jax.system import ActuatorBench, Sine
