@@ -49,6 +49,18 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
+def _folder(command: argparse.ArgumentParser, default: str) -> None:
+    """Where a command leaves its folder, by default in `default`."""
+    command.add_argument("--out", type=Path, help=f"folder to write (default: {default}/NAME, numbered if it exists)")
+    command.add_argument("--overwrite", action="store_true", help="write into the folder of --out if it exists")
+
+
+def _file(command: argparse.ArgumentParser, what: str) -> None:
+    """Where a command leaves its file."""
+    command.add_argument("--out", type=Path, help=what)
+    command.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="edhas", description=edhas_jax.__doc__)
     parser.add_argument("--version", action="version", version=f"edhas_jax {edhas_jax.__version__}")
@@ -60,8 +72,7 @@ def _parser() -> argparse.ArgumentParser:
         "--set", dest="overrides", action="append", default=[], metavar="NAME=VALUE",
         help="override a parameter or simulation setting, with unit: --set piston_clearance=15um",
     )  # fmt: skip
-    simulate_.add_argument("--out", type=Path, help="folder to write (default: runs/NAME, numbered if it exists)")
-    simulate_.add_argument("--overwrite", action="store_true", help="replace the run folder given with --out")
+    _folder(simulate_, "runs")
     simulate_.add_argument("--no-figure", action="store_true", help="write no picture")
     simulate_.set_defaults(command=simulate)
 
@@ -80,14 +91,12 @@ def _parser() -> argparse.ArgumentParser:
         "--replay", choices=("set_point", "voltage", "current", "piston_position"), default="set_point",
         help="drive the model with this measured signal, so that what lies behind it is judged alone",
     )  # fmt: skip
-    compare_.add_argument("--out", type=Path, help="folder to write (default: comparisons/NAME, numbered)")
-    compare_.add_argument("--overwrite", action="store_true", help="write into the folder of --out if it exists")
+    _folder(compare_, "comparisons")
     compare_.set_defaults(command=compare)
 
     fit_ = commands.add_parser("fit", help="calibrate the uncertain parameters of a campaign's machine")
     fit_.add_argument("campaign", type=Path, help="folder of the campaign")
-    fit_.add_argument("--out", type=Path, help="folder to write (default: fits/NAME, numbered if it exists)")
-    fit_.add_argument("--overwrite", action="store_true", help="write into the folder given with --out if it exists")
+    _folder(fit_, "fits")
     fit_.add_argument("--starts", type=int, default=4, help="points to start from (default: 4)")
     fit_.add_argument(
         "--profile", action="append", default=[], metavar="NAME",
@@ -102,14 +111,12 @@ def _parser() -> argparse.ArgumentParser:
         "--effect", dest="effects", action="append", default=[], metavar="FILE.py:Class",
         help="suspect this effect of your own too; may be given several times",
     )  # fmt: skip
-    plan_.add_argument("--out", type=Path, help="folder to write (default: plans/NAME, numbered if it exists)")
-    plan_.add_argument("--overwrite", action="store_true", help="write into the folder given with --out if it exists")
+    _folder(plan_, "plans")
     plan_.set_defaults(command=plan)
 
     sensitivity_ = commands.add_parser("sensitivity", help="which parameters matter where: elasticities, Sobol, Morris")
     sensitivity_.add_argument("config", type=Path, help="configuration of the analysis, YAML")
-    sensitivity_.add_argument("--out", type=Path, help="folder to write (default: runs/NAME, numbered if it exists)")
-    sensitivity_.add_argument("--overwrite", action="store_true", help="write into the folder given with --out again")
+    _folder(sensitivity_, "runs")
     sensitivity_.set_defaults(command=sensitivity)
 
     campaign = commands.add_parser("campaign", help="measurements of a bench: begin a campaign, check its files")
@@ -123,14 +130,12 @@ def _parser() -> argparse.ArgumentParser:
 
     size_ = commands.add_parser("size", help="find the dimensions that make a machine best within its limits")
     size_.add_argument("config", type=Path, help="configuration of the task, YAML")
-    size_.add_argument("--out", type=Path, help="folder to write (default: runs/NAME, numbered if it exists)")
-    size_.add_argument("--overwrite", action="store_true", help="write into the folder given with --out again")
+    _folder(size_, "runs")
     size_.set_defaults(command=size)
 
     diagnose_ = commands.add_parser("diagnose", help="what is missing in the model of a campaign's machine")
     diagnose_.add_argument("campaign", type=Path, help="folder of the campaign")
-    diagnose_.add_argument("--out", type=Path, help="folder to write (default: diagnoses/NAME, numbered)")
-    diagnose_.add_argument("--overwrite", action="store_true", help="write into the folder of --out if it exists")
+    _folder(diagnose_, "diagnoses")
     diagnose_.add_argument(
         "--effect", dest="effects", action="append", default=[], metavar="FILE.py:CLASS",
         help="suspect an effect of your own too; may be given several times",
@@ -140,13 +145,12 @@ def _parser() -> argparse.ArgumentParser:
     add_ = commands.add_parser("add", help="fit a campaign's model with one more effect and write its configuration")
     add_.add_argument("effect", help="id of an effect, or FILE.py:Class")
     add_.add_argument("--campaign", type=Path, required=True, help="folder of the campaign")
-    add_.add_argument("--out", type=Path, help="configuration to write (default: NAME_EFFECT.yaml)")
-    add_.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
+    _file(add_, "configuration to write (default: NAME_EFFECT.yaml)")
     add_.set_defaults(command=add)
 
     export_ = commands.add_parser("export", help="the machine as an FMU for Simulink, OpenModelica, Amesim, FMPy")
     export_.add_argument("config", type=Path, help="configuration, YAML")
-    export_.add_argument("--out", type=Path, help="file to write (default: NAME.fmu)")
+    _file(export_, "file to write (default: NAME.fmu)")
     export_.add_argument(
         "--input", dest="inputs", action="append", default=[], metavar="NAME",
         help="a parameter that may change during the run, or reference, voltage, target, spool to come from outside; "
@@ -161,7 +165,6 @@ def _parser() -> argparse.ArgumentParser:
         help="C compiler (default: $CC or cc); several, cross compilers among them, add a binary each",
     )  # fmt: skip
     export_.add_argument("--sources-only", action="store_true", help="compile nothing; the target does it")
-    export_.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
     export_.set_defaults(command=export)
 
     plot = commands.add_parser("plot", help="pictures of a result")

@@ -12,6 +12,7 @@ from edhas_jax import tree
 from edhas_jax.effects import Effect
 from edhas_jax.fit import Fit
 from edhas_jax.integrate import step
+from edhas_jax.levenberg import inverse
 from edhas_jax.prediction import Case, Model
 from edhas_jax.signals import SIGNALS
 from edhas_jax.slots import Rule, Slot
@@ -138,7 +139,7 @@ def _estimated(fitted: Fit, slot: Slot, local: str, nodes: np.ndarray, spread: f
             slopes = found[0][r].slopes[n][there] / noise
             curvature = curvature + slopes.T @ slopes
             downhill = downhill + slopes.T @ (measured - outcome.values[n])[there] / noise
-    covariance = np.linalg.inv(curvature)
+    covariance = inverse(curvature)
     return spread * (covariance @ downhill), spread * np.sqrt(np.diag(covariance))
 
 
