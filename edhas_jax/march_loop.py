@@ -13,7 +13,7 @@ from edhas_jax.integrate import observe, step
 from edhas_jax.loop_cache import loop_of
 from edhas_jax.native import Loop
 from edhas_jax.parameters import set_parameters
-from edhas_jax.system import Rig
+from edhas_jax.system import Rig, parts
 
 
 class MarchLoop:
@@ -126,8 +126,8 @@ def _with(machine: Rig, stretch: Stretch | None) -> Rig:
 
 
 def _key(machine: Rig, varied, watch, seeded: bool, dtype) -> str | None:
-    """A text for all that the loops depend on; None where an effect or the controller is not the package's own."""
-    if any(not type(part).__module__.startswith("edhas_jax.") for part in (machine.controller, *machine.effects)):
+    """A text for all that the loops depend on; None where a part of the machine is not the package's own."""
+    if any(not type(part).__module__.startswith("edhas_jax.") for part in (machine, *parts(machine).values())):
         return None
     versions = f"{backend.code_hash()} {jax.__version__}"
     return f"{jax.tree.structure(machine)} {varied} {watch} {seeded} {np.dtype(dtype)} {versions}"

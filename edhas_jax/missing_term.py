@@ -157,7 +157,9 @@ def _curve(slot: Slot, local: str) -> type[Effect]:
     names = [f"{what}_{k}" for what in ("at", "value") for k in range(NODES)]
     body = {n: par(0.0, slot.unit, anything, "node of a curve") for n in names}
     body |= {"__annotations__": dict.fromkeys(names, float), "__module__": __name__, "__doc__": "A free curve."}
-    return type("FreeCurve", (Effect,), body | {slot.name: enter})
+    # its machine code is kept under its name
+    name = "".join(part.title() for part in f"free_{slot.name}_by_{local}".split("_"))
+    return type(name, (Effect,), body | {slot.name: enter})
 
 
 def _trajectory(fitted: Fit, r: int, slot: Slot, effect: str) -> dict[str, np.ndarray]:
