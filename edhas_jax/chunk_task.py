@@ -23,8 +23,8 @@ from edhas_jax.yaml_text import read_yaml
 # what the numbers of a design depend on
 MODEL = (
     "components", "effects", "native", "batch.py", "circuit.py", "control.py", "cycle.py", "cycle_loop.py",
-    "cycle_xla.py", "elimination.py", "integrate.py", "linearize.py", "loop_cache.py", "mechanics.py", "oil.py",
-    "signals.py", "slots.py", "system.py",
+    "cycle_xla.py", "elimination.py", "extremes.py", "integrate.py", "linearize.py", "loop_cache.py", "mechanics.py",
+    "oil.py", "signals.py", "slots.py", "system.py",
 )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from edhas_jax import slots
 from edhas_jax.components.coil import CurrentAmplifier, VoltageAmplifier
 from edhas_jax.components.controller import limited
 from edhas_jax.effects.base import initial_states, own_states
+from edhas_jax.extremes import larger, smaller
 from edhas_jax.mechanics import move_pump, slide
 from edhas_jax.signals import Passage, Signals
 from edhas_jax.slots import enter
@@ -49,7 +50,7 @@ def passage_slopes(m, passages: dict[str, Passage], pressure_rates: dict, h) -> 
         chord, tangent, inverse = m.orifice.conductance(drop, m.oil.oil_density)
         rates = [pressure_rates[end] for end in ends if end in pressure_rates]
         change = jnp.abs(rates[0] - rates[1] if len(rates) == 2 else rates[0])
-        overshoot = jnp.clip(h * change * inverse - 1.0, 0.0, 1.0)
+        overshoot = smaller(larger(h * change * inverse - 1.0, 0.0), 1.0)
         slopes[name] = chord * drop, area * (tangent + overshoot * (2.0 * chord - tangent))
     return slopes
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from edhas_jax import tree
 from edhas_jax.components.reference import CyclicSine
+from edhas_jax.extremes import larger, smaller
 from edhas_jax.integrate import watched_step
 from edhas_jax.parameters import set_parameters
 from edhas_jax.system import ActuatorBench, Rig
@@ -138,8 +139,8 @@ def _take(m: Rig, y, h):
     y, _, seen = watched_step(m, y, 0.0, h, lambda s: {n: getattr(s, n) for n in _watched(m)})
     if not isinstance(m, ActuatorBench):
         lifts = [y[f"{kind}_lift_{side}"] for kind in ("suction", "delivery") for side in "ab"]
-        seen["highest_lift"] = jnp.maximum(jnp.maximum(lifts[0], lifts[1]), jnp.maximum(lifts[2], lifts[3]))
-        seen["lowest_lift"] = jnp.minimum(jnp.minimum(lifts[0], lifts[1]), jnp.minimum(lifts[2], lifts[3]))
+        seen["highest_lift"] = larger(larger(lifts[0], lifts[1]), larger(lifts[2], lifts[3]))
+        seen["lowest_lift"] = smaller(smaller(lifts[0], lifts[1]), smaller(lifts[2], lifts[3]))
     return y, seen
 
 
@@ -174,12 +175,12 @@ def _add(m: Rig, sums, s, phase) -> dict[str, Any]:
             "swept": jnp.abs(s["piston_velocity"]), "delivered": s["outlet_flow"] * s["load_drop"],
         }  # fmt: skip
         peaks |= {
-            "leakage": jnp.maximum(jnp.abs(s["leakage_a"]), jnp.abs(s["leakage_b"])), "rise": rise,
+            "leakage": larger(jnp.abs(s["leakage_a"]), jnp.abs(s["leakage_b"])), "rise": rise,
             "pressure": s["outlet_pressure"], "-pressure": -s["outlet_pressure"],
             "lift": s["highest_lift"], "-lift": -s["lowest_lift"],
         }  # fmt: skip
     return {n: sums[n] + v for n, v in new.items()} | {
-        f"peak {n}": jnp.maximum(sums[f"peak {n}"], v) for n, v in peaks.items()
+        f"peak {n}": larger(v, sums[f"peak {n}"]) for n, v in peaks.items()
     }
 
 

@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 from jax.extend import core
 
+from edhas_jax.extremes import larger, smaller
+
 Row = dict[Any, Any]
 _INLINE = ("jit", "pjit", "closed_call", "core_call", "remat", "checkpoint")
 
@@ -189,6 +191,8 @@ def _needed(jaxpr) -> list:
 
 
 def _bind(eqn, args):
+    if eqn.primitive.name in _SIDED and _smooth(eqn.outvars[0]):
+        return [_SIDED[eqn.primitive.name](*args)]
     bound = eqn.primitive.get_bind_params(eqn.params)
     # older releases of JAX hand the functions of a custom rule over apart from its parameters
     functions, parameters = bound if isinstance(bound, tuple) else ((), bound)
@@ -253,13 +257,14 @@ def _abs(a):
 
 
 def _max(a, b):
-    return jnp.maximum(a, b), (Mask(a > b), Mask(~(a > b)))
+    return larger(a, b), (Mask(a > b), Mask(~(a > b)))
 
 
 def _min(a, b):
-    return jnp.minimum(a, b), (Mask(a < b), Mask(~(a < b)))
+    return smaller(a, b), (Mask(a < b), Mask(~(a < b)))
 
 
+_SIDED = {"max": larger, "min": smaller}
 _RULES = {
     "add": lambda a, b: (a + b, (1.0, 1.0)),
     "add_any": lambda a, b: (a + b, (1.0, 1.0)),

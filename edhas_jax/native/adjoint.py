@@ -44,7 +44,6 @@ class AdjointLoop:
 
         self._ahead = Loop(body, dtype, carry, lane, uniform, cache)
         # a step back holds all values of the step ahead: those of a second vector would not fit the nearest cache
-        self._again = Loop(body, dtype, carry, lane, uniform, cache, vectors=1)
         self._back = Loop(back, dtype, (carry, lane), lane, uniform, cache, fed=carry, backwards=True, vectors=1)
 
     def run(self, carry: Any, lane: Any, uniform: Any, steps: int, threads: int = 1) -> tuple[Any, Trail]:
@@ -73,27 +72,26 @@ class AdjointLoop:
         count = np.shape(jax.tree.leaves(covectors[0])[0])[0]
         nothing = jax.tree.map(lambda leaf: np.zeros(count), lane)
         pulled = [self._back.blocks("carry", (w, nothing), count) for w in covectors]
-        fixed, scalars = self._again.blocks("lane", lane, count), self._again.scalars(uniform)
-        carries = _narrow(trail.carries, self._again.lanes)
+        fixed, narrow = (loop.blocks("lane", lane, count) for loop in (self._ahead, self._back))
+        scalars, lanes = self._ahead.scalars(uniform), self._back.lanes
+        # a block of the run ahead is as wide as several of the way back
+        parts = self._ahead.lanes // lanes
 
         def work(b: int) -> None:
-            seen = np.empty((STRETCH, *carries.shape[2:]), carries.dtype)
-            for k in reversed(range(carries.shape[1])):
-                first, state = k * STRETCH, carries[b, k].copy()
+            carries, rows = trail.carries[b], trail.carries.shape[2]
+            wide = np.empty((STRETCH, rows, parts * lanes), carries.dtype)
+            seen = np.empty((parts, STRETCH, rows, lanes), carries.dtype)
+            for k in reversed(range(len(carries))):
+                first, state = k * STRETCH, carries[k].copy()
                 steps = min(STRETCH, trail.steps - first)
-                self._again.run(state, fixed[b], None, seen, scalars, first, 1, steps)
-                for table in pulled:
-                    self._back.run(table[b], fixed[b], seen, None, scalars, first, 1, steps)
+                self._ahead.run(state, fixed[b], None, wide, scalars, first, 1, steps)
+                for part, block in enumerate(range(b * parts, min((b + 1) * parts, len(narrow)))):
+                    np.copyto(seen[part, :steps], wide[:steps, :, part * lanes : (part + 1) * lanes])
+                    for table in pulled:
+                        self._back.run(table[block], narrow[block], seen[part], None, scalars, first, 1, steps)
 
         _each(work, len(fixed), threads)
         return [self._back.tree(table, count) for table in pulled]
-
-
-def _narrow(table: np.ndarray, lanes: int) -> np.ndarray:
-    """A table (blocks, stretches, rows, …) in blocks of fewer `lanes`."""
-    blocks, stretches, rows, wide = table.shape
-    parts = table.reshape(blocks, stretches, rows, wide // lanes, lanes).transpose(0, 3, 1, 2, 4)
-    return parts.reshape(-1, stretches, rows, lanes)
 
 
 def _each(work: Callable[[int], None], count: int, threads: int) -> None:
