@@ -51,14 +51,16 @@ class CycleLoop:
             values = {n: v[rows] for n, v in columns.items()}
             uniform = machine, steps, float(soft and number == 0)
             after = self._loop(start, values, uniform, 0, steps, backend.cores())
-            y, sums = ({n: _spread(v, rows, size) for n, v in part.items()} for part in after)
+            y = {n: _spread(v, rows, lanes.y[n]) for n, v in after[0].items()}
+            # the sums of designs that are done are never looked at
+            sums = {n: _spread(v, rows, np.ones(size, v.dtype)) for n, v in after[1].items()}
             lanes = jax.device_get(judge_cycle(machine, columns, lanes, y, sums, number, steps, tolerance))
         return lanes
 
 
-def _spread(values: np.ndarray, rows: np.ndarray, size: int) -> np.ndarray:
-    """`values` at `rows`; what stands elsewhere belongs to designs that are done, and is never looked at."""
-    out = np.ones(size, values.dtype)
+def _spread(values: np.ndarray, rows: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """`values` at `rows`, elsewhere what stood there `before`."""
+    out = np.array(before)
     out[rows] = values
     return out
 

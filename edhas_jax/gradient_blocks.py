@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 
-from edhas_jax.cycle import advance, begin, verdict
-from edhas_jax.gradient_plan import Derivatives, GradientSettings, filled, settled
+from edhas_jax.cycle import Lanes, advance, begin
+from edhas_jax.gradient_plan import Derivatives, GradientSettings, filled, settled, status
 from edhas_jax.system import Rig
 
 # A tangent array holds DIRECTIONS × LANES numbers: little enough for the first-level cache, and no multiple of 4 kB,
@@ -20,25 +20,23 @@ DIRECTIONS, LANES = 8, 28
 def forward_blocks(
     machine: Rig,
     columns: Mapping[str, np.ndarray],
+    lanes: Lanes,
     names: Sequence[str],
     metrics: Sequence[str],
     settings: GradientSettings,
     on_cycle=None,
 ) -> Derivatives:
-    """Metrics of designs and their derivatives by the parameters `names`, all of which are among the `columns` (SI).
+    """As `forward`, from the periodic state in `lanes`.
 
     The designs are marched once for every DIRECTIONS parameters, each core its share of blocks and directions.
-    `on_cycle(share)` is called with the share of the work that is done.
     """
     devices = tuple(jax.local_devices())
-    columns = {n: np.asarray(column, float) for n, column in columns.items()}
     count = len(next(iter(columns.values())))
-    base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
     groups = [list(names[i : i + DIRECTIONS]) for i in range(0, len(names), DIRECTIONS)]
     items = [(rows, block, group) for rows, block in filled(columns, LANES) for group in groups]
     values = {n: np.full(count, np.nan) for n in metrics}
     slopes = {n: np.full((count, len(names)), np.nan) for n in metrics}
-    status, most = np.zeros(count), 0
+    still, most = np.ones(count, bool), 0
     for first in range(0, len(items), len(devices)):
         wave = items[first : first + len(devices)]
         padded = [wave[i % len(wave)] for i in range(len(devices))]
@@ -47,94 +45,69 @@ def forward_blocks(
             if on_cycle is not None:
                 on_cycle((first + share * len(wave)) / len(items))
 
-        results, cycles = _wave(devices, base, padded, list(columns), metrics, settings, report)
-        most = max(most, cycles)
-        for (rows, _, group), (kept, moved, verdicts) in zip(wave, results, strict=False):
+        kept, moved, done, terms = _wave(devices, machine, padded, lanes.y, list(columns), metrics, settings, report)
+        most = max(most, terms)
+        for i, (rows, _, group) in enumerate(wave):
             at = [names.index(n) for n in group]
             for n in metrics:
-                values[n][rows] = kept[n][: len(rows)]
-                slopes[n][np.ix_(rows, at)] = moved[n][: len(group), : len(rows)].T
-            status[rows] = np.maximum(status[rows], verdicts[: len(rows)])
-    return Derivatives(values, slopes, status, most)
+                values[n][rows] = kept[n][i, : len(rows)]
+                slopes[n][np.ix_(rows, at)] = moved[n][i, : len(group), : len(rows)].T
+            still[rows] &= done[i, : len(group), : len(rows)].all(axis=0)
+    return Derivatives(values, slopes, status(machine, columns, lanes, settings, still), lanes.cycles, most)
 
 
-def _wave(devices, base, items, names, metrics, settings: GradientSettings, report):
+def _wave(devices, base, items, y, names, metrics, settings: GradientSettings, report):
     """One item per device, each a block of designs and a group of directions, until all have settled."""
     columns = {n: np.stack([block[n] for _, block, _ in items]) for n in names}
+    y = {n: np.stack([np.resize(v[rows], LANES) for rows, _, _ in items]) for n, v in y.items()}
     seeds = {n: np.zeros((len(items), DIRECTIONS)) for n in names}
     scales = np.zeros((len(items), DIRECTIONS, LANES))
     for i, (_, block, group) in enumerate(items):
         for d, n in enumerate(group):
             seeds[n][i, d] = 1.0
             scales[i, d] = np.abs(block[n])
-    state, tangents = _begin(base, columns, seeds)
-    before, done = None, False
+    moved_y = {n: np.zeros(scales.shape) for n in y}
+    slopes = None
     for number in range(settings.max_cycles):
-        state, tangents = _cycle(devices, base, columns, seeds, state, tangents, number, settings.steps_per_cycle)
-        kept, moved = jax.device_get((state.kept, tangents[1]))
-        kept = {n: kept[n] for n in kept}
-        now = {n: kept[n][:, None, :] for n in metrics}, {n: moved[n] for n in metrics}
-        done = number + 1 >= settings.min_cycles and settled(*now, before, scales, settings.tolerance).all()
-        before = now
-        report(1.0 if done else (number + 1) / settings.max_cycles)
-        if done:
+        kept, (moved_y, moved) = _cycle(devices, base, columns, seeds, y, moved_y, settings.steps_per_cycle)
+        kept, moved = jax.device_get(({n: kept[n] for n in metrics}, {n: moved[n] for n in metrics}))
+        terms = {n: moved[n] - (0.0 if slopes is None else slopes[n]) for n in metrics}
+        wide = {n: kept[n][:, None, :] for n in metrics}
+        done = settled(wide, moved, terms, scales, settings.tolerance) & (number > 0)
+        done |= ~np.all([np.isfinite(v) for v in moved.values()], axis=0)
+        slopes = moved
+        report(1.0 if done.all() else (number + 1) / settings.max_cycles)
+        if done.all():
             break
-    results = []
-    for i in range(len(items)):
-        block = {n: column[i] for n, column in columns.items()}
-        last = {n: v[i] for n, v in kept.items()}
-        out = jax.device_get(_verdict(base, block, last, np.full(LANES, done)))
-        results.append((last, {n: moved[n][i] for n in metrics}, out["status"]))
-    return results, number + 1
-
-
-@jax.jit
-def _begin(machine, columns, seeds):
-    """Lanes and their tangents at rest; leading axis: items."""
-
-    def item(columns, seeds):
-        def start(values):
-            lanes = begin(machine, values, jnp.ones(LANES, bool), jnp.float64)
-            return (lanes.y, lanes.kept), lanes
-
-        def along(seed):
-            return jax.jvp(start, (columns,), (_spread(seed),), has_aux=True)
-
-        _, tangents, lanes = jax.vmap(along, out_axes=(None, 0, None))(seeds)
-        return lanes, tangents
-
-    return jax.vmap(item)(columns, seeds)
+    return kept, slopes, done, number + 1
 
 
 @partial(jax.jit, static_argnums=0)
-def _cycle(devices, machine, columns, seeds, state, tangents, number, steps):
-    """One cycle of every item, each on a device of its own."""
+def _cycle(devices, machine, columns, seeds, y, moved_y, steps):
+    """The cycle of every item, each on a device of its own: metrics, and tangents of (states, metrics)."""
 
-    def item(machine, columns, seeds, state, tangents, number, steps):
-        columns, seeds, state, tangents = jax.tree.map(lambda leaf: leaf[0], (columns, seeds, state, tangents))
+    def item(machine, columns, seeds, y, moved_y, steps):
+        columns, seeds, y, moved_y = jax.tree.map(lambda leaf: leaf[0], (columns, seeds, y, moved_y))
 
-        def march(values, y, kept):
-            lanes = advance(machine, values, state._replace(y=y, kept=kept), number, number + 1, steps, -1.0, True)
-            return (lanes.y, lanes.kept), lanes
+        def march(values, y):
+            fresh = begin(machine, values, jnp.ones(LANES, bool), jnp.float64)
+            lanes = advance(machine, values, fresh._replace(y=y), 0, 1, steps, -1.0, False)
+            return (lanes.y, lanes.kept), lanes.kept
 
-        def along(seed, moved_y, moved_kept):
-            primals, moved = (columns, state.y, state.kept), (_spread(seed), moved_y, moved_kept)
-            return jax.jvp(march, primals, moved, has_aux=True)
+        def along(seed, moved_y):
+            return jax.jvp(march, (columns, y), (_spread(seed), moved_y), has_aux=True)
 
-        _, tangents, lanes = jax.vmap(along, out_axes=(None, 0, None))(seeds, *tangents)
-        return jax.tree.map(lambda leaf: leaf[None], (lanes, tangents))
+        _, tangents, kept = jax.vmap(along, out_axes=(None, 0, None))(seeds, moved_y)
+        return jax.tree.map(lambda leaf: leaf[None], (kept, tangents))
 
     whole, split = PartitionSpec(), PartitionSpec("cores")
     return jax.shard_map(
         item,
         mesh=Mesh(np.array(devices), ("cores",)),
-        in_specs=(whole, split, split, split, split, whole, whole),
+        in_specs=(whole, split, split, split, split, whole),
         out_specs=split,
         check_vma=False,
-    )(machine, columns, seeds, state, tangents, number, steps)
-
-
-_verdict = jax.jit(verdict)
+    )(machine, columns, seeds, y, moved_y, steps)
 
 
 def _spread(seed):

@@ -1,9 +1,27 @@
-"""What forward and reverse mode have in common: settings, blocks of designs, what comes out."""
+"""What forward and reverse mode have in common: settings, the periodic state they begin with, what comes out.
+
+A derivative is that of the periodic state. With Φ the derivative of the state after a cycle by that before it, B that
+by the parameters, and m and p those of a metric by state and parameters,
+
+    d(metric)/d(parameters) = p + m (1 + Φ + Φ² + …) B
+
+Designs first run without derivatives until they are periodic. Then the same cycle is gone through again and again, in
+forward mode with the sum times B, in reverse mode back with m times the sum, until no further term counts.
+
+Source: Griewank & Walther, Evaluating Derivatives, 2008, chapter 15, on the derivatives of a fixed point.
+"""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax
 import numpy as np
+
+from edhas_jax import cycle_xla
+from edhas_jax.cycle import Lanes, verdict
+from edhas_jax.cycle_loop import cycle_loop
+from edhas_jax.system import Rig
 
 
 @dataclasses.dataclass(frozen=True)
@@ -12,27 +30,46 @@ class GradientSettings:
 
     Every design takes `steps_per_cycle` equal steps per cycle, whatever its frequency: then the frequency scales the
     step, and its derivative is exact as well. The error of a derivative falls with the first power of the step
-    (docs/gradients.md). Cycles are run until neither value nor elasticity of a metric changes by more than
-    `tolerance` from one to the next (of 1 or of itself, whichever is larger), at least `min_cycles` and at most
-    `max_cycles`.
+    (docs/gradients.md). Designs run until flow, power and stroke have changed by less than `tolerance` over two cycles
+    in a row; terms are added until they change no elasticity by more than `tolerance` (of 1 or of itself, whichever is
+    larger). Neither takes more than `max_cycles`.
     """
 
     steps_per_cycle: int = 16384
     tolerance: float = 2e-4
-    min_cycles: int = 4
     max_cycles: int = 24
 
 
 class Derivatives(NamedTuple):
     """Metrics of designs and their derivatives, all in SI.
 
-    `values` and `slopes` by metric: (designs,) and (designs, parameters); `status` (designs,) as in a batch.
+    `values` and `slopes` by metric: (designs,) and (designs, parameters); `status` (designs,) as in a batch. `cycles`
+    (designs,) were run until each was periodic, `terms` is how often the last was gone through with derivatives.
     """
 
     values: dict[str, np.ndarray]
     slopes: dict[str, np.ndarray]
     status: np.ndarray
-    cycles: int
+    cycles: np.ndarray
+    terms: int
+
+
+def periodic(machine: Rig, columns: Mapping[str, np.ndarray], settings: GradientSettings) -> Lanes:
+    """The designs of `columns` (SI) after as many cycles as each takes to become periodic."""
+    how = settings.steps_per_cycle, np.asarray(settings.tolerance), settings.max_cycles, True
+    loop = cycle_loop(machine, tuple(columns), float)
+    if loop is None:
+        return cycle_xla.run_cycles(machine, dict(columns), *how)
+    return loop.run_cycles(machine, dict(columns), len(next(iter(columns.values()))), *how)
+
+
+def status(machine: Rig, columns: Mapping[str, np.ndarray], lanes: Lanes, settings, still) -> np.ndarray:
+    """What became of each design, as in a batch; those whose derivatives are not `still` are not periodic."""
+    settled = (lanes.kept["residual"] <= settings.tolerance) & still
+    return np.asarray(_verdict(machine, dict(columns), lanes.kept, settled)["status"], float)
+
+
+_verdict = jax.jit(verdict)
 
 
 def filled(columns: dict[str, np.ndarray], lanes: int) -> list[tuple[np.ndarray, dict[str, np.ndarray]]]:
@@ -45,19 +82,14 @@ def filled(columns: dict[str, np.ndarray], lanes: int) -> list[tuple[np.ndarray,
     return blocks
 
 
-def settled(values, slopes, before, scales, tolerance: float) -> np.ndarray:
-    """Whether values and elasticities (slope × scale / value) of all metrics have stopped changing, lane by lane.
+def settled(values, slopes, terms, scales, tolerance: float) -> np.ndarray:
+    """Whether the last `terms` of the slopes no longer count, lane by lane, for all metrics.
 
-    `values` and `slopes` by metric, and the same of the cycle `before` (None: there is none); `scales`: the size of the
-    parameter of each lane. All have the shape of `scales`, or are broadcast to it.
+    `values`, `slopes` and `terms` by metric; `scales`: the size of the parameter of each lane. All have the shape of
+    `scales`, or are broadcast to it.
     """
-    if before is None:
-        return np.zeros(np.shape(scales), bool)
     still = np.ones(np.shape(scales), bool)
     for name, value in values.items():
-        size = np.abs(value) + np.finfo(float).tiny
-        elasticity = np.abs(slopes[name] * scales / size)
-        change = np.abs(slopes[name] - before[1][name]) * scales / size
-        still &= (np.abs(value - before[0][name]) <= tolerance * size)
-        still &= change <= tolerance * np.maximum(1.0, elasticity)
+        share = scales / (np.abs(value) + np.finfo(float).tiny)
+        still &= np.abs(terms[name]) * share <= tolerance * np.maximum(1.0, np.abs(slopes[name]) * share)
     return still

@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.cycle import advance, begin, cycle_step, empty_sums, measured, verdict
-from edhas_jax.gradient_plan import Derivatives, GradientSettings, filled
+from edhas_jax.cycle import Lanes, cycle_step, empty_sums, measured
+from edhas_jax.gradient_plan import Derivatives, GradientSettings, filled, settled, status
 from edhas_jax.parameters import set_parameters
 from edhas_jax.system import Rig
 
@@ -21,53 +21,42 @@ LANES = 60  # designs in a block
 def reverse_blocks(
     machine: Rig,
     columns: Mapping[str, np.ndarray],
+    lanes: Lanes,
     names: Sequence[str],
     metrics: Sequence[str],
     settings: GradientSettings,
-    cycles: int | None = None,
+    terms: int | None = None,
 ) -> Derivatives:
-    """As `reverse`: after so many `cycles`, or as many as the metrics take to settle.
+    """As `reverse`, from the periodic state in `lanes`.
 
-    Kept are the states at the start of every cycle; on the way back each cycle is run again and keeps the states of
-    its steps. So the memory does not grow with the number of cycles: 19 states × steps per cycle × LANES, 160 MB.
+    On the way back the cycle is run again and keeps the states of its steps: 19 states × steps × LANES, 160 MB.
     """
-    columns = {n: np.asarray(column, float) for n, column in columns.items()}
-    count = len(next(iter(columns.values())))
-    base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
+    count = len(lanes.cycles)
     values = {n: np.full(count, np.nan) for n in metrics}
     slopes = {n: np.full((count, len(names)), np.nan) for n in metrics}
-    status = np.zeros(count)
+    still, most = np.ones(count, bool), 0
     for rows, block in filled(columns, LANES):
-        starts, state = [], _begin(base, block)
-        done = np.zeros(LANES, bool)
-        while len(starts) < (cycles or settings.max_cycles):
-            if cycles is None and len(starts) > settings.min_cycles and done.all():
-                break
-            starts.append(state.y)
-            state = _cycle(base, block, state, len(starts) - 1, settings.steps_per_cycle)
-            done = np.asarray(state.kept["residual"]) <= settings.tolerance
-        status[rows] = np.asarray(_verdict(base, block, state.kept, done)["status"])[: len(rows)]
-        pulled, moved = None, {n: np.zeros((len(metrics), LANES)) for n in columns}
-        for number in reversed(range(len(starts))):
-            last = number == len(starts) - 1
+        y = {n: np.resize(v[rows], LANES) for n, v in lanes.y.items()}
+        scales = np.abs(np.stack([block[n] for n in names]))
+        pulled, total, number = None, {m: np.zeros(scales.shape) for m in metrics}, 0
+        for number in range(terms or settings.max_cycles):
             with _flags_for_reverse():
                 found, share, pulled = _pull(
-                    base, block, starts[number], tuple(metrics), pulled, last, number == 0, settings.steps_per_cycle
+                    machine, block, y, tuple(metrics), pulled, number == 0, settings.steps_per_cycle
                 )
-            moved = {n: moved[n] + share[n] for n in moved}
-            if last:
-                values |= {n: _put(values[n], rows, found[n]) for n in metrics}
-        with _flags_for_reverse():
-            share = pull_begin(base, block, pulled)
-        for k, metric in enumerate(metrics):
-            for j, n in enumerate(names):
-                slopes[metric][rows, j] = np.asarray(moved[n] + share[n])[k, : len(rows)]
-    return Derivatives(values, slopes, status, len(starts))
-
-
-def _put(column, rows, block):
-    column[rows] = np.asarray(block)[: len(rows)]
-    return column
+            shares = {m: np.stack([np.asarray(share[n])[k] for n in names]) for k, m in enumerate(metrics)}
+            total = {m: total[m] + shares[m] for m in metrics}
+            found = {m: np.asarray(found[m]) for m in metrics}
+            done = settled(found, total, shares, scales, settings.tolerance)
+            done |= ~np.all([np.isfinite(v) for v in total.values()], axis=0)
+            if terms is None and number and done.all():
+                break
+        most = max(most, number + 1)
+        for m in metrics:
+            values[m][rows] = found[m][: len(rows)]
+            slopes[m][rows] = total[m][:, : len(rows)].T
+        still[rows] = done.all(axis=0)[: len(rows)]
+    return Derivatives(values, slopes, status(machine, columns, lanes, settings, still), lanes.cycles, most)
 
 
 @contextlib.contextmanager
@@ -85,29 +74,17 @@ def _flags_for_reverse():
         os.environ["XLA_FLAGS"] = flags
 
 
-@jax.jit
-def _begin(machine, block):
-    return begin(machine, block, jnp.ones(LANES, bool), jnp.float64)
-
-
-@jax.jit
-def _cycle(machine, block, lanes, number, steps):
-    return advance(machine, block, lanes, number, number + 1, steps, -1.0, True)
-
-
-_verdict = jax.jit(verdict)
-
-
 @partial(jax.jit, static_argnames=("metrics", "last", "steps"))
-def _pull(machine, block, y, metrics, pulled, last: bool, first, steps: int):
-    """Back through one cycle: metrics, and the derivatives of each by the parameters and by the states at its start.
+def _pull(machine, block, y, metrics, pulled, last: bool, steps: int):
+    """Back through the cycle: metrics, and the derivatives of each by the parameters and by the states at its start.
 
-    In the `last` cycle each metric starts a row of its own; before it, `pulled` holds the derivatives by the states at
-    its end, (metrics, lanes) each. The number of steps is static: a loop can only be reversed if its length is known.
+    The `last` time it is gone through each metric starts a row of its own; before that, `pulled` holds the derivatives
+    by the states at its end, (metrics, lanes) each. The number of steps is static: a loop can only be reversed if its
+    length is known.
     """
 
     def lane(values, y, pulled):
-        (y_end, found), back = jax.vjp(lambda v, y: _march(machine, v, y, metrics, first, steps), values, y)
+        (y_end, found), back = jax.vjp(lambda v, y: _march(machine, v, y, metrics, steps), values, y)
 
         def row(k, pulled):
             cotangents = {n: jnp.where(k == i, 1.0, 0.0) if last else 0.0 * found[n] for i, n in enumerate(metrics)}
@@ -121,27 +98,13 @@ def _pull(machine, block, y, metrics, pulled, last: bool, first, steps: int):
     return jax.vmap(lane, in_axes=(0, 0, 1), out_axes=(0, 1, 1))(block, y, pulled)
 
 
-@jax.jit
-def pull_begin(machine, block, pulled):
-    """Back through the start from rest."""
-
-    def lane(values, pulled):
-        def start(v):
-            m = set_parameters(machine, v)
-            return {n: jnp.asarray(x, jnp.float64) for n, x in m.start().items()}
-
-        return jax.vmap(lambda row: jax.vjp(start, values)[1](row)[0])(pulled)
-
-    return jax.vmap(lane, in_axes=(0, 1), out_axes=1)(block, pulled)
-
-
-def _march(machine, values, y, metrics, first, steps: int):
+def _march(machine, values, y, metrics, steps: int):
     """One cycle of one design as a loop that can be reversed: each step keeps its start and is taken again."""
     m = set_parameters(machine, values)
 
     @jax.checkpoint
     def one(carry, n):
-        return cycle_step(m, *carry, n, steps, first), None
+        return cycle_step(m, *carry, n, steps, False), None
 
     (y, sums), _ = jax.lax.scan(one, (y, empty_sums(m, jnp.float64)), jnp.arange(steps, dtype=jnp.float64))
     found = measured(m, sums, 1.0 / steps)

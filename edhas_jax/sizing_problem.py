@@ -79,10 +79,11 @@ class Problem:
         free = self.values(shares)
         scale = np.stack([_stretch(axis, free[axis.name]) for axis in self.task.free], axis=1)
         columns, factor = self._columns(free, n)
-        settings = GradientSettings(self.steps_per_cycle, 2e-3, 3, 12)
+        settings = GradientSettings(self.steps_per_cycle, 2e-3, 12)
         found = forward(self._machine, columns, self.names, self._metrics, settings)
         frequency = columns.get("frequency", get_parameter(self._machine, "frequency"))
-        self.machine_seconds += float(np.sum(found.cycles / np.broadcast_to(frequency, n * cases))) * len(self.names)
+        marched = found.cycles + found.terms * len(self.names)
+        self.machine_seconds += float(np.sum(marched / np.broadcast_to(frequency, n * cases)))
         failed = np.isin(found.status, FAILED).reshape(n, cases).any(axis=1)
         metrics = {m: found.values[m].reshape(n, cases) for m in self._metrics}
         slopes = {

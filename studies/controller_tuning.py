@@ -97,7 +97,7 @@ def tune(task: Task, names: tuple[str, ...], budget: Budget, on_iteration: Calla
 def objective(task: Task, names: tuple[str, ...], x: np.ndarray, budget: Budget) -> tuple[np.ndarray, np.ndarray]:
     """J (starts,) and its derivatives (starts, gains) by the logarithms `x` (starts, gains); inf where a run fails."""
     columns = _columns(names, x, task.points)
-    settings = GradientSettings(budget.steps_per_cycle, 1e-3, min(3, budget.cycles), budget.cycles)
+    settings = GradientSettings(budget.steps_per_cycle, 1e-3, budget.cycles)
     got = forward(task.sines, columns, names, METRICS, settings)
     error, current, peak = (got.values[n] for n in METRICS)
     by_error, by_current, by_peak = (got.slopes[n] for n in METRICS)

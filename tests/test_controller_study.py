@@ -36,7 +36,7 @@ def test_the_derivatives_of_the_objective(study, sampling):
     machine = study.edhas.ActuatorBench(controller=controller, sampling=study.SAMPLINGS[sampling])
     sines, steps = {"frequency": np.array([20.0])}, {"mover_mass": np.array([0.12])}
     task = tuning.Task(machine, sines, study.with_steps(machine), steps)
-    budget = tuning.Budget(steps_per_cycle=1000, cycles=2)
+    budget = tuning.Budget(steps_per_cycle=1000, cycles=6)
     at = np.log([[120.0, 25.0]])
     nudge = 1e-5 * np.concatenate([np.eye(2), -np.eye(2)])
     _, slopes = tuning.objective(task, gains, at, budget)

@@ -9,7 +9,7 @@ import edhas_jax as edhas
 from edhas_jax.effects import EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.gradient_blocks import forward_blocks
 from edhas_jax.gradient_forward import forward
-from edhas_jax.gradient_plan import GradientSettings
+from edhas_jax.gradient_plan import GradientSettings, periodic
 from edhas_jax.gradient_reverse import reverse
 from edhas_jax.gradient_reverse_blocks import reverse_blocks
 from edhas_jax.gradient_table import GradientError, Mode, gradient
@@ -60,15 +60,15 @@ def table(machine, names, count=3):
 
 
 def test_forward_equals_reverse_equals_those_under_xla():
-    """After the same cycles, on the same steps: to rounding."""
+    """From the same periodic state, with as many terms: to rounding."""
     names = ["frequency", "amplitude", "coil_resistance", "mover_mass", "coulomb_friction", "position_gain"]
     metrics = ["mean_electrical_power", "peak_current", "tracking_error", "phase_lag"]
-    columns, settings = table(ACTUATOR, names), GradientSettings(128, 0.0, 3, 3)
-    ahead = forward(ACTUATOR, columns, names, metrics, settings)
+    columns, settings = table(ACTUATOR, names), GradientSettings(128, 0.0, 3)
+    ahead, lanes = forward(ACTUATOR, columns, names, metrics, settings), periodic(ACTUATOR, columns, settings)
     others = (
-        reverse(ACTUATOR, columns, names, metrics, settings, cycles=3),
-        reverse_blocks(ACTUATOR, columns, names, metrics, settings, cycles=3),
-        forward_blocks(ACTUATOR, columns, names, metrics, settings),
+        reverse(ACTUATOR, columns, names, metrics, settings),
+        reverse_blocks(ACTUATOR, columns, lanes, names, metrics, settings),
+        forward_blocks(ACTUATOR, columns, lanes, names, metrics, settings),
     )
     sizes = np.stack([columns[n] for n in names], axis=1)
     for other in others:
@@ -81,7 +81,7 @@ def test_forward_equals_reverse_equals_those_under_xla():
 def test_derivatives_are_those_of_the_metrics():
     """Central differences of the actuator, which has no valves and no events that jump."""
     names, metrics = ["amplitude", "coil_resistance", "frequency"], ["rms_current", "amplitude_ratio", "phase_lag"]
-    settings = GradientSettings(512, 0.05, 8, 8)
+    settings = GradientSettings(512, 1e-9, 60)
     machine = edhas.change(edhas.ActuatorBench(), amplitude="2 mm")
     frame = gradient(machine, metrics, names, settings=settings).frame
 
@@ -97,14 +97,14 @@ def test_derivatives_are_those_of_the_metrics():
 
 def test_units_and_points_are_told():
     got = gradient(ACTUATOR, ["rms_current"], ["coil_resistance", "reference.frequency"],
-                   {"amplitude": ["2 mm", 3e-3]}, GradientSettings(128, 1e-2, 3, 4))  # fmt: skip
+                   {"amplitude": ["2 mm", 3e-3]}, GradientSettings(128, 1e-2, 5))  # fmt: skip
     assert list(got.frame["amplitude"]) == [2e-3, 2e-3, 3e-3, 3e-3]
     assert list(got.frame["derivative_unit"][:2]) == ["A/ohm", "A/Hz"]
     assert got.elasticities(1).shape == (2, 1)
 
 
 def test_what_has_no_derivative_says_so():
-    quick = GradientSettings(256, 1e-2, 3, 4)
+    quick = GradientSettings(256, 1e-2, 5)
     stalled = gradient(edhas.change(ACTUATOR, supply_voltage="0.5 V"), ["rms_current"], ["mover_mass"], settings=quick)
     assert "follows less than half" in stalled.frame["note"][0] and np.isnan(stalled.frame["derivative"][0])
     clipped = gradient(edhas.change(ACTUATOR, supply_voltage="4.5 V"), ["peak_voltage", "rms_current"],

@@ -23,7 +23,7 @@ ranges:
   valve_spring_rate: {{from: 75 N/m, to: 300 N/m, spacing: log}}
 samples: 32
 trajectories: 4
-batch: {{step: 100 us, tolerance: 1 %}}
+batch: {{step: 50 us, tolerance: 1 %}}
 """
 
 
