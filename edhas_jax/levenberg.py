@@ -21,6 +21,12 @@ class Quadratic:
     curvature: np.ndarray
 
 
+def _finite(at: Quadratic) -> np.ndarray:
+    """Whether cost and derivatives are finite, point by point."""
+    sound = np.isfinite(at.cost) & np.isfinite(at.gradient).all(axis=1)
+    return sound & np.isfinite(at.curvature).all(axis=(1, 2))
+
+
 def inverse(curvature: np.ndarray) -> np.ndarray:
     """The inverse of a curvature (n, n), positive definite whatever rounding has made of it.
 
@@ -55,11 +61,11 @@ def minimise(
 ) -> Minima:
     """Minimise ½|r(x)|² within low ≤ x ≤ high from each row of `starts` (k, n).
 
-    `evaluate(x, which)` gives the sums of squares at the rows `x` of the starts `which`; a cost that is not finite
-    rejects a step. `free` (k, n) marks the coordinates that may move. A start is at its end when a step would lower the
-    cost by less than `tolerance`, which for residuals in units of their noise is a change far below the errors of
-    estimation, or when steps that promise little fail to keep the promise; it is dropped when it comes
-    so close to a better one that their costs would differ by less than `merge`.
+    `evaluate(x, which)` gives the sums of squares at the rows `x` of the starts `which`; where cost or derivatives are
+    not finite, the step is rejected. `free` (k, n) marks the coordinates that may move. A start is at its end when a
+    step would lower the cost by less than `tolerance`, which for residuals in units of their noise is a change far below
+    the errors of estimation, or when steps that promise little fail to keep the promise; it is dropped when it comes so
+    close to a better one that their costs would differ by less than `merge`.
     `on_step(number, cost)` reports.
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05, for the rule of the damping.
@@ -68,7 +74,7 @@ def minimise(
     free = np.ones(x.shape, bool) if free is None else np.broadcast_to(free, x.shape)
     at = evaluate(x, np.arange(len(x)))
     cost, gradient, curvature = (np.array(part) for part in (at.cost, at.gradient, at.curvature))
-    cost[~np.isfinite(cost)] = np.inf
+    cost[~_finite(at)] = np.inf
     damping, growth = np.full(len(x), 1e-2), np.full(len(x), 2.0)
     steps, failed, converged = np.zeros(len(x), int), np.zeros(len(x), int), np.zeros(len(x), bool)
     going = np.isfinite(cost)
@@ -88,9 +94,10 @@ def minimise(
         if not len(moving):
             break
         new = evaluate(trial, moving)
+        sound = _finite(new)
         for row, k in enumerate(moving):
             steps[k] += 1
-            ratio = (cost[k] - new.cost[row]) / gain[row] if np.isfinite(new.cost[row]) else -1.0
+            ratio = (cost[k] - new.cost[row]) / gain[row] if sound[row] else -1.0
             if ratio > 0.0:
                 x[k], cost[k], gradient[k], curvature[k] = (
                     trial[row], new.cost[row], new.gradient[row], new.curvature[row],

@@ -39,10 +39,11 @@ def test_what_is_not_free_stays():
     assert found.x[1, 1] == 2.0 and found.x[1, 0] == pytest.approx(np.sqrt(2.0), abs=1e-2)
 
 
-def test_where_the_function_fails_no_step_goes():
+@pytest.mark.parametrize("part", ["cost", "gradient", "curvature"])
+def test_where_the_function_fails_no_step_goes(part):
     def fails_left(x, which):
         q = rosenbrock(x, which)
-        q.cost[x[:, 0] < -0.5] = np.nan
+        getattr(q, part)[x[:, 0] < -0.5] = np.inf if part == "curvature" else np.nan
         return q
 
     found = minimise(fails_left, np.array([[-0.4, 1.0], [-2.0, 0.0]]), *WIDE, tolerance=1e-12, most_steps=100)
