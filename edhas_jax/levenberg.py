@@ -63,9 +63,9 @@ def minimise(
 
     `evaluate(x, which)` gives the sums of squares at the rows `x` of the starts `which`; where cost or derivatives are
     not finite, the step is rejected. `free` (k, n) marks the coordinates that may move. A start is at its end when a
-    step would lower the cost by less than `tolerance`, which for residuals in units of their noise is a change far below
-    the errors of estimation, or when steps that promise little fail to keep the promise; it is dropped when it comes so
-    close to a better one that their costs would differ by less than `merge`.
+    step would lower the cost by less than `tolerance`, which for residuals in units of their noise is a change far
+    below the errors of estimation, or when steps that promise little fail to keep the promise; it is dropped when it
+    comes so close to a better one that their costs would differ by less than `merge`.
     `on_step(number, cost)` reports.
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05, for the rule of the damping.
