@@ -17,6 +17,7 @@ from edhas_jax.units import format_quantity, with_error
 TEMPER = 0.1  # exponent of the evidence: models are never exact, so that likelihoods of 10⁴ samples are too sure
 UNCONFIRMED = 0.05  # probability that something is missing where new runs confirmed nothing
 ALIKE = 20.0  # ratio of probabilities below which two suspects are not told apart
+STANDS_IN = 0.5, 0.05  # probability that a suspect, accepted or not, is right where something else is left to explain
 
 
 class Verdict(enum.Enum):
@@ -113,9 +114,9 @@ class Diagnosis:
                 if suspect is not None:
                     most, trial = found.get(suspect, (0.0, None))
                     found[suspect] = max(p, most), trial or trials.get(suspect)
-        if self.verdict is Verdict.UNKNOWN_EFFECT:  # none of them is what is missing
-            accepted = {t.suspect for t in self.accepted}
-            found = {s: (p if s in accepted else 0.05 * p, t) for s, (p, t) in found.items()}
+        if self.verdict is Verdict.UNKNOWN_EFFECT:  # what was accepted may only stand in for what is missing
+            accepted, (most, least) = {t.suspect for t in self.accepted}, STANDS_IN
+            found = {s: ((most if s in accepted else least) * p, t) for s, (p, t) in found.items()}
         return [(s, p, t) for s, (p, t) in sorted(found.items(), key=lambda item: -item[1][0])]
 
     def where(self) -> dict[str, float]:

@@ -4,7 +4,7 @@
 
 Each case is a campaign of eight runs of the pump bench, made by another integrator and sensor chain than those of the
 diagnosis, its parameters drawn; see `hidden_cases.py` for what is hidden and `rivals.py` for what else is asked. Cases
-are numbered from `--seed` on: those below 2000 are for development, the others for judging alone. Finished cases are
+are numbered from `--seed` on: those below 4000 are for development, the others for judging alone. Finished cases are
 kept in DIR and not done again, so that a study that was stopped goes on with the same command.
 
 The last line: `top1=… false_alarms=… slot=… both=… unknown=… calibration=…`
@@ -151,7 +151,7 @@ def main(arguments: list[str] | None = None) -> int:
     """The study from the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=150)
-    parser.add_argument("--seed", type=int, default=SEALED, help="number of the first case; from 2000 on: sealed")
+    parser.add_argument("--seed", type=int, default=SEALED, help="number of the first case; from 4000 on: sealed")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"))
     parser.add_argument("--crumbs", action="store_true", help="every sensor lags by 20 … 50 µs that no library knows")
