@@ -226,8 +226,15 @@ def _mismatch(text: str, given: str, unit: str, example: str) -> str:
 
 
 def with_error(value: float, error: float, unit: str) -> str:
-    """A value (SI) with its standard error, both in the unit that suits the value: "0.800 ± 0.0004 V"."""
+    """A value (SI) with its standard error, in the unit that suits the value: "0.80020 ± 0.00038 V".
+
+    Where that takes a power of ten, it is one for both: "(4.0010 ± 0.0016)e-13 m³/Pa".
+    """
     shown = shown_unit(unit, value)
     number, spread = from_si(value, unit, shown), from_si(error, unit, shown) - from_si(0.0, unit, shown)
+    size = max(abs(number), spread)
+    if size > 0.0 and not 1e-4 <= size < 1e6:
+        exponent = math.floor(math.log10(size))
+        return f"({with_error(number / 10.0**exponent, spread / 10.0**exponent, '-')})e{exponent} {shown}".rstrip()
     digits = min(7, max(0, 1 - math.floor(math.log10(spread)))) if spread > 0.0 else 4
     return f"{number:.{digits}f} ± {spread:.2g} {shown}".rstrip()

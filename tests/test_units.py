@@ -108,3 +108,6 @@ def test_from_si_and_shown_unit():
 def test_an_error_is_shown_in_the_unit_of_its_value():
     assert with_error(0.8002, 3.8e-4, "V") == "0.80020 ± 0.00038 V"
     assert with_error(2.0e-3, 0.0, "s") == "2.0000 ± 0 ms"
+    assert with_error(4.001e-13, 1.6e-16, "m^3/Pa") == "(4.0010 ± 0.0016)e-13 m³/Pa"
+    assert with_error(-2.5e7, 3.1e6, "Pa*s/m^3") == "(-2.50 ± 0.31)e7 Pa·s/m³"
+    assert with_error(0.0, 0.0, "N") == "0.0000 ± 0 N"
