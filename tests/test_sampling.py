@@ -179,7 +179,7 @@ def test_metrics_are_those_of_the_run():
 
 def test_derivatives_by_gains():
     machine = bench(2e-4, 1e-4, edhas.change(ActuatorBench(), velocity_gain=20.0).controller)
-    settings = GradientSettings(steps_per_cycle=2500, tolerance=1e-6, max_cycles=5)
+    settings = GradientSettings(steps_per_cycle=2500, tolerance=1e-6, max_cycles=20)
     gains = {"position_gain": 1e4, "velocity_gain": 20.0}
 
     def found(**changes):
