@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 
 from edhas_jax.batch import run_designs
+from edhas_jax.parameters import get_parameter
 from edhas_jax.sizing import size
 from edhas_jax.sizing_config import Sizing, load_sizing
 from edhas_jax.sizing_descent import MET
@@ -48,7 +49,8 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     summary = {}
     for name, got in drawn.items():
         summary[f"{name}_kept"] = float(np.mean(kept(robust, got)))
-        summary[f"{name}_low_objective"] = float(np.quantile(got["objective"], 0.05))
+        summary[f"{name}_failed"] = float(np.mean(~np.isfinite(got["objective"])))
+        summary[f"{name}_low_objective"] = float(np.quantile(np.nan_to_num(got["objective"], nan=-np.inf), 0.05))
     print(" ".join(f"{n}={v:.4g}" for n, v in summary.items()))
     return summary
 
@@ -58,7 +60,8 @@ def draw(task: Sizing, design: dict[str, float], count: int) -> dict[str, np.nda
     rng = np.random.default_rng(1)
     table = {n: np.full(count, v) for n, v in design.items()}
     for tolerance in task.tolerances:
-        base = table.get(tolerance.name, np.zeros(count))
+        stands = float(get_parameter(task.machine, tolerance.name))
+        base = table.get(tolerance.name, np.full(count, stands))
         table[tolerance.name] = np.array(
             [tolerance.applied(v, s) for v, s in zip(base, rng.random(count), strict=True)]
         )
@@ -83,13 +86,14 @@ def picture(task: Sizing, drawn: dict[str, dict[str, np.ndarray]]):
     from edhas_jax.metrics import METRICS
     from edhas_jax.units import from_si
 
-    near = [m.metric for m in task.limits if max(got[m.metric].max() for got in drawn.values()) > 0.8 * m.value]
+    near = [m.metric for m in task.limits if max(np.nanmax(got[m.metric]) for got in drawn.values()) > 0.8 * m.value]
     names = ["objective", *near]
     figure = Figure(figsize=(4.2 * len(names), 3.6), layout="constrained")
-    best = max(np.median(got["objective"]) for got in drawn.values())
+    best = max(np.nanmedian(got["objective"]) for got in drawn.values())
     for axes, name in zip(figure.subplots(1, len(names)), names, strict=True):
         for kind, got in drawn.items():
             values = 100 * np.expm1(got[name] - best) if name == "objective" else from_si(got[name], *METRICS[name][:2])
+            values = values[np.isfinite(values)]  # a machine that fails keeps no limit
             share = f", {100 * np.mean(kept(task, got)):.0f} % keep all limits"
             axes.hist(values, bins=50, density=True, color=COLOURS[kind], alpha=0.55, label=kind + share)
         axes.set_yticks([])
