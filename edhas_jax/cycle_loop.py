@@ -42,7 +42,7 @@ class CycleLoop:
         A design that is periodic keeps the metrics of the cycle in which it was found to be.
         """
         size = len(next(iter(columns.values())))
-        lanes = jax.device_get(begin_lanes(machine, columns, np.arange(size) < count, tolerance.dtype))
+        lanes = jax.device_get(_begin(machine, columns, np.arange(size) < count, tolerance.dtype))
         for number in range(max_cycles):
             rows = np.flatnonzero(~lanes.done)
             if not len(rows):
@@ -54,7 +54,7 @@ class CycleLoop:
             y = {n: _spread(v, rows, lanes.y[n]) for n, v in after[0].items()}
             # the sums of designs that are done are never looked at
             sums = {n: _spread(v, rows, np.ones(size, v.dtype)) for n, v in after[1].items()}
-            lanes = jax.device_get(judge_cycle(machine, columns, lanes, y, sums, number, steps, tolerance))
+            lanes = jax.device_get(_judged(machine, columns, lanes, y, sums, number, steps, tolerance))
         return lanes
 
 
@@ -65,11 +65,11 @@ def _spread(values: np.ndarray, rows: np.ndarray, before: np.ndarray) -> np.ndar
     return out
 
 
-begin_lanes = jax.jit(begin, static_argnums=3)
+_begin = jax.jit(begin, static_argnums=3)
 
 
 @jax.jit
-def judge_cycle(machine: Rig, columns: dict[str, Any], lanes: Lanes, y, sums, number, steps, tolerance) -> Lanes:
+def _judged(machine: Rig, columns: dict[str, Any], lanes: Lanes, y, sums, number, steps, tolerance) -> Lanes:
     """`judged` for the cycle `number`, of `steps` steps, that ended with the states `y` and the sums `sums`."""
     share = jnp.ones((), tolerance.dtype) / steps
 

@@ -4,29 +4,31 @@ That of `jax.numpy.maximum` halves the derivative where both are equal, which co
 two products each time; here one selection by a comparison that a program often has anyway.
 """
 
+import operator
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 
 
-@jax.custom_jvp
+def _taking_side(first: Callable) -> Callable:
+    """An extreme of (a, b) whose derivative is that of a where `first(a, b)`, else that of b."""
+
+    def made(extreme):
+        sided = jax.custom_jvp(extreme)
+        sided.defjvp(lambda primals, tangents: (sided(*primals), jnp.where(first(*primals), *tangents)))
+        return sided
+
+    return made
+
+
+@_taking_side(operator.gt)
 def larger(a, b):
     """max(a, b); the derivative is that of a where a > b, else that of b."""
     return jnp.maximum(a, b)
 
 
-@larger.defjvp
-def _larger(primals, tangents):
-    (a, b), (da, db) = primals, tangents
-    return larger(a, b), jnp.where(a > b, da, db)
-
-
-@jax.custom_jvp
+@_taking_side(operator.lt)
 def smaller(a, b):
     """min(a, b); the derivative is that of a where a < b, else that of b."""
     return jnp.minimum(a, b)
-
-
-@smaller.defjvp
-def _smaller(primals, tangents):
-    (a, b), (da, db) = primals, tangents
-    return smaller(a, b), jnp.where(a < b, da, db)

@@ -67,14 +67,13 @@ def _wave(devices, base, items, y, names, metrics, settings: GradientSettings, r
             seeds[n][i, d] = 1.0
             scales[i, d] = np.abs(block[n])
     moved_y = {n: np.zeros(scales.shape) for n in y}
-    slopes = None
+    slopes = {n: np.full(scales.shape, np.nan) for n in metrics}
     for number in range(settings.max_cycles):
         kept, (moved_y, moved) = _cycle(devices, base, columns, seeds, y, moved_y, settings.steps_per_cycle)
         kept, moved = jax.device_get(({n: kept[n] for n in metrics}, {n: moved[n] for n in metrics}))
-        terms = {n: moved[n] - (0.0 if slopes is None else slopes[n]) for n in metrics}
+        terms = {n: moved[n] - slopes[n] for n in metrics}
         wide = {n: kept[n][:, None, :] for n in metrics}
-        done = settled(wide, moved, terms, scales, settings.tolerance) & (number > 0)
-        done |= ~np.all([np.isfinite(v) for v in moved.values()], axis=0)
+        done = settled(wide, moved, terms, scales, settings.tolerance)
         slopes = moved
         report(1.0 if done.all() else (number + 1) / settings.max_cycles)
         if done.all():

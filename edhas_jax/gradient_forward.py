@@ -80,8 +80,7 @@ class TangentLoop:
             new, slope = jax.device_get(_measured(machine, *lane, sums, moved[1], 1.0 / steps))
             new, slope = ({n: table[n] for n in metrics} for table in (new, slope))
             terms = {n: slope[n] - slopes[n][rows] for n in metrics}
-            finite = np.all([np.isfinite(v) for v in slope.values()], axis=0)
-            done[rows] = ~finite | (settled(new, slope, terms, scales[rows], settings.tolerance) & (number > 0))
+            done[rows] = settled(new, slope, terms, scales[rows], settings.tolerance)
             for table, part in ((kept, new), (slopes, slope), (moved_y, moved[0])):
                 for n, column in part.items():
                     table[n][rows] = column

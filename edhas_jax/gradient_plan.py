@@ -83,13 +83,13 @@ def filled(columns: dict[str, np.ndarray], lanes: int) -> list[tuple[np.ndarray,
 
 
 def settled(values, slopes, terms, scales, tolerance: float) -> np.ndarray:
-    """Whether the last `terms` of the slopes no longer count, lane by lane, for all metrics.
+    """Whether the last `terms` of the slopes no longer count, lane by lane, for all metrics; so where no term can help.
 
-    `values`, `slopes` and `terms` by metric; `scales`: the size of the parameter of each lane. All have the shape of
-    `scales`, or are broadcast to it.
+    Those are lanes with a slope that is not finite. `values`, `slopes` and `terms` by metric; `scales`: the size of the
+    parameter of each lane. All have the shape of `scales`, or are broadcast to it.
     """
     still = np.ones(np.shape(scales), bool)
     for name, value in values.items():
         share = scales / (np.abs(value) + np.finfo(float).tiny)
         still &= np.abs(terms[name]) * share <= tolerance * np.maximum(1.0, np.abs(slopes[name]) * share)
-    return still
+    return still | ~np.all([np.isfinite(slopes[n]) for n in values], axis=0)

@@ -91,7 +91,6 @@ class CycleAdjoint:
             shares = {m: np.stack([by[n] for n in names], axis=1) for m, (_, by) in zip(metrics, back, strict=True)}
             slopes = {m: slopes[m] + shares[m] for m in metrics}
             done = settled(wide, slopes, shares, scales, settings.tolerance)
-            done |= ~np.all([np.isfinite(v) for v in slopes.values()], axis=0)
             if terms is None and number and done.all():
                 break
         return {m: found[m] for m in metrics}, slopes, done.all(axis=1), number + 1

@@ -48,7 +48,6 @@ def reverse_blocks(
             total = {m: total[m] + shares[m] for m in metrics}
             found = {m: np.asarray(found[m]) for m in metrics}
             done = settled(found, total, shares, scales, settings.tolerance)
-            done |= ~np.all([np.isfinite(v) for v in total.values()], axis=0)
             if terms is None and number and done.all():
                 break
         most = max(most, number + 1)

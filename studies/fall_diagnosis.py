@@ -109,7 +109,6 @@ def ask(
     title = sized.cause.title
     diagnosis = diagnose(campaign, LIBRARY, on_progress=lambda s: say(f"{title}, {stage.told}: {s}"))
     fit = diagnosis.final
-    column = {"amplitude": np.array([3.5e-3])}
     both, column = (fit.machine, truth), {"amplitude": np.array([3.5e-3])}
     flow = tuple(float(mean_flows(m, column, (TOLD_AT,))[0, 0]) for m in both)
     damping = tuple(sum(float(get_parameter(m, n)) for n in DAMPING) for m in both)
