@@ -13,10 +13,12 @@ from edhas_jax.effects import Effect
 from edhas_jax.fit import FitError
 from edhas_jax.forms import FORMS
 from edhas_jax.instruments import Instruments
+from edhas_jax.parts import shares
 from edhas_jax.resolution import Resolution, choose_resolution
 from edhas_jax.screening import Score, Screen
 from edhas_jax.second_look import second_look
 from edhas_jax.suspects import Suspect, can_have, problem_of, suspects_for
+from edhas_jax.system import Rig
 from edhas_jax.trial import Judged, Trial, again, refined, search, start_from, try_suspect
 
 MOST_EFFECTS = 3
@@ -54,9 +56,15 @@ def diagnose(
     allowed = None if library is None else {kind.id for kind in (*library, *more)}
     rounds = _rounds(campaign, null, resolution, more, allowed, say)
     after = rounds[-1].before
+    verdict = _verdict(after, rounds)
+    parts: dict[str, float] = {}
+    if verdict is Verdict.UNKNOWN_EFFECT:
+        say("asking each part of the machine what it could account for")
+        suspects = [score.suspect for score in rounds[0].scores] + _formulas(null.fit.problem.machine)
+        parts = shares(null, suspects, rounds[0].trials, [r.accepted for r in rounds if r.accepted is not None])
     as_it_was = residuals_of(campaign, campaign.machine, Instruments(), resolution.fine)
     seconds = time.perf_counter() - began
-    return Diagnosis(campaign, _verdict(after, rounds), tuple(rounds), as_it_was, null, after, seconds)
+    return Diagnosis(campaign, verdict, tuple(rounds), as_it_was, null, after, seconds, parts)
 
 
 def _calibrated(campaign: Campaign, say) -> tuple[Judged, Resolution]:
@@ -105,7 +113,7 @@ def _round(
     most = scores[0].fall if scores else 0.0
     forms: list[Score] = []
     if excess > PROMISE and most < 0.5 * excess:
-        forms = _screened(screen, [Suspect(k) for k in FORMS if can_have(before.fit.problem.machine, k)], say)
+        forms = _screened(screen, _formulas(before.fit.problem.machine), say)
     first = bool(forms) and forms[0].fall > AHEAD * most
     tried = _tournament(before, accepted, forms, resolution, say) if first else []
     reached = max((t.gain for t in tried), default=0.0)
@@ -122,6 +130,11 @@ def _round(
         # a bare formula does better than any effect: what is missing is not in the library
         return Round(before, tuple(scores), tuple(trials), None, tuple(tried)), resolution
     return Round(before, tuple(scores), tuple(trials), found), resolution
+
+
+def _formulas(machine: Rig) -> list[Suspect]:
+    """The bare formulas that have a place in a machine."""
+    return [Suspect(kind) for kind in FORMS if can_have(machine, kind)]
 
 
 def _excess(judged: Judged) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from edhas_jax.campaign import Campaign, Use
 from edhas_jax.fit import Fit
 from edhas_jax.misfit import levels
+from edhas_jax.parts import probabilities
 from edhas_jax.screening import Score
 from edhas_jax.suspects import Suspect
 from edhas_jax.trial import Judged, Trial
@@ -75,7 +76,8 @@ class Diagnosis:
 
     `rounds` are the searches, one effect at a time. `before`, `calibrated`, `after`: residuals (measured − model)/noise
     by run and signal of the model as it was, with its parameters fitted, and with what was accepted. `final` is the fit
-    of the last.
+    of the last. `parts`: where something is left to explain, the share of what calibration left over that each part of
+    the machine accounts for.
     """
 
     campaign: Campaign
@@ -85,6 +87,7 @@ class Diagnosis:
     calibrated: Judged
     after: Judged
     seconds: float
+    parts: dict[str, float]
 
     @property
     def final(self) -> Fit:
@@ -120,13 +123,13 @@ class Diagnosis:
         return [(s, p, t) for s, (p, t) in sorted(found.items(), key=lambda item: -item[1][0])]
 
     def where(self) -> dict[str, float]:
-        """The probability that something is missing in a part of the machine, the most probable first."""
+        """The probability that something is missing in a part of the machine, the most probable first.
+
+        Of `unknown_effect` that of each part to be the one (see `parts`); else of each by itself.
+        """
+        if self.verdict is Verdict.UNKNOWN_EFFECT:
+            return probabilities(self.parts)
         out: dict[str, float] = {}
-        if self.verdict is Verdict.UNKNOWN_EFFECT and self.forms:
-            gains = np.array([t.gain for t in self.forms])
-            weights = np.exp(TEMPER * (gains - gains.max()))
-            for trial, share in zip(self.forms, weights / weights.sum(), strict=True):
-                out[trial.suspect.where] = out.get(trial.suspect.where, 0.0) + float(share)
         for r in self.rounds:
             here: dict[str, float] = {}
             for suspect, p in r.probabilities().items():
@@ -146,7 +149,8 @@ class Diagnosis:
             out.append("Nothing is missing: with its uncertain parameters fitted, the model is as good as the sensors.")
         elif self.verdict is Verdict.UNKNOWN_EFFECT:
             part = next(iter(self.where()), "the machine")
-            out.append(f"Something is missing that no effect of the library explains; it acts on {part}.")
+            part = part.replace("_", " ")
+            out.append(f"Something is missing that no effect of the library explains; most likely it acts on {part}.")
             if self.forms and self.forms[0].judged is not None:
                 form = self.forms[0]
                 value = form.judged.fit.values[f"{form.suspect.prefix}coefficient"]

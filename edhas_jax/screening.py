@@ -12,7 +12,7 @@ Source: Rao's score test; signatures of finite size as the local score is misled
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from edhas_jax.prediction import Case
 from edhas_jax.suspects import Suspect, grid, problem_of, unknowns_of
 from edhas_jax.unknown import Unknown
 
+DISTINCT = 1e-2  # of the largest eigenvalue: combinations below it are differences of nearly equal signatures
 LARGEST, SMALLEST = 4.0, 0.25  # a signature may be scaled that far before another point of the grid is nearer
 
 
@@ -64,12 +65,10 @@ class Screen:
         points = grid(suspect, unknowns)
         best = Score(suspect, 0.0, points[0], 0.0, 0.0, np.zeros(len(self.residual)))
         for x, signature in zip(points, self._signatures(suspect, points), strict=True):
-            if not np.isfinite(signature).all():
+            left = self._left(signature)
+            if left is None:
                 continue
-            left = signature - self._known @ (self._known.T @ signature)
             square, whole, along = left @ left, signature @ signature, left @ self.residual
-            if square <= 1e-12 * whole:
-                continue
             scale = np.clip(along / square, 0.0, LARGEST)
             fall = scale * (2.0 * along - scale * square)
             if fall > best.fall:
@@ -77,6 +76,27 @@ class Screen:
                 at = _scaled(unknowns, x, max(scale, SMALLEST))
                 best = Score(suspect, float(fall), at, float(length / np.sqrt(whole)), float(length), left / length)
         return best
+
+    def taken_up_by(self, suspects: Iterable[Suspect]) -> float:
+        """The fall of χ² that the best combination of all signatures of some suspects promises."""
+        every = []
+        for suspect in suspects:
+            points = grid(suspect, unknowns_of(suspect, self._campaign))
+            found = (self._left(signature) for signature in self._signatures(suspect, points))
+            every += [left / np.linalg.norm(left) for left in found if left is not None]
+        if not every:
+            return 0.0
+        stack = np.array(every)
+        weights, directions = np.linalg.eigh(stack @ stack.T)
+        ok = weights > DISTINCT * weights[-1]
+        return float(np.sum(np.square(directions[:, ok].T @ (stack @ self.residual)) / weights[ok]))
+
+    def _left(self, signature: np.ndarray) -> np.ndarray | None:
+        """What of a signature no known parameter imitates; None where it is not finite or nothing is."""
+        if not np.isfinite(signature).all():
+            return None
+        left = signature - self._known @ (self._known.T @ signature)
+        return None if left @ left <= 1e-12 * (signature @ signature) else left
 
     def _signatures(self, suspect: Suspect, points: np.ndarray) -> list[np.ndarray]:
         """What the suspect adds to the signals, in units of noise, at each point of its grid."""

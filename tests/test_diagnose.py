@@ -19,7 +19,9 @@ from edhas_jax.effects import (
     MagneticSaturation,
     ParasiticSpring,
 )
+from edhas_jax.screening import Screen
 from edhas_jax.sensors import SensorLag
+from edhas_jax.suspects import Suspect
 from edhas_jax.synthesise import PlannedRun, drawn, planned_campaign, synthesise
 from edhas_jax.tree import par
 
@@ -109,11 +111,28 @@ def test_an_effect_outside_the_library():
     before, calibrated, after = errors(found)
     assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
     assert before > calibrated > 1.1
-    assert next(iter(found.where())) == "mover"
+    where = found.where()
+    assert next(iter(where)) == "mover" and "sensor" not in where and sum(where.values()) == pytest.approx(1.0)
     form = found.forms[0]
     assert form.suspect.kind.text.startswith("(v/0.2 m/s)·|v/0.2 m/s|")
     assert form.judged.fit.values[f"{form.suspect.prefix}coefficient"] == pytest.approx(-40.0 * 0.2**2, rel=0.1)
     assert form.gain - max((t.gain for t in found.rounds[-1].trials), default=0.0) > DECISIVE
+
+
+def test_what_suspects_take_up_together():
+    calibrated = diagnosed(Windage(windage=40.0), seed=4).calibrated
+    screen = Screen(calibrated.fit, ())
+    one, two = Suspect(AsymmetricFriction), Suspect(MagneticSaturation)
+    scores = [screen.score(s) for s in (one, two)]
+    alone = [score.fall for score in scores]
+    assert alone[1] > 0.0
+    together = screen.taken_up_by([one, two])
+    # combinations that are small differences are not counted, so that a little may be lost
+    assert 0.9 * max(alone) <= together <= screen.residual @ screen.residual
+    assert screen.taken_up_by([]) == 0.0
+    # a misfit that is nothing but the signature of a suspect is taken up by it, and not by another
+    screen.residual = 100.0 * scores[1].signature
+    assert 0.9e4 < screen.taken_up_by([two]) <= 1.0001e4 and screen.taken_up_by([one]) < 0.5e4
 
 
 def test_a_sensor_that_lags():
