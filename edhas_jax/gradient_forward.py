@@ -1,6 +1,11 @@
-"""Forward mode: each pair of a design and a parameter is a lane that carries its tangent through the periodic cycle."""
+"""Forward mode: a lane is a design that carries its tangents by some parameters through the periodic cycle.
+
+The tangents of one design share most of their work. Where there are fewer designs than lanes in a vector, each pair of
+a design and a parameter is a lane of its own instead.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -12,7 +17,11 @@ from edhas_jax.gradient_plan import Derivatives, GradientSettings, periodic, set
 from edhas_jax.loop_cache import loop_of
 from edhas_jax.native import Loop
 from edhas_jax.parameters import set_parameters
+from edhas_jax.pushforward import pushforward
 from edhas_jax.system import Rig
+
+TOGETHER = 8  # tangents of a design: more no longer fit the caches
+ENOUGH = 8  # designs that fill the lanes of a vector
 
 
 def forward(
@@ -31,64 +40,127 @@ def forward(
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
     count = len(next(iter(columns.values())))
     lanes = periodic(base, columns, settings)
-    loop = loop_of(TangentLoop, base, tuple(columns))
-    if loop is None:
+    groups = _groups(names) if count >= ENOUGH else None
+    loops = [loop_of(TangentLoop, base, tuple(columns), group) for group in groups or [None]]
+    if None in loops:
         return forward_blocks(base, columns, lanes, names, metrics, settings, on_cycle)
-    values, y = ({n: np.repeat(v, len(names)) for n, v in table.items()} for table in (columns, lanes.y))
-    seeds = {n: np.tile([float(n == other) for other in names], count) for n in columns}
-    scales = np.abs(np.stack([columns[n] for n in names], axis=1)).ravel()
-    kept, slopes, done, terms = loop.run(base, values, seeds, y, metrics, scales, settings, on_cycle)
-    still = done.reshape(count, -1).all(axis=1)
+    found = []
+    for k, loop in enumerate(loops):
+
+        def report(share, k=k):
+            if on_cycle is not None:
+                on_cycle((k + share) / len(loops))
+
+        group = groups[k] if groups else names
+        found.append(loop.run(base, columns, lanes.y, group, metrics, settings, report))
+    still = np.all([part.still for part in found], axis=0)
     return Derivatives(
-        {n: kept[n][:: len(names)] for n in metrics}, {n: slopes[n].reshape(count, -1) for n in metrics},
-        status(base, columns, lanes, settings, still), lanes.cycles, terms,
+        found[0].values, {n: np.concatenate([part.slopes[n] for part in found], axis=1) for n in metrics},
+        status(base, columns, lanes, settings, still), lanes.cycles, max(part.terms for part in found),
     )  # fmt: skip
 
 
+def _groups(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """The parameters in as few groups of at most TOGETHER as possible, nearly equal in size."""
+    return [tuple(part) for part in np.array_split(np.array(names, object), -(-len(names) // TOGETHER))]
+
+
+class Tangents(NamedTuple):
+    """Of designs and a group of parameters: metrics (designs,), slopes (designs, parameters); whether they settled."""
+
+    values: dict[str, np.ndarray]
+    slopes: dict[str, np.ndarray]
+    still: np.ndarray
+    terms: int
+
+
 class TangentLoop:
-    """A cycle of many designs with a tangent each, as machine code.
+    """A cycle of many designs with tangents, as machine code.
+
+    With a `group` every lane is a design and has a tangent by each of its parameters; without, every lane is a pair of
+    a design and a parameter and has one tangent.
 
     Raises:
         Untranslatable: the machine uses an operation that has no machine code here.
     """
 
-    def __init__(self, machine: Rig, varied: Sequence[str]):
+    def __init__(self, machine: Rig, varied: Sequence[str], group: tuple[str, ...] | None):
+        self._group, self._each = group, range(len(group) if group else 1)
+
         def body(n, carry, lane, uniform):
             (state, moved), (values, seeds), (base, steps) = carry, lane, uniform
 
             def step(values, state):
                 return cycle_step(set_parameters(base, values), *state, n, steps, False)
 
-            return jax.jvp(step, (values, state), (seeds, moved))
+            along = [{n: float(n == name) for n in values} for name in group] if group else [seeds]
+            state, moved = pushforward(
+                step, (values, state), [(seed, _one(moved, k)) for k, seed in enumerate(along)]
+            )  # fmt: skip
+            return state, _together(moved)
 
         self._sums = {n: np.asarray(v, float) for n, v in empty_sums(machine, float).items()}
         state = dict.fromkeys(machine.start(), 0.0), dict.fromkeys(self._sums, 0.0)
-        lane = (dict.fromkeys(varied, 0.0),) * 2
-        self._loop = Loop(body, float, (state, state), lane, (machine, 0.0), backend.cache_folder())
+        moved = _together([state for _ in self._each])
+        lane = dict.fromkeys(varied, 0.0), {} if group else dict.fromkeys(varied, 0.0)
+        # one vector of so many tangents fills the nearest cache
+        how = {"vectors": 1, "tangents": (_filled(state, False), _filled(moved, True))} if group else {}
+        self._loop = Loop(body, float, (state, moved), lane, (machine, 0.0), backend.cache_folder(), **how)
 
-    def run(self, machine: Rig, values, seeds, y, metrics, scales, settings: GradientSettings, on_cycle):
-        """(metrics, their slopes, settled, terms) of lanes that begin the cycle at the states `y`."""
+    def run(self, machine: Rig, columns, y, names, metrics, settings: GradientSettings, on_cycle) -> Tangents:
+        """The derivatives by the parameters `names`, from the periodic states `y` of the designs of `columns`."""
+        count, each = len(next(iter(columns.values()))), len(self._each)
+        scales = np.abs(np.stack([columns[n] for n in names], axis=1)).reshape(-1, each)
+        pairs = len(scales) // count
+        values, y = ({n: np.repeat(v, pairs) for n, v in table.items()} for table in (columns, y))
+        # the direction of each tangent, (lanes, tangents) for each parameter
+        seeds = {n: np.tile([float(n == other) for other in names], count).reshape(-1, each) for n in columns}
         steps, done = settings.steps_per_cycle, np.zeros(len(scales), bool)
-        moved_y = {n: np.zeros(len(scales)) for n in y}
-        kept, slopes = ({n: np.full(len(scales), np.nan) for n in metrics} for _ in range(2))
+        moved_y = {n: np.zeros(scales.shape) for n in y}
+        kept = {n: np.full(len(scales), np.nan) for n in metrics}
+        slopes = {n: np.full(scales.shape, np.nan) for n in metrics}
         for number in range(settings.max_cycles):
             rows = np.flatnonzero(~done)
+            at, seed = _at(values, rows), _at(seeds, rows)
             state = _at(y, rows), {n: np.full(len(rows), v) for n, v in self._sums.items()}
-            moved = _at(moved_y, rows), {n: np.zeros(len(rows)) for n in self._sums}
-            lane = _at(values, rows), _at(seeds, rows)
-            (_, sums), moved = self._loop((state, moved), lane, (machine, float(steps)), 0, steps, backend.cores())
-            new, slope = jax.device_get(_measured(machine, *lane, sums, moved[1], 1.0 / steps))
+            moved = _at(moved_y, rows), {n: np.zeros((len(rows), each)) for n in self._sums}
+            lane = at, {} if self._group else {n: table[:, 0] for n, table in seed.items()}
+            begin = state, jax.tree.map(lambda table: [table[:, k] for k in self._each], moved)
+            (_, sums), moved = self._loop(begin, lane, (machine, float(steps)), 0, steps, backend.cores())
+            moved = jax.tree.map(lambda table: np.stack(table, axis=1), moved, is_leaf=_several)
+            new, slope = jax.device_get(_measured(machine, at, seed, sums, moved[1], 1.0 / steps))
             new, slope = ({n: table[n] for n in metrics} for table in (new, slope))
             terms = {n: slope[n] - slopes[n][rows] for n in metrics}
-            done[rows] = settled(new, slope, terms, scales[rows], settings.tolerance)
+            wide = {n: new[n][:, None] for n in metrics}
+            done[rows] = settled(wide, slope, terms, scales[rows], settings.tolerance).all(axis=1)
             for table, part in ((kept, new), (slopes, slope), (moved_y, moved[0])):
                 for n, column in part.items():
                     table[n][rows] = column
-            if on_cycle is not None:
-                on_cycle(1.0 if done.all() else (number + 1) / settings.max_cycles)
+            on_cycle(1.0 if done.all() else (number + 1) / settings.max_cycles)
             if done.all():
                 break
-        return kept, slopes, done, number + 1
+        return Tangents(
+            {n: kept[n][::pairs] for n in metrics}, {n: slopes[n].reshape(count, -1) for n in metrics},
+            done.reshape(count, pairs).all(axis=1), number + 1,
+        )  # fmt: skip
+
+
+def _several(leaf) -> bool:
+    return isinstance(leaf, list)
+
+
+def _one(tree, k: int):
+    """Of a pytree of lists the k-th of each."""
+    return jax.tree.map(lambda several: several[k], tree, is_leaf=_several)
+
+
+def _together(trees: list):
+    """One pytree of lists from a list of pytrees: what belongs to one variable lies side by side."""
+    return jax.tree.map(lambda *leaves: list(leaves), *trees)
+
+
+def _filled(tree, value: bool):
+    return jax.tree.map(lambda _: value, tree)
 
 
 def _at(columns: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
@@ -97,12 +169,13 @@ def _at(columns: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarra
 
 @jax.jit
 def _measured(machine, values, seeds, sums, moved, share):
-    """The metrics of a cycle and their tangents."""
+    """The metrics of a cycle (lanes,) and their tangents (lanes, directions)."""
 
     def one(values, seeds, sums, moved):
         def metrics(values, sums):
             return measured(set_parameters(machine, values), sums, share)
 
-        return jax.jvp(metrics, (values, sums), (seeds, moved))
+        out, along = jax.linearize(metrics, values, sums)
+        return out, jax.vmap(along)(seeds, moved)
 
     return jax.vmap(one)(values, seeds, sums, moved)

@@ -59,11 +59,13 @@ def table(machine, names, count=3):
     return {n: float(edhas.get(machine, n)) * rng.uniform(0.9, 1.1, count) for n in names}
 
 
-def test_forward_equals_reverse_equals_those_under_xla():
-    """From the same periodic state, with as many terms: to rounding."""
-    names = ["frequency", "amplitude", "coil_resistance", "mover_mass", "coulomb_friction", "position_gain"]
+@pytest.mark.parametrize("designs", [3, 9])
+def test_forward_equals_reverse_equals_those_under_xla(designs):
+    """From the same periodic state, with as many terms: to rounding; a direction a lane, and several in two groups."""
+    names = ["frequency", "amplitude", "coil_resistance", "mover_mass", "coulomb_friction", "position_gain",
+             "force_constant", "coil_inductance", "mover_damping"]  # fmt: skip
     metrics = ["mean_electrical_power", "peak_current", "tracking_error", "phase_lag"]
-    columns, settings = table(ACTUATOR, names), GradientSettings(128, 0.0, 3)
+    columns, settings = table(ACTUATOR, names, designs), GradientSettings(128, 0.0, 3)
     ahead, lanes = forward(ACTUATOR, columns, names, metrics, settings), periodic(ACTUATOR, columns, settings)
     others = (
         reverse(ACTUATOR, columns, names, metrics, settings),

@@ -85,7 +85,7 @@ def assembly(
     def compute(level: Level) -> None:
         for i in order:
             op, *args = program.nodes[i]
-            if program.level[i] != level or op == "input":
+            if min(program.level[i], Level.CARRY) != level or op == "input":
                 continue
             if op in ("const", "truth"):
                 names[i] = [code.number(args[0]) if op == "const" else code.truth(args[0])] * len(across)

@@ -31,10 +31,11 @@ class Loop:
     `body` is a JAX function of scalars. `carry`, `lane` (what differs from lane to lane) and `uniform` (what does not)
     are pytrees of real scalars; the examples given here count only by their structure. With `fed`, another pytree of
     what changes from sample to sample, the body has it as a fifth argument; `backwards` goes through the samples from
-    the last to the first; `vectors` are marched side by side, two where nothing is said. Changing any number compiles
-    nothing. With a `cache` the machine code is kept; a `key` stands for all that the body depends on, its own text
-    included, and saves even looking at it. The numbers of a lane depend on that lane alone, to the bit, not on its
-    place or on the number of threads.
+    the last to the first; `vectors` are marched side by side, two where nothing is said. `tangents`, of the structure
+    of `carry`, is true where a leaf is a derivative: what depends on one is computed in the order of the body.
+    Changing any number compiles nothing. With a `cache` the machine code is kept; a `key` stands for all that the body
+    depends on, its own text included, and saves even looking at it. The numbers of a lane depend on that lane alone, to
+    the bit, not on its place or on the number of threads.
 
     Raises:
         Untranslatable: the body uses an operation that is not known here.
@@ -43,6 +44,7 @@ class Loop:
     def __init__(
         self, body: Callable, dtype, carry: Any, lane: Any, uniform: Any, cache: Path | None = None,
         key: str | None = None, fed: Any = None, backwards: bool = False, vectors: int | None = None,
+        tangents: Any = None,
     ):  # fmt: skip
         self.dtype = np.dtype(dtype)
         processor = host().processor
@@ -53,6 +55,8 @@ class Loop:
 
         def text() -> str:
             levels = [jax.tree.map(lambda _, name=name: _LEVELS[name], table) for name, table in tables.items()]
+            if tangents is not None:
+                levels[0] = jax.tree.map(lambda tangent: Level.TANGENT if tangent else Level.CARRY, tangents)
             program, out = read(body, self.dtype, Level.STEP, *levels)
             if out != self._structures["carry"]:
                 raise ValueError(f"the body turns {self._structures['carry']} into {out}")

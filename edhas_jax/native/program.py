@@ -3,6 +3,7 @@
 import enum
 import math
 from collections import Counter
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ class Level(enum.IntEnum):
     SAMPLE = 1
     STEP = 2
     CARRY = 3
+    TANGENT = 4
 
 
 _LEAVES = ("input", "const", "truth")
@@ -241,9 +243,17 @@ class Program:
         return out
 
     def order(self) -> list[int]:
-        """The nodes the outputs need, operands first, each where it is needed first."""
+        """The nodes the outputs need, operands first, each where it is needed first.
+
+        Tangents stand in the order in which they were built: a factor is then at hand for all directions.
+        """
+        wanted = self._with_operands(self.outputs.values())
+        tangents = sorted(i for i in wanted if self.level[i] == Level.TANGENT)
+        return self._with_operands((*tangents, *self.outputs.values())) if tangents else wanted
+
+    def _with_operands(self, roots: Iterable[int]) -> list[int]:
         seen: dict[int, None] = {}
-        for root in self.outputs.values():
+        for root in roots:
             stack = [(root, False)]
             while stack:
                 i, done = stack.pop()
