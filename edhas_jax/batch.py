@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from edhas_jax import cycle_xla
-from edhas_jax.cycle import REASONS, Status, verdict
+from edhas_jax.cycle import REASONS, Lanes, Status, changed, verdict
 from edhas_jax.cycle_loop import cycle_loop
 from edhas_jax.integrate import DEFAULT_STEP
 from edhas_jax.parameters import get_parameter
@@ -16,6 +16,9 @@ from edhas_jax.run import Precision
 from edhas_jax.system import ActuatorSystem, Rig, Sine
 
 CHUNK = 1024  # designs that are run together
+SLOW = 8  # cycles beyond which the step is looked at, by so many MORE with a longer one
+MORE = 2
+HANGS = 0.01  # change of flow, power or stroke with the step above which a design is flagged
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,8 +27,8 @@ class BatchSettings:
 
     `step` [s] is the largest time step: each design takes equal steps per cycle, as many as keep below it. A design is
     periodic when flow, electrical power and stroke change by less than `tolerance` from one cycle to the next, twice in
-    a row. With `soft_start` the first cycle is a ramp, whatever ramp the machine has; without it the set point starts
-    at once.
+    a row; one that takes more than eight cycles is flagged if they hang on the step by more than 1 %. With `soft_start`
+    the first cycle is a ramp, whatever ramp the machine has; without it the set point starts at once.
     """
 
     step: float = DEFAULT_STEP
@@ -91,14 +94,37 @@ def run_chunk(
     rows = np.resize(chunk.rows, max(count, CHUNK))
     columns = {n: np.asarray(v)[rows].astype(dtype) for n, v in values.items()}
     how = chunk.steps_per_cycle, dtype.type(settings.tolerance), settings.max_cycles, settings.soft_start
-    loop = cycle_loop(machine, tuple(columns), dtype)
-    if loop is not None:
-        lanes = loop.run_cycles(base, columns, count, *how)
-    else:
-        lanes = cycle_xla.run_cycles(base, {n: v[:count] for n, v in columns.items()}, *how)
-        lanes = jax.tree.map(lambda leaf: np.resize(leaf, len(rows)), lanes)
+    lanes = _cycles(base, columns, count, *how)
     out = jax.device_get(_verdict(base, columns, lanes.kept, lanes.done)) | {"cycles": lanes.cycles}
-    return {n: np.asarray(v[:count], float) for n, v in out.items()}
+    out = {n: np.asarray(v[:count], float) for n, v in out.items()}
+    slow = np.flatnonzero((out["cycles"] > SLOW) & (out["status"] == Status.OK))
+    if len(slow):
+        hangs = _step_matters(base, columns, lanes, slow, chunk.steps_per_cycle, dtype)
+        out["status"][slow[hangs]] = Status.STEP_TOO_LARGE
+    return out
+
+
+def _cycles(base: Rig, columns: dict[str, np.ndarray], count: int, steps, tolerance, *how) -> Lanes:
+    """The first `count` designs of `columns` after their cycles, as machine code where there is any."""
+    loop = cycle_loop(base, tuple(columns), tolerance.dtype)
+    if loop is not None:
+        return loop.run_cycles(base, columns, count, steps, tolerance, *how)
+    lanes = cycle_xla.run_cycles(base, {n: v[:count] for n, v in columns.items()}, steps, tolerance, *how)
+    return jax.tree.map(lambda leaf: np.resize(leaf, len(next(iter(columns.values())))), lanes)
+
+
+def _step_matters(base: Rig, columns: dict[str, np.ndarray], lanes: Lanes, slow: np.ndarray, steps: int, dtype):
+    """Which of the designs `slow` change by more than `HANGS` when they go on with a step √2 times as long.
+
+    Designs that take long to become periodic are near to losing their period, where the step matters most.
+    """
+    rows = np.resize(slow, max(len(slow), CHUNK))
+    here = jax.tree.map(lambda leaf: leaf[rows], lanes)
+    columns = {n: v[rows] for n, v in columns.items()}
+    coarser = int(round(steps / math.sqrt(2.0)))
+    # a tolerance below zero: none of these cycles is the last one
+    after = _cycles(base, columns, len(slow), coarser, dtype.type(-1.0), MORE, False, here)
+    return ~(np.asarray(changed(after.kept, here.kept))[: len(slow)] <= HANGS)
 
 
 def run_designs(

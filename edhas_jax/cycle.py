@@ -23,6 +23,7 @@ class Status(enum.IntEnum):
     HIT_STOPS = 3
     OUT_OF_RANGE = 4
     NOT_FINITE = 5
+    STEP_TOO_LARGE = 6
 
 
 REASONS = {
@@ -32,6 +33,7 @@ REASONS = {
     Status.HIT_STOPS: "the piston ran onto an end stop",
     Status.OUT_OF_RANGE: "a valve, a pressure or the piston left the range that the model describes",
     Status.NOT_FINITE: "the run is not finite",
+    Status.STEP_TOO_LARGE: "slow to become periodic, and flow, power or stroke hang on the step: take a smaller one",
 }
 
 
@@ -105,7 +107,7 @@ def judged(lanes: Lanes, y, new: dict[str, Any], number, tolerance) -> Lanes:
     The residual is the larger of the last two changes: a single one may be small where a slow drift turns around.
     """
     _, kept, cycles, done = lanes
-    change = jnp.max(jnp.stack([_change(new[n], kept[n]) for n in PERIODIC if n in new]), axis=0)
+    change = changed(new, kept)
     residual = jnp.where(number < 2, jnp.ones_like(change), jnp.maximum(change, kept[CHANGE]))
     new = new | {CHANGE: change, "residual": residual}
     kept = {n: jnp.where(done, kept[n], new[n]) for n in kept}
@@ -122,6 +124,12 @@ def verdict(machine: Rig, block: dict[str, Any], kept: dict[str, Any], done) -> 
 
 PERIODIC = ("mean_flow", "mean_electrical_power", "peak_stroke")
 CHANGE = "_change"  # of these from one cycle to the next
+
+
+def changed(new: dict[str, Any], old: dict[str, Any]):
+    """The largest relative change of the metrics that tell whether a design is periodic."""
+    there = [n for n in PERIODIC if n in new]
+    return jnp.max(jnp.stack([_change(new[n], old[n]) for n in there]), axis=0)
 
 
 def _change(new, old):

@@ -35,14 +35,19 @@ class CycleLoop:
 
     def run_cycles(
         self, machine: Rig, columns: dict[str, np.ndarray], count: int, steps: int, tolerance, max_cycles: int,
-        soft: bool,
+        soft: bool, start: Lanes | None = None,
     ) -> Lanes:  # fmt: skip
         """Run the first `count` designs, at `steps` steps per cycle, until each is periodic or `max_cycles` are over.
 
-        A design that is periodic keeps the metrics of the cycle in which it was found to be.
+        They begin at rest, or where they are at the `start`. A design that is periodic keeps the metrics of the cycle
+        in which it was found to be.
         """
         size = len(next(iter(columns.values())))
-        lanes = jax.device_get(_begin(machine, columns, np.arange(size) < count, tolerance.dtype))
+        live = np.arange(size) < count
+        if start is None:
+            lanes = jax.device_get(_begin(machine, columns, live, tolerance.dtype))
+        else:
+            lanes = start._replace(done=~live)
         for number in range(max_cycles):
             rows = np.flatnonzero(~lanes.done)
             if not len(rows):

@@ -15,26 +15,32 @@ BLOCKS = 4  # of lanes on each device
 
 
 def run_cycles(
-    machine: Rig, columns: dict[str, np.ndarray], steps: int, tolerance, max_cycles: int, soft: bool
-) -> Lanes:
+    machine: Rig, columns: dict[str, np.ndarray], steps: int, tolerance, max_cycles: int, soft: bool,
+    start: Lanes | None = None,
+) -> Lanes:  # fmt: skip
     """Run designs of `steps` steps per cycle until each is periodic, or `max_cycles` are over; see `cycle.advance`.
 
-    The result depends on the designs alone, not on the number of cores or on the neighbours.
+    They begin at rest, or where they are at the `start`. The result depends on the designs alone, not on the number of
+    cores or on the neighbours.
     """
     dtype, every = tolerance.dtype, np.arange(len(next(iter(columns.values()))))
     lanes, devices = LANE_BYTES // dtype.itemsize, tuple(jax.local_devices()[:BLOCKS])
     parts = []
     for first in range(0, len(every), lanes * BLOCKS):
         rows = every[first : first + lanes * BLOCKS]
-        parts.append(_few(machine, _at(columns, rows), steps, tolerance, max_cycles, soft, lanes, devices))
+        begin = None if start is None else jax.tree.map(lambda leaf, rows=rows: leaf[rows], start)
+        parts.append(_few(machine, _at(columns, rows), steps, tolerance, max_cycles, soft, lanes, devices, begin))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
 
-def _few(machine, columns, steps, tolerance, max_cycles, soft, lanes, devices) -> Lanes:
+def _few(machine, columns, steps, tolerance, max_cycles, soft, lanes, devices, start) -> Lanes:
     """The designs that fit the lanes of one device."""
     every = np.arange(len(next(iter(columns.values()))))
     slots, live = _placed(every, lanes, len(devices))
-    state = jax.device_get(_begin(machine, _at(columns, slots), live, tolerance.dtype))
+    if start is None:
+        state = jax.device_get(_begin(machine, _at(columns, slots), live, tolerance.dtype))
+    else:
+        state = jax.tree.map(lambda leaf: leaf[slots], start)._replace(done=~live)
     out = jax.tree.map(lambda leaf: np.zeros_like(leaf[every]), state)
     number = 0
     for until in _stages(max_cycles):
