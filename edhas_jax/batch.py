@@ -7,15 +7,13 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 
-from edhas_jax import cycle_xla
-from edhas_jax.cycle import REASONS, Lanes, Status, changed, verdict
-from edhas_jax.cycle_loop import cycle_loop
+from edhas_jax.cycle import REASONS, Lanes, Status, changed
+from edhas_jax.cycles import CHUNK, run_cycles, told
 from edhas_jax.integrate import DEFAULT_STEP
 from edhas_jax.parameters import get_parameter
 from edhas_jax.run import Precision
 from edhas_jax.system import ActuatorSystem, Rig, Sine
 
-CHUNK = 1024  # designs that are run together
 SLOW = 8  # cycles beyond which the step is looked at, by so many MORE with a longer one
 MORE = 2
 HANGS = 0.01  # change of flow, power or stroke with the step above which a design is flagged
@@ -88,43 +86,30 @@ def run_chunk(
 
     The result depends on the designs and settings alone, not on the number of cores or on the neighbours.
     """
-    dtype, count = np.dtype(settings.precision.value), len(chunk.rows)
+    dtype = np.dtype(settings.precision.value)
     base = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
-    # one length for all chunks, so that a longer table compiles nothing
-    rows = np.resize(chunk.rows, max(count, CHUNK))
-    columns = {n: np.asarray(v)[rows].astype(dtype) for n, v in values.items()}
-    how = chunk.steps_per_cycle, dtype.type(settings.tolerance), settings.max_cycles, settings.soft_start
-    lanes = _cycles(base, columns, count, *how)
-    out = jax.device_get(_verdict(base, columns, lanes.kept, lanes.done)) | {"cycles": lanes.cycles}
-    out = {n: np.asarray(v[:count], float) for n, v in out.items()}
+    columns = {n: np.asarray(v)[chunk.rows].astype(dtype) for n, v in values.items()}
+    how = dtype.type(settings.tolerance), settings.max_cycles, settings.soft_start
+    lanes = run_cycles(base, columns, chunk.steps_per_cycle, *how)
+    out = told(base, columns, lanes.kept, lanes.done) | {"cycles": lanes.cycles}
+    out = {n: np.asarray(v, float) for n, v in out.items()}
     slow = np.flatnonzero((out["cycles"] > SLOW) & (out["status"] == Status.OK))
     if len(slow):
-        hangs = _step_matters(base, columns, lanes, slow, chunk.steps_per_cycle, dtype)
+        here, columns = jax.tree.map(lambda leaf: leaf[slow], (lanes, columns))
+        hangs = _step_matters(base, columns, here, chunk.steps_per_cycle, dtype)
         out["status"][slow[hangs]] = Status.STEP_TOO_LARGE
     return out
 
 
-def _cycles(base: Rig, columns: dict[str, np.ndarray], count: int, steps, tolerance, *how) -> Lanes:
-    """The first `count` designs of `columns` after their cycles, as machine code where there is any."""
-    loop = cycle_loop(base, tuple(columns), tolerance.dtype)
-    if loop is not None:
-        return loop.run_cycles(base, columns, count, steps, tolerance, *how)
-    lanes = cycle_xla.run_cycles(base, {n: v[:count] for n, v in columns.items()}, steps, tolerance, *how)
-    return jax.tree.map(lambda leaf: np.resize(leaf, len(next(iter(columns.values())))), lanes)
-
-
-def _step_matters(base: Rig, columns: dict[str, np.ndarray], lanes: Lanes, slow: np.ndarray, steps: int, dtype):
-    """Which of the designs `slow` change by more than `HANGS` when they go on with a step √2 times as long.
+def _step_matters(base: Rig, columns: dict[str, np.ndarray], lanes: Lanes, steps: int, dtype) -> np.ndarray:
+    """Which of some designs change by more than `HANGS` when they go on with a step √2 times as long.
 
     Designs that take long to become periodic are near to losing their period, where the step matters most.
     """
-    rows = np.resize(slow, max(len(slow), CHUNK))
-    here = jax.tree.map(lambda leaf: leaf[rows], lanes)
-    columns = {n: v[rows] for n, v in columns.items()}
     coarser = int(round(steps / math.sqrt(2.0)))
     # a tolerance below zero: none of these cycles is the last one
-    after = _cycles(base, columns, len(slow), coarser, dtype.type(-1.0), MORE, False, here)
-    return ~(np.asarray(changed(after.kept, here.kept))[: len(slow)] <= HANGS)
+    after = run_cycles(base, columns, coarser, dtype.type(-1.0), MORE, False, lanes)
+    return ~(np.asarray(changed(after.kept, lanes.kept)) <= HANGS)
 
 
 def run_designs(
@@ -144,6 +129,3 @@ def run_designs(
         if on_chunk is not None:
             on_chunk(done, count)
     return table
-
-
-_verdict = jax.jit(verdict)

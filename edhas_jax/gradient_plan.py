@@ -15,12 +15,10 @@ import dataclasses
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
-from edhas_jax import cycle_xla
-from edhas_jax.cycle import Lanes, verdict
-from edhas_jax.cycle_loop import cycle_loop
+from edhas_jax.cycle import Lanes
+from edhas_jax.cycles import run_cycles, told
 from edhas_jax.system import Rig
 
 
@@ -57,19 +55,13 @@ class Derivatives(NamedTuple):
 def periodic(machine: Rig, columns: Mapping[str, np.ndarray], settings: GradientSettings) -> Lanes:
     """The designs of `columns` (SI) after as many cycles as each takes to become periodic."""
     how = settings.steps_per_cycle, np.asarray(settings.tolerance), settings.max_cycles, True
-    loop = cycle_loop(machine, tuple(columns), float)
-    if loop is None:
-        return cycle_xla.run_cycles(machine, dict(columns), *how)
-    return loop.run_cycles(machine, dict(columns), len(next(iter(columns.values()))), *how)
+    return run_cycles(machine, columns, *how)
 
 
 def status(machine: Rig, columns: Mapping[str, np.ndarray], lanes: Lanes, settings, still) -> np.ndarray:
     """What became of each design, as in a batch; those whose derivatives are not `still` are not periodic."""
-    settled = (lanes.kept["residual"] <= settings.tolerance) & still
-    return np.asarray(_verdict(machine, dict(columns), lanes.kept, settled)["status"], float)
-
-
-_verdict = jax.jit(verdict)
+    steady = (lanes.kept["residual"] <= settings.tolerance) & still
+    return np.asarray(told(machine, columns, lanes.kept, steady)["status"], float)
 
 
 def filled(columns: dict[str, np.ndarray], lanes: int) -> list[tuple[np.ndarray, dict[str, np.ndarray]]]:

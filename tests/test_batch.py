@@ -141,10 +141,10 @@ def test_the_number_of_cores_changes_no_bit():
 
 
 def test_a_longer_table_compiles_nothing():
-    from edhas_jax import batch, cycle_loop, loop_cache
+    from edhas_jax import cycle_loop, cycles, loop_cache
 
     def compiled():
-        return loop_cache._made.cache_info().misses, cycle_loop._judged._cache_size(), batch._verdict._cache_size()
+        return loop_cache._made.cache_info().misses, cycle_loop._judged._cache_size(), cycles._verdict._cache_size()
 
     run_designs(PUMP, {"valve_mass": np.linspace(2e-3, 6e-3, 3)}, QUICK)
     before = compiled()
