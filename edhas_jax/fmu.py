@@ -5,7 +5,6 @@ The step is the package's own, traced and written as C; see `docs/fmu.md`.
 
 import dataclasses
 import io
-import os
 import re
 import shlex
 import shutil
@@ -24,6 +23,7 @@ from edhas_jax.fmu_program import UnitProgram, unit_program
 from edhas_jax.fmu_source import UNIT_FILE, sources
 from edhas_jax.integrate import DEFAULT_STEP
 from edhas_jax.run import simulate
+from edhas_jax.whole_file import whole_file
 
 OPTIONS = (
     "-std=c99", "-O2", "-shared", "-fvisibility=hidden", "-fno-math-errno", "-fno-trapping-math",
@@ -140,17 +140,11 @@ def _write(path: Path, parts: dict[str, str | bytes]) -> None:
             entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
             entry.external_attr, entry.compress_type = 0o644 << 16, zipfile.ZIP_DEFLATED
             file.writestr(entry, content)
-    beside = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            beside = Path(file.name)
-            file.write(archive.getvalue())
-        beside.chmod(0o644)
-        os.replace(beside, path)
+        with whole_file(path) as beside:
+            beside.write_bytes(archive.getvalue())
     except OSError as error:
-        if beside is not None:
-            beside.unlink(missing_ok=True)
         raise FmuError(f"{path}: cannot be written: {error.strerror}") from None
 
 

@@ -22,6 +22,7 @@ from edhas_jax.dump import dump_config
 from edhas_jax.metrics import TooShort
 from edhas_jax.run import Run
 from edhas_jax.signals import SIGNALS
+from edhas_jax.whole_file import whole_file
 
 FORMAT = 1
 SERIES, LEDGER, METRICS, CONFIG, FIGURE, MANIFEST = (
@@ -120,9 +121,8 @@ def _table(columns: dict, units: dict[str, str]) -> pa.Table:
 
 def write_json(path: Path, value: dict) -> None:
     """Write plain data to a file that is either whole or not there."""
-    partial = path.with_name(f".{path.name}")
-    partial.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(partial, path)
+    with whole_file(path) as beside:
+        beside.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def plain(value: Any) -> Any:

@@ -4,7 +4,6 @@ import contextlib
 import datetime
 import errno
 import json
-import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +20,7 @@ from edhas_jax.store import StoreError
 from edhas_jax.sweep_config import Sweep
 from edhas_jax.sweep_identity import describe, differences, fingerprint, machine_text
 from edhas_jax.sweep_result import TABLE, frame_of, table_of
+from edhas_jax.whole_file import PARTIAL, whole_file
 
 FORMAT = 1
 MANIFEST, DESIGNS, CHUNKS, LOCK = "manifest.json", "designs.parquet", "chunks", ".lock"
@@ -53,7 +53,7 @@ class SweepFolder:
             elif manifest["state"] == "finished":
                 with contextlib.suppress(FileNotFoundError, ValueError, pa.ArrowException):
                     self.table = frame_of(pq.read_table(self.path / TABLE))
-            for stale in (self.path / CHUNKS).glob(".*.tmp"):
+            for stale in (self.path / CHUNKS).glob(f".*{PARTIAL}"):
                 stale.unlink(missing_ok=True)
         return self
 
@@ -78,7 +78,8 @@ class SweepFolder:
 
     def _begin(self) -> None:
         sweep = self._sweep
-        _replace(self.path / DESIGNS, lambda p: pq.write_table(table_of(sweep.machine, sweep.designs), p))
+        with whole_file(self.path / DESIGNS) as file:
+            pq.write_table(table_of(sweep.machine, sweep.designs), file)
         axes = {a.name: ({"values": list(a.values)} if a.values else
                          {"from": a.low, "to": a.high, "count": a.count, "spacing": "log" if a.log else "linear"})
                 for a in sweep.axes}  # fmt: skip
@@ -93,7 +94,8 @@ class SweepFolder:
 
     def _manifest(self, manifest: dict) -> None:
         text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
-        _replace(self.path / MANIFEST, lambda p: p.write_text(text, encoding="utf-8"))
+        with whole_file(self.path / MANIFEST) as file:
+            file.write_text(text, encoding="utf-8")
 
     def finished(self) -> dict[int, dict[str, np.ndarray]]:
         """The chunks that are on disk and whole, by number: the metrics of their designs."""
@@ -117,8 +119,8 @@ class SweepFolder:
         columns = {"design": self._chunks[answer.number].rows, **answer.metrics}
         told = {"hash": self.hash, "versions": json.dumps(answer.versions), "device": json.dumps(answer.device)}
         data = pa.table(dict(columns)).replace_schema_metadata(told)
-        with self._writing():
-            _replace(self.path / CHUNKS / f"{answer.number:06d}.parquet", lambda p: pq.write_table(data, p))
+        with self._writing(), whole_file(self.path / CHUNKS / f"{answer.number:06d}.parquet") as file:
+            pq.write_table(data, file)
 
     def complete(self, chunks: Mapping[int, Mapping[str, np.ndarray]]) -> pd.DataFrame:
         """Write the table of all designs and close the manifest."""
@@ -129,7 +131,8 @@ class SweepFolder:
         data = table_of(self._sweep.machine, self._sweep.designs, metrics)
         devices = {_metadata(self.path / CHUNKS / f"{n:06d}.parquet")[b"device"].decode() for n in chunks}
         with self._writing():
-            _replace(self.path / TABLE, lambda p: pq.write_table(data, p))
+            with whole_file(self.path / TABLE) as file:
+                pq.write_table(data, file)
             on = [json.loads(d) for d in sorted(devices)]
             self._manifest(read_manifest(self.path) | {"state": "finished", "finished": _now(), "computed_on": on})
         return frame_of(data)
@@ -180,16 +183,6 @@ def read_chunk(path: Path, wanted_hash: str) -> dict[str, np.ndarray] | None:
 
 def _metadata(path: Path) -> dict[bytes, bytes]:
     return pq.read_schema(path).metadata or {}
-
-
-def _replace(path: Path, write) -> None:
-    """Write under a temporary name, then rename: a half-written file is never seen."""
-    scratch = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        write(scratch)
-        scratch.replace(path)
-    finally:
-        scratch.unlink(missing_ok=True)
 
 
 def _lock(path: Path):

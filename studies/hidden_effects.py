@@ -29,6 +29,7 @@ from edhas_jax.diagnose import diagnose
 from edhas_jax.diagnosis import Diagnosis
 from edhas_jax.suspects import suspects_for
 from edhas_jax.trial import Trial
+from edhas_jax.whole_file import whole_file
 
 RENEWED = 10  # cases after which a worker is replaced: compiled programs take up memory
 
@@ -110,9 +111,8 @@ def _work(job: tuple[int, bool, Path]) -> tuple[int, str]:
         result = run_case(number, crumbs)
     except Exception as error:  # a case that fails is a result too, and must not take the others along
         result = {"number": number, "failed": f"{type(error).__name__}: {error}"}
-    partial = path.with_suffix(".part")
-    partial.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    os.replace(partial, path)
+    with whole_file(path) as beside:
+        beside.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     return number, _sentence(result)
 
 

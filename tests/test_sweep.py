@@ -121,7 +121,7 @@ def test_an_interrupted_sweep_goes_on(here, whole, capsys, monkeypatch):
     # a chunk that is damaged is computed anew, what a killed process left is swept up
     chunk = here / "runs/tiny/chunks/000000.parquet"
     chunk.write_bytes(chunk.read_bytes()[:-100])
-    (here / "runs/tiny/chunks/.000003.parquet.1.tmp").write_bytes(b"half")
+    (here / "runs/tiny/chunks/.000003.parquet.1.partial").write_bytes(b"half")
     calls = stop_after(monkeypatch, 99, RuntimeError())
     assert main(COMMAND) == 0
     assert len(calls) == 3 and "6 computed" in capsys.readouterr().out

@@ -3,8 +3,6 @@
 import ctypes
 import functools
 import hashlib
-import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +11,7 @@ import llvmlite
 from llvmlite import binding as llvm
 
 from edhas_jax.native.vector_code import Processor
+from edhas_jax.whole_file import whole_file
 
 
 class Host(NamedTuple):
@@ -67,8 +66,7 @@ def _keep(path: Path, code: bytes) -> None:
     """Write a file that is either whole or not there; a cache that cannot be written is no reason to stop."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(code)
-        os.replace(file.name, path)
+        with whole_file(path) as beside:
+            beside.write_bytes(code)
     except OSError:
         pass
