@@ -115,25 +115,17 @@ class TangentLoop:
         values, y = ({n: np.repeat(v, pairs) for n, v in table.items()} for table in (columns, y))
         # the direction of each tangent, (lanes, tangents) for each parameter
         seeds = {n: np.tile([float(n == other) for other in names], count).reshape(-1, each) for n in columns}
-        steps, done = settings.steps_per_cycle, np.zeros(len(scales), bool)
-        moved_y = {n: np.zeros(scales.shape) for n in y}
+        done, moved_y = np.zeros(len(scales), bool), {n: np.zeros(scales.shape) for n in y}
         kept = {n: np.full(len(scales), np.nan) for n in metrics}
         slopes = {n: np.full(scales.shape, np.nan) for n in metrics}
         for number in range(settings.max_cycles):
             rows = np.flatnonzero(~done)
-            at, seed = _at(values, rows), _at(seeds, rows)
-            state = _at(y, rows), {n: np.full(len(rows), v) for n, v in self._sums.items()}
-            moved = _at(moved_y, rows), {n: np.zeros((len(rows), each)) for n in self._sums}
-            lane = at, {} if self._group else {n: table[:, 0] for n, table in seed.items()}
-            begin = state, jax.tree.map(lambda table: [table[:, k] for k in self._each], moved)
-            (_, sums), moved = self._loop(begin, lane, (machine, float(steps)), 0, steps, backend.cores())
-            moved = jax.tree.map(lambda table: np.stack(table, axis=1), moved, is_leaf=_several)
-            new, slope = jax.device_get(_measured(machine, at, seed, sums, moved[1], 1.0 / steps))
+            here = (_at(table, rows) for table in (values, seeds, y, moved_y))
+            new, slope, moved = self._cycle(machine, *here, settings.steps_per_cycle)
             new, slope = ({n: table[n] for n in metrics} for table in (new, slope))
-            terms = {n: slope[n] - slopes[n][rows] for n in metrics}
-            wide = {n: new[n][:, None] for n in metrics}
+            terms, wide = {n: slope[n] - slopes[n][rows] for n in metrics}, {n: new[n][:, None] for n in metrics}
             done[rows] = settled(wide, slope, terms, scales[rows], settings.tolerance).all(axis=1)
-            for table, part in ((kept, new), (slopes, slope), (moved_y, moved[0])):
+            for table, part in ((kept, new), (slopes, slope), (moved_y, moved)):
                 for n, column in part.items():
                     table[n][rows] = column
             on_cycle(1.0 if done.all() else (number + 1) / settings.max_cycles)
@@ -143,6 +135,18 @@ class TangentLoop:
             {n: kept[n][::pairs] for n in metrics}, {n: slopes[n].reshape(count, -1) for n in metrics},
             done.reshape(count, pairs).all(axis=1), number + 1,
         )  # fmt: skip
+
+
+    def _cycle(self, machine: Rig, values, seeds, y, moved_y, steps: int):
+        """The metrics after a cycle (lanes,), and the tangents of metrics and states (lanes, tangents)."""
+        count, each = next(iter(moved_y.values())).shape
+        sums = {n: np.full(count, v) for n, v in self._sums.items()}
+        moved = moved_y, {n: np.zeros((count, each)) for n in self._sums}
+        lane = values, {} if self._group else {n: table[:, 0] for n, table in seeds.items()}
+        begin = (y, sums), jax.tree.map(lambda table: [table[:, k] for k in self._each], moved)
+        (_, sums), moved = self._loop(begin, lane, (machine, float(steps)), 0, steps, backend.cores())
+        moved = jax.tree.map(lambda table: np.stack(table, axis=1), moved, is_leaf=_several)
+        return *jax.device_get(_measured(machine, values, seeds, sums, moved[1], 1.0 / steps)), moved[0]
 
 
 def _several(leaf) -> bool:
