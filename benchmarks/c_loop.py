@@ -27,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax import tree
+from edhas_jax.cycle import cycle_step, empty_sums
 from edhas_jax.effects import EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.integrate import DEFAULT_STEP, step
 from edhas_jax.native.program import LOGICAL, Level, Program
@@ -251,7 +252,7 @@ class Loop:
 
     def __init__(self, program: Program, source: str, dtype: str, state: dict, parameters: list[str], sums: list[str]):
         self.program, self.source, self.dtype = program, source, np.dtype(dtype)
-        self._state, self._names, self._parameters, self._sums = state, sorted(state), parameters, sums
+        self._state, self._names, self._parameters, self._sums = state, list(state), parameters, sums
         self._folder = tempfile.TemporaryDirectory()
         file = Path(self._folder.name) / "loop.cpp"
         file.write_text(source)
@@ -309,7 +310,7 @@ def build(
     levels = [Level.CARRY] * len(names), [Level.CARRY] * count, [Level.FIXED] * len(parameters)
     program, _ = read(one, dtype, Level.STEP, *levels, Level.FIXED)
     source = c_source(program, dtype, len(names), len(parameters), count)
-    return Loop(program, source, dtype, state, list(parameters), list(kept))
+    return Loop(program, source, dtype, {n: state[n] for n in names}, list(parameters), list(kept))
 
 
 def of_bench(dtype: str, sums: Callable = lambda machine, y, t, h: {}) -> Loop:
@@ -317,6 +318,28 @@ def of_bench(dtype: str, sums: Callable = lambda machine, y, t, h: {}) -> Loop:
     machine = bench_machine()
     start = {n: float(v) for n, v in machine.start().items()}
     return build(lambda p: varied(machine, p), start, list(VARIED), dtype, sums)
+
+
+def of_cycle(dtype: str) -> Loop:
+    """The loop of `of_bench` with all that the batch engine does besides: sums and peaks for its metrics.
+
+    In place of a step size it takes the number of steps in a cycle.
+    """
+    machine = bench_machine()
+    start = {n: float(v) for n, v in machine.start().items()}
+    kept = {n: float(v) for n, v in empty_sums(machine, np.dtype(dtype)).items()}
+    parameters, carry = list(VARIED), start | kept
+
+    def one(n, carried, p, steps):
+        y, sums = carried[: len(start)], carried[len(start) :]
+        y, sums = dict(zip(start, y, strict=True)), dict(zip(kept, sums, strict=True))
+        y, sums = cycle_step(varied(machine, dict(zip(parameters, p, strict=True))), y, sums, n, steps, False)
+        return [*(y[k] for k in start), *(sums[k] for k in kept)]
+
+    levels = [Level.CARRY] * len(carry), [Level.FIXED] * len(parameters)
+    program, _ = read(one, dtype, Level.STEP, *levels, Level.FIXED)
+    source = c_source(program, dtype, len(carry), len(parameters), 0)
+    return Loop(program, source, dtype, carry, parameters, [])
 
 
 @contextlib.contextmanager
@@ -355,12 +378,12 @@ def difference(loop: Loop, batch: int, steps: int) -> float:
     return max(worst.values())
 
 
-def rate(loop: Loop, batch: int, steps: int, threads: int, repeats: int = 5) -> float:
+def rate(loop: Loop, batch: int, steps: int, threads: int, h: float = DEFAULT_STEP, repeats: int = 5) -> float:
     """Design-steps per second, the best of some runs."""
     values, best = designs(batch, str(loop.dtype)), math.inf
     for _ in range(repeats):
         begin = time.perf_counter()
-        loop(values, steps, DEFAULT_STEP, threads)
+        loop(values, steps, h, threads)
         best = min(best, time.perf_counter() - begin)
     return batch * steps / best
 

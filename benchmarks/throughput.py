@@ -3,7 +3,8 @@
     python benchmarks/throughput.py [--out FILE.csv] [--largest N]
 
 Each number of cores is measured in a process of its own that is confined to them; package and C loop take turns, and
-the best of the runs counts. The engine computes its metrics on the way, the C loop nothing but the state.
+the best of the runs counts. The engine computes its metrics on the way, the C loop nothing but the state; a second C
+loop does what the engine does, so that what the metrics take can be told from what two compilers make of one program.
 """
 
 import argparse
@@ -30,6 +31,7 @@ from edhas_jax.run import Precision
 BATCHES = (64, 100, 128, 256, 512, 1000, 1024, 2048, 4096, 8192, 10000, 16384)
 DTYPES = ("float32", "float64")
 SECONDS = 1.5  # of repetitions for each cell; two at least
+A_CYCLE = 5000.0  # steps
 C_DESIGN_STEPS = 2_000_000  # in one timed call of the C loop, roughly
 
 
@@ -49,17 +51,20 @@ def main() -> None:
     print(f"{device}, {len(cores)} cores; one step of the pump bench with {len(c_loop.VARIED)} parameters varied")
     if not c_loop.available():
         print("C loop: not installed (g++ is needed)")
-    print(f"{'cores':>5}{'dtype':>9}{'batch':>7}{'package':>10}{'C loop':>10}  M design-steps/s")
+    print(f"{'cores':>5}{'dtype':>9}{'batch':>7}{'package':>10}{'C loop':>10}{'with metrics':>14}  M design-steps/s")
     for count in sorted({1, len(cores)}):
         for row in measured(cores[:count], options.largest):
             rows.append({"device": device, "date": date.today().isoformat(), **row, "cores": count})
             print(f"{count:5}{row['dtype']:>9}{row['batch']:7}", end="")
-            print(f"{row['rate'] / 1e6:10.2f}{row['c_rate'] / 1e6:10.2f}", flush=True)
-    table = pd.DataFrame(rows)[["device", "flags", "date", "batch", "dtype", "cores", "rate", "c_rate"]]
+            print(f"{row['rate'] / 1e6:10.2f}{row['c_rate'] / 1e6:10.2f}{row['c_metrics'] / 1e6:14.2f}", flush=True)
+    columns = ["device", "flags", "date", "batch", "dtype", "cores", "rate", "c_rate", "c_metrics"]
+    table = pd.DataFrame(rows)[columns]
     if options.out:
         table.to_csv(options.out, index=False)
-    best = table[table["cores"] == len(cores)].groupby("dtype")[["rate", "c_rate"]].max()
+    best = table[table["cores"] == len(cores)].groupby("dtype")[["rate", "c_rate", "c_metrics"]].max()
     f32, f64 = best.loc["float32"], best.loc["float64"]
+    shares = ", ".join(f"{n} {best.rate[n] / best.c_metrics[n]:.2f}" for n in DTYPES)
+    print(f"share of the C loop that computes the metrics too: {shares}")
     print(
         f"f32={f32['rate']:.4g} f64={f64['rate']:.4g} "
         f"c_ratio_f32={f32['rate'] / f32['c_rate']:.3g} c_ratio_f64={f64['rate'] / f64['c_rate']:.3g}"
@@ -91,11 +96,13 @@ def worker(largest: int) -> None:
     """One line of JSON for each batch and precision, on the cores of this process."""
     cores = len(os.sched_getaffinity(0))
     for dtype in DTYPES:
-        loop = c_loop.of_bench(dtype) if c_loop.available() else None
+        made = (c_loop.of_bench, c_loop.of_cycle) if c_loop.available() else ()
+        loop, whole = [make(dtype) for make in made] or (None, None)
         for batch in (b for b in BATCHES if b <= largest):
-            rate, c_rate = package_rate(batch, dtype, cores), c_rate_of(loop, batch, cores)
+            rate = package_rate(batch, dtype, cores)
+            rates = {"c_rate": c_rate_of(loop, batch, cores), "c_metrics": c_rate_of(whole, batch, cores, A_CYCLE)}
             row = {"flags": os.environ.get("XLA_FLAGS", ""), "batch": batch, "dtype": dtype}
-            print(json.dumps(row | {"rate": rate, "c_rate": c_rate}), flush=True)
+            print(json.dumps(row | {"rate": rate} | rates), flush=True)
 
 
 def package_rate(batch: int, dtype: str, cores: int) -> float:
@@ -116,11 +123,11 @@ def package_rate(batch: int, dtype: str, cores: int) -> float:
     return float((table["cycles"] * per_cycle).sum() / best)
 
 
-def c_rate_of(loop: c_loop.Loop | None, batch: int, cores: int) -> float:
-    """Design-steps per second of the C loop."""
+def c_rate_of(loop: c_loop.Loop | None, batch: int, cores: int, h: float = DEFAULT_STEP) -> float:
+    """Design-steps per second of a C loop."""
     if loop is None:
         return math.nan
-    return c_loop.rate(loop, batch, max(100, C_DESIGN_STEPS // batch), cores)
+    return c_loop.rate(loop, batch, max(100, C_DESIGN_STEPS // batch), cores, h)
 
 
 if __name__ == "__main__":

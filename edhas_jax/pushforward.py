@@ -15,7 +15,7 @@ import jax
 
 from edhas_jax.linearize import Mask, Row, add, linearize, multiply
 
-SHARED = 0.25  # what an operation that all directions share takes beside one of each: measured
+SHARED = 0.25  # what an operation that several directions share takes beside one of each: measured
 
 
 def pushforward(f: Callable, primals: tuple, directions: Sequence[tuple]) -> tuple[Any, list]:
@@ -24,6 +24,18 @@ def pushforward(f: Callable, primals: tuple, directions: Sequence[tuple]) -> tup
     Primals, directions and results are pytrees of scalars; where a direction has the plain number 0.0 nothing is
     computed. What `f` may do is said at `linearize`.
     """
+    values, rows, out = _linearized(f, primals)
+    moved = [{_name(i): v for i, v in enumerate(jax.tree.leaves(d)) if not _nothing(v)} for d in directions]
+    rows = _shortened(_moving(rows, {n for one in moved for n in one}), len(directions))
+    for v, row in rows.items():
+        for one in moved:
+            _push(row, one, v)
+    names = range(out.num_leaves)
+    return values, [jax.tree.unflatten(out, [one.get(("d", _name(i)), 0.0) for i in names]) for one in moved]
+
+
+def _linearized(f: Callable, primals: tuple) -> tuple[Any, dict[Any, Row], Any]:
+    """`f(*primals)`, the graph of its partial derivatives by numbered inputs, and the structure of the result."""
     leaves, structure = jax.tree.flatten(primals)
     shape: list[Any] = []
 
@@ -33,14 +45,7 @@ def pushforward(f: Callable, primals: tuple, directions: Sequence[tuple]) -> tup
         return {_name(i): leaf for i, leaf in enumerate(out)}
 
     graph = linearize(program, {_name(i): leaf for i, leaf in enumerate(leaves)})
-    moved = [{_name(i): v for i, v in enumerate(jax.tree.leaves(d)) if not _nothing(v)} for d in directions]
-    rows = _shortened(_moving(graph.rows, {n for one in moved for n in one}), len(directions))
-    for v, row in rows.items():
-        for one in moved:
-            _push(row, one, v)
-    out = sorted(graph.values)
-    tangents = [jax.tree.unflatten(shape[0], [one.get(("d", n), 0.0) for n in out]) for one in moved]
-    return jax.tree.unflatten(shape[0], [graph.values[n] for n in out]), tangents
+    return jax.tree.unflatten(shape[0], [graph.values[n] for n in sorted(graph.values)]), graph.rows, shape[0]
 
 
 def _nothing(leaf) -> bool:
@@ -71,6 +76,7 @@ def _moving(rows: dict[Any, Row], inputs: set) -> dict[Any, Row]:
 
 def _shortened(rows: dict[Any, Row], directions: int) -> dict[Any, Row]:
     """The graph with vertices in between taken out while that saves operations."""
+    weight = directions / SHARED if directions > 1 else 1.0
     users: dict[Any, dict] = {v: {} for v in rows}
     for v, row in rows.items():
         for u in row:
@@ -85,7 +91,7 @@ def _shortened(rows: dict[Any, Row], directions: int) -> dict[Any, Row]:
             for u, a in row.items():
                 edges += u not in rows[w]
                 products += (u in rows[w]) + (not _free(a) and not _free(factor))
-        return edges * directions / SHARED + products
+        return edges * weight + products
 
     costs = {v: cost(v) for v in rows if not isinstance(v, tuple)}
     while costs:
