@@ -33,6 +33,7 @@ NEAR_NOISE = 1.3  # residual over noise below which fits are finished at the fin
 MARGIN = 30.0  # rise of the evidence by which a bare formula must beat a named effect
 AHEAD = 2.0  # how much more a formula must promise than an effect has brought, to be worth a trial
 MOST = 0.9  # share of what a model leaves over beyond noise for which an effect accounts fully
+PIT = 0.1  # share of an effect's gain from which on the fit without it must have been stuck
 FLOOR = 1.02  # residual over noise on new runs above which something is left to explain
 
 
@@ -55,7 +56,7 @@ def diagnose(
     null = _finished(null, resolution, say)
     allowed = None if library is None else {kind.id for kind in (*library, *more)}
     rounds = _rounds(campaign, null, resolution, more, allowed, say)
-    after = rounds[-1].before
+    null, after = rounds[0].before, rounds[-1].before
     verdict = _verdict(after, rounds)
     parts: dict[str, float] = {}
     if verdict is Verdict.UNKNOWN_EFFECT:
@@ -81,7 +82,7 @@ def _rounds(
     campaign: Campaign, null: Judged, resolution: Resolution, more, allowed: set[str] | None, say
 ) -> list[Round]:
     """One effect after another, until nothing that is left to suspect is confirmed by new runs."""
-    before, rounds = null, []
+    before, rounds, looked = null, [], False
     while True:
         accepted = [r.accepted.suspect for r in rounds]
         fitted = before.fit.problem
@@ -90,13 +91,33 @@ def _rounds(
             suspects = [s for s in suspects if s.signal is not None or s.id in allowed]
         last = len(rounds) == MOST_EFFECTS
         one_more, finer = _round(before, accepted, suspects, resolution, say, last)
-        rounds.append(one_more)
         found = one_more.accepted
+        better = None if found is None or looked else _without(before, found, resolution, say)
+        if better is not None:
+            say(f"the model without {found.suspect.name} does better from where the fit with it has led: once more")
+            before, looked = better, True
+            continue
+        rounds.append(one_more)
         if found is None:
             return rounds
+        looked = False
         say(f"found: {found.suspect.name}")
         done = _near(before) and finer.fine == resolution.fine
         before, resolution = found.judged if done else _finished(found.judged, finer, say), finer
+
+
+def _without(before: Judged, found: Trial, resolution: Resolution, say) -> Judged | None:
+    """The model without an effect, fitted from where the fit with it has led; None where that is no better.
+
+    A fit that has ended in a pit may be led out of it by any effect, which then seems to explain what was not missing.
+    """
+    problem = before.fit.problem
+    try:
+        there = search(problem, start_from(problem, found.judged.fit.values), resolution.rough, CALIBRATION_STEPS)
+    except FitError:
+        return None
+    there = _finished(there, resolution, say)
+    return there if there.evidence - before.evidence > PIT * found.gain else None
 
 
 def _round(

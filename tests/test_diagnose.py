@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import edhas_jax as edhas
+from edhas_jax import diagnose as package
 from edhas_jax import tree
 from edhas_jax.campaign import Channel, Use
 from edhas_jax.diagnose import diagnose
@@ -24,6 +25,7 @@ from edhas_jax.sensors import SensorLag
 from edhas_jax.suspects import Suspect
 from edhas_jax.synthesise import PlannedRun, drawn, planned_campaign, synthesise
 from edhas_jax.tree import par
+from edhas_jax.trial import search
 
 LIBRARY = (
     AsymmetricFriction, CoggingForce, ForceConstantDroop, InverterDeadTime, MagneticSaturation, ParasiticSpring
@@ -48,14 +50,14 @@ class Windage(Effect):
         return -self.windage * s.piston_velocity * jnp.abs(s.piston_velocity)
 
 
-def diagnosed(*hidden: Effect, chains=None, seed: int) -> Diagnosis:
+def diagnosed(*hidden: Effect, chains=None, seed: int, on_progress=None) -> Diagnosis:
     """The diagnosis of an actuator bench on which `hidden` acts, and whose sensors have `chains`."""
     bench = edhas.ActuatorBench(reference=edhas.Sine(ramp_time=0.05), effects=(LugreFriction(),))
     plan = planned_campaign("bench", bench, UNCERTAIN, CHANNELS, RUNS, 5e-4)
     rng = np.random.default_rng(seed)
     truth = drawn(plan, bench, rng)
     truth = tree.replace(truth, effects=(*truth.effects, *hidden))
-    return diagnose(synthesise(plan, truth, rng, chains), LIBRARY)
+    return diagnose(synthesise(plan, truth, rng, chains), LIBRARY, on_progress=on_progress)
 
 
 def errors(found: Diagnosis) -> tuple[float, float, float]:
@@ -83,6 +85,22 @@ def test_nothing_is_missing():
     assert found.verdict is Verdict.ADEQUATE and not found.accepted, evidence(found)
     assert before > 2.0 and calibrated == after == pytest.approx(1.0, abs=0.05)
     assert found.candidates()[0][1] < 0.5
+
+
+def test_a_calibration_that_was_stuck_is_no_effect(monkeypatch):
+    """Any effect would lead the fit out of the pit; the model without it must be asked again from there."""
+
+    def stuck(campaign, say):
+        null, resolution = calibrated(campaign, say)
+        return search(null.fit.problem, null.fit.x + 1.5, resolution.rough, 0), resolution
+
+    calibrated = package._calibrated
+    monkeypatch.setattr(package, "_calibrated", stuck)
+    told = []
+    found = diagnosed(seed=1, on_progress=told.append)
+    assert any("does better from where" in sentence for sentence in told)
+    assert found.verdict is Verdict.ADEQUATE and not found.accepted, evidence(found)
+    assert errors(found)[1] == pytest.approx(1.0, abs=0.05)
 
 
 def test_one_effect():
