@@ -75,7 +75,11 @@ def _calibrated(campaign: Campaign, say) -> tuple[Judged, Resolution]:
     say("looking for the step that serves")
     resolution = choose_resolution(problem.model(), centre)
     say("fitting what is uncertain")
-    return search(problem, centre, resolution.rough, CALIBRATION_STEPS), resolution
+    try:
+        return search(problem, centre, resolution.rough, CALIBRATION_STEPS), resolution
+    except FitError:  # derivatives ask for a finer step than signals do where valves bounce
+        resolution = Resolution(resolution.fine, resolution.fine, resolution.error)
+        return search(problem, centre, resolution.rough, CALIBRATION_STEPS), resolution
 
 
 def _rounds(

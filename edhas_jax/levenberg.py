@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 LONGEST = 1.5  # largest change of a coordinate in one step; coordinates are scaled to be of order one
+HUGE = 1e150  # numbers that cannot be calculated with any more: products of two would overflow
 GIVE_UP = 1e8  # damping above which a start is stuck
 ROUGH = 1.0  # decrease below which a cost that comes from a simulation with contacts is not smooth any more
 FINE, COARSE = 1e-7, 1e-6  # the same two as shares of the cost, where a model that is wrong leaves a large one
@@ -22,9 +23,10 @@ class Quadratic:
 
 
 def _finite(at: Quadratic) -> np.ndarray:
-    """Whether cost and derivatives are finite, point by point."""
-    sound = np.isfinite(at.cost) & np.isfinite(at.gradient).all(axis=1)
-    return sound & np.isfinite(at.curvature).all(axis=(1, 2))
+    """Whether cost and derivatives are finite, and far from overflowing, point by point."""
+    with np.errstate(invalid="ignore"):
+        sound = (np.abs(at.cost) < HUGE) & (np.abs(at.gradient) < HUGE).all(axis=1)
+        return sound & (np.abs(at.curvature) < HUGE).all(axis=(1, 2))
 
 
 def inverse(curvature: np.ndarray) -> np.ndarray:
@@ -62,10 +64,10 @@ def minimise(
     """Minimise ½|r(x)|² within low ≤ x ≤ high from each row of `starts` (k, n).
 
     `evaluate(x, which)` gives the sums of squares at the rows `x` of the starts `which`; where cost or derivatives are
-    not finite, the step is rejected. `free` (k, n) marks the coordinates that may move. A start is at its end when a
-    step would lower the cost by less than `tolerance`, which for residuals in units of their noise is a change far
-    below the errors of estimation, or when steps that promise little fail to keep the promise; it is dropped when it
-    comes so close to a better one that their costs would differ by less than `merge`.
+    not finite, or near to overflow, the step is rejected. `free` (k, n) marks the coordinates that may move. A start is
+    at its end when a step would lower the cost by less than `tolerance`, which for residuals in units of their noise is
+    a change far below the errors of estimation, or when steps that promise little fail to keep the promise; it is
+    dropped when it comes so close to a better one that their costs would differ by less than `merge`.
     `on_step(number, cost)` reports.
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05, for the rule of the damping.

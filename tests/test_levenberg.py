@@ -39,11 +39,13 @@ def test_what_is_not_free_stays():
     assert found.x[1, 1] == 2.0 and found.x[1, 0] == pytest.approx(np.sqrt(2.0), abs=1e-2)
 
 
-@pytest.mark.parametrize("part", ["cost", "gradient", "curvature"])
-def test_where_the_function_fails_no_step_goes(part):
+@pytest.mark.parametrize(("part", "value"), [
+    ("cost", np.nan), ("gradient", np.nan), ("curvature", np.inf), ("curvature", 1e307)
+])  # fmt: skip
+def test_where_the_function_fails_no_step_goes(part, value):
     def fails_left(x, which):
         q = rosenbrock(x, which)
-        getattr(q, part)[x[:, 0] < -0.5] = np.inf if part == "curvature" else np.nan
+        getattr(q, part)[x[:, 0] < -0.5] = value
         return q
 
     found = minimise(fails_left, np.array([[-0.4, 1.0], [-2.0, 0.0]]), *WIDE, tolerance=1e-12, most_steps=100)
