@@ -17,9 +17,8 @@ import numpy as np
 from scipy.stats import qmc
 
 import edhas_jax as edhas
-from edhas_jax import cycle_xla
 from edhas_jax.batch import BatchSettings, Status, plan_chunks, run_designs
-from edhas_jax.cycle import advance
+from edhas_jax.cycles import run_cycles
 from edhas_jax.effects import EntrainedAir, LugreFriction, PistonLeakage
 
 RANGES = {
@@ -91,14 +90,10 @@ def gone_on_with(designs: dict[str, np.ndarray], k: int, step: float, finest: fl
     steps = [plan_chunks(MACHINE, one, settings(s))[0].steps_per_cycle for s in (step, finest)]
     how = settings(step)
     machine = jax.tree.map(lambda leaf: np.asarray(leaf, float), MACHINE)
-    lanes = cycle_xla.run_cycles(machine, one, steps[0], np.asarray(how.tolerance), how.max_cycles, how.soft_start)
-    lanes = lanes._replace(done=np.zeros(1, bool))
-    return float(_advanced(machine, one, lanes, np.asarray(steps[1])).kept["mean_flow"][0])
-
-
-@jax.jit
-def _advanced(machine, one, lanes, steps):
-    return advance(machine, one, lanes, 0, STAYS, steps, -np.ones(()), False)
+    lanes = run_cycles(machine, one, steps[0], np.asarray(how.tolerance), how.max_cycles, how.soft_start)
+    # a tolerance below zero: all these cycles are run
+    lanes = run_cycles(machine, one, steps[1], np.asarray(-1.0), STAYS, False, lanes)
+    return float(lanes.kept["mean_flow"][0])
 
 
 if __name__ == "__main__":

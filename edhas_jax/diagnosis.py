@@ -148,8 +148,7 @@ class Diagnosis:
         if self.verdict is Verdict.ADEQUATE:
             out.append("Nothing is missing: with its uncertain parameters fitted, the model is as good as the sensors.")
         elif self.verdict is Verdict.UNKNOWN_EFFECT:
-            part = next(iter(self.where()), "the machine")
-            part = part.replace("_", " ")
+            part = next(iter(self.where()), "the machine").replace("_", " ")
             out.append(f"Something is missing that no effect of the library explains; most likely it acts on {part}.")
             if self.forms and self.forms[0].judged is not None:
                 form = self.forms[0]

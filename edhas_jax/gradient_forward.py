@@ -136,7 +136,6 @@ class TangentLoop:
             done.reshape(count, pairs).all(axis=1), number + 1,
         )  # fmt: skip
 
-
     def _cycle(self, machine: Rig, values, seeds, y, moved_y, steps: int):
         """The metrics after a cycle (lanes,), and the tangents of metrics and states (lanes, tangents)."""
         count, each = next(iter(moved_y.values())).shape

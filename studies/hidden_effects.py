@@ -151,7 +151,7 @@ def main(arguments: list[str] | None = None) -> int:
     """The study from the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=150)
-    parser.add_argument("--seed", type=int, default=SEALED, help="number of the first case; from 4000 on: sealed")
+    parser.add_argument("--seed", type=int, default=SEALED, help=f"number of the first case; from {SEALED} on: sealed")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"))
     parser.add_argument("--crumbs", action="store_true", help="every sensor lags by 20 … 50 µs that no library knows")

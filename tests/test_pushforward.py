@@ -62,7 +62,7 @@ def test_a_direction_may_be_nothing():
 
 
 @pytest.mark.parametrize("rig", ["actuator_bench", "pump_bench"])
-def test_the_step_of_every_rig(rig):
+def test_the_step_of_a_rig(rig):
     """The step linearises itself, so that these are second derivatives of the equations."""
     machine = nominal(RIGS[rig])
     names = sorted(machine.start())
