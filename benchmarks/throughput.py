@@ -21,7 +21,6 @@ from pathlib import Path
 
 import c_loop
 import jax
-import numpy as np
 import pandas as pd
 
 from edhas_jax.batch import BatchSettings, run_designs, steps_per_cycle
@@ -119,7 +118,7 @@ def package_rate(batch: int, dtype: str, cores: int) -> float:
         table = run_designs(machine, values, settings)
         took = time.perf_counter() - begin
         best, spent, runs = min(best, took), spent + took, runs + 1
-    per_cycle = np.array([steps_per_cycle(f, DEFAULT_STEP) for f in values["frequency"]])
+    per_cycle = steps_per_cycle(values["frequency"], DEFAULT_STEP)
     return float((table["cycles"] * per_cycle).sum() / best)
 
 

@@ -65,7 +65,7 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     varied = [values[n] for n in ("frequency", "reference.frequency") if n in values]
     frequency = np.asarray(varied[0] if varied else get_parameter(machine, "reference.frequency"), float)
     frequency = np.broadcast_to(frequency, (count,))
-    steps = np.array([steps_per_cycle(f, settings.step) for f in frequency])
+    steps = steps_per_cycle(frequency, settings.step)
     chunks = []
     for n in np.unique(steps):
         rows = np.flatnonzero(steps == n)
@@ -73,10 +73,10 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     return chunks
 
 
-def steps_per_cycle(frequency: float, step: float) -> int:
+def steps_per_cycle(frequency, step: float) -> np.ndarray:
     """Steps of at most `step` [s] in a cycle, rounded up on a ladder of √2 so that designs share their count."""
-    least = max(1.0 / (frequency * step), 64.0)
-    return int(round(64 * 2.0 ** (math.ceil(2 * math.log2(least / 64.0) - 1e-9) / 2)))
+    least = np.maximum(1.0 / (np.asarray(frequency) * step), 64.0)
+    return np.rint(64 * 2.0 ** (np.ceil(2 * np.log2(least / 64.0) - 1e-9) / 2)).astype(int)
 
 
 def run_chunk(

@@ -14,6 +14,8 @@ from edhas_jax.native import Loop
 from edhas_jax.parameters import set_parameters
 from edhas_jax.system import Rig
 
+ABREAST = 4  # vectors of designs: fewer wait for their own results
+
 
 class CycleLoop:
     """Whole cycles of many designs of one kind of machine.
@@ -31,7 +33,8 @@ class CycleLoop:
 
         self._sums = {n: np.asarray(v, dtype) for n, v in empty_sums(machine, dtype).items()}
         carry = {n: 0.0 for n in machine.start()}, self._sums
-        self._loop = Loop(body, dtype, carry, dict.fromkeys(varied, 0.0), (machine, 0.0, 0.0), backend.cache_folder())
+        lane, uniform = dict.fromkeys(varied, 0.0), (machine, 0.0, 0.0)
+        self._loop = Loop(body, dtype, carry, lane, uniform, backend.cache_folder(), vectors=ABREAST)
 
     def run_cycles(
         self, machine: Rig, columns: dict[str, np.ndarray], count: int, steps: int, tolerance, max_cycles: int,

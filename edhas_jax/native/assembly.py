@@ -60,7 +60,7 @@ block_end:
 exit:
   ret void
 }}
-attributes #0 = {{ nounwind "prefer-vector-width"="{bits}" "min-legal-vector-width"="{bits}" }}
+attributes #0 = {{ nounwind alignstack={bytes} "prefer-vector-width"="{bits}" "min-legal-vector-width"="{bits}" }}
 """
 
 
@@ -147,7 +147,9 @@ def assembly(
         "closing": closing,
     }
     text = {n: "\n  ".join(lines) for n, lines in parts.items()}
-    return _FRAME.format(at=at, declarations="\n".join(code.declarations()), bits=8 * processor.vector_bytes, **text)
+    # without `alignstack` the stack stays at 16 bytes, and a vector that is put there lies across two cache lines
+    size = {"bytes": processor.vector_bytes, "bits": 8 * processor.vector_bytes}
+    return _FRAME.format(at=at, declarations="\n".join(code.declarations()), **size, **text)
 
 
 def _at(code: VectorCode, table: str, block: str, rows: int, row: int, j: int) -> str:
