@@ -13,13 +13,14 @@ from edhas_jax.effects import Effect
 from edhas_jax.fit import FitError
 from edhas_jax.forms import FORMS
 from edhas_jax.instruments import Instruments
+from edhas_jax.judged import Judged, refined, search, start_from
 from edhas_jax.parts import shares
 from edhas_jax.resolution import Resolution, choose_resolution
 from edhas_jax.screening import Score, Screen
 from edhas_jax.second_look import second_look
 from edhas_jax.suspects import Suspect, can_have, problem_of, suspects_for
 from edhas_jax.system import Rig
-from edhas_jax.trial import Judged, Trial, again, refined, search, start_from, try_suspect
+from edhas_jax.trial import Trial, again, try_suspect
 
 MOST_EFFECTS = 3
 CALIBRATION_STEPS, TRIAL_STEPS, FINAL_STEPS = 25, 12, 12
@@ -29,7 +30,6 @@ RIVAL = 0.1  # share of the best gain that a suspect must promise to be tried as
 GAIN = 12.0  # rise of the evidence for which an effect is accepted, if new runs agree
 SIGMAS = 2.0  # standard errors by which ½χ² of new runs must fall
 CLEAR, FEWER = 40.0, 1.0  # rise of the evidence beyond which fewer will do: new runs may be short and show little
-NEAR_NOISE = 1.3  # residual over noise below which fits are finished at the fine step before they are compared
 MARGIN = 30.0  # rise of the evidence by which a bare formula must beat a named effect
 AHEAD = 2.0  # how much more a formula must promise than an effect has brought, to be worth a trial
 MOST = 0.9  # share of what a model leaves over beyond noise for which an effect accounts fully
@@ -106,7 +106,7 @@ def _rounds(
             return rounds
         looked = False
         say(f"found: {found.suspect.name}")
-        done = _near(before) and finer.fine == resolution.fine
+        done = before.near_noise and finer.fine == resolution.fine
         before, resolution = found.judged if done else _finished(found.judged, finer, say), finer
 
 
@@ -187,7 +187,7 @@ def _tournament(
         if score.fall < PROMISE or 0.5 * score.fall < RIVAL * reached:
             break
         say(f"trying {score.suspect.name}, which promises a fall of χ² by {score.fall:.0f}")
-        trials.append(try_suspect(before, accepted, score, resolution, TRIAL_STEPS, finish=_near(before)))
+        trials.append(try_suspect(before, accepted, score, resolution, TRIAL_STEPS, finish=before.near_noise))
         reached = max(reached, trials[-1].gain)
     return trials
 
@@ -201,11 +201,11 @@ def _looked_closer(before: Judged, trials: list[Trial], resolution: Resolution, 
     if best is None or not confirmed(before, best):
         return trials, resolution
     closer, finer = best, _serving(best, resolution)
-    if not _near(best.judged) and finer.rough > resolution.rough:
+    if not best.judged.near_noise and finer.rough > resolution.rough:
         say(f"a finer step for {best.suspect.name}")
         fitted = best.judged.fit
         closer = again(before, best, search(fitted.problem, fitted.x, finer.rough, TRIAL_STEPS))
-    if not _near(closer.judged):
+    if not closer.judged.near_noise:
         say(f"{best.suspect.name}: first without the runs that fit worst")
         closer = second_look(before, closer, finer.rough, CALIBRATION_STEPS)
         finer = _serving(closer, finer)
@@ -220,15 +220,10 @@ def _serving(trial: Trial, resolution: Resolution) -> Resolution:
 
 def _finished(judged: Judged, resolution: Resolution, say) -> Judged:
     """A fit with the solver's error taken out, where what is left over is so little that this would matter."""
-    if not _near(judged):
+    if not judged.near_noise:
         return judged
     say("refining the fit")
     return refined(judged, resolution, FINAL_STEPS)
-
-
-def _near(judged: Judged) -> bool:
-    """Whether so little is left over that the solver's error at the rough step would matter."""
-    return judged.level(Use.FIT) < NEAR_NOISE
 
 
 def confirmed(before: Judged, trial: Trial) -> bool:

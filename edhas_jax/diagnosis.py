@@ -8,11 +8,12 @@ import numpy as np
 
 from edhas_jax.campaign import Campaign, Use
 from edhas_jax.fit import Fit
+from edhas_jax.judged import Judged
 from edhas_jax.misfit import levels
 from edhas_jax.parts import probabilities
 from edhas_jax.screening import Score
 from edhas_jax.suspects import Suspect
-from edhas_jax.trial import Judged, Trial
+from edhas_jax.trial import Trial
 from edhas_jax.units import format_quantity, with_error
 
 TEMPER = 0.1  # exponent of the evidence: models are never exact, so that likelihoods of 10⁴ samples are too sure

@@ -235,9 +235,10 @@ def _quadratic(model: Model, x: np.ndarray, outcomes: dict[int, Outcome]) -> Qua
             there = np.isfinite(model.runs[r].signals[name])
             slopes = -outcome.slopes[name][there] / model.campaign.channels[name].noise
             residual = residual[there]
-            cost = cost + 0.5 * residual @ residual
-            gradient = gradient + slopes.T @ residual
-            curvature = curvature + slopes.T @ slopes
+            with np.errstate(over="ignore", invalid="ignore"):  # such a point is rejected
+                cost = cost + 0.5 * residual @ residual
+                gradient = gradient + slopes.T @ residual
+                curvature = curvature + slopes.T @ slopes
     sound = np.isfinite(cost) and np.isfinite(gradient).all()
     return Quadratic(np.array([cost if sound else np.inf]), gradient[None], curvature[None])
 

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 from edhas_jax.effects import Effect
 from edhas_jax.tree import par
 
-V, X, A, P = 0.2, 3.5e-3, 3.0, 0.5e6  # scales of speed, position, current and pressure, so that coefficients compare
+# scales of speed, position, current and pressure, so that coefficients compare; and the pressure of the surroundings
+V, X, A, P, P0 = 0.2, 3.5e-3, 3.0, 0.5e6, 0.1e6
 
 
 def _term(slot: str, name: str, text: str, size: float, unit: str, term: Callable) -> type[Effect]:
@@ -87,4 +88,24 @@ CAPACITIES = [
         ("inverse_pressure", "0.5 MPa/p", lambda s: P / s.outlet_pressure),
     )
 ]
-FORMS: tuple[type[Effect], ...] = (*FORCES, *VOLTAGES, *FLOWS, *BALLS, *CAPACITIES)
+SEATS = [
+    _term(slot, "pressure", "|Δp|/0.5 MPa", 1e-8, "m^2", lambda s: jnp.abs(s.pressure_drop) / P)
+    for slot in ("suction_valve_area", "delivery_valve_area")
+]
+LINES = [
+    _term(
+        "outlet_line_resistance", "turbulent", "√(p/0.5 MPa)", 3e8, "Pa*s/m^3", lambda s: _root(s.outlet_pressure / P)
+    ),
+    _term(
+        "suction_line_resistance", "turbulent", "|v/0.2 m/s|", 3e8, "Pa*s/m^3", lambda s: jnp.abs(s.piston_velocity / V)
+    ),
+]
+OILS = [
+    _term("oil_compressibility", name, text, 1e-10, "1/Pa", term)
+    for name, text, term in (
+        ("constant", "1", lambda s: 1.0 + 0.0 * s.pressure),
+        ("pressure", "p/0.5 MPa", lambda s: s.pressure / P),
+        ("inverse_pressure", "0.1 MPa/p", lambda s: P0 / s.pressure),
+    )
+]
+FORMS: tuple[type[Effect], ...] = (*FORCES, *VOLTAGES, *FLOWS, *BALLS, *CAPACITIES, *SEATS, *LINES, *OILS)

@@ -13,9 +13,10 @@ delay, gain and offset are all that is thought of, while combinations of them fo
 
 from collections.abc import Iterable, Sequence
 
+from edhas_jax.judged import Judged
 from edhas_jax.screening import Screen
 from edhas_jax.suspects import SENSOR, Suspect
-from edhas_jax.trial import Judged, Trial
+from edhas_jax.trial import Trial
 
 SHARPNESS = 3.0  # exponent from shares to probabilities: chosen on cases with a struck effect
 

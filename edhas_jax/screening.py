@@ -109,6 +109,7 @@ class Screen:
         """The signals of every run with an effect mounted, everything else as it was fitted."""
         fitted = self._fit.problem
         problem = problem_of(self._campaign, fitted.machine, fitted.instruments, self._accepted, suspect)
+        problem = dataclasses.replace(problem, runs=fitted.runs)
         known = {u.name: u.value(x) for u, x in zip(fitted.unknowns, self._fit.x, strict=True)}
         at = [u.coordinate(known[u.name]) if u.name in known else 0.0 for u in problem.unknowns]
         every = tuple(range(len(self._model.runs)))

@@ -6,8 +6,9 @@ import numpy as np
 
 from edhas_jax.campaign import Use
 from edhas_jax.fit import FitError
+from edhas_jax.judged import Judged, search
 from edhas_jax.misfit import level
-from edhas_jax.trial import Judged, Trial, again, search
+from edhas_jax.trial import Trial, again
 
 WORST = 2.0  # times the median of the runs' residuals, from which on a run is left out
 

@@ -67,11 +67,8 @@ def suspects_for(
 ) -> list[Suspect]:
     """Every effect of the library, and of `more`, that `machine` could have and lacks, and every fault of a sensor."""
     there = {effect.id for effect in machine.effects}
-    taken = {slot.name for effect in machine.effects for slot in effect.slots if slot.name in SINGLE}
     able = [
-        Suspect(kind)
-        for kind in dict.fromkeys((*LIBRARY, *more))
-        if kind.id not in there and not taken & {s.name for s in kind.slots} and can_have(machine, kind)
+        Suspect(kind) for kind in dict.fromkeys((*LIBRARY, *more)) if kind.id not in there and can_have(machine, kind)
     ]
     links = {(signal, type(link)) for signal, chain in instruments.chains.items() for link in chain}
     # half a sample of dead time is what tells one way of sampling a lag from another
@@ -85,7 +82,7 @@ def suspects_for(
 
 
 def can_have(machine: Rig, kind: type[Effect]) -> bool:
-    """Whether an effect has a place in a machine, and what it acts on is there."""
+    """Whether an effect has a place in a machine that is not taken, and what it acts on is there."""
     mounted = tuple(type(effect) for effect in machine.effects)
     return _can_have(type(machine), type(machine.amplifier), type(machine.controller), mounted, kind)
 
@@ -97,7 +94,8 @@ def _can_have(rig, amplifier, controller, mounted, kind) -> bool:
         check_effect(kind(), bare)
     except EffectError:
         return False
-    return set(kind.slots) <= set(rig.slots)
+    taken = {slot.name for effect in mounted for slot in effect.slots if slot.name in SINGLE}
+    return set(kind.slots) <= set(rig.slots) and not taken & {slot.name for slot in kind.slots}
 
 
 # places that hold one effect only: a second coupling or line would have no meaning

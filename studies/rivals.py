@@ -19,12 +19,12 @@ from scipy.signal import savgol_filter
 
 from edhas_jax.campaign import BenchRun, Campaign
 from edhas_jax.fit import Fit, Problem
+from edhas_jax.judged import start_from
 from edhas_jax.parameters import find_parameter, get_parameter, put, set_parameters
 from edhas_jax.prediction import Case, Model
 from edhas_jax.signals import SIGNALS
 from edhas_jax.suspects import Suspect, grid, mounted, problem_of, unknowns_of
 from edhas_jax.system import Rig
-from edhas_jax.trial import start_from
 
 ALIKE = 0.1  # cosine between signature and residual below which correlation names nothing: chance gives 0.01
 SPARSE = 0.03  # STLSQ: share of a rate's discrepancy below which a term is dropped

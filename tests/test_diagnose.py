@@ -20,12 +20,12 @@ from edhas_jax.effects import (
     MagneticSaturation,
     ParasiticSpring,
 )
+from edhas_jax.judged import search
 from edhas_jax.screening import Screen
 from edhas_jax.sensors import SensorLag
 from edhas_jax.suspects import Suspect
 from edhas_jax.synthesise import PlannedRun, drawn, planned_campaign, synthesise
 from edhas_jax.tree import par
-from edhas_jax.trial import search
 
 LIBRARY = (
     AsymmetricFriction, CoggingForce, ForceConstantDroop, InverterDeadTime, MagneticSaturation, ParasiticSpring

@@ -18,6 +18,7 @@ from edhas_jax.diagnosis_report import found_in, write_report
 from edhas_jax.diagnosis_story import draw_story
 from edhas_jax.effects import ConstantBiasForce, ForceConstantDroop, InverterDeadTime
 from edhas_jax.instruments import Instruments
+from edhas_jax.judged import search
 from edhas_jax.misfit import level
 from edhas_jax.missing_term import missing_term
 from edhas_jax.schematic import schematic, shade
@@ -25,7 +26,6 @@ from edhas_jax.sensor_fault import sensor_fault
 from edhas_jax.sensors import SensorLag
 from edhas_jax.suspects import Suspect, problem_of
 from edhas_jax.system import RIGS
-from edhas_jax.trial import search
 from edhas_jax.waterfall import draw_waterfall, stages
 
 LOST = 0.8  # V
