@@ -26,7 +26,7 @@ MOST_EFFECTS = 3
 CALIBRATION_STEPS, TRIAL_STEPS, FINAL_STEPS = 25, 12, 12
 PROMISE = 25.0  # fall of χ² below which a suspect is not worth a trial: chance gives as much to the best of forty
 MOST_TRIALS = 5
-RIVAL = 0.1  # share of the best gain that a suspect must promise to be tried as its rival
+RIVAL = 0.1  # share of the best gain, or of what was promised if that is less, that a rival must promise to be tried
 GAIN = 12.0  # rise of the evidence for which an effect is accepted, if new runs agree
 SIGMAS = 2.0  # standard errors by which ½χ² of new runs must fall
 CLEAR, FEWER = 40.0, 1.0  # rise of the evidence beyond which fewer will do: new runs may be short and show little
@@ -141,7 +141,7 @@ def _round(
         forms = _screened(screen, _formulas(before.fit.problem.machine), say)
     first = bool(forms) and forms[0].fall > AHEAD * most
     tried = _tournament(before, accepted, forms, resolution, say) if first else []
-    reached = max((t.gain for t in tried), default=0.0)
+    reached = _reached(tried, forms)
     trials = _tournament(before, accepted, scores, resolution, say, reached)
     trials, resolution = _looked_closer(before, trials, resolution, say)
     best = max(trials, key=lambda t: t.gain, default=None)
@@ -188,8 +188,16 @@ def _tournament(
             break
         say(f"trying {score.suspect.name}, which promises a fall of χ² by {score.fall:.0f}")
         trials.append(try_suspect(before, accepted, score, resolution, TRIAL_STEPS, finish=before.near_noise))
-        reached = max(reached, trials[-1].gain)
+        reached = max(reached, _reached(trials, scores))
     return trials
+
+
+def _reached(trials: Sequence[Trial], scores: Sequence[Score]) -> float:
+    """The best gain of some trials, at most what the best of their kind has promised.
+
+    An effect may bring far more than its signature promises, and then its rivals may too.
+    """
+    return min(max((t.gain for t in trials), default=0.0), 0.5 * scores[0].fall) if scores else 0.0
 
 
 def _looked_closer(before: Judged, trials: list[Trial], resolution: Resolution, say) -> tuple[list[Trial], Resolution]:

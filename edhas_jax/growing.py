@@ -16,9 +16,10 @@ from edhas_jax.campaign import BenchRun
 from edhas_jax.fit import Fit, FitError, Problem
 from edhas_jax.judged import Judged, descend, search
 
-STRETCHES = (0.15, 0.3, 0.6)  # shares of each run
+STRETCHES = (1 / 16, 1 / 8, 1 / 4, 1 / 2)  # shares of each run
 SHORTEST = 20  # samples
 SMALLER = 0.5  # share of what a fit of whole runs leaves over at their beginnings: one that leaves more sits in a pit
+SEEN = 10.0  # times the scatter of χ², from which on what is left over says something
 
 
 def grown(
@@ -30,12 +31,14 @@ def grown(
     fitted clearly better alone, which is found out at little expense.
     """
     runs, at = problem.model().runs, np.atleast_2d(starts)
+    parts = [_beginnings(runs, share) for share in STRETCHES]
+    lefts = [np.inf if whole is None else _left_over(whole.fit, part) for part in parts]
+    if lefts[-1] < SEEN:
+        return None
     try:
-        for share in STRETCHES:
-            part = _beginnings(runs, share)
+        for part, left in zip(parts, lefts, strict=True):
             fitted = descend(dataclasses.replace(problem, runs=part), at, per_sample, most_steps)
-            bar = np.inf if whole is None else SMALLER * _left_over(whole.fit, part)
-            if _left_over(fitted, part) > bar:
+            if left > SEEN and _left_over(fitted, part) > SMALLER * left:
                 return None
             at = fitted.x
         found = search(problem, at, per_sample, most_steps)
@@ -55,11 +58,11 @@ def _beginnings(runs: Sequence[BenchRun], share: float) -> tuple[BenchRun, ...]:
 
 
 def _left_over(fitted: Fit, part: Sequence[BenchRun]) -> float:
-    """How far χ² of a fit lies above what noise gives, in the beginnings of its runs; at least its scatter."""
+    """How far χ² of a fit lies above what noise gives, in the beginnings of its runs; in units of the scatter of that."""
     rows = [
         values[: len(run.time)]
         for run, signals in zip(part, fitted.residuals.values(), strict=True)
         for values in signals.values()
     ]
     samples = sum(int(np.isfinite(v).sum()) for v in rows)
-    return max(sum(float(np.nansum(v * v)) for v in rows) - samples, np.sqrt(2.0 * samples))
+    return (sum(float(np.nansum(v * v)) for v in rows) - samples) / np.sqrt(2.0 * max(samples, 1))
