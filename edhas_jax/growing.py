@@ -58,7 +58,7 @@ def _beginnings(runs: Sequence[BenchRun], share: float) -> tuple[BenchRun, ...]:
 
 
 def _left_over(fitted: Fit, part: Sequence[BenchRun]) -> float:
-    """How far χ² of a fit lies above what noise gives, in the beginnings of its runs; in units of the scatter of that."""
+    """How far χ² of a fit lies above what noise gives, in the beginnings of its runs; in units of its scatter."""
     rows = [
         values[: len(run.time)]
         for run, signals in zip(part, fitted.residuals.values(), strict=True)
