@@ -2,9 +2,10 @@
 
     python benchmarks/throughput.py [--out FILE.csv] [--largest N]
 
-Each number of cores is measured in a process of its own that is confined to them; package and C loop take turns, and
-the best of the runs counts. The engine computes its metrics on the way, the C loop nothing but the state; a second C
-loop does what the engine does, so that what the metrics take can be told from what two compilers make of one program.
+Each number of cores is measured in a process of its own that is confined to them; package and C loop take turns, go
+through as many steps, and the best of the runs in a while counts. The engine computes its metrics on the way, the C
+loop nothing but the state; a second C loop does what the engine does, so that what the metrics take can be told from
+what two compilers make of one program.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import re
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 
@@ -31,7 +33,6 @@ BATCHES = (64, 100, 128, 256, 512, 1000, 1024, 2048, 4096, 8192, 10000, 16384)
 DTYPES = ("float32", "float64")
 SECONDS = 1.5  # of repetitions for each cell; two at least
 A_CYCLE = 5000.0  # steps
-C_DESIGN_STEPS = 2_000_000  # in one timed call of the C loop, roughly
 
 
 def main() -> None:
@@ -99,7 +100,7 @@ def worker(largest: int) -> None:
         loop, whole = [make(dtype) for make in made] or (None, None)
         for batch in (b for b in BATCHES if b <= largest):
             rate = package_rate(batch, dtype, cores)
-            rates = {"c_rate": c_rate_of(loop, batch, cores), "c_metrics": c_rate_of(whole, batch, cores, A_CYCLE)}
+            rates = {"c_rate": c_rate(loop, batch, cores), "c_metrics": c_rate(whole, batch, cores, A_CYCLE)}
             row = {"flags": os.environ.get("XLA_FLAGS", ""), "batch": batch, "dtype": dtype}
             print(json.dumps(row | {"rate": rate} | rates), flush=True)
 
@@ -112,21 +113,28 @@ def package_rate(batch: int, dtype: str, cores: int) -> float:
     # no cycle counts as periodic, so that each design takes the same number of steps
     settings = BatchSettings(tolerance=-1.0, max_cycles=1, precision=Precision(dtype))
     run_designs(machine, {n: v[:1] for n, v in values.items()}, settings)
-    best, spent, runs = math.inf, 0.0, 0
-    while runs < 2 or spent < SECONDS:
-        begin = time.perf_counter()
-        table = run_designs(machine, values, settings)
-        took = time.perf_counter() - begin
-        best, spent, runs = min(best, took), spent + took, runs + 1
-    per_cycle = steps_per_cycle(values["frequency"], DEFAULT_STEP)
-    return float((table["cycles"] * per_cycle).sum() / best)
+    seconds = shortest(lambda: run_designs(machine, values, settings))
+    return float(steps_per_cycle(values["frequency"], DEFAULT_STEP).sum() / seconds)
 
 
-def c_rate_of(loop: c_loop.Loop | None, batch: int, cores: int, h: float = DEFAULT_STEP) -> float:
+def c_rate(loop: c_loop.Loop | None, batch: int, cores: int, h: float = DEFAULT_STEP) -> float:
     """Design-steps per second of a C loop."""
     if loop is None:
         return math.nan
-    return c_loop.rate(loop, batch, max(100, C_DESIGN_STEPS // batch), cores, h)
+    values = c_loop.designs(batch, str(loop.dtype))
+    steps = int(steps_per_cycle(values["frequency"], DEFAULT_STEP).mean())
+    return batch * steps / shortest(lambda: loop(values, steps, h, cores))
+
+
+def shortest(job: Callable[[], object]) -> float:
+    """The shortest time [s] that a job takes, of as many as go into `SECONDS`."""
+    best, spent, runs = math.inf, 0.0, 0
+    while runs < 2 or spent < SECONDS:
+        begin = time.perf_counter()
+        job()
+        took = time.perf_counter() - begin
+        best, spent, runs = min(best, took), spent + took, runs + 1
+    return best
 
 
 if __name__ == "__main__":
