@@ -187,7 +187,9 @@ def _tournament(
         if score.fall < PROMISE or 0.5 * score.fall < RIVAL * reached:
             break
         say(f"trying {score.suspect.name}, which promises a fall of χ² by {score.fall:.0f}")
-        trials.append(try_suspect(before, accepted, score, resolution, TRIAL_STEPS, finish=before.near_noise))
+        # beside one that explains nearly all, no other needs to be led out of a pit
+        grow = not any(t.judged is not None and t.judged.near_noise for t in trials)
+        trials.append(try_suspect(before, accepted, score, resolution, TRIAL_STEPS, before.near_noise, grow))
         reached = max(reached, _reached(trials, scores))
     return trials
 

@@ -9,7 +9,7 @@ import numpy as np
 from edhas_jax.calibration import residuals_of
 from edhas_jax.campaign import BenchRun, Use
 from edhas_jax.fit import EXACT, Fit, FitError, Problem, fit, sums_of_squares
-from edhas_jax.levenberg import inverse, minimise
+from edhas_jax.levenberg import Minima, inverse, minimise
 from edhas_jax.misfit import level
 from edhas_jax.prediction import Case
 from edhas_jax.resolution import Resolution
@@ -72,21 +72,28 @@ def descend(problem: Problem, starts: np.ndarray, per_sample: int, most_steps: i
     Raises:
         FitError: the model fails wherever the fit has looked.
     """
-    model = problem.model()
-    every = tuple(range(len(model.runs)))
-    low, high = np.array([u.bounds() for u in problem.unknowns]).T
-    found = minimise(
-        lambda x, which: sums_of_squares(model, [Case(row, every) for row in x], per_sample),
-        np.atleast_2d(starts), low, high, tolerance=0.5, most_steps=most_steps, merge=0.5,
-    )  # fmt: skip
+    found = minima(problem, starts, per_sample, most_steps)
     best = int(np.argmin(found.at.cost))
     x, cost = found.x[best], float(found.at.cost[best])
     if not np.isfinite(cost):
         raise FitError("the model fails (it is not finite, or leaves its physical range) wherever the fit has looked")
+    model = problem.model()
+    every = tuple(range(len(model.runs)))
     outcomes = model.outcomes([Case(x, every)], per_sample, derive=True)[0]
     return Fit(
         problem, x, x, inverse(found.at.curvature[best]), cost, tuple(outcomes[r] for r in every),
         Resolution(per_sample, per_sample, math.nan), bool(found.converged[best]), found.at.cost,
+    )  # fmt: skip
+
+
+def minima(problem: Problem, starts: np.ndarray, per_sample: int, most_steps: int) -> Minima:
+    """Where a fit ends from one start (n,) or several (k, n)."""
+    model = problem.model()
+    every = tuple(range(len(model.runs)))
+    low, high = np.array([u.bounds() for u in problem.unknowns]).T
+    return minimise(
+        lambda x, which: sums_of_squares(model, [Case(row, every) for row in x], per_sample),
+        np.atleast_2d(starts), low, high, tolerance=0.5, most_steps=most_steps, merge=0.5,
     )  # fmt: skip
 
 

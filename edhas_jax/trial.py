@@ -11,11 +11,10 @@ from edhas_jax.growing import grown
 from edhas_jax.judged import Judged, refined, search, start_from
 from edhas_jax.resolution import Resolution
 from edhas_jax.screening import Score
-from edhas_jax.suspects import Suspect, grid, problem_of
+from edhas_jax.suspects import Suspect, problem_of
 
 ENOUGH = 0.3  # share of what a suspect promised that a fit from one start must bring, else another start is tried
 PULLED_BACK = 0.3  # share of the known parameters' excursions that the other start keeps
-MOST_POINTS = 8  # of a suspect's grid, to begin with at the beginning of the runs
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,12 +33,14 @@ class Trial:
 
 
 def try_suspect(
-    before: Judged, accepted: Sequence[Suspect], score: Score, resolution: Resolution, most_steps: int, finish: bool
-) -> Trial:
+    before: Judged, accepted: Sequence[Suspect], score: Score, resolution: Resolution, most_steps: int,
+    finish: bool, grow: bool = True,
+) -> Trial:  # fmt: skip
     """Fit everything anew with a suspect in place, at the fine step if it is to `finish`.
 
     From where the fit without it stands, and if that leads nowhere, from a point nearer to what was believed of the
-    known parameters, as a wrong model may have led them astray. Where much is left over, by growing stretches too.
+    known parameters, as a wrong model may have led them astray. Where much is left over and it may `grow`, by
+    growing stretches too.
     """
     fitted, suspect = before.fit, score.suspect
     problem = problem_of(fitted.problem.campaign, fitted.problem.machine, fitted.problem.instruments, accepted, suspect)
@@ -57,12 +58,9 @@ def try_suspect(
             best = found
         if before.cost - best.cost > 0.5 * ENOUGH * score.fall:
             break
-    if best is None or not best.near_noise:
-        points = grid(suspect, list(suspect.own(problem.unknowns).values()))
-        points = [score.x, *(points if len(points) <= MOST_POINTS else [])]
-        starts = [] if best is None else [best.fit.x]
-        starts += [np.concatenate([there[:known], x]) for x in points]
-        best = grown(problem, np.array(starts), resolution.rough, most_steps, best) or best
+    if grow and (best is None or not best.near_noise):
+        starts = np.array([there] if best is None else [best.fit.x, there])
+        best = grown(problem, starts, len(score.x), resolution.rough, most_steps, best) or best
     failed = Trial(suspect, score, None, -math.inf, -math.inf)
     return failed if best is None else again(before, failed, best)
 

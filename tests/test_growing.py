@@ -42,15 +42,15 @@ def test_growing_stretches_reach_what_whole_runs_do_not(problem):
     starts[:, -1] = -1.5, -0.5, 0.5, 1.5
     stuck = search(problem, starts, PER_SAMPLE, STEPS)
     assert stuck.level(Use.FIT) > 5.0
-    found = grown(problem, starts, PER_SAMPLE, STEPS, stuck)
+    found = grown(problem, np.zeros(5), 1, PER_SAMPLE, STEPS, stuck)
     assert found.level(Use.FIT) == pytest.approx(1.0, abs=0.1)
     assert found.level(Use.HOLDOUT) == pytest.approx(1.0, abs=0.2)
     assert found.fit.values["suction_line_inertance.line_inertance"] == pytest.approx(1.44e7, rel=0.01)
-    # from there on nothing is to be gained, which the shortest stretch says
-    assert grown(problem, found.fit.x, PER_SAMPLE, STEPS, found) is None
+    # from there on nothing is to be gained, which is known without a fit
+    assert grown(problem, found.fit.x, 1, PER_SAMPLE, STEPS, found) is None
 
 
 def test_stretches_that_fail_are_no_fit(problem):
     unknowns = tuple(dataclasses.replace(u, centre=np.nan) for u in problem.unknowns)
-    assert grown(dataclasses.replace(problem, unknowns=unknowns), np.zeros(5), PER_SAMPLE, STEPS) is None
+    assert grown(dataclasses.replace(problem, unknowns=unknowns), np.zeros(5), 1, PER_SAMPLE, STEPS) is None
     assert list(STRETCHES) == sorted(STRETCHES) and STRETCHES[-1] < 1.0
