@@ -3,9 +3,9 @@
     python benchmarks/throughput.py [--out FILE.csv] [--largest N]
 
 Each number of cores is measured in a process of its own that is confined to them; package and C loop take turns, go
-through as many steps, and the best of the runs in a while counts. The engine computes its metrics on the way, the C
-loop nothing but the state; a second C loop does what the engine does, so that what the metrics take can be told from
-what two compilers make of one program.
+through as many steps, and the best of the rounds counts. A share of the C loop is the median over batches. The engine
+computes its metrics on the way, the C loop nothing but the state; a second C loop does what the engine does, so that
+what the metrics take can be told from what two compilers make of one program.
 """
 
 import argparse
@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
+from typing import NamedTuple
 
 import c_loop
 import jax
@@ -33,6 +34,7 @@ BATCHES = (64, 100, 128, 256, 512, 1000, 1024, 2048, 4096, 8192, 10000, 16384)
 DTYPES = ("float32", "float64")
 SECONDS = 1.5  # of repetitions for each cell; two at least
 A_CYCLE = 5000.0  # steps
+FULL = 256  # designs from which on every core has enough to do
 
 
 def main() -> None:
@@ -61,13 +63,15 @@ def main() -> None:
     table = pd.DataFrame(rows)[columns]
     if options.out:
         table.to_csv(options.out, index=False)
-    best = table[table["cores"] == len(cores)].groupby("dtype")[["rate", "c_rate", "c_metrics"]].max()
-    f32, f64 = best.loc["float32"], best.loc["float64"]
-    shares = ", ".join(f"{n} {best.rate[n] / best.c_metrics[n]:.2f}" for n in DTYPES)
-    print(f"share of the C loop that computes the metrics too: {shares}")
+    table = table[table["cores"] == len(cores)]
+    best = table.groupby("dtype")["rate"].max()
+    # machines drift: what was measured in turns is compared, batch by batch
+    full = table[table["batch"] >= min(FULL, table["batch"].max())].set_index("dtype")
+    bare, whole = ((full["rate"] / full[name]).groupby("dtype").median() for name in ("c_rate", "c_metrics"))
+    print("share of the C loop that computes the metrics too: " + ", ".join(f"{n} {whole[n]:.2f}" for n in DTYPES))
     print(
-        f"f32={f32['rate']:.4g} f64={f64['rate']:.4g} "
-        f"c_ratio_f32={f32['rate'] / f32['c_rate']:.3g} c_ratio_f64={f64['rate'] / f64['c_rate']:.3g}"
+        f"f32={best['float32']:.4g} f64={best['float64']:.4g} "
+        f"c_ratio_f32={bare['float32']:.3g} c_ratio_f64={bare['float64']:.3g}"
     )
 
 
@@ -99,42 +103,50 @@ def worker(largest: int) -> None:
         made = (c_loop.of_bench, c_loop.of_cycle) if c_loop.available() else ()
         loop, whole = [make(dtype) for make in made] or (None, None)
         for batch in (b for b in BATCHES if b <= largest):
-            rate = package_rate(batch, dtype, cores)
-            rates = {"c_rate": c_rate(loop, batch, cores), "c_metrics": c_rate(whole, batch, cores, A_CYCLE)}
+            jobs = {"rate": package_job(batch, dtype, cores)}
+            if loop is not None:
+                jobs |= {"c_rate": c_job(loop, batch, cores), "c_metrics": c_job(whole, batch, cores, A_CYCLE)}
             row = {"flags": os.environ.get("XLA_FLAGS", ""), "batch": batch, "dtype": dtype}
-            print(json.dumps(row | {"rate": rate} | rates), flush=True)
+            print(json.dumps(row | {"c_rate": math.nan, "c_metrics": math.nan} | rates(jobs)), flush=True)
 
 
-def package_rate(batch: int, dtype: str, cores: int) -> float:
-    """Design-steps per second of the engine; it uses the cores this process is confined to."""
+class Job(NamedTuple):
+    """Something to be timed, and the design-steps that it takes."""
+
+    run: Callable[[], object]
+    design_steps: int
+
+
+def package_job(batch: int, dtype: str, cores: int) -> Job:
+    """One cycle of the engine; it uses the cores this process is confined to."""
     if cores != len(os.sched_getaffinity(0)) or len(jax.local_devices()) < cores:
         raise ValueError(f"this process is not set up for {cores} cores")
     machine, values = c_loop.bench_machine(), c_loop.designs(batch, "float64")
     # no cycle counts as periodic, so that each design takes the same number of steps
     settings = BatchSettings(tolerance=-1.0, max_cycles=1, precision=Precision(dtype))
     run_designs(machine, {n: v[:1] for n, v in values.items()}, settings)
-    seconds = shortest(lambda: run_designs(machine, values, settings))
-    return float(steps_per_cycle(values["frequency"], DEFAULT_STEP).sum() / seconds)
+    steps = steps_per_cycle(values["frequency"], DEFAULT_STEP)
+    return Job(lambda: run_designs(machine, values, settings), int(steps.sum()))
 
 
-def c_rate(loop: c_loop.Loop | None, batch: int, cores: int, h: float = DEFAULT_STEP) -> float:
-    """Design-steps per second of a C loop."""
-    if loop is None:
-        return math.nan
+def c_job(loop: c_loop.Loop, batch: int, cores: int, h: float = DEFAULT_STEP) -> Job:
+    """As many steps of a C loop."""
     values = c_loop.designs(batch, str(loop.dtype))
     steps = int(steps_per_cycle(values["frequency"], DEFAULT_STEP).mean())
-    return batch * steps / shortest(lambda: loop(values, steps, h, cores))
+    return Job(lambda: loop(values, steps, h, cores), batch * steps)
 
 
-def shortest(job: Callable[[], object]) -> float:
-    """The shortest time [s] that a job takes, of as many as go into `SECONDS`."""
-    best, spent, runs = math.inf, 0.0, 0
-    while runs < 2 or spent < SECONDS:
-        begin = time.perf_counter()
-        job()
-        took = time.perf_counter() - begin
-        best, spent, runs = min(best, took), spent + took, runs + 1
-    return best
+def rates(jobs: dict[str, Job]) -> dict[str, float]:
+    """Design-steps per second of each job, the best of the rounds that go into `SECONDS` for each."""
+    best, spent, rounds = dict.fromkeys(jobs, math.inf), 0.0, 0
+    while rounds < 2 or spent < SECONDS * len(jobs):
+        for name, job in jobs.items():
+            begin = time.perf_counter()
+            job.run()
+            took = time.perf_counter() - begin
+            best[name], spent = min(best[name], took), spent + took
+        rounds += 1
+    return {name: jobs[name].design_steps / seconds for name, seconds in best.items()}
 
 
 if __name__ == "__main__":
