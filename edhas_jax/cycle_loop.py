@@ -1,5 +1,6 @@
 """The cycles of a batch on a CPU, as machine code of its own; `edhas_jax.cycle` runs the same ones under XLA."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,7 +15,8 @@ from edhas_jax.native import Loop
 from edhas_jax.parameters import set_parameters
 from edhas_jax.system import Rig
 
-ABREAST = 4  # vectors of designs: fewer wait for their own results
+# vectors of designs side by side: fewer wait for their own results, and more leave cores idle where few are left
+MANY, FEW = 4, 2
 
 
 class CycleLoop:
@@ -34,7 +36,11 @@ class CycleLoop:
         self._sums = {n: np.asarray(v, dtype) for n, v in empty_sums(machine, dtype).items()}
         carry = {n: 0.0 for n in machine.start()}, self._sums
         lane, uniform = dict.fromkeys(varied, 0.0), (machine, 0.0, 0.0)
-        self._loop = Loop(body, dtype, carry, lane, uniform, backend.cache_folder(), vectors=ABREAST)
+
+        def loop(vectors: int) -> Loop:
+            return Loop(body, dtype, carry, lane, uniform, backend.cache_folder(), vectors=vectors)
+
+        self._many, self._few = loop(MANY), functools.cache(lambda: loop(FEW))
 
     def run_cycles(
         self, machine: Rig, columns: dict[str, np.ndarray], count: int, steps: int, tolerance, max_cycles: int,
@@ -58,7 +64,9 @@ class CycleLoop:
             start = {n: v[rows] for n, v in lanes.y.items()}, {n: np.full(len(rows), v) for n, v in self._sums.items()}
             values = {n: v[rows] for n, v in columns.items()}
             uniform = machine, steps, float(soft and number == 0)
-            after = self._loop(start, values, uniform, 0, steps, backend.cores())
+            # the numbers of a design are the same in both, to the bit
+            loop = self._few() if 2 * len(rows) <= backend.cores() * self._many.lanes else self._many
+            after = loop(start, values, uniform, 0, steps, backend.cores())
             y = {n: _spread(v, rows, lanes.y[n]) for n, v in after[0].items()}
             # the sums of designs that are done are never looked at
             sums = {n: _spread(v, rows, np.ones(size, v.dtype)) for n, v in after[1].items()}

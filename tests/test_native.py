@@ -118,6 +118,22 @@ def test_a_lane_does_not_depend_on_its_place_or_its_neighbours():
     np.testing.assert_array_equal(np.delete(run(spoilt), 3), np.delete(whole, 3))
 
 
+@pytest.mark.parametrize("dtype", EPS)
+def test_vectors_side_by_side_change_no_bit(dtype):
+    machine = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), edhas.PumpBench(effects=(LugreFriction(),)))
+    start = {n: np.full(70, v, dtype) for n, v in machine.start().items()}
+    diameter = {"piston_diameter": np.linspace(8e-3, 15e-3, 70, dtype=dtype)}
+
+    def body(n, y, lane, uniform):
+        return step(set_parameters(uniform[0], lane), y, n * uniform[1], uniform[1])[0]
+
+    examples = {n: 0.0 for n in start}, {"piston_diameter": 0.0}, (machine, 0.0)
+    loops = [Loop(body, dtype, *examples, vectors=vectors) for vectors in (1, 2, 4)]
+    one, *others = [loop(start, diameter, (machine, 2e-5), 0, 800) for loop in loops]
+    for other in others:
+        jax.tree.map(np.testing.assert_array_equal, other, one)
+
+
 def test_the_step_of_a_pump_is_that_of_xla():
     machine = edhas.PumpBench(effects=(LugreFriction(), PistonLeakage(), EntrainedAir()))
     start = {n: float(v) for n, v in machine.start().items()}

@@ -1,5 +1,6 @@
 """A program as LLVM assembly: a loop over time for blocks of lanes, with the carry in registers."""
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -79,18 +80,30 @@ def assembly(
     code, across = VectorCode(program.type, processor), range(processor.vectors)
     order = program.order()
     apart = _lane_by_lane(program, order, sources)
+    joined = _joined(program, order, apart)
+    within = set(joined.values())
     names: dict[int, list[str]] = {}
     inputs = {program.nodes[i][1]: i for i in order if program.nodes[i][0] == "input"}
+
+    def computed(i: int, j: int) -> str:
+        op, *args = program.nodes[i]
+        if i not in joined:
+            return code.operation(op, [names[k][j] for k in args])
+        a, b = (names[k][j] for k in program.nodes[joined[i]][1:])
+        rest = names[args[1] if joined[i] == args[0] else args[0]][j]
+        if op == "sub" and joined[i] == args[0]:
+            rest = code.negative(rest)
+        return code.multiply_add(code.negative(a) if op == "sub" and joined[i] == args[1] else a, b, rest)
 
     def compute(level: Level) -> None:
         for i in order:
             op, *args = program.nodes[i]
-            if min(program.level[i], Level.CARRY) != level or op == "input":
+            if min(program.level[i], Level.CARRY) != level or op == "input" or i in within:
                 continue
             if op in ("const", "truth"):
                 names[i] = [code.number(args[0]) if op == "const" else code.truth(args[0])] * len(across)
             else:
-                each = [code.operation(op, [names[k][j] for k in args]) for j in (across if apart[i] else (0,))]
+                each = [computed(i, j) for j in (across if apart[i] else (0,))]
                 names[i] = each if apart[i] else each * len(across)
 
     start = [[code.load(_at(code, "%carry", "%block", rows, r, j)) for j in across] for r in range(rows)]
@@ -170,6 +183,22 @@ def _lane_by_lane(program: Program, order: Sequence[int], sources: Sequence[Sour
         else:
             apart[i] = any(apart[k] for k in program.operands(i))
     return apart
+
+
+def _joined(program: Program, order: Sequence[int], apart: dict[int, bool]) -> dict[int, int]:
+    """For sums and differences the product that becomes one operation with them: one that nothing else uses.
+
+    It is chosen here and not by the compiler, whose choice would depend on how many vectors are side by side.
+    """
+    uses = Counter(k for i in order for k in program.operands(i)) + Counter(program.outputs.values())
+    where = {i: (min(program.level[i], Level.CARRY), apart[i]) for i in order}
+    out: dict[int, int] = {}
+    for i in order:
+        op, *args = program.nodes[i]
+        if op in ("add", "sub"):
+            products = [k for k in args if program.nodes[k][0] == "mul" and uses[k] == 1 and where[k] == where[i]]
+            out.update((i, k) for k in products[:1])
+    return out
 
 
 __all__ = ["Processor", "Source", "assembly"]

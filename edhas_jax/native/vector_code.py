@@ -30,7 +30,7 @@ class Processor:
         return self.vectors * self.vector_bytes // np.dtype(dtype).itemsize
 
 
-_ARITHMETIC = {"add": "fadd contract", "sub": "fsub contract", "mul": "fmul contract"}
+_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul"}
 _COMPARE = {"gt": "ogt", "ge": "oge", "eq": "oeq", "ne": "une"}
 _BITS = {np.float32: ("float", "i32", 23, 127, 0x3F3504F3), np.float64: ("double", "i64", 52, 1023, 0x3FE6A09E667F3BCD)}
 
@@ -97,8 +97,16 @@ class VectorCode:
         self._lines.append(f"store {self.vector} {value}, ptr {spot}, {self._align}")
 
     def arithmetic(self, op: str, a: str, b: str) -> str:
-        """a `add`ed to b, `sub`, `mul`; a product and a sum may become one operation."""
+        """a `add`ed to b, `sub`, `mul`."""
         return self.line(f"{_ARITHMETIC[op]} {self.vector} {a}, {b}")
+
+    def multiply_add(self, a: str, b: str, c: str) -> str:
+        """a · b + c, in one operation where the processor has one."""
+        return self.call("fmuladd", a, b, c)
+
+    def negative(self, a: str) -> str:
+        """−a"""
+        return self.line(f"fneg {self.vector} {a}")
 
     def compare(self, how: str, a: str, b: str) -> str:
         """A truth value, by a predicate of LLVM's `fcmp`."""
@@ -134,7 +142,7 @@ class VectorCode:
             return self.line(f"fdiv {self.vector} {self.number(1.0)}, {a}")
         two = self.number(2.0)
         return self.refined(
-            self.approximation("rcp14", a), lambda r: self.arithmetic("sub", two, self.arithmetic("mul", a, r))
+            self.approximation("rcp14", a), lambda r: self.multiply_add(self.negative(a), r, two)
         )
 
     def inverse_root(self, a: str) -> str:
@@ -166,7 +174,7 @@ class VectorCode:
         def factor(r):
             square = self.arithmetic("mul", r, r)
             power = square if n == 2 else self.arithmetic("mul", square, square)
-            return self.arithmetic("sub", constant, self.arithmetic("mul", scaled, power))
+            return self.multiply_add(self.negative(scaled), power, constant)
 
         return self.refined(r, factor)
 
@@ -193,7 +201,7 @@ class VectorCode:
         if op in ("max", "min"):
             return self.select(self.compare("ogt" if op == "max" else "olt", *a), *a)
         if op == "neg":
-            return self.line(f"fneg {self.vector} {a[0]}")
+            return self.negative(a[0])
         if op == "abs":
             return self.call("fabs", a[0])
         if op == "not":
