@@ -63,15 +63,6 @@ def search(problem: Problem, starts: np.ndarray, per_sample: int, most_steps: in
     Raises:
         FitError: the model fails wherever the fit has looked.
     """
-    return judge(descend(problem, starts, per_sample, most_steps), per_sample)
-
-
-def descend(problem: Problem, starts: np.ndarray, per_sample: int, most_steps: int) -> Fit:
-    """`search` without judging what was found.
-
-    Raises:
-        FitError: the model fails wherever the fit has looked.
-    """
     found = minima(problem, starts, per_sample, most_steps)
     best = int(np.argmin(found.at.cost))
     x, cost = found.x[best], float(found.at.cost[best])
@@ -80,10 +71,11 @@ def descend(problem: Problem, starts: np.ndarray, per_sample: int, most_steps: i
     model = problem.model()
     every = tuple(range(len(model.runs)))
     outcomes = model.outcomes([Case(x, every)], per_sample, derive=True)[0]
-    return Fit(
+    done = Fit(
         problem, x, x, inverse(found.at.curvature[best]), cost, tuple(outcomes[r] for r in every),
         Resolution(per_sample, per_sample, math.nan), bool(found.converged[best]), found.at.cost,
     )  # fmt: skip
+    return judge(done, per_sample)
 
 
 def minima(problem: Problem, starts: np.ndarray, per_sample: int, most_steps: int) -> Minima:

@@ -15,6 +15,7 @@ from edhas_jax.effects.check import check_effect
 from edhas_jax.fit import Problem
 from edhas_jax.instruments import Instruments
 from edhas_jax.sensors import Link, SensorDelay, SensorGain, SensorLag, SensorOffset
+from edhas_jax.slots import taken
 from edhas_jax.system import Rig
 from edhas_jax.tree import Parameter
 from edhas_jax.unknown import Law, Unknown, unknown_of
@@ -94,8 +95,8 @@ def _can_have(rig, amplifier, controller, mounted, kind) -> bool:
         check_effect(kind(), bare)
     except EffectError:
         return False
-    taken = {slot.name for effect in mounted for slot in effect.slots if slot.name in SINGLE}
-    return set(kind.slots) <= set(rig.slots) and not taken & {slot.name for slot in kind.slots}
+    single = (slot for slot in kind.slots if slot.name in SINGLE)
+    return set(kind.slots) <= set(rig.slots) and not any(taken(slot, mounted) for slot in single)
 
 
 # places that hold one effect only: a second coupling or line would have no meaning
