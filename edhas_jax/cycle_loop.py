@@ -1,8 +1,8 @@
 """The cycles of a batch on a CPU, as machine code of its own; `edhas_jax.cycle` runs the same ones under XLA."""
 
+import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +13,7 @@ from edhas_jax.cycle import Lanes, begin, cycle_step, empty_sums, judged, measur
 from edhas_jax.loop_cache import loop_of
 from edhas_jax.native import Loop
 from edhas_jax.parameters import set_parameters
+from edhas_jax.rows import Rows
 from edhas_jax.system import Rig
 
 # vectors of designs side by side: fewer wait for their own results, and more leave cores idle where few are left
@@ -33,8 +34,10 @@ class CycleLoop:
             base, steps, ramp = uniform
             return cycle_step(set_parameters(base, values), *carry, n, steps, ramp > 0.5)
 
-        self._sums = {n: np.asarray(v, dtype) for n, v in empty_sums(machine, dtype).items()}
-        carry = {n: 0.0 for n in machine.start()}, self._sums
+        sums = {n: np.asarray(v, dtype) for n, v in empty_sums(machine, dtype).items()}
+        self._sums = Rows.of(sums, dtype)
+        carry = {n: 0.0 for n in machine.start()}, sums
+        self._carry = jax.tree.structure(carry)
         lane, uniform = dict.fromkeys(varied, 0.0), (machine, 0.0, 0.0)
 
         def loop(vectors: int) -> Loop:
@@ -51,48 +54,54 @@ class CycleLoop:
         They begin at rest, or where they are at the `start`. A design that is periodic keeps the metrics of the cycle
         in which it was found to be.
         """
-        size = len(next(iter(columns.values())))
-        live = np.arange(size) < count
+        dtype = tolerance.dtype
+        table = Rows.of(columns, dtype)
+        given = Rows.of(machine, dtype), table
+        live = np.arange(table.table.shape[1]) < count
         if start is None:
-            lanes = jax.device_get(_begin(machine, columns, live, tolerance.dtype))
+            y, *lanes = _begin(*given, live)
         else:
-            lanes = start._replace(done=~live)
+            y, *lanes = Rows.of(start.y, dtype), Rows.of(start.kept, dtype), start.cycles, ~live
+        states, done = np.array(y.table), ~live
+        sums = np.empty((len(self._sums.table), live.size), dtype)
         for number in range(max_cycles):
-            rows = np.flatnonzero(~lanes.done)
+            rows = np.flatnonzero(~done)
             if not len(rows):
                 break
-            start = {n: v[rows] for n, v in lanes.y.items()}, {n: np.full(len(rows), v) for n, v in self._sums.items()}
-            values = {n: v[rows] for n, v in columns.items()}
+            here = [*states[:, rows], *self._sums.table]
+            values = jax.tree.unflatten(table.structure, list(table.table[:, rows]))
             uniform = machine, steps, float(soft and number == 0)
             # the numbers of a design are the same in both, to the bit
             loop = self._few() if 2 * len(rows) <= backend.cores() * self._many.lanes else self._many
-            after = loop(start, values, uniform, 0, steps, backend.cores())
-            y = {n: _spread(v, rows, lanes.y[n]) for n, v in after[0].items()}
-            # the sums of designs that are done are never looked at
-            sums = {n: _spread(v, rows, np.ones(size, v.dtype)) for n, v in after[1].items()}
-            lanes = jax.device_get(_judged(machine, columns, lanes, y, sums, number, steps, tolerance))
-        return lanes
-
-
-def _spread(values: np.ndarray, rows: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """`values` at `rows`, elsewhere what stood there `before`."""
-    out = np.array(before)
-    out[rows] = values
-    return out
-
-
-_begin = jax.jit(begin, static_argnums=3)
+            after = loop(jax.tree.unflatten(self._carry, here), values, uniform, 0, steps, backend.cores())
+            # those of designs that are done are left as they are; their sums are never looked at
+            after = np.array(jax.tree.leaves(after))
+            states[:, rows], sums[:, rows] = after[: len(states)], after[len(states) :]
+            ended = dataclasses.replace(self._sums, table=sums)
+            lanes = _judged(*given, *lanes, ended, number, steps, tolerance)
+            done = np.asarray(lanes[-1])
+        kept, *rest = jax.device_get(lanes)
+        return Lanes(dataclasses.replace(y, table=states).tree, kept.tree, *rest)
 
 
 @jax.jit
-def _judged(machine: Rig, columns: dict[str, Any], lanes: Lanes, y, sums, number, steps, tolerance) -> Lanes:
-    """`judged` for the cycle `number`, of `steps` steps, that ended with the states `y` and the sums `sums`."""
-    share = jnp.ones((), tolerance.dtype) / steps
+def _begin(machine: Rows, columns: Rows, live):
+    """`begin`, in tables."""
+    lanes = begin(machine.tree, columns.tree, live, columns.table.dtype)
+    return lanes._replace(y=Rows.of(lanes.y), kept=Rows.of(lanes.kept))
+
+
+@jax.jit
+def _judged(machine: Rows, columns: Rows, kept: Rows, cycles, done, sums: Rows, number, steps, tolerance):
+    """`judged` for the cycle `number`, of `steps` steps, that ended with the `sums`; in tables, without the states."""
+    share = (jnp.ones((), tolerance.dtype) / steps).astype(tolerance.dtype)
 
     def of_one(values, sums):
-        return measured(set_parameters(machine, values), sums, share.astype(tolerance.dtype))
+        return measured(set_parameters(machine.tree, values), sums, share)
 
-    return judged(lanes, y, jax.vmap(of_one)(columns, sums), number, tolerance)
+    new = jax.vmap(of_one)(columns.tree, sums.tree)
+    lanes = judged(Lanes(None, kept.tree, cycles, done), None, new, number, tolerance)
+    return Rows.of(lanes.kept), lanes.cycles, lanes.done
 
 
 def cycle_loop(machine: Rig, varied: Sequence[str], dtype) -> CycleLoop | None:

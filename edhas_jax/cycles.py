@@ -9,6 +9,7 @@ import numpy as np
 from edhas_jax import cycle_xla
 from edhas_jax.cycle import Lanes, verdict
 from edhas_jax.cycle_loop import cycle_loop
+from edhas_jax.rows import Rows
 from edhas_jax.system import Rig
 
 CHUNK = 1024  # tables are filled up to a multiple of so many designs, so that a longer one compiles nothing
@@ -37,11 +38,18 @@ def run_cycles(
 def told(machine: Rig, columns: Mapping[str, np.ndarray], kept: Mapping[str, np.ndarray], done) -> dict[str, Any]:
     """The metrics that designs have `kept`, with the `status` of each; those that are not `done` are not periodic."""
     count, rows = _rows(columns)
-    whole = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], (dict(columns), dict(kept), done))
-    return {n: np.asarray(v[:count]) for n, v in jax.device_get(_verdict(machine, *whole)).items()}
+    dtype = np.asarray(next(iter(kept.values()))).dtype
+    tables = (Rows.of({n: v[rows] for n, v in of.items()}, dtype) for of in (columns, kept))
+    metrics, status = jax.device_get(_verdict(machine, *tables, np.asarray(done)[rows]))
+    return {n: v[:count] for n, v in (metrics.tree | {"status": status}).items()}
 
 
-_verdict = jax.jit(verdict)
+@jax.jit
+def _verdict(machine: Rig, columns: Rows, kept: Rows, done):
+    """`verdict`, in tables."""
+    out = verdict(machine, columns.tree, kept.tree, done)
+    status = out.pop("status")
+    return Rows.of(out), status
 
 
 def _rows(columns: Mapping[str, np.ndarray]) -> tuple[int, np.ndarray]:

@@ -1,7 +1,6 @@
 """Runs side by side as machine code: the march of many lanes and their signals, with one derivative per lane."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +10,7 @@ from edhas_jax import backend, tree
 from edhas_jax.components.reference import Recorded, Stretch
 from edhas_jax.integrate import observe, step
 from edhas_jax.loop_cache import loop_of
-from edhas_jax.native import Loop
+from edhas_jax.native import Loop, each
 from edhas_jax.parameters import set_parameters
 from edhas_jax.system import Rig, parts
 
@@ -107,8 +106,7 @@ class MarchLoop:
                 for s, column in part.items():
                     whole[s][:samples, rows] = column.reshape(samples, len(rows))
 
-        with ThreadPoolExecutor(min(backend.cores(), len(blocks))) as pool:
-            list(pool.map(work, blocks))
+        each(work, blocks, backend.cores())
         for column in (column for part in out for column in part.values()):
             column[np.arange(len(column))[:, None] >= lengths] = np.nan
         return out

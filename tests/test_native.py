@@ -8,7 +8,7 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.effects import EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.integrate import step
-from edhas_jax.native import AdjointLoop, Loop, Untranslatable
+from edhas_jax.native import AdjointLoop, Loop, Untranslatable, each
 from edhas_jax.native.adjoint import STRETCH
 from edhas_jax.native.vector_code import Processor
 from edhas_jax.parameters import set_parameters
@@ -204,3 +204,23 @@ def test_back_through_a_loop():
         for found, weight in zip(loop.pull(trail, weights, lane, uniform), weights, strict=True):
             by = pull(tuple(jnp.asarray(w[j]) for w in weight))
             np.testing.assert_allclose([leaf[j] for leaf in jax.tree.leaves(found)], jax.tree.leaves(by), rtol=1e-8)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 7])
+def test_work_is_shared_and_failures_end_it(threads):
+    """Every task is done once; one that fails is heard of here, and hardly any is begun after it."""
+    done = []
+    each(done.append, range(100), threads)
+    assert sorted(done) == list(range(100))
+
+    begun = []
+
+    def fail_at_ten(task):
+        begun.append(task)
+        if task == 10:
+            raise ValueError("ten")
+
+    with pytest.raises(ValueError, match="ten"):
+        each(fail_at_ten, range(100_000), threads)
+    assert 10 in begun and len(begun) < 100_000
+    each(done.append, [], threads)

@@ -1,7 +1,6 @@
 """A loop that can be gone back through: derivatives of its end by its beginning and by what its lanes hold."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.native.loop import Loop
+from edhas_jax.native.side_by_side import each
 
 STRETCH = 256  # steps that are run again at a time on the way back: their carries stay in the processor's cache
 
@@ -62,7 +62,7 @@ class AdjointLoop:
                 carries[b, whole] = state[b]
                 self._ahead.run(state[b], fixed[b], None, None, scalars, whole * STRETCH, rest, 1)
 
-        _each(work, blocks, threads)
+        each(work, range(blocks), threads)
         return self._ahead.tree(state, count), Trail(carries, steps)
 
     def pull(
@@ -90,14 +90,5 @@ class AdjointLoop:
                     for table in pulled:
                         self._back.run(table[block], narrow[block], seen[part], None, scalars, first, 1, steps)
 
-        _each(work, len(fixed), threads)
+        each(work, range(len(fixed)), threads)
         return [self._back.tree(table, count) for table in pulled]
-
-
-def _each(work: Callable[[int], None], count: int, threads: int) -> None:
-    if threads == 1 or count == 1:
-        for k in range(count):
-            work(k)
-    else:
-        with ThreadPoolExecutor(min(threads, count)) as pool:
-            list(pool.map(work, range(count)))

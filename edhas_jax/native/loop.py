@@ -3,7 +3,6 @@
 import ctypes
 import dataclasses
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +13,7 @@ from edhas_jax.native.assembly import Source, assembly
 from edhas_jax.native.machine_code import function, host
 from edhas_jax.native.program import Level
 from edhas_jax.native.reading import read
+from edhas_jax.native.side_by_side import each
 
 _LEVELS = {"carry": Level.CARRY, "lane": Level.FIXED, "uniform": Level.FIXED, "fed": Level.SAMPLE}
 
@@ -95,11 +95,7 @@ class Loop:
             tables = (table[some.start :] if table.size else None for table in (state, fixed, feed, kept))
             self.run(*tables, scalars, first, per_sample, samples, len(some))
 
-        if threads == 1 or blocks == 1:
-            work(range(blocks))
-        else:
-            with ThreadPoolExecutor(min(threads, blocks)) as pool:
-                list(pool.map(work, (range(b, b + 1) for b in range(blocks))))
+        each(work, [range(blocks)] if threads == 1 else [range(b, b + 1) for b in range(blocks)], threads)
         seen = kept.transpose(2, 1, 0, 3).reshape(rows, samples, -1)[..., :count] if keep else ()
         return Marched(self.tree(state, count), self._tree(seen) if keep else None)
 
@@ -134,7 +130,9 @@ class Loop:
 
         The last block is filled up with its last lane.
         """
-        rows = [np.broadcast_to(np.asarray(leaf, self.dtype), count) for leaf in self._leaves(which, tree)]
-        table = np.stack(rows) if rows else np.empty((0, count), self.dtype)
-        table = np.pad(table, ((0, 0), (0, -count % self.lanes)), mode="edge")
+        rows = self._leaves(which, tree)
+        table = np.empty((len(rows), -(-count // self.lanes) * self.lanes), self.dtype)
+        for row, leaf in zip(table, rows, strict=True):
+            row[:count] = leaf
+        table[:, count:] = table[:, count - 1 : count]
         return np.ascontiguousarray(table.reshape(len(rows), -1, self.lanes).transpose(1, 0, 2))
