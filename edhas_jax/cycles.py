@@ -12,7 +12,8 @@ from edhas_jax.cycle_loop import cycle_loop
 from edhas_jax.rows import Rows
 from edhas_jax.system import Rig
 
-CHUNK = 1024  # tables are filled up to a multiple of so many designs, so that a longer one compiles nothing
+# tables are filled up to one of two lengths, so that another number of designs compiles nothing
+FEW, CHUNK = 1024, 4096
 
 
 def run_cycles(
@@ -55,4 +56,5 @@ def _verdict(machine: Rig, columns: Rows, kept: Rows, done):
 def _rows(columns: Mapping[str, np.ndarray]) -> tuple[int, np.ndarray]:
     """The number of designs, and which design stands in each row of the table once it is filled up."""
     count = len(next(iter(columns.values())))
-    return count, np.resize(np.arange(count), -(-count // CHUNK) * CHUNK)
+    filled = FEW if count <= FEW else -(-count // CHUNK) * CHUNK
+    return count, np.resize(np.arange(count), filled)
