@@ -109,7 +109,10 @@ def _step_matters(base: Rig, columns: dict[str, np.ndarray], lanes: Lanes, steps
     coarser = int(round(steps / math.sqrt(2.0)))
     # a tolerance below zero: none of these cycles is the last one
     after = run_cycles(base, columns, coarser, dtype.type(-1.0), MORE, False, lanes)
-    return ~(np.asarray(changed(after.kept, lanes.kept)) <= HANGS)
+    return ~(np.asarray(_changed(after.kept, lanes.kept)) <= HANGS)
+
+
+_changed = jax.jit(changed)
 
 
 def run_designs(

@@ -10,7 +10,7 @@ import numpy as np
 
 from edhas_jax import backend
 from edhas_jax.cycle import Lanes, begin, cycle_step, empty_sums, judged, measured
-from edhas_jax.loop_cache import loop_of
+from edhas_jax.loop_cache import key_of, loop_of
 from edhas_jax.native import Loop
 from edhas_jax.parameters import set_parameters
 from edhas_jax.rows import Rows
@@ -41,7 +41,8 @@ class CycleLoop:
         lane, uniform = dict.fromkeys(varied, 0.0), (machine, 0.0, 0.0)
 
         def loop(vectors: int) -> Loop:
-            return Loop(body, dtype, carry, lane, uniform, backend.cache_folder(), vectors=vectors)
+            key = key_of(machine, "cycle", tuple(varied), np.dtype(dtype), vectors)
+            return Loop(body, dtype, carry, lane, uniform, backend.cache_folder(), key, vectors=vectors)
 
         self._many, self._few = loop(MANY), functools.cache(lambda: loop(FEW))
 

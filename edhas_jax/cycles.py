@@ -27,7 +27,7 @@ def run_cycles(
     neighbours.
     """
     how = steps, tolerance, max_cycles, soft
-    loop = cycle_loop(machine, tuple(columns), tolerance.dtype)
+    loop = cycle_loop(machine, sorted(columns), tolerance.dtype)
     if loop is None:
         return cycle_xla.run_cycles(machine, dict(columns), *how, start)
     count, rows = _rows(columns)

@@ -9,7 +9,7 @@ import numpy as np
 
 from edhas_jax import backend
 from edhas_jax.native import Untranslatable
-from edhas_jax.system import Rig
+from edhas_jax.system import Rig, parts
 
 KEPT = 32  # loops that are kept at a time; each holds its machine code
 
@@ -17,6 +17,16 @@ KEPT = 32  # loops that are kept at a time; each holds its machine code
 def loop_of(make: Callable, machine: Rig, *choices: Any, dtype=float) -> Any:
     """`make(machine, *choices)`, where `machine` counts only by its structure; None where XLA has to do it."""
     return _made(make, jax.tree.structure(machine), choices, np.dtype(dtype)) if backend.native_loops() else None
+
+
+def key_of(machine: Rig, *choices: Any) -> str | None:
+    """A text for all that a loop depends on, so that it need not even be traced to be found.
+
+    `choices` say what it is of the machine; None where a part of the machine is not the package's own.
+    """
+    if any(not type(part).__module__.startswith("edhas_jax.") for part in (machine, *parts(machine).values())):
+        return None
+    return " ".join(map(str, (jax.tree.structure(machine), *choices, backend.code_hash(), jax.__version__)))
 
 
 @functools.lru_cache(maxsize=KEPT)

@@ -1,5 +1,6 @@
 """Runs side by side as machine code: the march of many lanes and their signals, with one derivative per lane."""
 
+import functools
 from collections.abc import Sequence
 
 import jax
@@ -9,10 +10,10 @@ import numpy as np
 from edhas_jax import backend, tree
 from edhas_jax.components.reference import Recorded, Stretch
 from edhas_jax.integrate import observe, step
-from edhas_jax.loop_cache import loop_of
+from edhas_jax.loop_cache import key_of, loop_of
 from edhas_jax.native import Loop, each
 from edhas_jax.parameters import set_parameters
-from edhas_jax.system import Rig, parts
+from edhas_jax.system import Rig
 
 
 class MarchLoop:
@@ -29,10 +30,7 @@ class MarchLoop:
         self._dtype, self._watch = np.dtype(dtype), tuple(watch)
         names, stretch = dict.fromkeys(varied, 0.0), _fed(machine)
         self._start = {n: 0.0 for n in machine.start()}
-        cache, key = backend.cache_folder(), _key(machine, varied, watch, seeded, dtype)
-
-        def keyed(part: str) -> str | None:
-            return None if key is None else f"{part} {key}"
+        cache, keyed = backend.cache_folder(), functools.partial(key_of, machine, varied, watch, seeded, self._dtype)
 
         def twice(table):
             return (table, table) if seeded else (table,)
@@ -121,14 +119,6 @@ def _fed(machine: Rig) -> Stretch | None:
 
 def _with(machine: Rig, stretch: Stretch | None) -> Rig:
     return machine if stretch is None else tree.replace(machine, reference=stretch)
-
-
-def _key(machine: Rig, varied, watch, seeded: bool, dtype) -> str | None:
-    """A text for all that the loops depend on; None where a part of the machine is not the package's own."""
-    if any(not type(part).__module__.startswith("edhas_jax.") for part in (machine, *parts(machine).values())):
-        return None
-    versions = f"{backend.code_hash()} {jax.__version__}"
-    return f"{jax.tree.structure(machine)} {varied} {watch} {seeded} {np.dtype(dtype)} {versions}"
 
 
 def march_loop(
