@@ -1,5 +1,6 @@
 """The studies of fitting, in short form."""
 
+import dataclasses
 import importlib.util
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 from bench import SOUND
 from synthetic import bench, empty_campaign
 
+from edhas_jax.campaign import Use
+from edhas_jax.components.reference import Recorded
 from edhas_jax.unknown import uncertain_unknowns
 
 STUDIES = SOUND.parent.parent.parent / "studies"
@@ -50,3 +53,20 @@ def test_the_drive_study_finds_what_it_put_in(monkeypatch):
 
     force = float(found.mover_friction(Here, None))
     assert force == pytest.approx(-(1.03 * 20.0 + 1.4 * 20.0), rel=1e-6)
+
+
+def test_the_drive_record_is_cut_where_it_is_back(monkeypatch):
+    """Two strokes: the second half begins where the first one did, has its own set point, and is held out."""
+    monkeypatch.syspath_prepend(STUDIES)
+    study = load("emps_discovery")
+    time = 1e-2 * np.arange(801)
+    position = np.where(time < 4.3, 1.0 - np.cos(2 * np.pi * time / 4.3), 1.0 - np.cos(2 * np.pi * (time - 4.3) / 3.7))
+    campaign = empty_campaign(bench())
+    signals = {"piston_position": position, "voltage": 3.0 + time}
+    run = dataclasses.replace(campaign.runs[0], time=time, signals=signals, lines=np.arange(801) + 2)
+    run = dataclasses.replace(run, reference=Recorded(values=0.1 * position, interval=1e-2))
+    first, second = study.halved(dataclasses.replace(campaign, runs=(run,))).runs
+    assert [first.use, second.use] == [Use.FIT, Use.HOLDOUT]
+    assert len(first.time) == 430 and second.time[0] == 0.0 and second.lines[0] == 432
+    np.testing.assert_array_equal(second.reference.values, 0.1 * position[430:])
+    assert np.isnan(second.signals["voltage"][:10]).all() and second.signals["voltage"][10] == pytest.approx(7.4)
