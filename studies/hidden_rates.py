@@ -29,7 +29,7 @@ class Rate:
         n, p = self.of, self.right / self.of
         half = z * math.sqrt(p * (1.0 - p) / n + z * z / (4.0 * n * n))
         middle, whole = p + z * z / (2.0 * n), 1.0 + z * z / n
-        return (middle - half) / whole, (middle + half) / whole
+        return max(0.0, (middle - half) / whole), min(1.0, (middle + half) / whole)
 
     def __str__(self):
         if not self.of:
