@@ -13,7 +13,7 @@ from edhas_jax.rows import Rows
 from edhas_jax.system import Rig
 
 # tables are filled up to one of two lengths, so that another number of designs compiles nothing
-FEW, CHUNK = 1024, 4096
+SHORT, CHUNK = 1024, 4096
 
 
 def run_cycles(
@@ -56,5 +56,5 @@ def _verdict(machine: Rig, columns: Rows, kept: Rows, done):
 def _rows(columns: Mapping[str, np.ndarray]) -> tuple[int, np.ndarray]:
     """The number of designs, and which design stands in each row of the table once it is filled up."""
     count = len(next(iter(columns.values())))
-    filled = FEW if count <= FEW else -(-count // CHUNK) * CHUNK
+    filled = SHORT if count <= SHORT else -(-count // CHUNK) * CHUNK
     return count, np.resize(np.arange(count), filled)

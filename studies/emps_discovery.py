@@ -25,8 +25,9 @@ from scipy.signal import butter, filtfilt
 from edhas_jax import tree
 from edhas_jax.campaign import BenchRun, Campaign, Use
 from edhas_jax.campaign_reader import read_campaign
-from edhas_jax.diagnose import GAIN, confirmed, diagnose
+from edhas_jax.diagnose import confirmed, diagnose
 from edhas_jax.diagnosis import Diagnosis
+from edhas_jax.diagnosis_report import sizes_of
 from edhas_jax.effects import Effect
 from edhas_jax.judged import Judged
 from edhas_jax.resolution import choose_resolution
@@ -109,19 +110,17 @@ def main(folder: str) -> None:
             name, *(f"{judged.level(use):.2f}" for use in Use), *(f"{errors[use]:.2f} %" for use in Use), new
         )  # fmt: skip
     console.print(table)
-    wanted = trial.gain > GAIN and confirmed(found.after, trial)
+    periodic = "justified" if confirmed(found.after, trial) else "refused"
     print(f"the periodic force raises the evidence by {trial.gain:.1f}; on the other half half of chi-square falls by "
-          f"{trial.gain_on_new:.1f}: {'justified' if wanted else 'refused'}")  # fmt: skip
+          f"{trial.gain_on_new:.1f}: {periodic}")  # fmt: skip
     names = [t.suspect.name for t in found.accepted] + ["none"] * 2
     print(f"first={names[0]} second={names[1]} heldout_force_error={force_errors(found.after)[Use.HOLDOUT]:.3f} "
-          f"periodic={'justified' if wanted else 'refused'}")  # fmt: skip
+          f"periodic={periodic}")  # fmt: skip
 
 
 def sizes(trial: Trial) -> str:
     """The fitted parameters of a suspect."""
-    fitted, prefix = trial.judged.fit, trial.suspect.prefix
-    own = [n for n in fitted.values if n.startswith(prefix)]
-    return ", ".join(f"{n.removeprefix(prefix)} {fitted.values[n]:.4g} ± {fitted.errors[n]:.1g}" for n in own)
+    return ", ".join(sizes_of(trial.suspect, trial.judged.fit))
 
 
 if __name__ == "__main__":
