@@ -1,5 +1,6 @@
 """The search for what is missing: calibrate, screen every suspect, try the best, accept what new runs confirm."""
 
+import dataclasses
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -14,19 +15,17 @@ from edhas_jax.fit import FitError
 from edhas_jax.forms import FORMS
 from edhas_jax.instruments import Instruments
 from edhas_jax.judged import Judged, refined, search, start_from
-from edhas_jax.parts import shares
+from edhas_jax.parts import ask_parts
 from edhas_jax.resolution import Resolution, choose_resolution
 from edhas_jax.screening import Score, Screen
 from edhas_jax.second_look import second_look
 from edhas_jax.suspects import Suspect, can_have, problem_of, suspects_for
 from edhas_jax.system import Rig
+from edhas_jax.tournament import PROMISE, TRIAL_STEPS, best_reached, tournament
 from edhas_jax.trial import Trial, again, try_suspect
 
 MOST_EFFECTS = 3
-CALIBRATION_STEPS, TRIAL_STEPS, FINAL_STEPS = 25, 12, 12
-PROMISE = 25.0  # fall of χ² below which a suspect is not worth a trial: chance gives as much to the best of forty
-MOST_TRIALS = 5
-RIVAL = 0.1  # share of the best gain, or of what was promised if that is less, that a rival must promise to be tried
+CALIBRATION_STEPS, FINAL_STEPS = 25, 12
 GAIN = 12.0  # rise of the evidence for which an effect is accepted, if new runs agree
 SIGMAS = 2.0  # standard errors by which ½χ² of new runs must fall
 CLEAR, FEWER = 40.0, 1.0  # rise of the evidence beyond which fewer will do: new runs may be short and show little
@@ -56,15 +55,20 @@ def diagnose(
     null = _finished(null, resolution, say)
     allowed = None if library is None else {kind.id for kind in (*library, *more)}
     rounds = _rounds(campaign, null, resolution, more, allowed, say)
-    null, after = rounds[0].before, rounds[-1].before
-    verdict = _verdict(after, rounds)
     parts: dict[str, float] = {}
-    if verdict is Verdict.UNKNOWN_EFFECT:
-        say("asking each part of the machine what it could account for")
-        suspects = [score.suspect for score in rounds[0].scores] + _formulas(null.fit.problem.machine)
-        parts = shares(null, suspects, rounds[0].trials, [r.accepted for r in rounds if r.accepted is not None])
+    if _verdict(rounds) is Verdict.UNKNOWN_EFFECT:
+        parts, tried = _asked(rounds, resolution, say)
+        alone = tried[0] if tried and _stands_alone(rounds, tried[0]) else None
+        if alone is not None and alone.suspect.kind in FORMS:
+            forms = tuple(t for t in tried if t.suspect.kind in FORMS)
+            rounds = [dataclasses.replace(rounds[0], accepted=None, forms=forms)]
+        elif alone is not None:
+            begun = dataclasses.replace(rounds[0], trials=(*rounds[0].trials, alone), accepted=alone, forms=())
+            rounds = _rounds(campaign, rounds[0].before, resolution, more, allowed, say, begun)
     as_it_was = residuals_of(campaign, campaign.machine, Instruments(), resolution.fine)
     seconds = time.perf_counter() - began
+    null, after, verdict = rounds[0].before, rounds[-1].before, _verdict(rounds)
+    parts = parts if verdict is Verdict.UNKNOWN_EFFECT else {}
     return Diagnosis(campaign, verdict, tuple(rounds), as_it_was, null, after, seconds, parts)
 
 
@@ -83,9 +87,13 @@ def _calibrated(campaign: Campaign, say) -> tuple[Judged, Resolution]:
 
 
 def _rounds(
-    campaign: Campaign, null: Judged, resolution: Resolution, more, allowed: set[str] | None, say
-) -> list[Round]:
-    """One effect after another, until nothing that is left to suspect is confirmed by new runs."""
+    campaign: Campaign, null: Judged, resolution: Resolution, more, allowed: set[str] | None, say,
+    begun: Round | None = None,
+) -> list[Round]:  # fmt: skip
+    """One effect after another, until nothing that is left to suspect is confirmed by new runs.
+
+    `begun` is what the first search has led to, if it is known.
+    """
     before, rounds, looked = null, [], False
     while True:
         accepted = [r.accepted.suspect for r in rounds]
@@ -94,8 +102,8 @@ def _rounds(
         if allowed is not None:
             suspects = [s for s in suspects if s.signal is not None or s.id in allowed]
         last = len(rounds) == MOST_EFFECTS
-        one_more, finer = _round(before, accepted, suspects, resolution, say, last)
-        found = one_more.accepted
+        one_more, finer = (begun, resolution) if begun else _round(before, accepted, suspects, resolution, say, last)
+        begun, found = None, one_more.accepted
         better = None if found is None or looked else _without(before, found, resolution, say)
         if better is not None:
             say(f"the model without {found.suspect.name} does better from where the fit with it has led: once more")
@@ -140,16 +148,16 @@ def _round(
     if excess > PROMISE and most < 0.5 * excess:
         forms = _screened(screen, _formulas(before.fit.problem.machine), say)
     first = bool(forms) and forms[0].fall > AHEAD * most
-    tried = _tournament(before, accepted, forms, resolution, say) if first else []
-    reached = _reached(tried, forms)
-    trials = _tournament(before, accepted, scores, resolution, say, reached)
+    tried = tournament(before, accepted, forms, resolution, say) if first else []
+    reached = best_reached(tried, forms)
+    trials = tournament(before, accepted, scores, resolution, say, reached)
     trials, resolution = _looked_closer(before, trials, resolution, say)
     best = max(trials, key=lambda t: t.gain, default=None)
     found = best if best is not None and confirmed(before, best) else None
     gain = found.gain if found else 0.0
     if forms and not first and 2.0 * gain < MOST * excess:
         promising = [s for s in forms if s.fall > AHEAD * gain]
-        tried = _tournament(before, accepted, promising, resolution, say, gain)
+        tried = tournament(before, accepted, promising, resolution, say, gain)
     tried = sorted(tried, key=lambda t: -t.gain)
     if tried and confirmed(before, tried[0]) and tried[0].gain > MARGIN + gain:
         # a bare formula does better than any effect: what is missing is not in the library
@@ -160,6 +168,27 @@ def _round(
 def _formulas(machine: Rig) -> list[Suspect]:
     """The bare formulas that have a place in a machine."""
     return [Suspect(kind) for kind in FORMS if can_have(machine, kind)]
+
+
+def _asked(rounds: Sequence[Round], resolution: Resolution, say) -> tuple[dict[str, float], list[Trial]]:
+    """What each part of the machine accounts for, and what was fitted to find out, the best first."""
+    say("asking each part of the machine what it could account for")
+    first, null = rounds[0], rounds[0].before
+
+    def attempt(score: Score) -> Trial:
+        say(f"{score.suspect.where}: trying {score.suspect.name}")
+        return try_suspect(null, (), score, resolution, TRIAL_STEPS, null.near_noise)
+
+    suspects = [score.suspect for score in first.scores] + _formulas(null.fit.problem.machine)
+    accepted = [r.accepted for r in rounds if r.accepted is not None]
+    parts, tried = ask_parts(null, suspects, [*first.trials, *first.forms], accepted, attempt)
+    return parts, sorted((*tried, *first.forms), key=lambda t: -t.gain)
+
+
+def _stands_alone(rounds: Sequence[Round], trial: Trial) -> bool:
+    """Whether one law explains clearly more than all that was accepted, which then only stood in for it."""
+    first, last = rounds[0].before, rounds[-1].before
+    return confirmed(first, trial) and trial.gain > MARGIN + last.evidence - first.evidence
 
 
 def _excess(judged: Judged) -> float:
@@ -175,31 +204,6 @@ def _screened(screen: Screen, suspects: Sequence[Suspect], say) -> list[Score]:
         say(f"screening {k + 1} of {len(suspects)}: {suspect.name}")
         scores.append(screen.score(suspect))
     return sorted(scores, key=lambda score: -score.fall)
-
-
-def _tournament(
-    before: Judged, accepted: Sequence[Suspect], scores: Sequence[Score], resolution: Resolution, say,
-    reached: float = 0.0,
-) -> list[Trial]:  # fmt: skip
-    """Trials of the suspects that promise most, until the rest promise too little beside what was reached."""
-    trials: list[Trial] = []
-    for score in scores[:MOST_TRIALS]:
-        if score.fall < PROMISE or 0.5 * score.fall < RIVAL * reached:
-            break
-        say(f"trying {score.suspect.name}, which promises a fall of χ² by {score.fall:.0f}")
-        # beside one that explains nearly all, no other needs to be led out of a pit
-        grow = not any(t.judged is not None and t.judged.near_noise for t in trials)
-        trials.append(try_suspect(before, accepted, score, resolution, TRIAL_STEPS, before.near_noise, grow))
-        reached = max(reached, _reached(trials, scores))
-    return trials
-
-
-def _reached(trials: Sequence[Trial], scores: Sequence[Score]) -> float:
-    """The best gain of some trials, at most what the best of their kind has promised.
-
-    An effect may bring far more than its signature promises, and then its rivals may too.
-    """
-    return min(max((t.gain for t in trials), default=0.0), 0.5 * scores[0].fall) if scores else 0.0
 
 
 def _looked_closer(before: Judged, trials: list[Trial], resolution: Resolution, say) -> tuple[list[Trial], Resolution]:
@@ -255,8 +259,8 @@ def _unexplained(judged: Judged) -> bool:
     return judged.level(use) > max(FLOOR, 1.0 + 3.0 / math.sqrt(2.0 * max(samples, 1)))
 
 
-def _verdict(after: Judged, rounds: Sequence[Round]) -> Verdict:
-    if rounds[-1].forms or _unexplained(after):
+def _verdict(rounds: Sequence[Round]) -> Verdict:
+    if rounds[-1].forms or _unexplained(rounds[-1].before):
         return Verdict.UNKNOWN_EFFECT
     if rounds[0].accepted is None:
         return Verdict.ADEQUATE

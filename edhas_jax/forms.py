@@ -11,8 +11,8 @@ import jax.numpy as jnp
 from edhas_jax.effects import Effect
 from edhas_jax.tree import par
 
-# scales of speed, position, current and pressure, so that coefficients compare; and the pressure of the surroundings
-V, X, A, P, P0 = 0.2, 3.5e-3, 3.0, 0.5e6, 0.1e6
+# scales of speed, position, current, pressure and deflection, so that coefficients compare; pressure around
+V, X, A, P, D, P0 = 0.2, 3.5e-3, 3.0, 0.5e6, 1e-4, 0.1e6
 
 
 def _term(slot: str, name: str, text: str, size: float, unit: str, term: Callable) -> type[Effect]:
@@ -82,8 +82,9 @@ BALLS = [
     )
 ]
 CAPACITIES = [
-    _term("outlet_capacity", name, text, 1e-13, "m^3/Pa", term)
+    _term("outlet_capacity", name, text, 1e-12, "m^3/Pa", term)
     for name, text, term in (
+        ("constant", "1", lambda s: 1.0 + 0.0 * s.outlet_pressure),
         ("pressure", "p/0.5 MPa", lambda s: s.outlet_pressure / P),
         ("inverse_pressure", "0.5 MPa/p", lambda s: P / s.outlet_pressure),
     )
@@ -106,6 +107,16 @@ OILS = [
         ("constant", "1", lambda s: 1.0 + 0.0 * s.pressure),
         ("pressure", "p/0.5 MPa", lambda s: s.pressure / P),
         ("inverse_pressure", "0.1 MPa/p", lambda s: P0 / s.pressure),
+        ("gas", "(0.1 MPa/p)²", lambda s: jnp.square(P0 / s.pressure)),
     )
 ]
-FORMS: tuple[type[Effect], ...] = (*FORCES, *VOLTAGES, *FLOWS, *BALLS, *CAPACITIES, *SEATS, *LINES, *OILS)
+JOINTS = [  # Hertz's law of a contact, with a damping that makes it lose like one of steel
+    _term(
+        "coupling_force", "contact", "sgn Δ·(|Δ|/0.1 mm)^1.5 + 0.2·Δ̇/(10 mm/s)", 40.0, "N",
+        lambda s: s.coupling_deflection / D * jnp.sqrt(jnp.abs(s.coupling_deflection / D) + 1e-6)
+        + 0.2 * s.coupling_velocity / 1e-2,
+    )
+]  # fmt: skip
+FORMS: tuple[type[Effect], ...] = (
+    *FORCES, *VOLTAGES, *FLOWS, *BALLS, *CAPACITIES, *SEATS, *LINES, *OILS, *JOINTS
+)  # fmt: skip

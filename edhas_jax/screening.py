@@ -61,13 +61,33 @@ class Screen:
 
     def score(self, suspect: Suspect) -> Score:
         """The best point of a suspect's grid; a fall of 0 where it cannot be simulated or promises nothing."""
+        return self._asked(suspect)[0]
+
+    def together(self, suspects: Iterable[Suspect]) -> tuple[list[Score], float]:
+        """The scores of some suspects, the best first, and the fall of χ² that their signatures promise together."""
+        scores, every = [], []
+        for suspect in suspects:
+            score, found = self._asked(suspect)
+            scores.append(score)
+            every += [left / np.linalg.norm(left) for left in found]
+        scores.sort(key=lambda score: -score.fall)
+        if not every:
+            return scores, 0.0
+        stack = np.array(every)
+        weights, directions = np.linalg.eigh(stack @ stack.T)
+        ok = weights > DISTINCT * weights[-1]
+        return scores, float(np.sum(np.square(directions[:, ok].T @ (stack @ self.residual)) / weights[ok]))
+
+    def _asked(self, suspect: Suspect) -> tuple[Score, list[np.ndarray]]:
+        """The score of a suspect, and what no known parameter imitates of its signatures at the points of its grid."""
         unknowns = unknowns_of(suspect, self._campaign)
         points = grid(suspect, unknowns)
-        best = Score(suspect, 0.0, points[0], 0.0, 0.0, np.zeros(len(self.residual)))
+        best, every = Score(suspect, 0.0, points[0], 0.0, 0.0, np.zeros(len(self.residual))), []
         for x, signature in zip(points, self._signatures(suspect, points), strict=True):
             left = self._left(signature)
             if left is None:
                 continue
+            every.append(left)
             square, whole, along = left @ left, signature @ signature, left @ self.residual
             scale = np.clip(along / square, 0.0, LARGEST)
             fall = scale * (2.0 * along - scale * square)
@@ -75,21 +95,7 @@ class Screen:
                 length = np.sqrt(square)
                 at = _scaled(unknowns, x, max(scale, SMALLEST))
                 best = Score(suspect, float(fall), at, float(length / np.sqrt(whole)), float(length), left / length)
-        return best
-
-    def taken_up_by(self, suspects: Iterable[Suspect]) -> float:
-        """The fall of χ² that the best combination of all signatures of some suspects promises."""
-        every = []
-        for suspect in suspects:
-            points = grid(suspect, unknowns_of(suspect, self._campaign))
-            found = (self._left(signature) for signature in self._signatures(suspect, points))
-            every += [left / np.linalg.norm(left) for left in found if left is not None]
-        if not every:
-            return 0.0
-        stack = np.array(every)
-        weights, directions = np.linalg.eigh(stack @ stack.T)
-        ok = weights > DISTINCT * weights[-1]
-        return float(np.sum(np.square(directions[:, ok].T @ (stack @ self.residual)) / weights[ok]))
+        return best, every
 
     def _left(self, signature: np.ndarray) -> np.ndarray | None:
         """What of a signature no known parameter imitates; None where it is not finite or nothing is."""

@@ -1,5 +1,8 @@
 """Hidden effects found end to end: campaigns made by another integrator, what is answered, and that it helps."""
 
+import dataclasses
+from types import SimpleNamespace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -21,11 +24,13 @@ from edhas_jax.effects import (
     ParasiticSpring,
 )
 from edhas_jax.judged import search
+from edhas_jax.parts import ask_parts
 from edhas_jax.screening import Screen
 from edhas_jax.sensors import SensorLag
 from edhas_jax.suspects import Suspect
 from edhas_jax.synthesise import PlannedRun, drawn, planned_campaign, synthesise
 from edhas_jax.tree import par
+from edhas_jax.trial import Trial
 
 LIBRARY = (
     AsymmetricFriction, CoggingForce, ForceConstantDroop, InverterDeadTime, MagneticSaturation, ParasiticSpring
@@ -137,6 +142,60 @@ def test_an_effect_outside_the_library():
     assert form.gain - max((t.gain for t in found.rounds[-1].trials), default=0.0) > DECISIVE
 
 
+def test_an_effect_that_was_passed_over_is_found_at_the_end(monkeypatch):
+    """The tournament does not see the effect; asked part by part it explains more than all that stood in for it."""
+
+    def blind(before, accepted, scores, *rest):
+        return tournament(before, accepted, [s for s in scores if s.suspect.id != "cogging_force"], *rest)
+
+    tournament = package.tournament
+    monkeypatch.setattr(package, "tournament", blind)
+    told = []
+    found = diagnosed(CoggingForce(cogging_amplitude=2.0), seed=2, on_progress=told.append)
+    assert any(sentence == "mover: trying cogging_force" for sentence in told)
+    assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
+    assert [t.suspect.id for t in found.accepted] == ["cogging_force"] and not found.parts
+    assert errors(found)[2] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize(("kept", "share"), [(-1.0, 0.0), (0.0, 0.0), (0.5, 0.5), (2.0, 1.0)])
+def test_a_part_counts_as_far_as_its_laws_keep_their_promises(kept, share):
+    calibrated = diagnosed(Windage(windage=40.0), seed=4).calibrated
+    assert not calibrated.near_noise
+    one = Suspect(MagneticSaturation)
+    screen = Screen(calibrated.fit, ())
+    (score,), span = screen.together([one])
+    whole = screen.residual @ screen.residual
+    assert score.fall > 0.0
+
+    def attempt(score):
+        return Trial(score.suspect, score, None, 0.5 * kept * score.fall, 0.0)
+
+    (part, found), *rest = ask_parts(calibrated, [one], [], [], attempt).shares.items()
+    assert part == "mover" and not rest
+    assert found == pytest.approx(max(share * span, kept * score.fall, 0.0) / whole)
+
+
+def test_a_sensor_counts_as_far_as_what_remains_is_its_own():
+    found = diagnosed(chains={"current": (SensorLag(lag_time=1e-3),)}, seed=5)
+    calibrated, (trial,) = found.calibrated, found.accepted
+    whole = Screen(calibrated.fit, ()).residual @ Screen(calibrated.fit, ()).residual
+
+    def share(**spoiled):
+        rows = {
+            run: {n: v + spoiled.get(n, 0.0) for n, v in signals.items()}
+            for run, signals in trial.judged.fit.residuals.items()
+        }
+        judged = SimpleNamespace(fit=SimpleNamespace(residuals=rows), level=trial.judged.level)
+        spoiled_trial = dataclasses.replace(trial, judged=judged)
+        parts = ask_parts(calibrated, [], [spoiled_trial], [spoiled_trial], None)
+        return parts.shares["sensor"] * whole / (2.0 * trial.gain)
+
+    assert share(current=5.0) == pytest.approx(1.0, abs=0.02)
+    assert share(current=5.0, voltage=5.0) == pytest.approx(0.5, abs=0.02)
+    assert share(voltage=5.0) < 0.02
+
+
 def test_what_suspects_take_up_together():
     calibrated = diagnosed(Windage(windage=40.0), seed=4).calibrated
     screen = Screen(calibrated.fit, ())
@@ -144,13 +203,14 @@ def test_what_suspects_take_up_together():
     scores = [screen.score(s) for s in (one, two)]
     alone = [score.fall for score in scores]
     assert alone[1] > 0.0
-    together = screen.taken_up_by([one, two])
+    ranked, together = screen.together([one, two])
+    assert [score.fall for score in ranked] == sorted(alone, reverse=True)
     # combinations that are small differences are not counted, so that a little may be lost
     assert 0.9 * max(alone) <= together <= screen.residual @ screen.residual
-    assert screen.taken_up_by([]) == 0.0
+    assert screen.together([]) == ([], 0.0)
     # a misfit that is nothing but the signature of a suspect is taken up by it, and not by another
     screen.residual = 100.0 * scores[1].signature
-    assert 0.9e4 < screen.taken_up_by([two]) <= 1.0001e4 and screen.taken_up_by([one]) < 0.5e4
+    assert 0.9e4 < screen.together([two])[1] <= 1.0001e4 and screen.together([one])[1] < 0.5e4
 
 
 def test_a_sensor_that_lags():
