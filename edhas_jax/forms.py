@@ -15,13 +15,15 @@ from edhas_jax.tree import par
 V, X, A, P, D, P0 = 0.2, 3.5e-3, 3.0, 0.5e6, 1e-4, 0.1e6
 
 
-def _term(slot: str, name: str, text: str, size: float, unit: str, term: Callable) -> type[Effect]:
-    """An effect that enters `slot` with coefficient · term(s)."""
+def _term(slot: str, name: str, text: str, size: float, unit: str, term: Callable, plausible=None) -> type[Effect]:
+    """An effect that enters `slot` with coefficient · term(s), of either sign unless it says what is `plausible`."""
     body = {
         "__doc__": f"A form that is not in the library: c · {text}.",
         "__module__": __name__,
         "__annotations__": {"coefficient": float},
-        "coefficient": par(size, unit, (-1e3 * size, 1e3 * size), f"c in c · {text}", plausible=(-4 * size, 4 * size)),
+        "coefficient": par(
+            size, unit, (-1e3 * size, 1e3 * size), f"c in c · {text}", plausible=plausible or (-4 * size, 4 * size)
+        ),
         "text": text,
         slot: lambda self, s, z: self.coefficient * term(s),
     }
@@ -34,6 +36,10 @@ def _smooth_sign(v):
 
 def _root(x):
     return x / jnp.sqrt(jnp.sqrt(jnp.square(x) + 1e-4))
+
+
+def _contact(depth):
+    return jnp.abs(depth) * jnp.sqrt(jnp.abs(depth) + 1e-6)
 
 
 def _drop(s):
@@ -110,11 +116,12 @@ OILS = [
         ("gas", "(0.1 MPa/p)²", lambda s: jnp.square(P0 / s.pressure)),
     )
 ]
-JOINTS = [  # Hertz's law of a contact, with a damping that makes it lose like one of steel
+# Hertz's law of a contact with the loss of Hunt and Crossley; rods and joints give 4 … 400 µm at 40 N
+JOINTS = [
     _term(
-        "coupling_force", "contact", "sgn Δ·(|Δ|/0.1 mm)^1.5 + 0.2·Δ̇/(10 mm/s)", 40.0, "N",
-        lambda s: s.coupling_deflection / D * jnp.sqrt(jnp.abs(s.coupling_deflection / D) + 1e-6)
-        + 0.2 * s.coupling_velocity / 1e-2,
+        "coupling_force", "contact", "(|Δ|/0.1 mm)^1.5·(sgn Δ + Δ̇/(1 m/s))", 200.0, "N",
+        lambda s: _contact(s.coupling_deflection / D) * (jnp.sign(s.coupling_deflection) + s.coupling_velocity),
+        plausible=(5.0, 5000.0),
     )
 ]  # fmt: skip
 FORMS: tuple[type[Effect], ...] = (
