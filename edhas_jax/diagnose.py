@@ -19,7 +19,7 @@ from edhas_jax.parts import ask_parts
 from edhas_jax.resolution import Resolution, choose_resolution
 from edhas_jax.screening import Score, Screen
 from edhas_jax.second_look import second_look
-from edhas_jax.suspects import Suspect, can_have, problem_of, suspects_for
+from edhas_jax.suspects import Suspect, can_have, held_by_belief, problem_of, suspects_for
 from edhas_jax.system import Rig
 from edhas_jax.tournament import PROMISE, TRIAL_STEPS, best_reached, tournament
 from edhas_jax.trial import Trial, again, try_suspect
@@ -187,8 +187,8 @@ def _asked(rounds: Sequence[Round], resolution: Resolution, say) -> tuple[dict[s
 
 def _stands_alone(rounds: Sequence[Round], trial: Trial) -> bool:
     """Whether one law explains clearly more than all that was accepted, which then only stood in for it."""
-    first, last = rounds[0].before, rounds[-1].before
-    return confirmed(first, trial) and trial.gain > MARGIN + last.evidence - first.evidence
+    reached = sum(r.accepted.gain for r in rounds if r.accepted is not None)
+    return confirmed(rounds[0].before, trial) and trial.gain > MARGIN + reached
 
 
 def _excess(judged: Judged) -> float:
@@ -260,7 +260,9 @@ def _unexplained(judged: Judged) -> bool:
 
 
 def _verdict(rounds: Sequence[Round]) -> Verdict:
-    if rounds[-1].forms or _unexplained(rounds[-1].before):
+    after = rounds[-1].before
+    stand_ins = [r for r in rounds if r.accepted is not None and held_by_belief(r.accepted.suspect, after.fit)]
+    if rounds[-1].forms or stand_ins or _unexplained(after):
         return Verdict.UNKNOWN_EFFECT
     if rounds[0].accepted is None:
         return Verdict.ADEQUATE

@@ -12,7 +12,7 @@ from edhas_jax.judged import Judged
 from edhas_jax.misfit import levels
 from edhas_jax.parts import probabilities
 from edhas_jax.screening import Score
-from edhas_jax.suspects import Suspect
+from edhas_jax.suspects import Suspect, held_by_belief
 from edhas_jax.trial import Trial
 from edhas_jax.units import format_quantity, with_error
 
@@ -160,6 +160,11 @@ class Diagnosis:
                     f"The form that explains most of it: {term}, added as {form.suspect.kind.slots[0].name}; "
                     f"residual over noise then {form.judged.level(Use(use)):.2f}."
                 )
+            for suspect in (t.suspect for t in self.accepted):
+                for name in held_by_belief(suspect, self.final):
+                    u = suspect.own(self.final.problem.unknowns)[name]
+                    value = format_quantity(self.final.values[u.name], u.unit)
+                    out.append(f"{suspect.name} only stands in for it: its {name} would be {value} or beyond.")
         else:
             sizes = [f"{t.suspect.name} ({self._size(t.suspect)})" for t in self.accepted]
             out.append(f"{' and '.join(sizes)} {'is' if len(sizes) == 1 else 'are'} missing.")

@@ -49,6 +49,8 @@ def _drop(s):
 FORCES = [
     _term("mover_force", name, text, 1.0, "N", term)
     for name, text, term in (
+        ("constant", "1", lambda s: 1.0 + 0.0 * s.piston_position),
+        ("position", "x/3.5 mm", lambda s: s.piston_position / X),
         ("speed_squared", "(v/0.2 m/s)·|v/0.2 m/s|", lambda s: s.piston_velocity / V * jnp.abs(s.piston_velocity / V)),
         ("speed_cubed", "(v/0.2 m/s)³", lambda s: (s.piston_velocity / V) ** 3),
         ("sign_of_speed", "sgn v", lambda s: _smooth_sign(s.piston_velocity)),
@@ -113,9 +115,13 @@ OILS = [
         ("constant", "1", lambda s: 1.0 + 0.0 * s.pressure),
         ("pressure", "p/0.5 MPa", lambda s: s.pressure / P),
         ("inverse_pressure", "0.1 MPa/p", lambda s: P0 / s.pressure),
-        ("gas", "(0.1 MPa/p)²", lambda s: jnp.square(P0 / s.pressure)),
     )
-]
+] + [  # free gas of 0.01 … 10 %
+    _term(
+        "oil_compressibility", "gas", "(0.1 MPa/p)²", 3e-8, "1/Pa", lambda s: jnp.square(P0 / s.pressure),
+        plausible=(1e-9, 1e-6),
+    )
+]  # fmt: skip
 # Hertz's law of a contact with the loss of Hunt and Crossley; rods and joints give 4 … 400 µm at 40 N
 JOINTS = [
     _term(

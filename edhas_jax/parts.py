@@ -21,7 +21,7 @@ import numpy as np
 from edhas_jax.campaign import Use
 from edhas_jax.judged import Judged
 from edhas_jax.screening import Score, Screen
-from edhas_jax.suspects import SENSOR, Suspect
+from edhas_jax.suspects import SENSOR, Suspect, held_by_belief
 from edhas_jax.trial import Trial
 
 SHARPNESS = 3.0  # exponent from shares to probabilities: chosen on cases with a struck effect
@@ -57,7 +57,7 @@ def ask_parts(
             of_part.setdefault(suspect.where, []).append(suspect)
     asked = {part: screen.together(there) for part, there in of_part.items()}
     faint = FAINT * max((span for _, span in asked.values()), default=0.0)
-    unclear = not any(t.judged is not None and t.judged.level(Use.FIT) < EXPLAINED for t in trials)
+    unclear = not any(map(_explains_all, trials))
     out, fitted = {}, []
     for part, (scores, span) in asked.items():
         found = [t for t in trials if t.suspect.where == part]
@@ -74,6 +74,12 @@ def ask_parts(
             share = min(2.0 * trial.gain / whole, 1.0) * _own(trial)
             out[SENSOR] = max(out.get(SENSOR, 0.0), share)
     return Parts(dict(sorted(out.items(), key=lambda item: -item[1])), tuple(fitted))
+
+
+def _explains_all(trial: Trial) -> bool:
+    """Whether nothing is left with a suspect whose values can be believed."""
+    fitted = trial.judged
+    return fitted is not None and fitted.level(Use.FIT) < EXPLAINED and not held_by_belief(trial.suspect, fitted.fit)
 
 
 def _kept(trials: Sequence[Trial]) -> float:

@@ -12,7 +12,7 @@ from edhas_jax import tree
 from edhas_jax.campaign import Campaign
 from edhas_jax.effects import LIBRARY, Effect, EffectError
 from edhas_jax.effects.check import check_effect
-from edhas_jax.fit import Problem
+from edhas_jax.fit import Fit, Problem
 from edhas_jax.instruments import Instruments
 from edhas_jax.sensors import Link, SensorDelay, SensorGain, SensorLag, SensorOffset
 from edhas_jax.slots import taken
@@ -23,6 +23,7 @@ from edhas_jax.unknown import Law, Unknown, unknown_of
 SENSOR_FAULTS: tuple[type[Link], ...] = (SensorLag, SensorDelay, SensorGain, SensorOffset)
 WIDTHS = 4.0  # a plausible range is that many standard deviations of the prior wide: ±2
 BEYOND = 3.0  # standard deviations at which a value is no longer believed, of suspects and of known parameters alike
+HELD = 0.05  # standard deviations from where belief ends: a value as near to it is held by it
 OFFSET_SHARE = 0.05  # of a signal's range: what an offset of its sensor may be
 SENSOR = "sensor"
 
@@ -159,6 +160,16 @@ def unknowns_of(suspect: Suspect, campaign: Campaign) -> list[Unknown]:
             u = Unknown(name, 0.5 * (low + high), (high - low) / WIDTHS, p.unit, p.span, Law.SHIFT)
         out.append(believable(u))
     return out
+
+
+def held_by_belief(suspect: Suspect, fit: Fit) -> list[str]:
+    """The parameters of a suspect that would go beyond all belief in a fit: it then only stands in for something."""
+    own = set(suspect.own(fit.problem.unknowns).values())
+    return [
+        u.name.removeprefix(suspect.prefix)
+        for u, x in zip(fit.problem.unknowns, fit.x, strict=True)
+        if u in own and u.prior and abs(x) > BEYOND - HELD
+    ]
 
 
 def grid(suspect: Suspect, unknowns: list[Unknown]) -> np.ndarray:

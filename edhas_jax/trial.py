@@ -11,9 +11,10 @@ from edhas_jax.growing import grown
 from edhas_jax.judged import Judged, refined, search, start_from
 from edhas_jax.resolution import Resolution
 from edhas_jax.screening import Score
-from edhas_jax.suspects import Suspect, problem_of
+from edhas_jax.suspects import Suspect, held_by_belief, problem_of
 
 ENOUGH = 0.3  # share of what a suspect promised that a fit from one start must bring, else another start is tried
+STAND_IN = 30.0  # evidence that a suspect loses with a value that nobody would believe: it is probably something else
 PULLED_BACK = 0.3  # share of the known parameters' excursions that the other start keeps
 
 
@@ -21,8 +22,8 @@ PULLED_BACK = 0.3  # share of the known parameters' excursions that the other st
 class Trial:
     """A suspect with what it promised and what came of it; `judged` is None where no fit was possible.
 
-    `gain` is how much it raises the evidence above that of the model without it, `gain_on_new` how much ½χ² falls on
-    runs that no fit has seen.
+    `gain` is how much it raises the evidence above that of the model without it, less a penalty where only belief holds
+    one of its parameters; `gain_on_new` how much ½χ² falls on runs that no fit has seen.
     """
 
     suspect: Suspect
@@ -68,6 +69,5 @@ def try_suspect(
 def again(before: Judged, trial: Trial, judged: Judged) -> Trial:
     """The trial with another fit of its suspect."""
     gains = before.half_chi_square() - judged.half_chi_square()
-    return dataclasses.replace(
-        trial, judged=judged, gain=judged.evidence - before.evidence, gain_on_new=float(gains.sum())
-    )
+    gain = judged.evidence - before.evidence - (STAND_IN if held_by_belief(trial.suspect, judged.fit) else 0.0)
+    return dataclasses.replace(trial, judged=judged, gain=gain, gain_on_new=float(gains.sum()))

@@ -16,6 +16,7 @@ from edhas_jax.diagnosis import Diagnosis, Verdict
 from edhas_jax.effects import (
     AsymmetricFriction,
     CoggingForce,
+    ConstantBiasForce,
     Effect,
     ForceConstantDroop,
     InverterDeadTime,
@@ -27,7 +28,7 @@ from edhas_jax.judged import search
 from edhas_jax.parts import ask_parts
 from edhas_jax.screening import Screen
 from edhas_jax.sensors import SensorLag
-from edhas_jax.suspects import Suspect
+from edhas_jax.suspects import Suspect, held_by_belief
 from edhas_jax.synthesise import PlannedRun, drawn, planned_campaign, synthesise
 from edhas_jax.tree import par
 from edhas_jax.trial import Trial
@@ -158,6 +159,20 @@ def test_an_effect_that_was_passed_over_is_found_at_the_end(monkeypatch):
     assert errors(found)[2] == pytest.approx(1.0, abs=0.05)
 
 
+def test_an_effect_with_a_value_that_nobody_believes_only_stands_in():
+    """A constant force is a cogging whose pitch is endless; struck from the library, it is told as a formula."""
+    found = diagnosed(ConstantBiasForce(bias_force=1.5), seed=6)
+    assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
+    assert next(iter(found.where())) == "mover" and not found.accepted
+    trials = {t.suspect.id: t for t in found.rounds[0].trials}
+    cogging = trials["cogging_force"]
+    assert held_by_belief(cogging.suspect, cogging.judged.fit) == ["cogging_pitch"]
+    form = found.forms[0]
+    assert form.suspect.kind.text == "1" and form.gain > cogging.gain
+    assert form.judged.fit.values[f"{form.suspect.prefix}coefficient"] == pytest.approx(-1.5, rel=0.1)
+    assert form.judged.level(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
+
+
 @pytest.mark.parametrize(("kept", "share"), [(-1.0, 0.0), (0.0, 0.0), (0.5, 0.5), (2.0, 1.0)])
 def test_a_part_counts_as_far_as_its_laws_keep_their_promises(kept, share):
     calibrated = diagnosed(Windage(windage=40.0), seed=4).calibrated
@@ -186,7 +201,8 @@ def test_a_sensor_counts_as_far_as_what_remains_is_its_own():
             run: {n: v + spoiled.get(n, 0.0) for n, v in signals.items()}
             for run, signals in trial.judged.fit.residuals.items()
         }
-        judged = SimpleNamespace(fit=SimpleNamespace(residuals=rows), level=trial.judged.level)
+        fitted = SimpleNamespace(residuals=rows, problem=trial.judged.fit.problem, x=trial.judged.fit.x)
+        judged = SimpleNamespace(fit=fitted, level=trial.judged.level)
         spoiled_trial = dataclasses.replace(trial, judged=judged)
         parts = ask_parts(calibrated, [], [spoiled_trial], [spoiled_trial], None)
         return parts.shares["sensor"] * whole / (2.0 * trial.gain)
