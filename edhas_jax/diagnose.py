@@ -9,7 +9,7 @@ import numpy as np
 
 from edhas_jax.calibration import residuals_of
 from edhas_jax.campaign import Campaign, Use
-from edhas_jax.diagnosis import Diagnosis, Round, Verdict
+from edhas_jax.diagnosis import Diagnosis, Round, Verdict, accepted_in
 from edhas_jax.effects import Effect
 from edhas_jax.fit import FitError
 from edhas_jax.forms import FORMS
@@ -180,14 +180,13 @@ def _asked(rounds: Sequence[Round], resolution: Resolution, say) -> tuple[dict[s
         return try_suspect(null, (), score, resolution, TRIAL_STEPS, null.near_noise)
 
     suspects = [score.suspect for score in first.scores] + _formulas(null.fit.problem.machine)
-    accepted = [r.accepted for r in rounds if r.accepted is not None]
-    parts, tried = ask_parts(null, suspects, [*first.trials, *first.forms], accepted, attempt)
+    parts, tried = ask_parts(null, suspects, [*first.trials, *first.forms], accepted_in(rounds), attempt)
     return parts, sorted((*tried, *first.forms), key=lambda t: -t.gain)
 
 
 def _stands_alone(rounds: Sequence[Round], trial: Trial) -> bool:
     """Whether one law explains clearly more than all that was accepted, which then only stood in for it."""
-    reached = sum(r.accepted.gain for r in rounds if r.accepted is not None)
+    reached = sum(t.gain for t in accepted_in(rounds))
     return confirmed(rounds[0].before, trial) and trial.gain > MARGIN + reached
 
 
@@ -261,8 +260,8 @@ def _unexplained(judged: Judged) -> bool:
 
 def _verdict(rounds: Sequence[Round]) -> Verdict:
     after = rounds[-1].before
-    stand_ins = [r for r in rounds if r.accepted is not None and held_by_belief(r.accepted.suspect, after.fit)]
-    if rounds[-1].forms or stand_ins or _unexplained(after):
+    stand_in = any(held_by_belief(t.suspect, after.fit) for t in accepted_in(rounds))
+    if rounds[-1].forms or stand_in or _unexplained(after):
         return Verdict.UNKNOWN_EFFECT
     if rounds[0].accepted is None:
         return Verdict.ADEQUATE

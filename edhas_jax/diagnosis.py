@@ -3,6 +3,7 @@
 import dataclasses
 import enum
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -71,6 +72,11 @@ class Round:
         return [self.accepted.suspect, *(t.suspect for t in sorted(rivals, key=lambda t: -t.gain))]
 
 
+def accepted_in(rounds: Iterable[Round]) -> list[Trial]:
+    """The effects that some rounds have accepted, in the order in which they were found."""
+    return [r.accepted for r in rounds if r.accepted is not None]
+
+
 @dataclasses.dataclass(frozen=True)
 class Diagnosis:
     """The answer to: why does the real machine not behave like the model?
@@ -98,7 +104,7 @@ class Diagnosis:
     @property
     def accepted(self) -> list[Trial]:
         """The effects that were accepted, in the order in which they were found."""
-        return [r.accepted for r in self.rounds if r.accepted is not None]
+        return accepted_in(self.rounds)
 
     @property
     def forms(self) -> tuple[Trial, ...]:

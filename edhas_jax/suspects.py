@@ -164,12 +164,9 @@ def unknowns_of(suspect: Suspect, campaign: Campaign) -> list[Unknown]:
 
 def held_by_belief(suspect: Suspect, fit: Fit) -> list[str]:
     """The parameters of a suspect that would go beyond all belief in a fit: it then only stands in for something."""
-    own = set(suspect.own(fit.problem.unknowns).values())
-    return [
-        u.name.removeprefix(suspect.prefix)
-        for u, x in zip(fit.problem.unknowns, fit.x, strict=True)
-        if u in own and u.prior and abs(x) > BEYOND - HELD
-    ]
+    at = {u.name: x for u, x in zip(fit.problem.unknowns, fit.x, strict=True)}
+    own = suspect.own(fit.problem.unknowns)
+    return [name for name, u in own.items() if u.prior and abs(at[u.name]) > BEYOND - HELD]
 
 
 def grid(suspect: Suspect, unknowns: list[Unknown]) -> np.ndarray:
