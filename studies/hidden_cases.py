@@ -23,7 +23,7 @@ from edhas_jax.system import PumpBench, Rig
 from edhas_jax.tree import replace
 from edhas_jax.unknown import uncertain_unknowns
 
-SEALED = 10000
+SEALED = 11000
 VISIBLE = 60.0  # χ² that no change of the uncertain parameters takes up, below which nothing can be found
 REFINED = (LugreFriction, PistonLeakage, EntrainedAir)
 UNCERTAIN = {

@@ -131,6 +131,9 @@ def rates(results: list[Result], who: str) -> dict[str, Rate]:
         "false alarms": rate(of["null"], lambda r: r["verdict"] != "adequate"),
         "struck called unknown": rate(of["struck"], lambda r: r["verdict"] == "unknown_effect"),
         "right part when struck": rate(of["struck"], lambda r: in_place(r, who)),
+        "right part when called unknown": rate(
+            [r for r in of["struck"] if r["verdict"] == "unknown_effect"], lambda r: in_place(r, who)
+        ),
         "right when 95 % sure": sure_answers(results),
         "parameters right": sized(of["one"]),
     }

@@ -83,13 +83,18 @@ def test_rates():
         answer("null", [], "missing_effect", ["cogging_force"], sure=0.5),
         answer("pair", ["cogging_force", "eddy_drag"], "missing_effect", ["eddy_drag", "cogging_force"]),
         answer("struck", ["seal_friction"], "unknown_effect", []),
+        answer("struck", ["hose_compliance"], "unknown_effect", ["eddy_drag"], sure=0.5),
+        answer("struck", ["eddy_drag"], "adequate", []),
         answer("sensor", ["sensor_lag on current"], "missing_effect", ["sensor_lag on current"]),
         {"number": 9, "failed": "FitError: nothing"},
     ]
     line = dict(word.split("=") for word in rates.last_line(results).split())
     # sure and right: cogging_force, both of the pair, the sensor; sure and wrong: parasitic_spring, coupling
-    assert line == {"top1": "0.667", "false_alarms": "0.500", "slot": "1.000", "both": "1.000", "unknown": "1.000",
+    assert line == {"top1": "0.667", "false_alarms": "0.500", "slot": "1.000", "both": "1.000", "unknown": "0.667",
                     "calibration": "0.667"}  # fmt: skip
+    found = rates.rates(rates.sound(results), rates.TOOL)
+    assert found["right part when struck"] == rates.Rate(1, 3)
+    assert found["right part when called unknown"] == rates.Rate(1, 2)
     wrong = rates.report(results).split("what went wrong")[1]
     assert "eddy_drag" in wrong and "FitError" in wrong and "sensor_lag" not in wrong
 
