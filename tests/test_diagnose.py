@@ -140,6 +140,7 @@ def test_an_effect_outside_the_library():
     form = found.forms[0]
     assert form.suspect.kind.text.startswith("(v/0.2 m/s)·|v/0.2 m/s|")
     assert form.judged.fit.values[f"{form.suspect.prefix}coefficient"] == pytest.approx(-40.0 * 0.2**2, rel=0.1)
+    assert form.judged.level(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
     assert form.gain - max((t.gain for t in found.rounds[-1].trials), default=0.0) > DECISIVE
 
 
