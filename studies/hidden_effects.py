@@ -4,8 +4,8 @@
 
 Each case is a campaign of eight runs of the pump bench, made by another integrator and sensor chain than those of the
 diagnosis, its parameters drawn; see `hidden_cases.py` for what is hidden and `rivals.py` for what else is asked. Cases
-are numbered from `--seed` on: those below 11000 are for development, the others for judging alone. Finished cases are
-kept in DIR and not done again, so that a study that was stopped goes on with the same command.
+are numbered from `--seed` on; `SEALED` in `hidden_cases.py` says from which on they are for judging alone. Those
+that are finished are kept in DIR and not done again, so that a study that was stopped goes on with the same command.
 
 The last line: `top1=… false_alarms=… slot=… both=… unknown=… calibration=…`
 """

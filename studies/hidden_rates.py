@@ -127,13 +127,12 @@ def rates(results: list[Result], who: str) -> dict[str, Rate]:
     }
     if who != TOOL:
         return out | {"false alarms": rate(of["null"], lambda r: bool(answers(r, who)))}
+    unknown = [r for r in of["struck"] if r["verdict"] == "unknown_effect"]
     return out | {
         "false alarms": rate(of["null"], lambda r: r["verdict"] != "adequate"),
-        "struck called unknown": rate(of["struck"], lambda r: r["verdict"] == "unknown_effect"),
+        "struck called unknown": Rate(len(unknown), len(of["struck"])),
         "right part when struck": rate(of["struck"], lambda r: in_place(r, who)),
-        "right part when called unknown": rate(
-            [r for r in of["struck"] if r["verdict"] == "unknown_effect"], lambda r: in_place(r, who)
-        ),
+        "right part when called unknown": rate(unknown, lambda r: in_place(r, who)),
         "right when 95 % sure": sure_answers(results),
         "parameters right": sized(of["one"]),
     }
