@@ -14,8 +14,8 @@ $(VENV)/.ready: pyproject.toml
 	@touch $@
 
 demo: setup
-	$(BIN)/python studies/first_run.py
-	$(BIN)/python studies/missing_effect.py
+	$(BIN)/python -m studies.demo.first_run
+	$(BIN)/python -m studies.demo.missing_effect
 
 test: setup
 	$(BIN)/ruff check .

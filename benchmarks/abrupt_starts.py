@@ -17,9 +17,9 @@ import numpy as np
 from scipy.stats import qmc
 
 import edhas_jax as edhas
-from edhas_jax.batch import BatchSettings, Status, plan_chunks, run_designs
-from edhas_jax.cycles import run_cycles
-from edhas_jax.effects import EntrainedAir, LugreFriction, PistonLeakage
+from edhas_jax.design.batch.batch import BatchSettings, Status, plan_chunks, run_designs
+from edhas_jax.design.batch.cycles import run_cycles
+from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage
 
 RANGES = {
     "frequency": (15.0, 60.0), "amplitude": (1e-3, 4.5e-3), "piston_diameter": (8e-3, 16e-3),

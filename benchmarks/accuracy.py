@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from convergence import convergence, stretches  # noqa: E402
-from reference import DATA, EXCEPTIONS, cases, differences, mean_flow_error, rms, run_of, trajectory  # noqa: E402
-
-from edhas_jax.integrate import DEFAULT_STEP  # noqa: E402
+from edhas_jax.simulation.integrator import DEFAULT_STEP  # noqa: E402
+from tests.support.convergence import convergence, stretches  # noqa: E402
+from tests.support.reference import DATA, EXCEPTIONS, cases, differences, mean_flow_error, rms, run_of, trajectory  # noqa: E402
 
 STEPS = {"default": DEFAULT_STEP, "quarter": DEFAULT_STEP / 4.0}
 DIGITS = 8  # of the numbers in the reference

@@ -2,10 +2,10 @@
 
     python benchmarks/c_loop.py [--batch N] [--steps N] [--source FILE]
 
-The operations of `edhas_jax.integrate.step` come from the package's own translation (`edhas_jax.native.program`: every
-value once, what depends on parameters alone before the loop, one reciprocal per divisor) and are written as C++ with
-one design per vector lane, the state in registers and no memory traffic but the stack. Reciprocals and roots start from
-the approximations of the processor and are refined by Newton's rule. It needs g++; nothing of the package uses it.
+The operations of `edhas_jax.integrate.step` come from the package's own translation (`edhas_jax.compiler.scalar_ir`:
+every value once, what depends on parameters alone before the loop, one reciprocal per divisor) and are written as C++
+with one design per vector lane, the state in registers and no memory traffic but the stack. Reciprocals and roots start
+from the approximations of the processor and are refined by Newton's rule. It needs g++; nothing of the package uses it.
 """
 
 import argparse
@@ -26,13 +26,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax import tree
-from edhas_jax.cycle import cycle_step, empty_sums
-from edhas_jax.effects import EntrainedAir, LugreFriction, PistonLeakage
-from edhas_jax.integrate import DEFAULT_STEP, step
-from edhas_jax.native.program import LOGICAL, Level, Program
-from edhas_jax.native.reading import read
-from edhas_jax.system import PumpBench
+from edhas_jax.compiler.jaxpr_to_ir import read
+from edhas_jax.compiler.scalar_ir import LOGICAL, Level, Program
+from edhas_jax.core import structs
+from edhas_jax.design.batch.cycle import cycle_step, empty_sums
+from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage
+from edhas_jax.machine.rigs import PumpBench
+from edhas_jax.simulation.integrator import DEFAULT_STEP, step
 
 FLAGS = ("-O3", "-march=native", "-fopenmp", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
 VARIED = {
@@ -57,7 +57,7 @@ def varied(machine: PumpBench, values: dict[str, Any]) -> PumpBench:
     parts: dict[str, dict] = {}
     for name, value in values.items():
         parts.setdefault(VARIED[name][0], {})[name] = value
-    return tree.replace(machine, **{part: tree.replace(getattr(machine, part), **p) for part, p in parts.items()})
+    return structs.replace(machine, **{part: structs.replace(getattr(machine, part), **p) for part, p in parts.items()})
 
 
 def designs(batch: int, dtype: str, spread: float = 0.1) -> dict[str, np.ndarray]:

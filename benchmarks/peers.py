@@ -31,13 +31,13 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import solve_ivp
 
-from edhas_jax.backend import CPU_OPTIONS
-from edhas_jax.batch import BatchSettings, run_designs, steps_per_cycle
-from edhas_jax.elimination import jacobian
-from edhas_jax.linearize import linearize
-from edhas_jax.native.program import Level, Program
-from edhas_jax.native.reading import read
-from edhas_jax.run import Precision
+from edhas_jax.compiler.derivative_graph import linearize
+from edhas_jax.compiler.jaxpr_to_ir import read
+from edhas_jax.compiler.scalar_ir import Level, Program
+from edhas_jax.compiler.sparse_elimination import jacobian
+from edhas_jax.core.runtime import CPU_OPTIONS
+from edhas_jax.design.batch.batch import BatchSettings, run_designs, steps_per_cycle
+from edhas_jax.simulation.run import Precision
 
 FREQUENCY = 10.0
 CYCLES = 3

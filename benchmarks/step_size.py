@@ -7,11 +7,10 @@ import argparse
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from reference import DATA, mean_flow_error, nrmse, run_of  # noqa: E402
-
-from edhas_jax.run import Precision, SimulationError  # noqa: E402
+from edhas_jax.simulation.run import Precision, SimulationError  # noqa: E402
+from tests.support.reference import DATA, mean_flow_error, nrmse, run_of  # noqa: E402
 
 SAMPLE_INTERVAL = 200e-6
 LADDER = tuple(SAMPLE_INTERVAL / n for n in (40, 20, 10, 8, 6, 5, 4, 3, 2))  # 5 … 100 µs

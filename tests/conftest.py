@@ -4,9 +4,9 @@ import functools
 
 import jax
 import pytest
-from reference import run_of
 
 import edhas_jax  # noqa: F401  sets the compiler flags before JAX starts
+from tests.support.reference import run_of
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")

@@ -11,9 +11,9 @@ def check_campaign(options) -> int:
     """`edhas campaign check`: read a campaign and list what looks wrong in its files; status 1 when something does."""
     from rich.markup import escape
 
-    from edhas_jax.campaign import Severity
-    from edhas_jax.campaign_check import check_campaign as check
-    from edhas_jax.campaign_reader import read_campaign
+    from edhas_jax.measurements.campaign import Severity
+    from edhas_jax.measurements.campaign_reader import read_campaign
+    from edhas_jax.measurements.data_checks import check_campaign as check
 
     out = console()
     campaign = read_campaign(options.campaign)
@@ -44,7 +44,7 @@ def check_campaign(options) -> int:
 
 def new_campaign(options) -> None:
     """`edhas campaign new`: write a commented template that passes the check."""
-    from edhas_jax.campaign_template import write_template
+    from edhas_jax.measurements.campaign_writer import write_template
 
     out = console()
     with _progress(out) as bar:

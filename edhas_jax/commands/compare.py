@@ -9,14 +9,14 @@ def compare(options) -> None:
     """`edhas compare`: run the model as the bench was run, write a report, print where it fails."""
     from rich.markup import escape
 
-    from edhas_jax.campaign_reader import read_campaign
-    from edhas_jax.comparison import compare as beside
-    from edhas_jax.comparison_report import comparison_report, sentences
-    from edhas_jax.comparison_table import figures_of_merit
-    from edhas_jax.config import read_config
-    from edhas_jax.patterns import find_patterns
-    from edhas_jax.replay import Replay
-    from edhas_jax.store import StoreError, check_free, free_folder
+    from edhas_jax.config.machine_config import read_config
+    from edhas_jax.config.run_folder import StoreError, check_free, free_folder
+    from edhas_jax.measurements.campaign_reader import read_campaign
+    from edhas_jax.measurements.comparison import compare as beside
+    from edhas_jax.measurements.comparison import figures_of_merit
+    from edhas_jax.measurements.comparison_report import comparison_report, sentences
+    from edhas_jax.measurements.replay import Replay
+    from edhas_jax.measurements.residual_patterns import find_patterns
 
     campaign = read_campaign(options.campaign)
     machine = None if options.model is None else read_config(options.model).machine

@@ -9,16 +9,16 @@ def diagnose(options) -> None:
     """`edhas diagnose`: say what is missing in a campaign's model, write a folder, print the verdict."""
     from rich.markup import escape
 
-    from edhas_jax.campaign import CampaignError
-    from edhas_jax.campaign_reader import read_campaign
-    from edhas_jax.diagnose import diagnose as search
-    from edhas_jax.diagnosis_file import save_diagnosis
-    from edhas_jax.diagnosis_report import write_report
-    from edhas_jax.diagnosis_story import draw_story
-    from edhas_jax.effects.discover import load_effect
-    from edhas_jax.fit import FitError
-    from edhas_jax.plan import next_experiment
-    from edhas_jax.store import StoreError, check_free, free_folder
+    from edhas_jax.config.run_folder import StoreError, check_free, free_folder
+    from edhas_jax.diagnosis.calibration.fit import FitError
+    from edhas_jax.diagnosis.planning.next_experiment import next_experiment
+    from edhas_jax.diagnosis.report.report import write_report
+    from edhas_jax.diagnosis.report.result_file import save_diagnosis
+    from edhas_jax.diagnosis.report.story_figures import draw_story
+    from edhas_jax.diagnosis.search.forward_selection import diagnose as search
+    from edhas_jax.machine.effects.loading import load_effect
+    from edhas_jax.measurements.campaign import CampaignError
+    from edhas_jax.measurements.campaign_reader import read_campaign
 
     campaign = read_campaign(options.campaign)
     folder = options.out or free_folder(Path("diagnoses"), campaign.name)
@@ -56,15 +56,15 @@ def add(options) -> None:
     """`edhas add`: fit a campaign's model with one more effect, and write the new configuration."""
     from rich.markup import escape
 
-    from edhas_jax.campaign import CampaignError, Use
-    from edhas_jax.campaign_reader import read_campaign
-    from edhas_jax.diagnose import add_effect
-    from edhas_jax.dump import dump_config
-    from edhas_jax.effects.discover import load_effect
-    from edhas_jax.fit import FitError
-    from edhas_jax.run import Simulation
-    from edhas_jax.store import StoreError
-    from edhas_jax.units import format_quantity
+    from edhas_jax.config.run_folder import StoreError
+    from edhas_jax.config.writer import dump_config
+    from edhas_jax.core.units import format_quantity
+    from edhas_jax.diagnosis.calibration.fit import FitError
+    from edhas_jax.diagnosis.search.forward_selection import add_effect
+    from edhas_jax.machine.effects.loading import load_effect
+    from edhas_jax.measurements.campaign import CampaignError, Use
+    from edhas_jax.measurements.campaign_reader import read_campaign
+    from edhas_jax.simulation.run import Simulation
 
     campaign = read_campaign(options.campaign)
     kind = load_effect(options.effect)
@@ -97,8 +97,8 @@ def add(options) -> None:
 
 def suspects_table(diagnosis):
     """The suspects that were tried and the most promising others, as a rich table."""
-    from edhas_jax.campaign import Use
-    from edhas_jax.units import format_quantity
+    from edhas_jax.core.units import format_quantity
+    from edhas_jax.measurements.campaign import Use
 
     listed = table("suspects", "effect", "where", "size", "probability", "new runs, residual over noise")
     for suspect, p, trial in diagnosis.candidates():

@@ -11,8 +11,8 @@ def export(options) -> None:
     """`edhas export`: write a configuration as an FMU and print what a user of it connects."""
     from rich.markup import escape
 
-    from edhas_jax.config import read_config
-    from edhas_jax.fmu import export_fmu
+    from edhas_jax.config.machine_config import read_config
+    from edhas_jax.export.fmu import export_fmu
 
     compilers = [] if options.sources_only else options.compilers or [os.environ.get("CC") or "cc"]
     config = read_config(options.config, options.overrides)

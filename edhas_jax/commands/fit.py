@@ -10,16 +10,16 @@ def fit(options) -> None:
     """`edhas fit`: calibrate the uncertain parameters of a campaign's machine, write a folder, print what was found."""
     from rich.markup import escape
 
-    from edhas_jax.calibration import Calibration, residuals_of, save_calibration
-    from edhas_jax.campaign import CampaignError
-    from edhas_jax.campaign_reader import read_campaign
-    from edhas_jax.fit import FitError, Problem
-    from edhas_jax.fit import fit as calibrate
-    from edhas_jax.fit_checks import fit_each_run, profile
-    from edhas_jax.fit_report import fit_report
-    from edhas_jax.instruments import Instruments
-    from edhas_jax.store import StoreError, check_free, free_folder
-    from edhas_jax.unknown import uncertain_unknowns
+    from edhas_jax.config.run_folder import StoreError, check_free, free_folder
+    from edhas_jax.diagnosis.calibration.fit import FitError, Problem
+    from edhas_jax.diagnosis.calibration.fit import fit as calibrate
+    from edhas_jax.diagnosis.calibration.report import fit_report
+    from edhas_jax.diagnosis.calibration.result import Calibration, residuals_of, save_calibration
+    from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile
+    from edhas_jax.measurements.campaign import CampaignError
+    from edhas_jax.measurements.campaign_reader import read_campaign
+    from edhas_jax.measurements.measurement_chain import Instruments
+    from edhas_jax.measurements.prior import uncertain_unknowns
 
     began = time.perf_counter()
     campaign = read_campaign(options.campaign)
@@ -78,7 +78,7 @@ def errors_table(result):
 
 def estimates_table(result):
     """The unknowns as a rich table."""
-    from edhas_jax.units import format_quantity
+    from edhas_jax.core.units import format_quantity
 
     fit = result.fit
     listed = table("unknowns", "name", "believed", "value", "95 % interval", "pull, prior σ", "error, prior σ")

@@ -9,22 +9,22 @@ CHOSEN = "chosen; the paper is silent"
 
 def parameters(options) -> None:
     """`edhas parameters`: every parameter, of a configuration or of everything there is."""
-    from edhas_jax import tree
-    from edhas_jax.config import read_config
-    from edhas_jax.parameters import list_parameters
-    from edhas_jax.units import format_quantity
+    from edhas_jax.config.machine_config import read_config
+    from edhas_jax.core import structs
+    from edhas_jax.core.units import format_quantity
+    from edhas_jax.machine.parameters import list_parameters
 
     out = console()
     if options.config:
         listed = [(p, value) for p, value, _ in list_parameters(read_config(options.config).machine)]
         title = f"parameters of {options.config}"
     else:
-        listed, title = [(p, p.default) for owner in _owners() for p in tree.parameters(owner)], "parameters"
+        listed, title = [(p, p.default) for owner in _owners() for p in structs.parameters(owner)], "parameters"
     rows = table(title, "parameter", "of", "value" if options.config else "default", "allowed", "meaning", "source")
     for p, value in listed:
         low, high = (format_quantity(bound, p.unit) for bound in p.span)
         value = format_quantity(float(value), p.unit)
-        rows.add_row(p.name, tree.owner_id(p.owner), value, f"{low} … {high}", p.doc, p.source or CHOSEN)
+        rows.add_row(p.name, structs.owner_id(p.owner), value, f"{low} … {high}", p.doc, p.source or CHOSEN)
     out.print(rows)
 
 
@@ -32,12 +32,12 @@ def _owners() -> list[type]:
     """Every struct that declares parameters: the parts of all rigs, the alternatives, the library."""
     import typing
 
-    from edhas_jax import system
-    from edhas_jax.effects import LIBRARY
-    from edhas_jax.parameters import KINDS
+    from edhas_jax.machine import rigs
+    from edhas_jax.machine.effects import LIBRARY
+    from edhas_jax.machine.parameters import KINDS
 
     found: dict[type, None] = {}
-    for rig in system.RIGS.values():
+    for rig in rigs.RIGS.values():
         for name, kind in typing.get_type_hints(rig).items():
             if name == "effects":
                 continue
@@ -49,10 +49,10 @@ def _owners() -> list[type]:
 
 def effects(options) -> None:
     """`edhas effects`: the library, the effects of a configuration, or one effect in full."""
-    from edhas_jax import tree
-    from edhas_jax.config import read_config
-    from edhas_jax.effects import LIBRARY
-    from edhas_jax.effects.discover import load_effect
+    from edhas_jax.config.machine_config import read_config
+    from edhas_jax.core import structs
+    from edhas_jax.machine.effects import LIBRARY
+    from edhas_jax.machine.effects.loading import load_effect
 
     out = console()
     if options.name:
@@ -68,7 +68,7 @@ def effects(options) -> None:
     for effect in shown:
         where = ", ".join(dict.fromkeys(s.where for s in effect.slots))
         what = (effect.__doc__ or "").strip().split("\n")[0]
-        rows.add_row(effect.id, where, what, ", ".join(p.name for p in tree.parameters(effect)))
+        rows.add_row(effect.id, where, what, ", ".join(p.name for p in structs.parameters(effect)))
     out.print(rows)
 
 
@@ -76,8 +76,8 @@ def _effect(effect, out) -> None:
     """One effect in full."""
     from inspect import cleandoc
 
-    from edhas_jax import tree
-    from edhas_jax.units import format_quantity
+    from edhas_jax.core import structs
+    from edhas_jax.core.units import format_quantity
 
     def interval(bounds, unit):
         return f"{format_quantity(bounds[0], unit)} … {format_quantity(bounds[1], unit)}" if bounds else "known"
@@ -92,7 +92,7 @@ def _effect(effect, out) -> None:
     for name, state in effect.states.items():
         out.print(f"[bold]state[/bold]: {name}, {state.doc}, in {state.unit}")
     rows = table(None, "parameter", "default", "plausible", "allowed", "meaning")
-    for p in tree.parameters(effect):
+    for p in structs.parameters(effect):
         default = format_quantity(p.default, p.unit)
         rows.add_row(p.name, default, interval(p.plausible, p.unit), interval(p.span, p.unit), p.doc)
     out.print(rows)
@@ -100,8 +100,8 @@ def _effect(effect, out) -> None:
 
 def _signature(effect, path, out) -> None:
     """The picture of what an effect does to the signals."""
-    from edhas_jax.signature import plot_signature, signature
-    from edhas_jax.store import StoreError
+    from edhas_jax.config.run_folder import StoreError
+    from edhas_jax.simulation.effect_preview import plot_signature, signature
 
     with out.status(f"runs without and with {effect.id}"):
         figure = plot_signature(signature(effect()))
@@ -114,6 +114,6 @@ def _signature(effect, path, out) -> None:
 
 def schema(options) -> None:
     """`edhas schema`: the JSON schema of configurations."""
-    from edhas_jax.schema import json_schema
+    from edhas_jax.config.json_schema import json_schema
 
     print(json.dumps(json_schema(), indent=2, ensure_ascii=False))

@@ -12,13 +12,13 @@ def plan(options) -> None:
     """`edhas plan`: say what a campaign could reveal before it is made, write a folder, print the next run."""
     from rich.progress import BarColumn, Progress, TextColumn
 
-    from edhas_jax.campaign_plan import as_json
-    from edhas_jax.campaign_plan import plan as foresee
-    from edhas_jax.effects.discover import load_effect
-    from edhas_jax.plan_figures import draw_overlaps, draw_sizes
-    from edhas_jax.planned import read_planned
-    from edhas_jax.store import StoreError, check_free, free_folder
-    from edhas_jax.units import to_si
+    from edhas_jax.config.run_folder import StoreError, check_free, free_folder
+    from edhas_jax.core.units import to_si
+    from edhas_jax.diagnosis.planning.candidate_runs import read_planned
+    from edhas_jax.diagnosis.planning.detectability_plan import as_json
+    from edhas_jax.diagnosis.planning.detectability_plan import plan as foresee
+    from edhas_jax.diagnosis.planning.figures import draw_overlaps, draw_sizes
+    from edhas_jax.machine.effects.loading import load_effect
 
     campaign = read_planned(options.campaign, to_si(options.rate, "Hz", "5 kHz"))
     folder = options.out or free_folder(Path("plans"), campaign.name)

@@ -10,11 +10,10 @@ def sensitivity(options) -> None:
     """`edhas sensitivity`: run an analysis, write tables and pictures, say what matters most."""
     from rich.progress import BarColumn, Progress, TextColumn
 
-    from edhas_jax.designs import own_name
-    from edhas_jax.sensitivity import analyse, save_findings
-    from edhas_jax.sensitivity_config import load_sensitivity
-    from edhas_jax.sensitivity_figures import draw_local, draw_morris, draw_sobol
-    from edhas_jax.store import check_free, free_folder
+    from edhas_jax.config.run_folder import check_free, free_folder
+    from edhas_jax.design.batch.design_table import own_name
+    from edhas_jax.design.sensitivity.analysis import analyse, load_sensitivity, save_findings
+    from edhas_jax.design.sensitivity.figures import draw_local, draw_morris, draw_sobol
 
     task = load_sensitivity(options.config)
     folder = options.out or free_folder(Path("runs"), options.config.stem)
@@ -50,6 +49,6 @@ def sensitivity(options) -> None:
 
 
 def _told(row, units: dict[str, str]) -> str:
-    from edhas_jax.units import format_quantity
+    from edhas_jax.core.units import format_quantity
 
     return ", ".join(f"{n} {format_quantity(row[n], unit)}" for n, unit in units.items()) or "as it stands"

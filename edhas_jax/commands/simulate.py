@@ -10,9 +10,9 @@ def simulate(options) -> None:
     """`edhas simulate`: run a machine, write a run folder, print metrics and ledger."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from edhas_jax.config import read_config
-    from edhas_jax.run import simulate as run_machine
-    from edhas_jax.store import check_free, free_folder, save_run
+    from edhas_jax.config.machine_config import read_config
+    from edhas_jax.config.run_folder import check_free, free_folder, save_run
+    from edhas_jax.simulation.run import simulate as run_machine
 
     config = read_config(options.config, options.overrides)
     folder = options.out or free_folder(Path("runs"), options.config.stem)
@@ -40,8 +40,8 @@ def simulate(options) -> None:
 
 def metrics_table(run):
     """The metrics of a run as a rich table, in engineering units, or the sentence that says why there are none."""
-    from edhas_jax.metrics import TooShort
-    from edhas_jax.units import from_si
+    from edhas_jax.core.units import from_si
+    from edhas_jax.simulation.metrics import TooShort
 
     try:
         metrics = run.metrics
@@ -56,7 +56,7 @@ def metrics_table(run):
 
 def ledger_table(run):
     """Where the energy of a run went, as a rich table; small entries are left out."""
-    from edhas_jax.units import format_quantity
+    from edhas_jax.core.units import format_quantity
 
     listed = table("where the energy went", "row", "group", "energy", "share")
     for row in run.ledger().itertuples():

@@ -9,15 +9,15 @@ def size(options) -> None:
     """`edhas size`: size a machine, write configurations, path and pictures, say what was gained and what limits it."""
     from rich.progress import BarColumn, Progress, TextColumn
 
-    from edhas_jax.designs import own_name
-    from edhas_jax.metrics import METRICS
-    from edhas_jax.parameters import get_parameter
-    from edhas_jax.sizing import size as size_machine
-    from edhas_jax.sizing_config import load_sizing
-    from edhas_jax.sizing_figures import draw_front, draw_path
-    from edhas_jax.sizing_folder import save_sizing
-    from edhas_jax.store import check_free, free_folder
-    from edhas_jax.units import format_quantity, from_si
+    from edhas_jax.config.run_folder import check_free, free_folder
+    from edhas_jax.core.units import format_quantity, from_si
+    from edhas_jax.design.batch.design_table import own_name
+    from edhas_jax.design.sizing.config import load_sizing
+    from edhas_jax.design.sizing.figures import draw_front, draw_path
+    from edhas_jax.design.sizing.result_folder import save_sizing
+    from edhas_jax.design.sizing.sizing import size as size_machine
+    from edhas_jax.machine.parameters import get_parameter
+    from edhas_jax.simulation.metrics import METRICS
 
     task = load_sizing(options.config)
     folder = options.out or free_folder(Path("runs"), options.config.stem)

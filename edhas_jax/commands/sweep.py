@@ -13,8 +13,8 @@ SECONDS_PER_LINE = 10.0  # between lines of progress where there is no terminal
 
 def sweep(options) -> int | None:
     """`edhas sweep`: run what is missing of a sweep, with progress, and say what came of its designs."""
-    from edhas_jax.sweep import run_sweep
-    from edhas_jax.sweep_config import load_sweep
+    from edhas_jax.design.sweep.config import load_sweep
+    from edhas_jax.design.sweep.run import run_sweep
 
     wanted = load_sweep(options.config)
     folder = options.out or Path("runs") / options.config.stem
@@ -43,7 +43,7 @@ def sweep(options) -> int | None:
 def _executor(where: str | None):
     if where is None:
         return contextlib.nullcontext()
-    from edhas_jax.cluster import executor
+    from edhas_jax.design.sweep.cluster import executor
 
     return executor(where)
 
@@ -98,9 +98,9 @@ def _duration(seconds: float) -> str:
 
 def plot_sweep(options) -> None:
     """`edhas plot sweep`: draw the pictures of a sweep's result."""
-    from edhas_jax.store import StoreError
-    from edhas_jax.sweep import open_sweep
-    from edhas_jax.sweep_figures import FigureError, draw
+    from edhas_jax.config.run_folder import StoreError
+    from edhas_jax.design.sweep.figures import FigureError, draw
+    from edhas_jax.design.sweep.run import open_sweep
 
     result = open_sweep(options.result)
     kinds = ("heat", "parallel", "pareto") if options.kind == "all" else (options.kind,)

@@ -1,0 +1,1 @@
+"""Configuration files: reading with line numbers, checking, writing, and folders of runs."""

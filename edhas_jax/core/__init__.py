@@ -1,0 +1,1 @@
+"""What everything else stands on: units, parameter declarations, files, runtime settings, pages and plots."""

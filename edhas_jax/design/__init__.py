@@ -1,0 +1,1 @@
+"""Exploring and sizing: batches of designs, derivatives, sweeps, sensitivities, optimisation."""

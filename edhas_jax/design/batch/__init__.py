@@ -1,0 +1,1 @@
+"""Many designs of one machine, each run to its periodic state."""

@@ -1,0 +1,1 @@
+"""Derivatives of metrics by parameters in the periodic state."""

@@ -1,0 +1,1 @@
+"""Elasticities, Sobol indices and Morris screening."""

@@ -1,0 +1,1 @@
+"""Gradient-based sizing under bounds and limits."""

@@ -1,0 +1,119 @@
+"""Pictures of a sizing: the way of every start, and the front of two metrics."""
+
+import numpy as np
+
+from edhas_jax.core.units import format_number, from_si, shown_unit
+from edhas_jax.design.batch.design_table import own_name
+from edhas_jax.design.sizing.config import Sizing
+from edhas_jax.design.sizing.optimiser import MET
+from edhas_jax.design.sizing.sizing import SizingResult
+from edhas_jax.simulation.metrics import METRICS
+
+INK, QUIET, BEST, START = "#1b1f24", "#6e7781", "#d1490c", "#0969da"
+
+
+def draw_path(task: Sizing, result: SizingResult):
+    """Best feasible objective of each start over the iterations, and where each dimension went within its bounds."""
+    from matplotlib.figure import Figure
+
+    names = [axis.name for axis in task.free]
+    columns = 1 + len(names)
+    figure = Figure(figsize=(3.0 + 1.9 * columns, 3.8), layout="constrained")
+    grid = figure.subplots(1, columns, width_ratios=[2.2] + [1.0] * len(names))
+    last = result.path["iteration"].max()
+    reached, final = [], result.machines[0].objective
+    for _, rows in result.path.groupby("start"):
+        rows = rows.sort_values("iteration")
+        best = rows["objective"].where(rows["violation"] <= MET).cummax()
+        reached.append(best.max())
+        grid[0].plot(rows["iteration"], 100 * np.expm1(best - final), color=QUIET, lw=0.8, alpha=0.6)
+    grid[0].set_ylim(max(-60.0, 100 * np.expm1(np.nanmin(reached) - final) - 5), 3)
+    grid[0].axhline(0.0, color=BEST, lw=1.2)
+    grid[0].set(xlabel="iteration", ylabel="best feasible objective, % from the final one", xlim=(0, last))
+    grid[0].set_title(f"{len(reached)} starts, {100 * result.alike:.0f} % end within 1 %", fontsize=10)
+    for axes, axis in zip(grid[1:], task.free, strict=True):
+        unit = own_name(task.machine, axis.name)[0].unit
+        shown = shown_unit(unit, axis.high)
+        for _, rows in result.path.groupby("start"):
+            rows = _so_far(rows)
+            values = from_si(rows[axis.name].to_numpy(), unit, shown)
+            axes.plot(rows["iteration"], values, color=QUIET, lw=0.7, alpha=0.6)
+        for sized in result.machines:
+            axes.axhline(from_si(sized.design[axis.name], unit, shown), color=BEST, lw=1.4)
+        low, high = (from_si(end, unit, shown) for end in (axis.low, axis.high))
+        axes.set_ylim(low - 0.03 * (high - low), high + 0.03 * (high - low))
+        if axis.log:
+            _log(axes, low, high)
+        axes.set_title(f"{axis.name.replace('_', ' ')}\n{shown}", fontsize=8.5)
+        axes.set_xlabel("iteration", fontsize=8)
+        axes.tick_params(labelsize=7.5)
+    for axes in grid:
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.suptitle(f"{task.name or 'sizing'}: every start (grey) and the result (red)", x=0.01, ha="left", fontsize=11)
+    return figure
+
+
+def _so_far(rows):
+    """The designs of one start that were the best of it so far: feasible before infeasible, then by the objective."""
+    rows = rows.sort_values("iteration")
+    rank = np.where(rows["violation"] <= MET, rows["objective"], -1e3 - rows["violation"])
+    return rows[rank >= np.maximum.accumulate(np.nan_to_num(rank, nan=-np.inf))]
+
+
+def _log(axes, low: float, high: float) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.set_yscale("log")
+    axes.set_ylim(low * 0.95, high * 1.05)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: format_number(v, 3)))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def draw_front(task: Sizing, result: SizingResult):
+    """The two metrics of the objective, averaged over the operating points, and the designs along the front."""
+    from matplotlib.figure import Figure
+
+    metrics = list(task.weights)
+    figure = Figure(figsize=(10.5, 4.6), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
+
+    def mean(sized, metric):
+        unit, shown, _ = METRICS[metric]
+        return from_si(float(sized.metrics[metric].mean()), unit, shown)
+
+    met = [sized for sized in result.machines if sized.violation <= MET]
+    x, y = ([mean(sized, m) for sized in met] for m in metrics)
+    left.plot(x, y, "-o", color=BEST, ms=5, lw=1.2)
+    for k, at in enumerate(zip(x, y, strict=True)):
+        left.annotate(str(k + 1), at, (6, 4), textcoords="offset points", fontsize=8.5, color=INK)
+    start = [mean(result.start, m) for m in metrics]
+    said = "start" if result.start.violation <= MET else "start, breaks limits"
+    left.plot(*start, "s", color=START, ms=6)
+    left.annotate(said, start, (7, -11), textcoords="offset points", fontsize=8.5, color=START)
+    labels = [f"{m.replace('_', ' ')}, {METRICS[m][1]}, mean of the points" for m in metrics]
+    left.set(xlabel=labels[0], ylabel=labels[1])
+    left.margins(0.1)
+    shares = [
+        [(np.log(s.design[a.name] / a.low) / np.log(a.high / a.low)) if a.log
+         else (s.design[a.name] - a.low) / (a.high - a.low) for s in met] for a in task.free
+    ]  # fmt: skip
+    image = right.imshow(shares, cmap="viridis", vmin=0, vmax=1, aspect="auto")
+    for i, axis in enumerate(task.free):
+        unit = own_name(task.machine, axis.name)[0].unit
+        shown = shown_unit(unit, axis.high)
+        for k, sized in enumerate(met):
+            right.text(k, i, format_number(from_si(sized.design[axis.name], unit, shown), 3), ha="center", va="center",
+                       fontsize=7.5, color="white" if shares[i][k] < 0.6 else INK)  # fmt: skip
+    right.set_yticks(range(len(task.free)), [
+        f"{a.name.replace('_', ' ')}, {shown_unit(own_name(task.machine, a.name)[0].unit, a.high)}" for a in task.free
+    ], fontsize=8.5)  # fmt: skip
+    right.set_xticks(range(len(met)), [str(k + 1) for k in range(len(met))])
+    right.set_xlabel("design along the front")
+    bar = figure.colorbar(image, ax=right, pad=0.02, aspect=25)
+    bar.set_label("place within the bounds")
+    bar.outline.set_visible(False)
+    left.spines[["top", "right"]].set_visible(False)
+    right.spines[:].set_visible(False)
+    figure.suptitle(f"{task.name or 'sizing'}: what one metric costs of the other", x=0.01, ha="left", fontsize=11)
+    return figure

@@ -1,0 +1,1 @@
+"""Sweeps over parameters: configuration, chunks, workers, folder, table and figures."""

@@ -1,0 +1,212 @@
+"""Sweeps as YAML text: a machine, the designs of it that are to be run, and how they are run."""
+
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edhas_jax.config.machine_config import ConfigError, read_config
+from edhas_jax.config.machine_reader import Reader
+from edhas_jax.config.problem_list import Gatherer
+from edhas_jax.config.run_settings import SETTINGS
+from edhas_jax.config.yaml_with_lines import Key, YamlError, dotted, kind_name, line_of, read_text, read_yaml
+from edhas_jax.core.structs import Parameter
+from edhas_jax.design.batch import design_table
+from edhas_jax.design.batch.batch import BatchError, BatchSettings, plan_chunks
+from edhas_jax.design.batch.design_table import Axis, DesignError
+from edhas_jax.design.sweep.axes_reader import AxesReader
+from edhas_jax.machine.effects import EffectError
+from edhas_jax.machine.effects.validation import check_effect
+from edhas_jax.machine.parameters import ParameterError, find_parameter, put
+from edhas_jax.machine.rigs import Rig
+from edhas_jax.simulation.run import Precision, Simulation
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """A machine and the designs of it that are to be run: by parameter name a column of SI values."""
+
+    machine: Rig
+    designs: Mapping[str, np.ndarray]
+    settings: BatchSettings = BatchSettings()
+    kind: str = "table"
+    axes: tuple[Axis, ...] = ()
+    seed: int | None = None
+    name: str = ""
+    path: Path | None = None
+
+    def __len__(self) -> int:
+        return len(next(iter(self.designs.values())))
+
+
+def load_sweep(path: Path | str) -> Sweep:
+    """The sweep in a YAML file; its designs are made, and everything about them is checked.
+
+    Raises:
+        ConfigError: every problem of the file, one line each.
+    """
+    path = Path(path)
+    text = read_text(path, ConfigError)
+    try:
+        data, lines, problems = read_yaml(text)
+    except YamlError as error:
+        what = str(error)
+        if "`rig:" in what:  # said of a machine's configuration
+            what = "a mapping with the keys `base:` (the configuration of a machine) and `sweep:` is needed"
+        raise ConfigError(f"{path}:{error.line}: {what}" if error.line else f"{path}: {what}") from None
+    reader = SweepReader(data, path)
+    if not isinstance(data.get("sweep"), Mapping) and "rig" in data:
+        what = f"describes one machine, not a sweep; name it in a file of its own with `base: {path.name}` and `sweep:`"
+        raise ConfigError(f"{path}: {what}")
+    read = reader.problems
+    if not read and not reader.elsewhere:
+        try:
+            plan_chunks(reader.machine, reader.designs, reader.settings)
+            for effect in reader.machine.effects:
+                check_effect(effect, reader.machine, reader.settings.precision.value)
+        except (BatchError, EffectError) as error:
+            read = [(("base" if "base" in data else "machine",), str(error))]
+    problems += [(line_of(lines, key), f"{dotted(key)}: {what}") for key, what in read]
+    told = [f"{path}:{line}: {what}" for line, what in sorted(problems, key=lambda p: p[0])]
+    if told or reader.elsewhere:
+        raise ConfigError("\n".join(dict.fromkeys([*told, *reader.elsewhere])))
+    r = reader
+    return Sweep(r.machine, r.designs, r.settings, r.kind, r.axes, r.seed, r.name, path)
+
+
+
+TOP = ("name", "base", "machine", "parameters", "sweep", "batch")
+KEYS = {
+    "grid": ("kind", "parameters"),
+    "latin_hypercube": ("kind", "count", "seed", "parameters"),
+    "sobol": ("kind", "count", "seed", "parameters"),
+    "table": ("kind", "file"),
+}
+BATCH = {
+    "step": SETTINGS["step"],
+    "tolerance": Parameter("tolerance", 1e-4, "-", (1e-9, 0.1), "change from cycle to cycle", "", BatchSettings),
+    "max_cycles": Parameter("max_cycles", 16, "-", (3, 100_000), "cycles at most", "", BatchSettings),
+}
+
+
+class SweepReader(Gatherer):
+    """One pass over a sweep's mapping; what it has read is worth something only when there are no problems."""
+
+    def __init__(self, data: Mapping[str, Any], path: Path):
+        super().__init__([])
+        self.elsewhere: list[str] = []  # problems of the base, which names its own file
+        self._data, self._path = data, path
+        self.unknown((), data, TOP)
+        name = data.get("name") or ""
+        self.name = str(name)
+        if not isinstance(name, str):
+            self.add(("name",), f"a text belongs here, not {kind_name(name)}")
+        self.machine, self._simulation = None, Simulation()
+        self._base()
+        self.settings = self._settings()
+        self.kind, self.axes, self.seed = "", (), None
+        self.designs = self._designs()
+
+    def _base(self) -> None:
+        base, inline = self._data.get("base"), self._data.get("machine")
+        if (base is None) == (inline is None):
+            self.add(("machine",) if base else ("base",), "give either `base: FILE.yaml` or `machine:`, one of them")
+        elif base is not None:
+            if not isinstance(base, str):
+                return self.add(("base",), f"the file of a machine belongs here, not {kind_name(base)}")
+            try:
+                config = read_config(self._path.parent / base)
+                self.machine, self._simulation = config.machine, config.simulation
+            except ConfigError as error:
+                self.elsewhere += str(error).splitlines()
+        elif not isinstance(inline, Mapping):
+            self.add(("machine",), f"a mapping such as `machine: {{rig: pump_bench}}` belongs here, not "
+                                    f"{kind_name(inline)}")  # fmt: skip
+        else:
+            reader = Reader(inline, self._path.parent, ())
+            self.problems += [(("machine", *key), what) for key, what in reader.problems]
+            if not reader.problems:
+                self.machine, self._simulation = reader.machine, reader.simulation
+        for name, value in (self._section("parameters", "{load_orifice_area: 1 mm²}") or {}).items():
+            if self.machine is not None:
+                self.machine = self._changed(self.machine, ("parameters", name), name, value)
+
+    def _changed(self, machine: Rig, key: Key, name: str, value: Any) -> Rig:
+        try:
+            p, path = find_parameter(machine, name)
+        except ParameterError as error:
+            self.add(key, str(error))
+            return machine
+        number = self.quantity(key, p, value)
+        return machine if number is None else put(machine, path, p.name, number)
+
+    def _settings(self) -> BatchSettings:
+        """The section `batch:`; the step and precision of the base hold where it names none."""
+        base = self._simulation
+        values: dict[str, Any] = {"precision": base.precision} | ({"step": base.step} if base.step else {})
+        given = self._section("batch", "{step: 20 us}") or {}
+        self.unknown(("batch",), given, (*BATCH, "soft_start", "precision"))
+        for name, value in given.items():
+            if name == "precision":
+                valid = [p.value for p in Precision]
+                if value in valid:
+                    values[name] = Precision(value)
+                else:
+                    self.add(("batch", name), f"no precision `{value}`; one of {', '.join(valid)}")
+            elif name == "soft_start":
+                if isinstance(value, bool):
+                    values[name] = value
+                else:
+                    self.add(("batch", name), f"yes or no belongs here, not {kind_name(value)}")
+            elif name in BATCH:
+                number = self.quantity(("batch", name), BATCH[name], value)
+                if number is not None:
+                    values[name] = int(number) if name == "max_cycles" else number
+        return BatchSettings(**values)
+
+    def _section(self, name: str, example: str) -> Mapping[str, Any] | None:
+        value = self._data.get(name)
+        if value is None or isinstance(value, Mapping):
+            return value
+        self.add((name,), f"a mapping belongs here, for example `{name}: {example}`, not {kind_name(value)}")
+        return None
+
+    def _designs(self) -> dict[str, np.ndarray] | None:
+        given = self._section("sweep", "{kind: grid, parameters: {…}}")
+        if given is None:
+            if self._data.get("sweep") is None:
+                self.add(("sweep",), f"missing; a mapping with `kind:`, one of {', '.join(KEYS)}")
+            return None
+        kind = given.get("kind")
+        if not isinstance(kind, str) or kind not in KEYS:
+            what = "missing" if kind is None else f"no kind `{kind}` of sweep"
+            return self.add(("sweep", "kind"), f"{what}; one of {', '.join(KEYS)}")
+        self.kind = kind
+        self.unknown(("sweep",), given, KEYS[kind])
+        if kind == "table":
+            return self._table(given.get("file"))
+        count = self.whole(("sweep", "count"), given.get("count"), 1, design_table.MOST) if kind != "grid" else 0
+        self.seed = self.whole(("sweep", "seed"), given.get("seed", "0"), 0, 2**32 - 1) if kind != "grid" else None
+        self.axes = AxesReader(self.machine, kind, self.problems).read(given.get("parameters"))
+        if self.problems or self.elsewhere or self.machine is None:
+            return None
+        try:
+            if kind == "grid":
+                return design_table.grid(self.axes)
+            make = design_table.latin_hypercube if kind == "latin_hypercube" else design_table.sobol
+            return make(self.axes, count, self.seed)
+        except DesignError as error:
+            return self.add(("sweep", "parameters"), str(error))
+
+    def _table(self, file: Any) -> dict[str, np.ndarray] | None:
+        if not isinstance(file, str):
+            return self.add(("sweep", "file"), "missing; write for example `file: designs.csv`")
+        if self.machine is None:
+            return None
+        try:
+            return design_table.table(self._path.parent / file, self.machine)
+        except DesignError as error:
+            return self.add(("sweep", "file"), str(error))

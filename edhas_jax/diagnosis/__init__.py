@@ -1,0 +1,1 @@
+"""Which physical effect is missing: calibration, search, planning of experiments and the report."""

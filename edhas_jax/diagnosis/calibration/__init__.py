@@ -1,0 +1,1 @@
+"""Fitting a machine to a campaign, with uncertainties."""

@@ -1,0 +1,67 @@
+"""The report of a calibration: one page with its findings, tables and pictures."""
+
+from edhas_jax.core import html_page
+from edhas_jax.core.units import format_quantity
+from edhas_jax.diagnosis.calibration.figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
+from edhas_jax.diagnosis.calibration.result import Calibration
+from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.comparison_figures import draw_matrix, notes_of
+from edhas_jax.measurements.predicted_signals import level
+
+
+def fit_report(calibration: Calibration) -> str:
+    """The page as HTML."""
+    fit, campaign = calibration.fit, calibration.fit.problem.campaign
+    step = min(run.interval for run in campaign.runs) / fit.resolution.fine
+    parts = [
+        html_page.heading(f"{campaign.name}: calibration", 1),
+        html_page.paragraph(
+            f"{fit.problem.machine.name}; {len(fit.x)} unknowns from {len(campaign.runs_for(Use.FIT))} runs, "
+            f"{len(campaign.runs_for(Use.HOLDOUT))} held out; step {format_quantity(step, 's')}, error of the solver "
+            f"{fit.resolution.error:.2f} of the noise at most; {calibration.seconds:.0f} s."
+        ),
+        html_page.listing(calibration.findings()),
+        html_page.heading("Residual over noise"),
+        html_page.picture(draw_before_after(calibration), "residual over noise by run and signal, before and after"),
+        html_page.heading("What was believed, and what was found"),
+        html_page.picture(draw_estimates(calibration), "estimates in standard deviations of the prior"),
+        estimates(calibration),
+    ]
+    drift, profiles = draw_drift(calibration), draw_profiles(calibration)
+    if drift is not None:
+        parts += [html_page.heading("Each run alone"), html_page.picture(drift, "distance of each run's estimate")]
+    parts += [html_page.heading("Correlations"), html_page.picture(draw_correlations(calibration), "correlations")]
+    if profiles is not None:
+        parts += [html_page.heading("Profiles"), html_page.picture(profiles, "rise of χ² along an unknown")]
+    if campaign.remarks:
+        noticed = [str(remark) for remark in campaign.remarks]
+        parts += [html_page.heading("What the reader noticed"), html_page.listing(noticed)]
+    return html_page.page(f"{campaign.name}: calibration", *parts)
+
+
+def draw_before_after(calibration: Calibration):
+    """The matrices runs × signals before and after, as a matplotlib figure."""
+    panels = {
+        title: {run: {n: level([v]) for n, v in signals.items()} for run, signals in residuals.items()}
+        for title, residuals in (("before", calibration.before), ("calibrated", calibration.after))
+    }
+    return draw_matrix(panels, notes_of(calibration.fit.problem.campaign))
+
+
+def estimates(calibration: Calibration) -> str:
+    """The unknowns as an HTML table."""
+    fit = calibration.fit
+    marks = {
+        "not identified": calibration.unseen(), "hard to believe": calibration.implausible(),
+        "drifts from run to run": calibration.drifting(),
+    }  # fmt: skip
+    body = []
+    for u, x, std in zip(fit.problem.unknowns, fit.x, fit.std, strict=True):
+        low, high = (format_quantity(v, u.unit) for v in fit.interval(u.name))
+        body.append([
+            u.name, format_quantity(u.centre, u.unit), format_quantity(fit.values[u.name], u.unit),
+            f"{low} … {high}", f"{x:+.2f}", f"{std:.3f}",
+            ", ".join(mark for mark, names in marks.items() if u.name in names),
+        ])  # fmt: skip
+    header = ("unknown", "believed", "found", "95 % interval", "pull, σ", "error / prior σ", "")
+    return html_page.rows(header, body)

@@ -1,0 +1,1 @@
+"""What runs can reveal, and the next experiment."""

@@ -1,0 +1,1 @@
+"""The result of a diagnosis on disk and as a page."""

@@ -1,0 +1,139 @@
+"""The machine as a sketch (SVG), each part coloured by how probable it is that something is missing there."""
+
+import html
+from collections.abc import Mapping
+
+from edhas_jax.core.plot_style import INK, QUIET
+from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
+
+PALE, STRONG = (246, 248, 250), (222, 74, 28)
+SIZE = 730, 340
+PIPE = "#c9d3dc"
+TOLD = 0.005  # probability below which a part is drawn without a number
+
+
+def schematic(machine: Rig, where: Mapping[str, float], measured: tuple[str, ...] = ()) -> str:
+    """An SVG of the rig; `where` is {part: probability}, `measured` the signals that the sensors give."""
+    drawing = _Drawing(where)
+    bench, system = isinstance(machine, ActuatorBench), isinstance(machine, ActuatorSystem)
+    if not bench:
+        drawing.pump()
+        drawing.cylinder() if system else drawing.load()
+    drawing.actuator(alone=bench)
+    drawing.sensors(measured)
+    width, height = SIZE
+    said = ", ".join(f"{part.replace('_', ' ')} {p:.0%}" for part, p in where.items() if p >= TOLD) or "nowhere"
+    return (
+        f'<svg viewBox="0 0 {width} {height}" width="100%" style="max-width:{width}px" role="img" '
+        f'font-family="system-ui, sans-serif" font-size="13" fill="{INK}">'
+        f"<title>where something is missing: {html.escape(said)}</title>{''.join(drawing.parts)}</svg>"
+    )
+
+
+def shade(probability: float) -> str:
+    """The colour of a part."""
+    t = min(max(probability, 0.0), 1.0) ** 0.6
+    return "#" + "".join(f"{round(a + t * (b - a)):02x}" for a, b in zip(PALE, STRONG, strict=True))
+
+
+class _Drawing:
+    """Collects the elements of the sketch."""
+
+    def __init__(self, where: Mapping[str, float]):
+        self.parts: list[str] = []
+        self._where = where
+
+    def actuator(self, alone: bool) -> None:
+        """The coil in its magnet around the mover, which carries a plunger at each end."""
+        self._box("coil", 200, 112, 100, 92, 6)
+        for y in range(124, 200, 12):
+            if not 144 < y < 172:
+                self._line(212, y, 288, y, 1.1)
+        self._box("mover", 160 if alone else 112, 151, 180 if alone else 276, 14, 3)
+        if not alone:
+            for x in (104, 384):
+                self._box("mover", x, 144, 12, 28, 2)
+        self._label("coil", 250, 102)
+        self._label("mover", 250, 222)
+
+    def pump(self) -> None:
+        """Two opposed chambers, four check valves, suction and delivery lines, oil."""
+        for x in (80, 420):  # lines to the valves, drawn first
+            self._line(x, 58, x, 262, 5, PIPE)
+        self._line(78, 60, 560, 60, 5, PIPE)
+        self._line(78, 260, 560, 260, 5, PIPE)
+        for x in (50, 372):
+            self._box("chamber", x, 124, 78, 68, 5)
+        self._label("chamber", 458, 162, "start")
+        for x in (80, 420):
+            for y in (94, 226):
+                self._valve(x, y)
+        self._label("check_valves", 440, 98, "start")
+        self._box("suction", 470, 242, 76, 36, 18)
+        self._label("suction", 508, 298)
+        self._line(546, 260, 574, 260, 5, PIPE)
+        self._box("oil", 574, 230, 60, 60, 30)
+        self._label("oil", 604, 308)
+        self._text("accumulator", 640, 256, QUIET, 11, "start")
+
+    def load(self) -> None:
+        """Outlet volume and load orifice."""
+        self._box("outlet", 500, 40, 84, 40, 8)
+        self._label("outlet", 542, 32)
+        self.parts.append(
+            f'<path d="M584 60 H640 V138 M640 158 V200 L612 232" stroke="{PIPE}" fill="none" stroke-width="5"/>'
+            f'<path d="M626 138 H654 M626 158 H654 M632 138 Q646 148 632 158 M648 138 Q634 148 648 158" '
+            f'stroke="{INK}" fill="none" stroke-width="1.4"/>'
+        )
+        self._text("load orifice", 660, 152, QUIET, 11, "start")
+
+    def cylinder(self) -> None:
+        """Outlet volume, reversing valve and cylinder."""
+        self._box("outlet", 470, 40, 76, 40, 8)
+        self._label("outlet", 508, 32)
+        self.parts.append(
+            f'<path d="M546 60 H600 V130 M634 78 V130 M617 80 V196 L610 232" stroke="{PIPE}" fill="none" '
+            f'stroke-width="4"/><rect x="588" y="42" width="58" height="36" fill="white" stroke="{INK}"/>'
+            f'<path d="M598 68 L614 52 M636 68 L620 52" stroke="{INK}" fill="none"/>'
+        )
+        self._text("reversing valve", 617, 34, QUIET, 11)
+        self._box("cylinder", 572, 124, 92, 46, 4)
+        self._line(617, 124, 617, 170, 6)
+        self._line(617, 147, 706, 147, 4)
+        self._label("cylinder", 668, 190)
+
+    def sensors(self, measured: tuple[str, ...]) -> None:
+        """The sensors as one gauge, with the signals that they give."""
+        self.parts.append(
+            f'<circle cx="80" cy="312" r="18" fill="{self._shade("sensor")}" stroke="{INK}" stroke-width="1.3"/>'
+            f'<path d="M80 312 L90 301" stroke="{INK}" stroke-width="1.6"/>'
+        )
+        self._label("sensor", 108, 308, "start")
+        names = ", ".join(name.replace("_", " ") for name in measured)
+        self._text(names if len(names) < 78 else names[:75] + " …", 108, 325, QUIET, 11, "start")
+
+    def _shade(self, part: str) -> str:
+        return shade(self._where.get(part, 0.0))
+
+    def _box(self, part: str, x: float, y: float, width: float, height: float, round_: float) -> None:
+        self.parts.append(f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="{round_}" '
+                          f'fill="{self._shade(part)}" stroke="{INK}" stroke-width="1.3"/>')  # fmt: skip
+
+    def _valve(self, x: float, y: float) -> None:
+        fill = self._shade("check_valves")
+        self.parts.append(f'<circle cx="{x}" cy="{y - 4}" r="8" fill="{fill}" stroke="{INK}" stroke-width="1.3"/>'
+                          f'<path d="M{x - 12} {y - 2} L{x - 5} {y + 10} M{x + 12} {y - 2} L{x + 5} {y + 10}" '
+                          f'stroke="{INK}" stroke-width="1.6"/>')  # fmt: skip
+
+    def _line(self, x: float, y: float, to_x: float, to_y: float, width: float, colour: str = INK) -> None:
+        self.parts.append(f'<line x1="{x}" y1="{y}" x2="{to_x}" y2="{to_y}" stroke="{colour}" stroke-width="{width}"/>')
+
+    def _label(self, part: str, x: float, y: float, anchor: str = "middle") -> None:
+        p = self._where.get(part, 0.0)
+        number = f' <tspan font-weight="700">{p:.0%}</tspan>' if p >= TOLD else ""
+        name = part.replace("_", " ")
+        self.parts.append(f'<text x="{x}" y="{y}" text-anchor="{anchor}">{name}{number}</text>')
+
+    def _text(self, text: str, x: float, y: float, colour: str, size: int, anchor: str = "middle") -> None:
+        look = f'text-anchor="{anchor}" fill="{colour}" font-size="{size}"'
+        self.parts.append(f'<text x="{x}" y="{y}" {look}>{html.escape(text)}</text>')

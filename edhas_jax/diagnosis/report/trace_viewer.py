@@ -1,0 +1,104 @@
+"""Measured and model over each other, run by run, to be looked through in a browser: one piece of HTML."""
+
+import base64
+import html
+import json
+from collections.abc import Mapping
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from edhas_jax.core.plot_style import COLOURS, QUIET
+from edhas_jax.core.units import from_si
+from edhas_jax.machine.components.set_points import Sine
+from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.parameters import get_parameter
+from edhas_jax.machine.rigs import ActuatorSystem
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
+from edhas_jax.measurements.comparison_figures import notes_of
+from edhas_jax.measurements.predicted_signals import level
+
+SHADES = {"before": QUIET, "calibrated": "#9a6700", "after": COLOURS[1], "formula": COLOURS[3]}
+MOST = 6000  # samples of a run that go into the page
+HOLE, FULL = -32768, 32000
+CYCLES = 2.0  # shown at first
+STYLE = """
+#traces select { font: inherit; margin-right: 1em } #traces [data-model] { cursor: pointer; margin-right: 1.4em }
+#traces [data-model].off { opacity: 0.35; text-decoration: line-through } #traces i { color: #6e7781 }
+#traces svg { width: 100%; font-size: 12px; fill: #1b1f24; cursor: crosshair; user-select: none }
+#traces .reading { min-height: 1.5em; color: #6e7781; font-variant-numeric: tabular-nums }
+"""
+
+
+def trace_view(campaign: Campaign, states: Mapping[str, Mapping[str, Mapping[str, np.ndarray]]]) -> str:
+    """The HTML. `states` has, by name of a model (before, calibrated, after, formula), its residuals by run and signal.
+
+    What a model says is what was measured less the residual. It opens on the run, held out if there is one, and on the
+    signal where the calibrated model is worst.
+    """
+    runs = [run for run in campaign.runs if run.signals]
+    wanted = [r for r, run in enumerate(runs) if run.use is Use.HOLDOUT] or range(len(runs))
+    worst = states.get("calibrated", next(iter(states.values())))
+    opened = max(((level([v]), r, n) for r in wanted for n, v in worst[runs[r].name].items()), default=(0.0, 0, ""))
+    signals = [n for n in campaign.channels if any(n in run.signals for run in runs)]
+    data = {
+        "runs": [_run(campaign, run, states) for run in runs],
+        "run": opened[1], "signal": opened[2] or signals[0],
+        "units": {n: SIGNALS[n].shown for n in signals},
+        "noise": {n: _size(n, campaign.channels[n].noise) for n in signals},
+        "models": [{"name": name, "colour": SHADES[name]} for name in states],
+        "hidden": [name for name in states if name == "before"], "colour": COLOURS[0],
+    }  # fmt: skip
+    options = "".join(f'<option value="{r}">{html.escape(run.name)}</option>' for r, run in enumerate(runs))
+    names = "".join(f'<option value="{n}">{n.replace("_", " ")}</option>' for n in signals)
+    legend = f'<span style="color:{COLOURS[0]};margin-right:1.4em">● measured</span>' + "".join(
+        f'<span data-model="{m["name"]}" style="color:{m["colour"]}">━ {m["name"]} <i></i></span>'
+        for m in data["models"]
+    )
+    script = resources.files(__package__).joinpath("trace_viewer.js").read_text(encoding="utf-8")
+    return (
+        f'<style>{STYLE}</style><div id="traces"><p>run <select class="run">{options}</select>signal '
+        f'<select class="signal">{names}</select><span class="says"></span><br>{legend}</p>'
+        '<svg viewBox="0 0 1120 504"></svg><p class="reading"></p></div>'
+        f'<script type="application/json" id="traces-data">{json.dumps(data, allow_nan=False)}</script>'
+        f"<script>{script}</script>"
+    )
+
+
+def _run(campaign: Campaign, run: BenchRun, states) -> dict[str, Any]:
+    """One run as plain data: times in ms, signals in the units in which they are shown."""
+    thin = max(1, -(-len(run.time) // MOST))
+    time = 1e3 * run.time[::thin]
+    machine = campaign.machine_of(run)
+    start = time[0]
+    if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
+        start = max(start, time[-1] - CYCLES * 1e3 / float(get_parameter(machine, "frequency")))
+    out = {
+        "count": len(time), "first": float(time[0]), "step": float((time[-1] - time[0]) / max(1, len(time) - 1)),
+        "shown": [float(start), float(time[-1])], "says": notes_of(campaign)[run.name], "signals": {}, "levels": {},
+    }  # fmt: skip
+    for name, measured in run.signals.items():
+        left = {state: rows[run.name][name] for state, rows in states.items()}
+        noise = campaign.channels[name].noise
+        rows = {"measured": measured, **{state: measured - noise * v for state, v in left.items()}}
+        out["signals"][name] = {state: _packed(_in(name, v[::thin])) for state, v in rows.items()}
+        out["levels"][name] = {state: f"{level([v]):.2f} × noise" for state, v in left.items()}
+    return out
+
+
+def _packed(values: np.ndarray) -> dict[str, Any]:
+    """Numbers as 16-bit integers: value = offset + scale · integer."""
+    seen = values[np.isfinite(values)]
+    low, high = (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 0.0)
+    offset, scale = 0.5 * (low + high), max((high - low) / (2 * FULL), 1e-30)
+    whole = np.where(np.isfinite(values), np.round((np.nan_to_num(values) - offset) / scale), HOLE)
+    return {"offset": offset, "scale": scale, "data": base64.b64encode(whole.astype("<i2").tobytes()).decode()}
+
+
+def _in(name: str, values):
+    return from_si(values, SIGNALS[name].unit, SIGNALS[name].shown)
+
+
+def _size(name: str, value: float) -> float:
+    return float(_in(name, value) - _in(name, 0.0))

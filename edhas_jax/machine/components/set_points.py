@@ -1,0 +1,156 @@
+"""What a run is driven by: set points and recorded signals, as functions of time."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from edhas_jax.core.structs import par, struct
+
+
+@struct
+class Sine:
+    """A sine that a ramp brings in softly: a s(t/T) sin(2π f t), s(τ) = τ³ (10 − 15 τ + 6 τ²) on [0, 1]."""
+
+    amplitude: float = par(3.5e-3, "m", (0.0, 10.0), "amplitude of the set point")
+    frequency: float = par(10.0, "Hz", (1e-3, 2e3), "frequency")
+    ramp_time: float = par(0.1, "s", (0.0, 100.0), "time of the soft start; 0 starts at full amplitude")
+
+    def at(self, t):
+        """Value and rate at time t [s]."""
+        omega = 2.0 * jnp.pi * self.frequency
+        ramped = self.ramp_time > 0.0
+        tau = jnp.where(ramped, jnp.clip(t / jnp.where(ramped, self.ramp_time, 1.0), 0.0, 1.0), 1.0)
+        rate = jnp.where(ramped, 30.0 * jnp.square(tau * (1.0 - tau)) / jnp.where(ramped, self.ramp_time, 1.0), 0.0)
+        scale = tau * tau * tau * (10.0 - tau * (15.0 - 6.0 * tau))
+        sine, cosine = jnp.sin(omega * t), jnp.cos(omega * t)
+        return self.amplitude * scale * sine, self.amplitude * (scale * omega * cosine + rate * sine)
+
+
+@struct
+class Step:
+    """A step from 0 to `step_size` at `step_time`; its rate is taken as 0."""
+
+    step_size: float = par(1e-3, "m", (-10.0, 10.0), "height of the step")
+    step_time: float = par(0.0, "s", (0.0, 1e4), "time of the step")
+
+    def at(self, t):
+        """Value and rate at time t [s]."""
+        value = jnp.where(t >= self.step_time, self.step_size, 0.0)
+        return value, jnp.zeros_like(value)
+
+
+@struct
+class Chirp:
+    """A sine whose frequency rises linearly from f_0 to f_1 in `sweep_time` and stays there."""
+
+    amplitude: float = par(1e-3, "m", (0.0, 10.0), "amplitude of the set point")
+    start_frequency: float = par(1.0, "Hz", (0.0, 2e3), "frequency at the start")
+    end_frequency: float = par(60.0, "Hz", (0.0, 2e3), "frequency at the end of the sweep")
+    sweep_time: float = par(1.0, "s", (1e-3, 1e4), "time from the one to the other")
+
+    def at(self, t):
+        """Value and rate at time t [s]."""
+        within = jnp.minimum(t, self.sweep_time)
+        slope = (self.end_frequency - self.start_frequency) / self.sweep_time
+        cycles = within * (self.start_frequency + 0.5 * slope * within) + self.end_frequency * (t - within)
+        omega = 2.0 * jnp.pi * (self.start_frequency + slope * within)
+        phase = 2.0 * jnp.pi * cycles
+        return self.amplitude * jnp.sin(phase), self.amplitude * omega * jnp.cos(phase)
+
+
+@struct
+class Recorded:
+    """A recorded signal replayed: cubic Hermite interpolation of samples at equal steps, held after the last.
+
+    `values` has shape (n,), n ≥ 2, in SI; the first sample is at `start` [s], before which it is held.
+    """
+
+    values: object
+    interval: object
+    start: object = 0.0
+
+    def at(self, t):
+        """Value and rate at time t [s]."""
+        last = len(self.values) - 1
+        position = jnp.clip((t - self.start) / self.interval, 0.0, float(last))
+        inside = (t >= self.start) & (t <= self.start + float(last) * self.interval)
+        whole = jnp.clip(jnp.floor(position), 0.0, last - 1.0)
+        k, u = whole.astype(int), position - whole
+        before, here, there, after = (self.values[jnp.clip(k + j, 0, last)] for j in (-1, 0, 1, 2))
+        slope_here = jnp.where(k > 0, 0.5 * (there - before), there - here)
+        slope_there = jnp.where(k < last - 1, 0.5 * (after - here), there - here)
+        rise = there - here
+        c2, c3 = 3.0 * rise - 2.0 * slope_here - slope_there, slope_here + slope_there - 2.0 * rise
+        value = here + u * (slope_here + u * (c2 + u * c3))
+        rate = (slope_here + u * (2.0 * c2 + 3.0 * u * c3)) / self.interval
+        return value, jnp.where(inside, rate, 0.0)
+
+
+@struct
+class Stretch:
+    """One interval of a recorded signal, from its sample number `index` to the next: the cubic of `Recorded`.
+
+    A march that takes its samples where the recording has its own needs no table, only the stretch that it is in.
+    """
+
+    interval: object
+    index: object
+    here: object
+    slope: object
+    second: object
+    third: object
+
+    @classmethod
+    def of(cls, recorded: Recorded, count: int) -> "Stretch":
+        """The first `count` stretches of a recording that starts at 0; every leaf (count,), the interval a number."""
+        values = np.asarray(recorded.values, float)
+        values = values[np.minimum(np.arange(-1, count + 2).clip(0), len(values) - 1)]  # held after the last
+        before, here, there, after = values[:-3], values[1:-2], values[2:-1], values[3:]
+        k, last, rise = np.arange(count), len(recorded.values) - 1, there - here
+        slope_here = np.where(k > 0, 0.5 * (there - before), rise)
+        slope_there = np.where(k < last - 1, 0.5 * (after - here), rise)
+        slope_here, slope_there = (np.where(k < last, slope, 0.0) for slope in (slope_here, slope_there))
+        return cls(
+            interval=float(recorded.interval), index=k.astype(float), here=here, slope=slope_here,
+            second=3.0 * rise - 2.0 * slope_here - slope_there, third=slope_here + slope_there - 2.0 * rise,
+        )  # fmt: skip
+
+    def at(self, t):
+        """Value and rate at time t [s] within the stretch."""
+        u = t / self.interval - self.index
+        value = self.here + u * (self.slope + u * (self.second + u * self.third))
+        return value, (self.slope + u * (2.0 * self.second + 3.0 * u * self.third)) / self.interval
+
+
+@struct
+class CyclicSine:
+    """A sine at a given phase of its cycle, for a batch whose designs take equal steps per cycle.
+
+    The trigonometric part is the same for all designs and is computed once for all of them; time is not looked at.
+    """
+
+    amplitude: object
+    frequency: object
+    sine: object
+    cosine: object
+    ramp: object
+    ramp_slope: object
+
+    @classmethod
+    def at_phase(cls, sine: Sine, phase, first_cycle) -> "CyclicSine":
+        """The sine at `phase` (0 … 1); in its first cycle the ramp brings it in."""
+        angle = 2.0 * jnp.pi * phase
+        ramp = phase * phase * phase * (10.0 - phase * (15.0 - 6.0 * phase))
+        return cls(
+            amplitude=sine.amplitude,
+            frequency=sine.frequency,
+            sine=jnp.sin(angle),
+            cosine=jnp.cos(angle),
+            ramp=jnp.where(first_cycle, ramp, 1.0),
+            ramp_slope=jnp.where(first_cycle, 30.0 * jnp.square(phase * (1.0 - phase)), 0.0),
+        )
+
+    def at(self, t):
+        """Value and rate at the phase."""
+        value = self.amplitude * (self.ramp * self.sine)
+        slope = 2.0 * jnp.pi * self.ramp * self.cosine + self.ramp_slope * self.sine
+        return value, self.amplitude * self.frequency * slope

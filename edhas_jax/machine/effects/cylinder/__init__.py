@@ -1,0 +1,1 @@
+"""Effects of the cylinder and its load."""

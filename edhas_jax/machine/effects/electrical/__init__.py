@@ -1,0 +1,1 @@
+"""Effects of coil, amplifier and supply."""

@@ -1,0 +1,1 @@
+"""Effects of oil, valves, leakage and lines."""

@@ -1,0 +1,26 @@
+"""Entrained air in the oil."""
+
+from edhas_jax.core.structs import par
+from edhas_jax.machine.effects.base import Effect
+
+
+class EntrainedAir(Effect):
+    """Bubbles that make the oil soft at low pressure.
+
+    1/β(p) = α p_atm/p² + (1 − α p_atm/p)/β_f,   p absolute; added here is what differs from 1/β_f
+
+    Source: Actuators 2022, 11(10), 281, Eq. 4 (isothermal bubbles).
+    """
+
+    looks_like = "a rounded rise of chamber pressure, late opening of the delivery valves; gone above 1 … 3 MPa"
+    confused_with = ("hose_compliance", "pump_dead_volume", "backlash")
+
+    air_fraction: float = par(
+        0.005, "-", (1e-7, 0.2), "volume of free air per volume of oil at 1 atm, α", plausible=(5e-4, 0.05)
+    )
+
+    def oil_gas(self, s, z):
+        return self.air_fraction * s.atmospheric_pressure
+
+    def oil_compressibility(self, s, z):
+        return self.oil_gas(s, z) / s.pressure * (1.0 / s.pressure - 1.0 / s.oil_bulk_modulus)

@@ -1,0 +1,42 @@
+"""A viscosity that depends on temperature and pressure."""
+
+import jax.numpy as jnp
+
+from edhas_jax.core.structs import par
+from edhas_jax.machine.effects.base import Effect
+
+MEASURED_AT = 313.15  # K, the temperature at which `oil_viscosity` holds: 40 °C
+
+
+class OilTemperature(Effect):
+    """Warm oil is thin.
+
+    μ → μ exp(−b (T − 40 °C)), T the `oil_temperature` of the run
+
+    Source: Reynolds' law; b of mineral oils of ISO VG 32 … 46 between 20 and 60 °C.
+    """
+
+    looks_like = "leakage that follows the oil temperature of the runs; nothing where all runs are at 40 °C"
+    confused_with = ("oil_viscosity", "piston_clearance", "pressure_viscosity")
+
+    viscosity_exponent: float = par(0.03, "1/K", (-1.0, 1.0), "relative fall per kelvin b", plausible=(0.02, 0.05))
+
+    def oil_viscosity_factor(self, s, z):
+        return jnp.exp(-self.viscosity_exponent * (s.oil_temperature - MEASURED_AT))
+
+
+class PressureViscosity(Effect):
+    """Oil under pressure is thick: in the gap of a plunger at the mean of the pressures at its ends.
+
+    μ → μ exp(a (p + p_s)/2) in the pressure-driven part of the leakage
+
+    Source: Barus' law; 1.3 … 3e-8 1/Pa for mineral oils.
+    """
+
+    looks_like = "leakage that grows less than the pressure, by an eighth at 7 MPa"
+    confused_with = ("oil_viscosity", "piston_clearance", "oil_temperature")
+
+    pressure_coefficient: float = par(2e-8, "1/Pa", (0.0, 1e-6), "relative rise per pressure a", plausible=(1e-8, 3e-8))
+
+    def gap_viscosity_factor(self, s, z):
+        return jnp.exp(0.5 * self.pressure_coefficient * (s.chamber_pressure + s.accumulator_pressure))

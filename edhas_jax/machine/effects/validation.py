@@ -1,0 +1,221 @@
+"""The check of an effect: that it is declared as it should, and that it acts on a rig without a failure."""
+
+import dataclasses
+import difflib
+import inspect
+import math
+import types
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from edhas_jax.core.names import nearest
+from edhas_jax.machine.effects.base import Effect, EffectError
+from edhas_jax.machine.effects.source_location import first_line, place
+from edhas_jax.machine.interface.signals import SIGNALS, UnknownName
+from edhas_jax.machine.interface.slots import SLOTS
+
+_FORCED = (
+    "a constant forces another precision on the run; write numbers as float(np.sqrt(2.0)), "
+    "tables as jnp.asarray(table, s.current.dtype)"
+)
+
+
+def check_declaration(cls: type[Effect]) -> None:
+    """Refuse an effect whose id, parameters or method signatures are not as `Effect` asks.
+
+    Raises:
+        EffectError: what is wrong, with class, file and line.
+    """
+    if not cls.id.isidentifier():
+        raise EffectError(f"{place(cls)}: the id `{cls.id}` is not a name of letters, digits and underscores")
+    check_parameters(cls)
+    for method in _methods(cls):
+        try:
+            inspect.signature(getattr(cls, method)).bind(None, None, None)
+        except TypeError:
+            raise EffectError(f"{place(cls, method)}: define it as `def {method}(self, s, z)`") from None
+
+
+def check_parameters(cls: type) -> None:
+    """Refuse a class of the user with a field that is no well-declared parameter.
+
+    Raises:
+        EffectError: what is wrong, with class, file and line.
+    """
+    for field in dataclasses.fields(cls):
+        where = place(cls, field.name)
+        if field.metadata.get("static"):
+            continue
+        if "par" not in field.metadata:
+            raise EffectError(f'{where}: declare a parameter with par(default, "unit", (low, high), "meaning")')
+        _check_parameter(where, field)
+
+
+def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> None:
+    """Refuse an effect that cannot act on this machine in a run of this precision.
+
+    Nothing is computed: the equations are only traced.
+
+    Raises:
+        EffectError: no slot of it exists here, its id is taken, or its code fails (class.method, file, line, reason).
+    """
+    cls = type(effect)
+    check_declaration(cls)
+    others = tuple(e for e in machine.effects if e is not effect)
+    if any(e.id == effect.id for e in others):
+        raise EffectError(f"{effect.id} is given twice; every effect of a machine needs its own id")
+    if effect.id in {f.name for f in dataclasses.fields(machine)}:
+        raise EffectError(f"{place(cls)}: the id `{effect.id}` is taken by a part of {machine.name}")
+    here = {slot.name for slot in machine.slots}
+    if not any(slot.name in here for slot in effect.slots):
+        places = " and ".join(dict.fromkeys(f"the {slot.where.replace('_', ' ')}" for slot in effect.slots))
+        names = ", ".join(slot.name for slot in effect.slots)
+        word = "slot" if len(effect.slots) == 1 else "slots"
+        raise EffectError(f"{effect.id} acts on {places} ({word} {names}), which {machine.name} does not have")
+    trial = dataclasses.replace(machine, effects=(*others, effect))
+    try:
+        kind = np.dtype(precision)
+        jax.eval_shape(_dry_run, jax.tree.map(lambda leaf: np.asarray(leaf, kind), trial), kind.type(0.0))
+    except EffectError:
+        raise
+    except Exception as error:
+        raise EffectError(f"{place(cls)}: {type(error).__name__}: {first_line(error)}") from error
+
+
+def _dry_run(machine, zero):
+    """The equations once, with the methods of the last effect under watch."""
+    probe = machine.effects[-1]
+    for method in _methods(type(probe)):
+        # this copy was made by the trace and ends with it, so that nobody sees the watched methods
+        object.__setattr__(probe, method, _watched(probe, method, machine, zero.dtype))
+    y = {name: zero + jnp.asarray(value, zero.dtype) for name, value in machine.start().items()}
+    s, rates = machine.evaluate(y, zero, zero, y)
+    if not any(probe.id in found for found in s.notes.contributions.values()):
+        names = ", ".join(slot.name for slot in probe.slots)
+        raise EffectError(f"{probe.id} acts on nothing here: this {machine.name} does not ask for {names}")
+    return rates
+
+
+def _watched(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
+    """The method, with every failure of the user's code told as one sentence."""
+    cls, inner = type(effect), getattr(effect, method)
+    unit = SLOTS[method].unit if method in SLOTS else ""
+
+    def call(s, z):
+        try:
+            value = inner(s, z)
+        except EffectError:
+            raise
+        except Exception as error:
+            raise EffectError(f"{place(cls, method, error)}: {_reason(error, cls, machine)}") from error
+        where = place(cls, method)
+        if method != "rates":
+            check_number(where, value, f"a real number in {unit}" if unit != "-" else "a real factor", kind)
+            return value
+        if not isinstance(value, dict):
+            raise EffectError(f"{where}: returns {_kind(value)}, not a dict of the rates of {_listed(cls.states)}")
+        for name in value:
+            if name not in cls.states:
+                raise EffectError(f"{where}: gives a rate of `{name}`, which is no state; {_states(name, cls)}")
+        missing = [name for name in cls.states if name not in value]
+        if missing:
+            raise EffectError(f"{where}: gives no rate of {_listed(missing)}")
+        for name, rate in value.items():
+            check_number(where, rate, f"a real number in ({cls.states[name].unit})/s as rate of {name}", kind)
+        return value
+
+    return call
+
+
+def check_number(where: str, value: Any, wanted: str, kind: Any) -> None:
+    """Refuse what a method of the user returned if it is not one real number in the precision `kind`.
+
+    Raises:
+        EffectError: what it is instead, and what was wanted.
+    """
+    if value is None:
+        raise EffectError(f"{where}: returns nothing; return {wanted}")
+    if not isinstance(value, float) and not hasattr(value, "dtype"):
+        raise EffectError(f"{where}: returns {_kind(value)}; return {wanted}")
+    if jnp.shape(value) != ():
+        raise EffectError(f"{where}: returns an array of shape {jnp.shape(value)}; return {wanted}, one at a time")
+    if not jnp.issubdtype(jnp.result_type(value), jnp.floating):
+        raise EffectError(f"{where}: returns a value of type {jnp.result_type(value)}; return {wanted}")
+    is_bare = type(value) is float or getattr(value, "weak_type", False)
+    if not is_bare and jnp.result_type(value) != kind:
+        raise EffectError(f"{where}: {_FORCED}")
+
+
+def _reason(error: Exception, cls: type[Effect], machine: Any) -> str:
+    """What went wrong in the user's code, and what to do instead."""
+    if isinstance(error, UnknownName):
+        name, known = getattr(error, "name", None), getattr(getattr(error, "obj", None), "_values", None)
+        if name is None or known is None:
+            return f"on {machine.name}, {first_line(error)}"
+        return f"{machine.name} has no signal or parameter `{name}` at this slot; {_instead(name, known, machine)}"
+    if isinstance(error, AttributeError) and isinstance(getattr(error, "obj", None), types.SimpleNamespace):
+        return f"`z` has no state `{error.name}`; {_states(error.name, cls)}"
+    return code_reason(error)
+
+
+def code_reason(error: Exception) -> str:
+    """What went wrong in code that JAX was to trace, and what to do instead."""
+    if isinstance(error, jax.errors.TracerBoolConversionError):
+        return "a value decides by `if`, `and`, `or`, `not`, `min` or `max`; decide with jnp.where"
+    if isinstance(error, jax.errors.TracerArrayConversionError):
+        return "a function of numpy meets a value of the run; take the one of jax.numpy"
+    if isinstance(error, jax.errors.ConcretizationTypeError):
+        return "a value of the run is turned into a Python number (float, int, math); stay with jax.numpy"
+    if type(error).__name__ == "TypePromotionError":
+        return _FORCED
+    return f"{type(error).__name__}: {first_line(error)}"
+
+
+def _instead(name: str, known, machine: Any) -> str:
+    """Where a signal exists that is not known here, or what it may have been meant for."""
+    slots = [slot.name for slot in machine.slots if name in slot.local]
+    if slots:
+        return f"it is known at {', '.join(slots)}"
+    if name in SIGNALS or any(name in slot.local for slot in SLOTS.values()):
+        return "it belongs to another rig, or is computed only after this slot"
+    close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    return f"nearest: {', '.join(close)}" if close else "edhas_jax/signals.py lists the signals"
+
+
+def _check_parameter(where: str, field: dataclasses.Field) -> None:
+    try:
+        unit, (low, high), doc, _ = field.metadata["par"]
+        low, high, default = float(low), float(high), float(field.default)
+    except (TypeError, ValueError):
+        raise EffectError(f'{where}: declare it as par(default, "unit", (low, high), "meaning")') from None
+    if not isinstance(unit, str) or not isinstance(doc, str):
+        raise EffectError(f"{where}: unit and meaning of a parameter must be texts")
+    if not (low <= default <= high and math.isfinite(default)):
+        raise EffectError(f"{where}: the default {default:g} is outside its own span {low:g} … {high:g}")
+    if (plausible := field.metadata["plausible"]) is not None:
+        inside = isinstance(plausible, tuple) and len(plausible) == 2 and low <= plausible[0] < plausible[1] <= high
+        if not inside or not plausible[0] <= default <= plausible[1]:
+            raise EffectError(f"{where}: plausible must be (low, high) within the span, with the default inside")
+
+
+def _methods(cls: type[Effect]) -> list[str]:
+    return [slot.name for slot in cls.slots] + ["rates"] * bool(cls.states or "rates" in vars(cls))
+
+
+def _kind(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    name = "number" if isinstance(value, jax.Array) else type(value).__name__
+    return f"an {name}" if name[0] in "aeiou" else f"a {name}"
+
+
+def _states(name: str, cls: type[Effect]) -> str:
+    return nearest(name, cls.states) if cls.states else f"{cls.__name__} declares no states"
+
+
+def _listed(names) -> str:
+    return ", ".join(f"`{n}`" for n in names) or "no states"

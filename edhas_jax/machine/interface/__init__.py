@@ -1,0 +1,1 @@
+"""What components, effects and controllers may rely on: signals, slots and base classes."""

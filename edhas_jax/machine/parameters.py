@@ -1,0 +1,186 @@
+"""The parameters of a machine by name: find, read and change them."""
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from edhas_jax.core import structs
+from edhas_jax.core.names import nearest
+from edhas_jax.core.structs import Parameter
+from edhas_jax.core.units import UnitError, format_quantity, to_si, with_article
+from edhas_jax.machine.components.adaptive_sliding_mode import AdaptiveSlidingMode
+from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier, VoltageAmplifier
+from edhas_jax.machine.components.controller_sampling import Continuous, Sampled
+from edhas_jax.machine.components.controllers import CascadeController, OpenLoop, PositionController
+from edhas_jax.machine.components.set_points import Chirp, Recorded, Sine, Step
+from edhas_jax.machine.effects import LIBRARY
+from edhas_jax.machine.rigs import RIGS, Rig, parts
+
+KINDS: dict[str, dict[str, type]] = {
+    "amplifier": {"voltage": VoltageAmplifier, "current": CurrentAmplifier},
+    "controller": {
+        "position": PositionController,
+        "cascade": CascadeController,
+        "antsmc": AdaptiveSlidingMode,
+        "open_loop": OpenLoop,
+    },
+    "sampling": {"continuous": Continuous, "sampled": Sampled},
+    "reference": {"sine": Sine, "step": Step, "chirp": Chirp, "recorded": Recorded},
+    "target": {"sine": Sine, "step": Step, "chirp": Chirp, "recorded": Recorded},
+}
+
+
+class ParameterError(ValueError):
+    """A parameter does not exist here, or a value is none for it."""
+
+
+def list_parameters(machine: Rig) -> list[tuple[Parameter, Any, str]]:
+    """Every parameter of a machine with its present value and the part (field name or effect id) that holds it.
+
+    With an open-loop controller the reference is a voltage, and its parameters are listed so.
+    """
+    return [
+        (_as_mounted(p, path, machine), getattr(part, p.name), path)
+        for path, part in parts(machine).items()
+        for p in structs.parameters(type(part))
+    ]
+
+
+def short_names(machine: Rig) -> dict[tuple[str, str], str]:
+    """By part and field, what tables and files call each parameter: flat where that is unique, else `part.name`."""
+    rows = list_parameters(machine)
+    count = Counter(p.name for p, _, _ in rows)
+    return {(path, p.name): p.name if count[p.name] == 1 else f"{path}.{p.name}" for p, _, path in rows}
+
+
+def find_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
+    """The parameter of that name, flat or as `owner.name`, and the part that holds it.
+
+    Raises:
+        ParameterError: unknown (with the nearest), or several of this name (with their qualified names).
+    """
+    owner, _, flat = name.rpartition(".")
+    rows = list_parameters(machine)
+    named = [(p, path) for p, _, path in rows if p.name == flat]
+    found = [(p, path) for p, path in named if owner in ("", path)] or [
+        (p, path) for p, path in named if owner == structs.owner_id(p.owner)
+    ]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise ParameterError(f"ambiguous; write one of {', '.join(f'{path}.{flat}' for _, path in found)}")
+    if named:
+        raise ParameterError(
+            f"{owner} has no such parameter here; write {' or '.join(f'{o}.{flat}' for _, o in named)}"
+        )
+    raise ParameterError(_unknown(machine, owner, flat, [p.name for p, _, _ in rows]))
+
+
+def get_parameter(machine: Rig, name: str) -> Any:
+    """The value (SI) of the parameter of that name.
+
+    Raises:
+        ParameterError: unknown or ambiguous name.
+    """
+    try:
+        p, path = find_parameter(machine, name)
+    except ParameterError as error:
+        raise ParameterError(f"{name}: {error}") from None
+    return getattr(parts(machine)[path], p.name)
+
+
+def set_parameters(machine: Rig, values: Mapping[str, Any]) -> Rig:
+    """A copy of the machine with some parameters changed.
+
+    A value is a number in SI, a JAX scalar (traced ones are taken as they are) or a text with unit ("15 µm").
+
+    Raises:
+        ParameterError: unknown or ambiguous name, a value that is none or lies outside the span.
+    """
+    seen: dict[tuple[str, str], str] = {}
+    for name, value in values.items():
+        try:
+            p, path = find_parameter(machine, name)
+            if (path, p.name) in seen:
+                raise ParameterError(f"given twice, also as {seen[path, p.name]}")
+            seen[path, p.name] = name
+            machine = put(machine, path, p.name, read_value(p, value))
+        except (ParameterError, UnitError) as error:
+            raise ParameterError(f"{name}: {error}") from None
+    return machine
+
+
+def put(machine: Rig, path: str, name: str, value: Any) -> Rig:
+    """A copy of the machine with the parameter `name` of the part `path` set to a value in SI, unchecked."""
+    for i, effect in enumerate(machine.effects):
+        if effect.id == path:
+            changed = structs.replace(effect, **{name: value})
+            return structs.replace(machine, effects=(*machine.effects[:i], changed, *machine.effects[i + 1 :]))
+    return structs.replace(machine, **{path: structs.replace(getattr(machine, path), **{name: value})})
+
+
+def read_value(p: Parameter, value: Any) -> Any:
+    """A value for `p` in SI from a number, a JAX scalar or a text with unit; the span holds for what is concrete.
+
+    Raises:
+        ParameterError: no number, not finite, outside the span.
+        UnitError: a text that is no quantity of this kind.
+    """
+    if isinstance(value, str):
+        value = to_si(value, p.unit, format_quantity(p.default, p.unit))
+    is_number = isinstance(value, int | float | jax.Array | np.number | np.ndarray) and not isinstance(value, bool)
+    if not is_number or np.shape(value) != () or not jnp.issubdtype(jnp.result_type(value), jnp.number):
+        raise ParameterError(f'a number or a text such as "{format_quantity(p.default, p.unit)}" belongs here')
+    if isinstance(value, jax.core.Tracer):
+        return value
+    if jnp.iscomplexobj(value) or not math.isfinite(value):
+        raise ParameterError(f"{value} is not a finite number")
+    low, high = p.span
+    if not low <= value <= high:
+        raise ParameterError(f"must lie in {span_text(p)} ({p.doc}); got {format_quantity(value, p.unit)}")
+    return value if isinstance(value, jax.Array) else float(value)
+
+
+def span_text(p: Parameter) -> str:
+    """The allowed interval of a parameter in friendly units."""
+    return f"{format_quantity(p.span[0], p.unit)} … {format_quantity(p.span[1], p.unit)}"
+
+
+def _as_mounted(p: Parameter, path: str, machine: Rig) -> Parameter:
+    if path == "reference" and p.unit == "m" and isinstance(machine.controller, OpenLoop):
+        # an input holds bare numbers; the controller gives them their meaning
+        volts = (p.span[0] * 1e3, p.span[1] * 1e3)
+        return dataclasses.replace(p, unit="V", span=volts, default=12.0, doc=p.doc.replace("set point", "command"))
+    return p
+
+
+def _unknown(machine: Rig, owner: str, flat: str, known: list[str]) -> str:
+    """Why there is no such parameter: what it belongs to is not mounted, or the name is wrong."""
+    for cls in LIBRARY:
+        if flat in (p.name for p in structs.parameters(cls)) and owner in ("", cls.id):
+            return f"belongs to the effect {cls.id}, which is not among the effects here"
+    for section, kinds in KINDS.items():
+        named = {k: [p.name for p in structs.parameters(cls)] for k, cls in kinds.items() if cls is not Recorded}
+        of = [k for k, names in named.items() if flat in names]
+        if of and hasattr(machine, section) and owner in ("", section):
+            return f"belongs to {with_article(section)} of kind {' or '.join(of)}, which is not mounted here"
+    for rig in RIGS.values():
+        for path, part in parts(rig()).items():
+            if flat in (p.name for p in structs.parameters(type(part))) and owner in ("", path):
+                return f"belongs to the {path.replace('_', ' ')}, which {machine.name} does not have"
+    return f"unknown parameter; {nearest(flat, set(known))}"
+
+
+def change(machine: Rig, **values: Any) -> Rig:
+    """A copy of `machine` with parameters changed by name: text with a unit, or a number in SI.
+
+    Raises:
+        ParameterError: see `set_parameters`; owners are written with it, `{"owner.name": value}`.
+    """
+    return set_parameters(machine, values)

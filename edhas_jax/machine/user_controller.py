@@ -1,0 +1,144 @@
+"""A controller of the user: found by its name in a file or a module, and checked before a run."""
+
+import inspect
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from edhas_jax.core import structs
+from edhas_jax.core.units import UnitError, to_si
+from edhas_jax.machine.components.controller_sampling import Continuous, Sampled
+from edhas_jax.machine.effects import EffectError
+from edhas_jax.machine.effects.loading import user_class
+from edhas_jax.machine.effects.source_location import place
+from edhas_jax.machine.effects.validation import check_number, check_parameters, code_reason
+from edhas_jax.machine.interface.controller_base import Controller, ControllerError
+from edhas_jax.machine.interface.signals import UnknownName
+from edhas_jax.machine.rigs import Rig
+
+METHODS = {"initial": "(self)", "command": "(self, y, s)", "rates": "(self, y, s)"}
+
+
+def load_controller(spec: str, base_dir: Path | str = ".") -> type[Controller]:
+    """The controller class that `spec` names: "my_controllers.py:LeadLag" or "package.module:LeadLag".
+
+    A relative file is looked up from `base_dir`. A file that has not changed gives the same class again.
+
+    Raises:
+        ControllerError: file or class missing, an error in the file, or a class that declares no good controller.
+    """
+    source, colon, name = (part.strip() for part in spec.rpartition(":"))
+    if not colon:
+        raise ControllerError(f"{name} names no class; write {name}:ClassName")
+    try:
+        cls = user_class(source, name, Path(base_dir), Controller, "edhas_jax.Controller")
+        check_parameters(cls)
+    except EffectError as error:
+        raise ControllerError(str(error)) from error
+    for p in structs.parameters(cls):
+        try:
+            to_si("1" if p.unit == "-" else f"1 {p.unit}", p.unit)
+        except UnitError:
+            raise ControllerError(f'{place(cls, p.name)}: is declared in "{p.unit}", which is not a unit') from None
+    for method, signature in METHODS.items():
+        try:
+            inspect.signature(getattr(cls, method)).bind(*[None] * (signature.count(",") + 1))
+        except TypeError:
+            raise ControllerError(f"{place(cls, method)}: define it as `def {method}{signature}`") from None
+    return cls
+
+
+def check_controller(machine: Rig, precision: str = "float64") -> None:
+    """Refuse a machine whose controller cannot act on it in a run of this precision.
+
+    Nothing is computed: the equations are only traced.
+
+    Raises:
+        ControllerError: states or returned values are not as `Controller` asks, or its code fails (class.method, file,
+            line, reason).
+    """
+    kind = np.dtype(precision)
+    names = _states(machine)
+    trial = structs.replace(machine, sampling=Continuous())
+    numbers = jax.tree.map(lambda leaf: np.asarray(leaf, kind), trial)
+    try:
+        jax.eval_shape(lambda m, zero: _dry_run(m, zero, names), numbers, kind.type(0.0))
+    except (ControllerError, EffectError) as error:
+        raise ControllerError(str(error)) from error
+
+
+def _states(machine: Rig) -> list[str]:
+    """The names of the controller's states."""
+    cls, where = type(machine.controller), place(type(machine.controller), "initial")
+    try:
+        states = machine.controller.initial()
+    except Exception as error:
+        raise ControllerError(f"{place(cls, 'initial', error)}: {code_reason(error)}") from error
+    if not isinstance(states, dict):
+        raise ControllerError(f'{where}: returns no dict; return {{"name of a state": value at the start}}')
+    taken = structs.replace(machine, controller=_Nothing(), sampling=Sampled()).start()
+    for name, value in states.items():
+        if not isinstance(name, str) or not name.isidentifier():
+            raise ControllerError(f"{where}: a state is named by letters, digits and underscores, not {name!r}")
+        if name in taken:
+            raise ControllerError(f"{where}: the name `{name}` is taken by a state of {machine.name}")
+        if np.shape(value) or not math.isfinite(value):
+            raise ControllerError(f"{where}: {name} starts at {value}; a finite number belongs here")
+    return list(states)
+
+
+class _Nothing(Controller):
+    """No command."""
+
+    def command(self, y, s):
+        return jnp.zeros_like(s.piston_position)
+
+
+def _dry_run(machine: Rig, zero, names: list[str]):
+    """The equations once, with the methods of the controller under watch."""
+    for method in ("command", "rates"):
+        # this copy was made by the trace and ends with it, so that nobody sees the watched methods
+        object.__setattr__(machine.controller, method, _watched(machine, method, names, zero.dtype))
+    y = {name: zero + jnp.asarray(value, zero.dtype) for name, value in machine.start().items()}
+    return machine.evaluate(y, zero, zero, y)[1]
+
+
+def _watched(machine: Rig, method: str, names: list[str], kind: Any) -> Callable:
+    """The method, with every failure of the user's code told as one sentence."""
+    cls, inner = type(machine.controller), getattr(machine.controller, method)
+
+    def call(y, s):
+        try:
+            value = inner(y, s)
+        except Exception as error:
+            own = cls.__module__.startswith("edhas_jax.")  # no line of the package is to blame
+            at = cls.__name__ if own else place(cls, method, error)
+            raise ControllerError(f"{at}: {_reason(error, machine, names)}") from error
+        where = place(cls, method)
+        if method == "command":
+            check_number(where, value, "a real number in V", kind)
+            return value
+        if not isinstance(value, dict) or set(value) != set(names):
+            listed = ", ".join(f"`{n}`" for n in names)
+            raise ControllerError(f"{where}: return a dict with the rate of {listed or 'no state: an empty one'}")
+        for name, rate in value.items():
+            check_number(where, rate, f"a real number as rate of {name}", kind)
+        return value
+
+    return call
+
+
+def _reason(error: Exception, machine: Rig, names: list[str]) -> str:
+    if isinstance(error, UnknownName):
+        if getattr(error, "name", None) == "current":
+            why = "with a current amplifier it follows from the command; mount a voltage amplifier"
+            return f"there is no current to be seen: {why}"
+        return f"on {machine.name}, {error}"
+    if isinstance(error, KeyError):
+        return f"there is no state {error}; the states: {', '.join(names) or 'none'}"
+    return code_reason(error)

@@ -1,0 +1,1 @@
+"""Campaigns of measurements: files, checks, sensors, predicted signals and comparison."""

@@ -1,0 +1,175 @@
+"""The quantities people ask for: from the signals of a run to named numbers with units."""
+
+import math
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig, Sine
+
+SETTLED = 0.02  # share of the step within which the cylinder counts as arrived
+
+
+class Metric(NamedTuple):
+    """A number of a run: SI value, SI unit, unit it is shown in, meaning."""
+
+    value: float
+    unit: str
+    shown: str
+    doc: str
+
+
+# name: (SI unit, unit it is shown in, meaning); a single run and a batch measure the same
+METRICS: dict[str, tuple[str, str, str]] = {
+    "mean_electrical_power": ("W", "W", "mean of voltage × current"),
+    "rms_current": ("A", "A", "rms current"),
+    "peak_current": ("A", "A", "largest current"),
+    "rms_voltage": ("V", "V", "rms voltage"),
+    "peak_voltage": ("V", "V", "largest voltage"),
+    "copper_loss": ("W", "W", "mean loss in the coil"),
+    "peak_stroke": ("m", "mm", "largest distance from mid-stroke"),
+    "tracking_error": ("m", "µm", "rms of set point − piston"),
+    "amplitude_ratio": ("-", "-", "first harmonic, piston over set point"),
+    "phase_lag": ("rad", "deg", "first harmonic, piston after set point"),
+    "mean_flow": ("m^3/s", "L/min", "mean flow to the load"),
+    "mean_leakage": ("m^3/s", "L/min", "mean flow past both plungers"),
+    "peak_leakage": ("m^3/s", "L/min", "largest flow past one plunger"),
+    "peak_outlet_pressure": ("Pa", "MPa", "largest outlet pressure, absolute"),
+    "pressure_rise": ("Pa", "MPa", "largest outlet pressure above the accumulator"),
+    "pressure_ripple": ("Pa", "MPa", "outlet pressure, peak to peak"),
+    "volumetric_efficiency": ("-", "%", "mean flow over swept volume"),
+    "delivered_power": ("W", "W", "mean power at the load"),
+    "overall_efficiency": ("-", "%", "delivered over electrical power"),
+    "steady_error": ("m", "µm", "target − cylinder at the end of the run"),
+    "response_time": ("s", "s", f"until the cylinder stays within {SETTLED:.0%} of the step"),
+    "overshoot": ("-", "%", "beyond the target, of the step"),
+}
+
+
+class TooShort(ValueError):
+    """A run ends before there is a whole cycle to measure."""
+
+
+def measure(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str, Metric]:
+    """All metrics of a run.
+
+    On a bench driven by a sine they are taken over the whole cycles after the ramp, otherwise over the whole run;
+    means come from what the run has cumulated step by step, peaks from its samples.
+
+    Raises:
+        TooShort: the run has no whole cycle after the ramp.
+    """
+    t = signals["time"]
+    first, last = window(machine, t[-1])
+    inside = (t >= first - 1e-12) & (t <= last + 1e-12)
+    out = _electrical(signals, energy, t, first, last, inside)
+    if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
+        out |= _tracking(machine, signals, t, first, last)
+    if not isinstance(machine, ActuatorBench):
+        out |= _hydraulic(machine, signals, energy, volume, t, first, last, inside)
+    if isinstance(machine, ActuatorSystem):
+        out |= _step_response(machine, signals, t)
+    return {name: Metric(value, *METRICS[name]) for name, value in out.items()}
+
+
+def window(machine: Rig, end: float) -> tuple[float, float]:
+    """From when to when [s] metrics are taken: the whole cycles after the ramp, or the whole run."""
+    if not isinstance(machine.reference, Sine) or isinstance(machine, ActuatorSystem):
+        return 0.0, end
+    period = 1.0 / float(machine.reference.frequency)
+    ramp = float(machine.reference.ramp_time)
+    cycles = math.floor((end - ramp) / period + 1e-9)
+    if cycles < 1:
+        raise TooShort(
+            f"no whole cycle after the ramp: the run ends at {end:.4g} s, the ramp at {ramp:.4g} s, "
+            f"a cycle takes {period:.4g} s; let it run for at least {ramp + period:.4g} s"
+        )
+    return end - cycles * period, end
+
+
+def mean_rate(t, cumulated, first: float, last: float, rate=None) -> float:
+    """Mean of a rate from its integral at the samples, between two times that need not be samples.
+
+    With the `rate` at the samples the integral is interpolated by cubics, else linearly.
+    """
+    if rate is None:
+        ends = np.interp([first, last], t, cumulated)
+    else:
+        ends = CubicHermiteSpline(t, cumulated, rate)([first, last])
+    return float((ends[1] - ends[0]) / (last - first))
+
+
+def _rms(values, t, first, last) -> float:
+    squares = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (values[1:] ** 2 + values[:-1] ** 2))])
+    return math.sqrt(max(0.0, mean_rate(t, squares, first, last, values**2)))
+
+
+def _electrical(signals, energy, t, first, last, inside) -> dict[str, float]:
+    i, u = signals["current"], signals["voltage"]
+    return {
+        "mean_electrical_power": mean_rate(t, energy["electrical input"], first, last, signals["coil_voltage"] * i),
+        "rms_current": _rms(i, t, first, last),
+        "peak_current": float(np.abs(i[inside]).max()),
+        "rms_voltage": _rms(u, t, first, last),
+        "peak_voltage": float(np.abs(u[inside]).max()),
+        "copper_loss": mean_rate(t, energy["copper"], first, last),
+        "peak_stroke": float(np.abs(signals["piston_position"][inside]).max()),
+    }
+
+
+def _harmonic(values, t, first, last, frequency) -> complex:
+    """The first harmonic over whole cycles, on a grid of its own so that samples need not fit the cycle."""
+    grid = np.linspace(first, last, 1 + 400 * max(1, round((last - first) * frequency)))[:-1]
+    return 2.0 * np.mean(np.interp(grid, t, values) * np.exp(-2j * np.pi * frequency * grid))
+
+
+def _tracking(machine, signals, t, first, last) -> dict[str, float]:
+    f = float(machine.reference.frequency)
+    wanted = _harmonic(signals["reference"], t, first, last, f)
+    got = _harmonic(signals["piston_position"], t, first, last, f)
+    inside = (t >= first) & (t <= last)
+    error = (signals["reference"] - signals["piston_position"])[inside]
+    out = {"tracking_error": float(np.sqrt(np.mean(error**2)))}
+    if abs(wanted) > 0.0:
+        out |= {"amplitude_ratio": abs(got) / abs(wanted), "phase_lag": float(-np.angle(got / wanted))}
+    return out
+
+
+def _hydraulic(machine, signals, energy, volume, t, first, last, inside) -> dict[str, float]:
+    p, q = signals["outlet_pressure"], signals["outlet_flow"]
+    leaks = signals["leakage_a"], signals["leakage_b"]
+    flow = mean_rate(t, volume["outlet_flow"], first, last, q)
+    swept = np.abs(signals["piston_velocity"])
+    travel = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (swept[1:] + swept[:-1]))])
+    ideal = float(jnp.asarray(machine.pump.area())) * mean_rate(t, travel, first, last)
+    hydraulic = mean_rate(t, energy["load orifice" if "load orifice" in energy else "load"], first, last)
+    electrical = mean_rate(t, energy["electrical input"], first, last)
+    out = {
+        "mean_flow": flow,
+        "mean_leakage": mean_rate(t, volume["leakage_a"] + volume["leakage_b"], first, last, sum(leaks)),
+        "peak_leakage": float(np.abs(np.stack(leaks)[:, inside]).max()),
+        "peak_outlet_pressure": float(p[inside].max()),
+        "pressure_rise": float((p - signals["accumulator_pressure"])[inside].max()),
+        "pressure_ripple": float(np.ptp(p[inside])),
+        "volumetric_efficiency": flow / ideal if ideal > 0 else 0.0,
+        "delivered_power": hydraulic,
+    }
+    if electrical > 0:
+        out["overall_efficiency"] = hydraulic / electrical
+    return out
+
+
+def _step_response(machine, signals, t) -> dict[str, float]:
+    x, target = signals["cylinder_position"], signals["target"]
+    size = target[-1] - x[0]
+    out = {"steady_error": float(target[-1] - x[-1])}
+    if size != 0.0 and np.ptp(target[1:]) == 0.0:
+        share = (x - x[0]) / size
+        outside = np.flatnonzero(share < 1.0 - SETTLED)
+        if outside[-1] + 1 < len(t):
+            k = outside[-1]
+            out["response_time"] = float(np.interp(1.0 - SETTLED, share[k : k + 2], t[k : k + 2]))
+        out["overshoot"] = float(max(0.0, share.max() - 1.0))
+    return out

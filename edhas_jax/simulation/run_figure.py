@@ -1,0 +1,115 @@
+"""The figure of a run: what it did over time, and where its energy went."""
+
+from edhas_jax.core.names import nearest
+from edhas_jax.core.plot_style import COLOURS, INK, QUIET
+from edhas_jax.core.units import format_quantity, from_si
+from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
+from edhas_jax.simulation.metrics import window
+
+GROUP_COLOURS = {
+    "copper": "#d1490c", "mechanical": "#9a6700", "fluid": "#0b62c4", "stored": QUIET, "delivered": "#1a7f4b"
+}  # fmt: skip
+SHOWN_CYCLES = 2
+SMALL = 5e-3  # share of the input below which a row of the ledger is shown with the rest
+
+PANELS = (
+    ("piston", ("reference", "piston_position")),
+    ("cylinder", ("target", "cylinder_position")),
+    ("voltage", ("voltage",)),
+    ("current", ("current",)),
+    ("pressure", ("chamber_pressure_a", "chamber_pressure_b", "outlet_pressure", "accumulator_pressure")),
+    ("pressure", ("head_pressure", "rod_pressure")),
+    ("valve lift", ("suction_lift_a", "delivery_lift_a", "suction_lift_b", "delivery_lift_b")),
+    ("flow", ("outlet_flow",)),
+    ("friction", ("friction_force",)),
+)
+LABELS = {
+    "reference": "set point", "piston_position": "piston", "target": "target", "cylinder_position": "cylinder",
+    "chamber_pressure_a": "chamber A", "chamber_pressure_b": "chamber B", "outlet_pressure": "outlet",
+    "accumulator_pressure": "accumulator", "head_pressure": "head side", "rod_pressure": "rod side",
+    "suction_lift_a": "suction A", "delivery_lift_a": "delivery A", "suction_lift_b": "suction B",
+    "delivery_lift_b": "delivery B",
+}  # fmt: skip
+
+
+def plot_run(machine: Rig, signals: dict, ledger, names: list[str] | None = None):
+    """A matplotlib figure: signals over time in engineering units, and where the electrical energy went.
+
+    `signals` are SI arrays by name, `ledger` the table of `Run.ledger`. Benches driven by a sine show their last
+    cycles, everything else the whole run. `names` are the signals to draw, each in a panel of its own.
+
+    Raises:
+        ValueError: a name is no signal of this run.
+    """
+    from matplotlib.figure import Figure  # slow to import, and not every run is drawn
+
+    if names is None:
+        panels = [(title, [n for n in listed if n in signals]) for title, listed in PANELS]
+        panels = [(title, present) for title, present in panels if present]
+    else:
+        for name in names:
+            if name not in signals or name == "time":
+                raise ValueError(f"no signal `{name}` in this run; {nearest(name, signals)}")
+        panels = [(name.replace("_", " "), [name]) for name in names]
+    figure = Figure(figsize=(12.5, 1.2 + 1.45 * len(panels)), layout="constrained")
+    grid = figure.add_gridspec(len(panels), 2, width_ratios=(2.1, 1.0))
+    inside = signals["time"] >= _first_shown(machine, signals["time"][-1]) - 1e-12
+    above = None
+    for row, (title, listed) in enumerate(panels):
+        above = figure.add_subplot(grid[row, 0], sharex=above)
+        _panel(above, signals, title, listed, inside, last=row == len(panels) - 1)
+    _ledger(figure.add_subplot(grid[: max(3, len(panels) * 2 // 3), 1]), ledger)
+    effects = ", ".join(e.id for e in machine.effects) or "no effects"
+    figure.suptitle(f"{machine.name} with {effects}", x=0.01, ha="left", fontsize=11, color=INK)
+    return figure
+
+
+def _first_shown(machine: Rig, end: float) -> float:
+    if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
+        try:
+            first, last = window(machine, end)
+        except ValueError:
+            return 0.0
+        return max(first, last - SHOWN_CYCLES / float(machine.reference.frequency))
+    return 0.0
+
+
+def _panel(axes, signals: dict, title: str, names: list[str], inside, last: bool) -> None:
+    unit = SIGNALS[names[0]].shown
+    for name, colour in zip(names, COLOURS, strict=False):
+        planned = name in ("reference", "target")
+        axes.plot(
+            1e3 * signals["time"][inside], from_si(signals[name][inside], SIGNALS[name].unit, unit),
+            color=QUIET if planned else colour, lw=1.0 if planned else 1.4, ls="--" if planned else "-",
+            label=LABELS.get(name, name.replace("_", " ")),
+        )  # fmt: skip
+    axes.set_ylabel(f"{title}\n{unit}", color=INK, fontsize=9)
+    axes.grid(True, color="#d8dee4", lw=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(colors=QUIET, labelsize=8, labelbottom=last)
+    if len(names) > 1:
+        axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    if last:
+        axes.set_xlabel("time, ms", color=INK, fontsize=9)
+
+
+def _ledger(axes, table) -> None:
+    spent = table[table["group"] != "input"]
+    small = spent["share"].abs() < SMALL
+    rows = sorted(((row.Index, row.group, row.share) for row in spent[~small].itertuples()), key=lambda row: row[2])
+    rows.insert(0, ("all the rest", "stored", spent["share"][small].sum()))
+    names, groups, shares = zip(*rows, strict=True)
+    axes.barh(names, [100 * x for x in shares], color=[GROUP_COLOURS[g] for g in groups], height=0.7)
+    for y, share in enumerate(shares):
+        axes.annotate(f" {100 * share:.1f} %", (100 * max(share, 0.0), y), va="center", fontsize=8, color=INK)
+    axes.set_xlim(right=118 * max(0.01, *shares))
+    axes.axvline(0.0, color=QUIET, lw=0.8)
+    total = format_quantity(float(table.loc["electrical input", "energy"]), "J")
+    axes.set_title(f"electrical energy: {total}, and where it went", fontsize=9, loc="left", color=INK, x=-0.5)
+    axes.set_xlabel("share of the electrical input, %", fontsize=9, color=INK)
+    axes.tick_params(colors=INK, labelsize=8)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    present = [g for g in GROUP_COLOURS if g in groups]
+    handles = [axes.barh([0], [0], color=GROUP_COLOURS[g], label=g) for g in present]
+    axes.legend(handles=handles, fontsize=8, frameon=False, loc="lower right")

@@ -1,0 +1,46 @@
+"""What does flow cost in efficiency? The front of sized pumps, from one configuration.
+
+    python -m studies.sizing.pareto_front [--designs 8] [--out FOLDER]
+"""
+
+import argparse
+import dataclasses
+from pathlib import Path
+
+from rich.console import Console
+
+from edhas_jax.design.sizing.config import load_sizing
+from edhas_jax.design.sizing.figures import draw_front
+from edhas_jax.design.sizing.result_folder import save_sizing
+from edhas_jax.design.sizing.sizing import size
+from studies import CONFIGS
+
+CONFIG = CONFIGS / "size_pump.yaml"
+
+
+def main(arguments: list[str] | None = None) -> dict[str, float]:
+    """Size along the front, print it, leave configurations and a picture."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--config", type=Path, default=CONFIG)
+    parser.add_argument("--designs", type=int, default=8)
+    parser.add_argument("--starts", type=int, default=6)
+    parser.add_argument("--iterations", type=int, default=15)
+    parser.add_argument("--out", type=Path, default=Path("runs/pareto_front"))
+    options = parser.parse_args(arguments)
+    task = dataclasses.replace(load_sizing(options.config), front=options.designs, starts=options.starts,
+                               iterations=options.iterations)  # fmt: skip
+    with Console().status("sizing") as status:
+        result = size(task, lambda what, share: status.update(what))
+    save_sizing(task, result, options.out)
+    draw_front(task, result).savefig(options.out / "front.png", dpi=130)
+    metrics = list(task.weights)
+    for k, sized in enumerate(result.machines):
+        told = "  ".join(f"{m} {sized.metrics[m].mean():.4g}" for m in metrics)
+        print(f"{k + 1}: {told}  held back by {'; '.join(sized.active)}")
+    first, last = (result.machines[k].metrics[metrics[0]].mean() for k in (0, -1))
+    print(f"designs={len(result.machines)} flow_ratio={first / last:.3g} seconds={result.seconds:.0f}")
+    return {"flow_ratio": first / last}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""What matters at which frequency and load? Elasticities and Sobol indices of the paper's pump as heat maps.
+
+    python -m studies.sizing.sensitivity_map [--samples 256] [--out FOLDER]
+"""
+
+import argparse
+import dataclasses
+from pathlib import Path
+
+from rich.console import Console
+
+from edhas_jax.design.batch.design_table import own_name
+from edhas_jax.design.sensitivity.analysis import analyse, load_sensitivity, save_findings
+from edhas_jax.design.sensitivity.figures import draw_local, draw_sobol
+from studies import CONFIGS
+
+CONFIG = CONFIGS / "sensitivity.yaml"
+
+
+def main(arguments: list[str] | None = None) -> dict[str, str]:
+    """Analyse, print the strongest dimension of the flow at the lowest and highest frequency, leave pictures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--config", type=Path, default=CONFIG)
+    parser.add_argument("--samples", type=int, default=256)
+    parser.add_argument("--out", type=Path, default=Path("runs/sensitivity_map"))
+    options = parser.parse_args(arguments)
+    task = dataclasses.replace(load_sensitivity(options.config), samples=options.samples, trajectories=0)
+    with Console().status("analysing") as status:
+        findings = analyse(task, lambda what, share: status.update(f"{what}, {share:.0%}"))
+    save_findings(task, findings, options.out)
+    units = {n: own_name(task.machine, n)[0].unit for n in findings.points.columns}
+    draw_local(findings, units).savefig(options.out / "local.png", dpi=130)
+    draw_sobol(findings, units).savefig(options.out / "sobol.png", dpi=130)
+    flow = findings.sobol[findings.sobol["output"] == task.metrics[0]]
+    strongest = {}
+    frequency = findings.points["frequency"]
+    for end, k in (("slowest", frequency.idxmin()), ("fastest", frequency.idxmax())):
+        at = flow[flow["point"] == k]
+        strongest[end] = str(at["parameter"][at["total"].idxmax()])
+    print(" ".join(f"{task.metrics[0]}_{end}={name}" for end, name in strongest.items()))
+    return strongest
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""Is the sized pump the best there is? Sizing from random starts against a sweep of the same space.
+
+    python -m studies.sizing.sizing_against_sweep [--config FILE] [--points 20000] [--starts 64] [--out FOLDER]
+
+Both judge designs by the same goals and limits. The last line sums up as key=value; gain is how much better the sized
+design is than the best of the sweep in its objective (exp of the difference of the mean logarithms).
+"""
+
+import argparse
+import dataclasses
+import time
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from edhas_jax.design.batch.batch import run_designs
+from edhas_jax.design.batch.design_table import sobol
+from edhas_jax.design.sizing.config import Sizing, load_sizing
+from edhas_jax.design.sizing.figures import draw_path
+from edhas_jax.design.sizing.problem import Problem
+from edhas_jax.design.sizing.sizing import size
+from studies import CONFIGS
+
+CONFIG = CONFIGS / "size_pump.yaml"
+
+
+def main(arguments: list[str] | None = None) -> dict[str, float]:
+    """Run both, print what they found, leave a picture of the starts."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--config", type=Path, default=CONFIG)
+    parser.add_argument("--points", type=int, default=20_000, help="designs of the sweep")
+    parser.add_argument("--starts", type=int, default=64)
+    parser.add_argument("--iterations", type=int, default=20)
+    parser.add_argument("--out", type=Path, default=Path("runs/sizing_against_sweep"))
+    options = parser.parse_args(arguments)
+    task = load_sizing(options.config)
+    task = dataclasses.replace(task, starts=options.starts, iterations=options.iterations)
+    console = Console(highlight=False)
+    with console.status("sweeping") as status:
+        design, best, seconds, machine_seconds = sweep(
+            task, options.points, lambda done, total: status.update(f"sweeping, {done:,} of {total:,}")
+        )
+        told = ", ".join(f"{n} {v:.4g}" for n, v in design.items())
+        console.print(f"sweep: J = {best:.4f} at {told}; {machine_seconds:,.0f} machine-seconds in {seconds:.0f} s")
+        result = size(task, lambda what, share: status.update(what))
+    sized = result.machines[0]
+    told = ", ".join(f"{n} {v:.4g}" for n, v in sized.design.items())
+    console.print(f"sized: J = {sized.objective:.4f} at {told}; {result.machine_seconds:,.0f} machine-seconds in "
+                  f"{result.seconds:.0f} s; held back by {'; '.join(sized.active)}")  # fmt: skip
+    # the same judge for both, at the finest step
+    judge = Problem(task, 4096)
+    shares = [[(np.log(v / a.low) / np.log(a.high / a.low)) if a.log else (v - a.low) / (a.high - a.low)
+               for a, v in zip(task.free, d.values(), strict=True)] for d in (design, sized.design)]  # fmt: skip
+    judged = judge.judge(np.array(shares))
+    gain = float(np.expm1(judged.objective[1] - judged.objective[0]))
+    options.out.mkdir(parents=True, exist_ok=True)
+    draw_path(task, result).savefig(options.out / "starts.png", dpi=130)
+    summary = {
+        "gain": gain, "violation": float(judged.violation[1]), "starts_within_1_percent": result.alike,
+        "machine_seconds_sizing": result.machine_seconds, "machine_seconds_sweep": machine_seconds,
+    }  # fmt: skip
+    print(" ".join(f"{n}={v:.4g}" for n, v in summary.items()))
+    return summary
+
+
+def sweep(task: Sizing, points: int, on_chunk) -> tuple[dict[str, float], float, float, float]:
+    """The best allowed design of a Sobol sequence: (design, its J, seconds, machine-seconds)."""
+    began = time.perf_counter()
+    designs, cases = sobol(task.free, points, seed=1), task.operating_points()
+    count = len(next(iter(cases.values())))
+    table = {n: np.repeat(v, count) for n, v in designs.items()} | {n: np.tile(v, points) for n, v in cases.items()}
+    got = run_designs(task.machine, table, task.settings, on_chunk)
+    machine_seconds = float(np.sum(got["cycles"] / table["frequency"]))
+    got = {n: v.reshape(points, count) for n, v in got.items()}
+    allowed = (got["status"] == 0).all(axis=1) & (got["peak_voltage"] < 48.0 * (1 - 1e-3)).all(axis=1)
+    for limit in task.limits:
+        value = got[limit.metric]
+        allowed &= ((value <= limit.value) if limit.upper else (value >= limit.value)).all(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        objective = sum(w * np.log(got[m]).mean(axis=1) for m, w in task.weights.items())
+    best = int(np.argmax(np.where(allowed, objective, -np.inf)))
+    design = {n: float(v[best]) for n, v in designs.items()}
+    return design, float(objective[best]), time.perf_counter() - began, machine_seconds
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""The command line from end to end, in process."""
+
+import json
+import re
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+import edhas_jax as edhas
+from edhas_jax.commands.cli import main
+from tests.support import CONFIGS
+
+QUICK = ["--set", "duration=0.25s", "--set", "sample_rate=2kHz", "--no-figure"]
+
+
+@pytest.fixture()
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_simulate_writes_a_folder_that_reopens(here, capsys):
+    assert main(["simulate", str(CONFIGS / "paper.yaml"), "--set", "piston_clearance=15um", *QUICK[:4]]) == 0
+    folder = here / "runs" / "paper"
+    names = {p.name for p in folder.iterdir()}
+    assert names == {
+        "timeseries.parquet", "ledger.parquet", "metrics.json", "config.yaml", "figure.png", "run.json"
+    }  # fmt: skip
+    printed = capsys.readouterr().out
+    assert "mean_flow" in printed and "L/min" in printed and "lugre_friction" in printed and "step 20 µs" in printed
+
+    table = pd.read_parquet(folder / "timeseries.parquet")
+    assert len(table) == 501 and table["time"].iloc[-1] == pytest.approx(0.25)
+    assert pq.read_schema(folder / "timeseries.parquet").field("outlet_pressure").metadata[b"unit"] == b"Pa"
+    metrics = json.loads((folder / "metrics.json").read_text())
+    run = edhas.open_run(folder)
+    assert metrics["mean_flow"]["value"] == pytest.approx(run.metrics["mean_flow"].value, rel=1e-12)
+    assert edhas.get(run.machine, "piston_clearance") == 15e-6
+
+    # what was written runs again, to the same result
+    assert main(["simulate", str(folder / "config.yaml"), "--out", "again", "--no-figure"]) == 0
+    again = edhas.open_run(here / "again")
+    assert again.metrics["mean_flow"].value == pytest.approx(run.metrics["mean_flow"].value, rel=1e-10)
+
+
+def test_nothing_is_overwritten_unasked(here, capsys):
+    arguments = ["simulate", str(CONFIGS / "actuator.yaml"), *QUICK]
+    assert main(arguments) == 0 and main(arguments) == 0
+    assert (here / "runs" / "actuator").is_dir() and (here / "runs" / "actuator-2").is_dir()
+    stamp = (here / "runs" / "actuator" / "run.json").read_bytes()
+    assert main([*arguments, "--out", "runs/actuator"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert (here / "runs" / "actuator" / "run.json").read_bytes() == stamp
+    assert main([*arguments, "--out", "runs/actuator", "--overwrite"]) == 0
+    (here / "precious").mkdir()
+    assert main([*arguments, "--out", "precious", "--overwrite"]) == 2
+    assert "is not a run folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--set", "piston_clearence=15um"], "nearest: piston_clearance"),
+        (["--set", "piston_clearance=15"], "a unit is missing"),
+        (["--set", "piston_clearance=15 MPa"], "length"),
+        (["--set", "mover_mass=-1 kg"], "must lie in"),
+        (["--set", "step=1 ms"], "100 µs"),
+        (["--set", "nonsense"], "write name=value"),
+    ],
+)
+def test_bad_overrides_exit_with_one_message(here, capsys, arguments, message):
+    assert main(["simulate", str(CONFIGS / "paper.yaml"), *arguments]) == 2
+    caught = capsys.readouterr()
+    assert message in caught.err and len(caught.err.strip().splitlines()) == 1 and not caught.out
+    assert not (here / "runs").exists()
+
+
+def test_a_run_that_breaks_says_when_and_what(here, capsys):
+    hopeless = ["--set", "amplitude=20 mm", "--set", "stop_stiffness=1 kN/m"]
+    assert main(["simulate", str(CONFIGS / "paper.yaml"), *hopeless, *QUICK]) == 2
+    said = capsys.readouterr().err
+    assert re.match(r"edhas: at 0\.\d+ s piston_position left its physical range \(step 20 µs\)", said)
+    assert not (here / "runs").exists()
+
+
+def test_a_run_without_a_whole_cycle_has_no_metrics(here, capsys):
+    assert main(["simulate", str(CONFIGS / "paper.yaml"), "--out", "short", "--set", "duration=50ms"]) == 0
+    assert "no metrics: no whole cycle after the ramp" in capsys.readouterr().out
+    assert json.loads((here / "short" / "metrics.json").read_text()) == {}
+    assert len(edhas.open_run(here / "short").frame()) == 251
+
+
+def test_an_interrupted_run_keeps_what_is_finished(here, monkeypatch, capsys):
+    from edhas_jax.simulation import run
+
+    finished = run.march
+
+    def interrupted(machine, begin, h, per_sample, samples):
+        if int(begin.step_number) >= 4 * run.STRETCH * int(per_sample):
+            raise KeyboardInterrupt
+        return finished(machine, begin, h, per_sample, samples)
+
+    monkeypatch.setattr(run, "march", interrupted)
+    assert main(["simulate", str(CONFIGS / "paper.yaml"), "--out", "cut", "--no-figure"]) == 0
+    assert "interrupted" in capsys.readouterr().out
+    assert len(edhas.open_run(here / "cut").frame()) == 4 * run.STRETCH
+
+
+def test_half_written_folders_are_refused(here):
+    assert main(["simulate", str(CONFIGS / "actuator.yaml"), "--out", "r", *QUICK]) == 0
+    whole = (here / "r" / "timeseries.parquet").read_bytes()
+    (here / "r" / "timeseries.parquet").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ValueError, match="unreadable or half-written"):
+        edhas.open_run(here / "r")
+    (here / "r" / "timeseries.parquet").unlink()
+    with pytest.raises(ValueError, match="timeseries.parquet is missing"):
+        edhas.open_run(here / "r")
+
+
+def test_lists(here, capsys):
+    assert main(["parameters"]) == 0
+    listed = capsys.readouterr().out
+    for name in ("piston_clearance", "valve_spring_rate", "polytropic_exponent", "karnopp_velocity", "cylinder_bore"):
+        assert name in listed
+    assert main(["parameters", str(CONFIGS / "actuator.yaml")]) == 0
+    assert "cylinder_bore" not in capsys.readouterr().out
+    assert main(["effects"]) == 0
+    assert "karnopp_friction" in capsys.readouterr().out
+    assert main(["effects", "entrained_air"]) == 0
+    assert "air_fraction" in capsys.readouterr().out
+    assert main(["effects", "entraned_air"]) == 2
+    assert "entrained_air" in capsys.readouterr().err
+    assert main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads((CONFIGS / "edhas.schema.json").read_text())

@@ -1,0 +1,5 @@
+from edhas_jax import Effect
+
+
+class SealDrag(Effect)
+    pass

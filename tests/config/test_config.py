@@ -1,0 +1,327 @@
+"""Configurations: what is read, what is written, and that the one is the other's inverse."""
+
+import json
+import os
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import jsonschema
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from edhas_jax.config.json_schema import json_schema
+from edhas_jax.config.machine_config import ConfigError, build, read_config
+from edhas_jax.config.writer import dump_config
+from edhas_jax.core.structs import replace
+from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
+from edhas_jax.machine.components.controllers import CascadeController, OpenLoop
+from edhas_jax.machine.components.set_points import Chirp, Recorded, Sine, Step
+from edhas_jax.machine.effects import LIBRARY
+from edhas_jax.machine.effects.validation import check_effect
+from edhas_jax.machine.parameters import ParameterError, get_parameter, list_parameters, set_parameters
+from edhas_jax.machine.rigs import RIGS, ActuatorBench, ActuatorSystem, PumpBench
+from edhas_jax.simulation.run import Precision, Simulation
+from tests.support import CONFIGS
+
+# sweeps, sensitivities and sizings are read in tests of their own
+SHIPPED = sorted(p for p in CONFIGS.glob("*.yaml") if p.name.split("_")[0] not in ("sweep", "sensitivity.yaml", "size"))
+
+
+def same(a, b) -> bool:
+    if jax.tree.structure(a) != jax.tree.structure(b):
+        return False
+    pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    return all(np.allclose(x, y, rtol=1e-13, atol=0.0) for x, y in pairs)
+
+
+def everything_changed(rig: str):
+    """A rig with all effects that fit and every parameter moved off its default."""
+    machine = RIGS[rig]()
+    here = {slot.name for slot in machine.slots}
+    fitting = [cls() for cls in LIBRARY if any(slot.name in here for slot in cls.slots)]
+    fitting = [e for e in fitting if rig != "actuator_bench" or e.id != "seal_friction"]  # which looks at chambers
+    machine = replace(machine, effects=tuple(fitting))
+    values = {}
+    for p, value, path in list_parameters(machine):
+        high = p.span[1]
+        values[f"{path}.{p.name}"] = value * 1.0123456789012345 if value * 1.02 < high else value * 0.987
+    return set_parameters(machine, values)
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_round_trip(rig, tmp_path):
+    machine = everything_changed(rig)
+    settings = Simulation(duration=1 / 3, accuracy=0.00123, sample_rate=4321.0, precision=Precision.FLOAT32)
+    (tmp_path / "dump.yaml").write_text(dump_config(machine, settings), encoding="utf-8")
+    config = read_config(tmp_path / "dump.yaml")
+    assert same(config.machine, machine)
+    assert config.simulation == settings
+    assert dump_config(config) == config.text
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.name)
+def test_shipped_configurations(path, tmp_path):
+    config = read_config(path)
+    assert path.read_text(encoding="utf-8").startswith("# yaml-language-server: $schema=edhas.schema.json\n")
+    jsonschema.validate(yaml.safe_load(config.text), json_schema(), jsonschema.Draft202012Validator)
+    dumped = dump_config(config)
+    jsonschema.validate(yaml.safe_load(dumped), json_schema(), jsonschema.Draft202012Validator)
+    assert same(build(yaml.safe_load(dumped)).machine, config.machine)
+
+
+def test_paper_is_the_default_machine():
+    config = read_config(CONFIGS / "paper.yaml")
+    assert [e.id for e in config.machine.effects] == ["lugre_friction", "piston_leakage", "entrained_air"]
+    assert same(config.machine, replace(PumpBench(), effects=tuple(type(e)() for e in config.machine.effects)))
+    assert config.simulation == Simulation(duration=0.5)
+    assert config.name == "paper pump"
+    system = read_config(CONFIGS / "paper_step.yaml")
+    assert isinstance(system.machine, ActuatorSystem)
+    assert system.machine.target.step_size == 15e-3
+
+
+def test_schema_file_is_current():
+    text = json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+    path = CONFIGS / "edhas.schema.json"
+    if os.environ.get("EDHAS_UPDATE_GOLDEN") == "1":
+        path.write_text(text, encoding="utf-8")
+    assert path.read_text(encoding="utf-8") == text
+    jsonschema.Draft202012Validator.check_schema(json_schema())
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"rig": "pumpbench"},
+        {"rig": "pump_bench", "parameters": {"piston_diameter": 12}},
+        {"rig": "pump_bench", "paramters": {}},
+        {"rig": "pump_bench", "effects": ["lugre"]},
+        {"rig": "pump_bench", "simulation": {"step": "20 us", "accuracy": "1 %"}},
+        {"rig": "pump_bench", "controller": {"kind": "pid"}},
+        {"effects": []},
+    ],
+)
+def test_schema_refuses(wrong):
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(wrong, json_schema(), jsonschema.Draft202012Validator)
+
+
+def test_overrides():
+    config = read_config(
+        CONFIGS / "paper.yaml",
+        ["piston_clearance=15 um", "reference.frequency=20Hz", "duration=2 s", "step=10 us", "precision=float32"],
+    )
+    assert get_parameter(config.machine, "piston_clearance") == 15e-6
+    assert config.machine.reference.frequency == 20.0
+    assert config.simulation == Simulation(duration=2.0, step=1e-5, precision=Precision.FLOAT32)
+    system = read_config(CONFIGS / "paper_step.yaml", ["target=5 mm", "accuracy=1 %", "sample_rate=1 kHz"])
+    assert system.machine.target.step_size == 5e-3
+    assert system.simulation == Simulation(duration=0.6, accuracy=0.01, sample_rate=1000.0)
+
+
+def test_an_override_of_the_step_replaces_the_accuracy(tmp_path):
+    (tmp_path / "a.yaml").write_text("rig: actuator_bench\nsimulation: {accuracy: 0.5 %}\n")
+    assert read_config(tmp_path / "a.yaml", ["step=10us"]).simulation == Simulation(step=1e-5)
+
+
+def test_wrong_overrides_are_all_told():
+    with pytest.raises(ConfigError) as caught:
+        read_config(
+            CONFIGS / "paper.yaml", ["piston_clearence=15 um", "duration=5", "frequency", "coil_resistance=-1 ohm"]
+        )
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 4
+    for part in (
+        "--set piston_clearence: unknown parameter; nearest: piston_clearance",
+        "--set duration: a unit is missing",
+        "--set frequency: write name=value",
+        "--set coil_resistance: must lie in 1 mohm … 10 kohm (resistance R); got -1 ohm",
+    ):
+        assert any(part in line for line in lines), part
+
+
+def test_sections():
+    config = build(
+        {
+            "rig": "actuator_system",
+            "controller": {"kind": "cascade", "cascade_position_gain": "100 1/s"},
+            "amplifier": {"kind": "current", "amplifier_gain": "2 A/V"},
+            "reference": {"kind": "sine", "frequency": "30 Hz"},
+            "target": {"kind": "chirp", "amplitude": "5 mm"},
+            "parameters": {
+                "chirp.start_frequency": "2 Hz",
+                "stops.pump_stroke": "11 mm",
+                "end_stops.stop_damping": "3 s/m",
+            },
+        }
+    )
+    m = config.machine
+    assert isinstance(m.controller, CascadeController)
+    assert m.controller.cascade_position_gain == 100.0
+    assert isinstance(m.amplifier, CurrentAmplifier)
+    assert m.amplifier.amplifier_gain == 2.0
+    assert (m.reference.frequency, m.reference.ramp_time) == (30.0, 0.0)
+    assert isinstance(m.target, Chirp)
+    assert (m.target.start_frequency, m.stops.pump_stroke, m.stops.stop_damping) == (2.0, 11e-3, 3.0)
+    assert same(build(yaml.safe_load(config.text)).machine, m)
+
+
+def test_open_loop_takes_volts():
+    config = build(
+        {
+            "rig": "actuator_bench",
+            "controller": {"kind": "open_loop"},
+            "reference": {"kind": "sine", "amplitude": "24 V"},
+        }
+    )
+    assert isinstance(config.machine.controller, OpenLoop)
+    assert config.machine.reference.amplitude == 24.0
+    assert "amplitude: 24 V" in config.text
+    assert same(build(yaml.safe_load(config.text)).machine, config.machine)
+    with pytest.raises(ConfigError, match="reference.amplitude: missing"):
+        build({"rig": "actuator_bench", "controller": {"kind": "open_loop"}})
+
+
+def test_user_effect_and_its_parameters(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from edhas_jax.machine.effects import Effect\nfrom edhas_jax.core.structs import par\n\n"
+        "class SealDrag(Effect):\n"
+        "    seal_damping: float = par(3.0, 'N*s/m', (0.0, 100.0), 'damping of the seal')\n\n"
+        "    def mover_friction(self, s, z):\n        return self.seal_damping * s.piston_velocity\n"
+    )
+    (tmp_path / "a.yaml").write_text(
+        "rig: pump_bench\neffects: [mine.py:SealDrag]\nparameters: {seal_drag.seal_damping: 5 N·s/m}\n"
+    )
+    config = read_config(tmp_path / "a.yaml")
+    assert get_parameter(config.machine, "seal_damping") == 5.0
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep/b.yaml").write_text(dump_config(config), encoding="utf-8")
+    assert same(read_config(tmp_path / "deep/b.yaml").machine, config.machine)
+
+
+def write_recording(path: Path, time, **columns) -> None:
+    frame = pd.DataFrame({"time [s]": time} | {name.replace("__", " [") + "]": v for name, v in columns.items()})
+    frame.to_parquet(path) if path.suffix == ".parquet" else frame.to_csv(path, index=False)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_recorded_reference(tmp_path, suffix):
+    time = 0.25 + 1e-3 * np.arange(200)
+    write_recording(tmp_path / f"bench.{suffix}", time, reference_position__mm=np.sin(40 * time), voltage__V=time)
+    text = f"rig: pump_bench\nreference: {{kind: recorded, file: bench.{suffix}, column: reference_position}}\n"
+    (tmp_path / "a.yaml").write_text(text)
+    config = read_config(tmp_path / "a.yaml")
+    r = config.machine.reference
+    assert isinstance(r, Recorded)
+    assert r.interval == pytest.approx(1e-3)
+    assert r.start == 0.25
+    assert np.allclose(r.values, 1e-3 * np.sin(40 * time), atol=1e-12)
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep/b.yaml").write_text(dump_config(config), encoding="utf-8")
+    assert same(read_config(tmp_path / "deep/b.yaml").machine, config.machine)
+
+
+def test_unequal_samples_are_resampled(tmp_path):
+    rng = np.random.default_rng(0)
+    time = np.cumsum(1e-3 * (1.0 + 0.2 * rng.uniform(-1, 1, 500)))
+    write_recording(tmp_path / "bench.csv", time, reference_position__m=1e-3 * np.sin(20 * time))
+    m = build({"rig": "pump_bench", "reference": {"kind": "recorded", "file": "bench.csv"}}, base_dir=tmp_path).machine
+    even = m.reference.start + m.reference.interval * np.arange(m.reference.values.shape[0])
+    assert even[-1] <= time[-1] + 1e-12
+    assert np.allclose(m.reference.values, 1e-3 * np.sin(20 * even), atol=1e-6)
+
+
+def test_open_loop_replays_amperes_through_a_current_amplifier(tmp_path):
+    time = 1e-3 * np.arange(50)
+    write_recording(tmp_path / "bench.csv", time, current__mA=1e3 * time, reference_position__mm=time)
+    data = {
+        "rig": "actuator_bench",
+        "controller": {"kind": "open_loop"},
+        "amplifier": {"kind": "current", "amplifier_gain": "2 A/V"},
+        "reference": {"kind": "recorded", "file": "bench.csv", "column": "current"},
+    }
+    assert np.allclose(build(data, base_dir=tmp_path).machine.reference.values, time / 2.0)
+    gained = build(data, ["amplifier_gain=4 A/V"], base_dir=tmp_path).machine
+    assert np.allclose(gained.reference.values, time / 4.0)
+    with pytest.raises(ConfigError, match="a voltage"):
+        build(data | {"amplifier": {"kind": "voltage"}}, base_dir=tmp_path)
+
+
+def test_samples_without_a_file_are_written_out():
+    values = jnp.asarray(np.random.default_rng(0).normal(size=100))
+    machine = replace(PumpBench(), reference=Recorded(values=values, interval=1 / 3000, start=0.1))
+    text = dump_config(machine)
+    config = build(yaml.safe_load(text))
+    assert same(config.machine, machine)
+    assert np.array_equal(config.machine.reference.values, values)
+    assert dump_config(config) == text
+    with pytest.raises(ConfigError, match="reference.samples: not as a run writes them"):
+        build({"rig": "pump_bench", "reference": {"kind": "recorded", "samples": "AAAA"}})
+
+
+def test_build_says_what_is_wrong_without_lines():
+    with pytest.raises(ConfigError) as caught:
+        build({"rig": "pump_bench", "parameters": {"piston_diameter": 12.0, "mover_mass": "1 m"}})
+    assert str(caught.value).splitlines() == [
+        'parameters.piston_diameter: a unit is missing; write for example "12 mm" (any unit of length)',
+        'parameters.mover_mass: "1 m" is a length, not a mass; write for example "120 g" (any unit of mass)',
+    ]
+    with pytest.raises(ConfigError, match="not a list"):
+        build([])
+
+
+def test_set_parameters():
+    machine = replace(PumpBench(), effects=(LIBRARY[0](), LIBRARY[1]()))
+    changed = set_parameters(machine, {"piston_clearance": 15e-6, "coil.coil_resistance": "1.5 ohm", "mover_mass": 1})
+    assert get_parameter(changed, "piston_leakage.piston_clearance") == 15e-6
+    assert get_parameter(changed, "coil_resistance") == 1.5
+    assert get_parameter(machine, "coil_resistance") == 1.41
+    assert [e.id for e in changed.effects] == [e.id for e in machine.effects]
+    assert len(list_parameters(changed)) == len(list_parameters(machine))
+    slope = jax.grad(
+        lambda r: get_parameter(set_parameters(ActuatorBench(), {"coil_resistance": r}), "coil_resistance")
+    )
+    assert slope(1.0) == 1.0
+    assert get_parameter(set_parameters(machine, {"mover_mass": jnp.float32(0.2)}), "mover_mass").dtype == jnp.float32
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"piston_clearance": 5.0}, "belongs to the effect piston_leakage"),
+        ({"piston_diametr": 5.0}, "piston_diametr: unknown parameter; nearest: piston_diameter"),
+        ({"mover_mass": -1.0}, "mover_mass: must lie in 100 mg … 10000 kg (moving mass of the actuator M); got -1 kg"),
+        ({"mover_mass": float("nan")}, "not a finite number"),
+        ({"mover_mass": True}, "a number or a text"),
+        ({"mover_mass": np.ones(3)}, "a number or a text"),
+        ({"mover_mass": None}, "a number or a text"),
+        ({"mover_mass": "1 N"}, "is a force, not a mass"),
+        ({"step_size": 1e-3, "target.step_size": 2e-3}, "given twice, also as step_size"),
+        ({"coil.mover_mass": 1.0}, "write mover.mover_mass"),
+    ],
+)
+def test_set_parameters_refuses(values, says):
+    with pytest.raises(ParameterError) as caught:
+        set_parameters(ActuatorSystem(), values)
+    assert says in str(caught.value)
+
+
+def test_a_name_that_two_parts_have():
+    machine = replace(ActuatorSystem(), reference=Step(), target=Step())
+    with pytest.raises(ParameterError, match=r"ambiguous; write one of target\.step_size, reference\.step_size"):
+        get_parameter(machine, "step_size")
+    changed = set_parameters(machine, {"reference.step_size": 2e-3, "target.step_size": "3 mm"})
+    assert (changed.reference.step_size, changed.target.step_size) == (2e-3, 3e-3)
+    assert same(build(yaml.safe_load(dump_config(changed))).machine, changed)
+    other = replace(machine, reference=Sine())
+    assert get_parameter(other, "step.step_size") == 1e-3
+
+
+def test_shipped_effects_pass_the_check():
+    for path in SHIPPED:
+        machine = read_config(path).machine
+        for effect in machine.effects:
+            check_effect(effect, machine)

@@ -1,0 +1,19 @@
+"""Every malformed configuration, and the exact message it gives; see `golden` for how the messages are kept."""
+
+import pytest
+
+from edhas_jax.config.machine_config import read_config
+from tests.support.golden import ROOT, Messages
+
+MESSAGES = Messages("malformed", read_config)
+
+
+def test_update(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    MESSAGES.update()
+
+
+@pytest.mark.parametrize("name", MESSAGES.files)
+def test_message(name, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    assert MESSAGES.message(name) == MESSAGES.expected()[name]

@@ -1,0 +1,240 @@
+"""Hidden effects found end to end: campaigns made by another integrator, what is answered, and that it helps."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import edhas_jax as edhas
+from edhas_jax.core import structs
+from edhas_jax.core.structs import par
+from edhas_jax.diagnosis.search import forward_selection as package
+from edhas_jax.diagnosis.search.candidates import Suspect, held_by_belief
+from edhas_jax.diagnosis.search.evaluated_fit import search
+from edhas_jax.diagnosis.search.forward_selection import diagnose
+from edhas_jax.diagnosis.search.localisation import ask_parts
+from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.search.screening import Screen
+from edhas_jax.diagnosis.search.trial import Trial
+from edhas_jax.machine.effects import (
+    AsymmetricFriction,
+    CoggingForce,
+    ConstantBiasForce,
+    Effect,
+    ForceConstantDroop,
+    InverterDeadTime,
+    LugreFriction,
+    MagneticSaturation,
+    ParasiticSpring,
+)
+from edhas_jax.measurements.campaign import Channel, Use
+from edhas_jax.measurements.sensor_models import SensorLag
+from edhas_jax.measurements.synthetic_campaign import PlannedRun, drawn, planned_campaign, synthesise
+
+LIBRARY = (
+    AsymmetricFriction, CoggingForce, ForceConstantDroop, InverterDeadTime, MagneticSaturation, ParasiticSpring
+)  # fmt: skip
+CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
+UNCERTAIN = {"coil_resistance": 0.02, "force_constant": 0.02, "mover_damping": 0.25, "coulomb_friction": 0.25}
+RUNS = tuple(
+    PlannedRun(use, 0.2, {"frequency": frequency, "amplitude": amplitude})
+    for use, frequency, amplitude in (
+        (Use.FIT, 10.0, 3.5e-3), (Use.FIT, 25.0, 3e-3), (Use.FIT, 15.0, 4e-3), (Use.HOLDOUT, 20.0, 3.5e-3)
+    )
+)  # fmt: skip
+DECISIVE = 12.0  # of evidence
+
+
+class Windage(Effect):
+    """Drag with the square of the speed, which the library does not have."""
+
+    windage: float = par(25.0, "N*s^2/m^2", (0.0, 1e3), "drag per squared speed")
+
+    def mover_force(self, s, z):
+        return -self.windage * s.piston_velocity * jnp.abs(s.piston_velocity)
+
+
+def diagnosed(*hidden: Effect, chains=None, seed: int, on_progress=None) -> Diagnosis:
+    """The diagnosis of an actuator bench on which `hidden` acts, and whose sensors have `chains`."""
+    bench = edhas.ActuatorBench(reference=edhas.Sine(ramp_time=0.05), effects=(LugreFriction(),))
+    plan = planned_campaign("bench", bench, UNCERTAIN, CHANNELS, RUNS, 5e-4)
+    rng = np.random.default_rng(seed)
+    truth = drawn(plan, bench, rng)
+    truth = structs.replace(truth, effects=(*truth.effects, *hidden))
+    return diagnose(synthesise(plan, truth, rng, chains), LIBRARY, on_progress=on_progress)
+
+
+def errors(found: Diagnosis) -> tuple[float, float, float]:
+    """Residual over noise on the run that no fit has seen: before, calibrated, after."""
+    return tuple(found.errors()[state]["holdout"]["overall"] for state in ("before", "calibrated", "after"))
+
+
+def evidence(found: Diagnosis) -> str:
+    """What every trial brought, for the message of a test that fails."""
+    told = [f"{t.suspect.name} {t.gain:.1f} of {0.5 * t.score.fall:.1f}" for turn in found.rounds for t in turn.trials]
+    return f"{found.verdict}, errors {errors(found)}, before {found.rounds[0].before.evidence:.2f}, trials {told}"
+
+
+def lead(found: Diagnosis, of: int = 0) -> float:
+    """By how much evidence the accepted effect of a round beats the best of the others."""
+    turn = found.rounds[of]
+    rivals = [t.gain for t in turn.trials if t is not turn.accepted]
+    promised = [0.5 * score.fall for score in turn.scores if score.suspect not in [t.suspect for t in turn.trials]]
+    return turn.accepted.gain - max([0.0, *rivals, *promised])
+
+
+def test_nothing_is_missing():
+    found = diagnosed(seed=1)
+    before, calibrated, after = errors(found)
+    assert found.verdict is Verdict.ADEQUATE and not found.accepted, evidence(found)
+    assert before > 2.0 and calibrated == after == pytest.approx(1.0, abs=0.05)
+    assert found.candidates()[0][1] < 0.5
+
+
+def test_a_calibration_that_was_stuck_is_no_effect(monkeypatch):
+    """Any effect would lead the fit out of the pit; the model without it must be asked again from there."""
+
+    def stuck(campaign, say):
+        null, resolution = calibrated(campaign, say)
+        return search(null.fit.problem, null.fit.x + 1.5, resolution.rough, 0), resolution
+
+    calibrated = package._calibrated
+    monkeypatch.setattr(package, "_calibrated", stuck)
+    told = []
+    found = diagnosed(seed=1, on_progress=told.append)
+    assert any("does better from where" in sentence for sentence in told)
+    assert found.verdict is Verdict.ADEQUATE and not found.accepted, evidence(found)
+    assert errors(found)[1] == pytest.approx(1.0, abs=0.05)
+
+
+def test_one_effect():
+    found = diagnosed(InverterDeadTime(dead_time_voltage=0.8), seed=2)
+    before, calibrated, after = errors(found)
+    assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
+    assert [t.suspect.id for t in found.accepted] == ["inverter_dead_time"]
+    assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
+    assert lead(found) > DECISIVE
+    assert found.candidates()[0][1] > 0.95 and next(iter(found.where())) == "coil"
+    name = "inverter_dead_time.dead_time_voltage"
+    assert abs(found.final.values[name] - 0.8) < max(0.08, 2.0 * found.final.errors[name])
+
+
+def test_two_effects():
+    found = diagnosed(ForceConstantDroop(droop=0.15), InverterDeadTime(dead_time_voltage=0.6), seed=3)
+    before, calibrated, after = errors(found)
+    assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
+    assert {t.suspect.id for t in found.accepted} == {"inverter_dead_time", "force_constant_droop"}
+    assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
+    assert lead(found, 0) > DECISIVE and lead(found, 1) > DECISIVE
+
+
+def test_an_effect_outside_the_library():
+    found = diagnosed(Windage(windage=40.0), seed=4)
+    before, calibrated, after = errors(found)
+    assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
+    assert before > calibrated > 1.1
+    where = found.where()
+    assert next(iter(where)) == "mover" and "sensor" not in where and sum(where.values()) == pytest.approx(1.0)
+    form = found.forms[0]
+    assert form.suspect.kind.text.startswith("(v/0.2 m/s)·|v/0.2 m/s|")
+    assert form.judged.fit.values[f"{form.suspect.prefix}coefficient"] == pytest.approx(-40.0 * 0.2**2, rel=0.1)
+    assert form.judged.level(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
+    assert form.gain - max((t.gain for t in found.rounds[-1].trials), default=0.0) > DECISIVE
+
+
+def test_an_effect_that_was_passed_over_is_found_at_the_end(monkeypatch):
+    """The tournament does not see the effect; asked part by part it explains more than all that stood in for it."""
+
+    def blind(before, accepted, scores, *rest):
+        return tournament(before, accepted, [s for s in scores if s.suspect.id != "cogging_force"], *rest)
+
+    tournament = package.tournament
+    monkeypatch.setattr(package, "tournament", blind)
+    told = []
+    found = diagnosed(CoggingForce(cogging_amplitude=2.0), seed=2, on_progress=told.append)
+    assert any(sentence == "mover: trying cogging_force" for sentence in told)
+    assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
+    assert [t.suspect.id for t in found.accepted] == ["cogging_force"] and not found.parts
+    assert errors(found)[2] == pytest.approx(1.0, abs=0.05)
+
+
+def test_an_effect_with_a_value_that_nobody_believes_only_stands_in():
+    """A constant force is a cogging whose pitch is endless; struck from the library, it is told as a formula."""
+    found = diagnosed(ConstantBiasForce(bias_force=1.5), seed=6)
+    assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
+    assert next(iter(found.where())) == "mover" and not found.accepted
+    trials = {t.suspect.id: t for t in found.rounds[0].trials}
+    cogging = trials["cogging_force"]
+    assert held_by_belief(cogging.suspect, cogging.judged.fit) == ["cogging_pitch"]
+    form = found.forms[0]
+    assert form.suspect.kind.text == "1" and form.gain > cogging.gain
+    assert form.judged.fit.values[f"{form.suspect.prefix}coefficient"] == pytest.approx(-1.5, rel=0.1)
+    assert form.judged.level(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize(("kept", "share"), [(-1.0, 0.0), (0.0, 0.0), (0.5, 0.5), (2.0, 1.0)])
+def test_a_part_counts_as_far_as_its_laws_keep_their_promises(kept, share):
+    calibrated = diagnosed(Windage(windage=40.0), seed=4).calibrated
+    assert not calibrated.near_noise
+    one = Suspect(MagneticSaturation)
+    screen = Screen(calibrated.fit, ())
+    (score,), span = screen.together([one])
+    whole = screen.residual @ screen.residual
+    assert score.fall > 0.0
+
+    def attempt(score):
+        return Trial(score.suspect, score, None, 0.5 * kept * score.fall, 0.0)
+
+    (part, found), *rest = ask_parts(calibrated, [one], [], [], attempt).shares.items()
+    assert part == "mover" and not rest
+    assert found == pytest.approx(max(share * span, kept * score.fall, 0.0) / whole)
+
+
+def test_a_sensor_counts_as_far_as_what_remains_is_its_own():
+    found = diagnosed(chains={"current": (SensorLag(lag_time=1e-3),)}, seed=5)
+    calibrated, (trial,) = found.calibrated, found.accepted
+    whole = Screen(calibrated.fit, ()).residual @ Screen(calibrated.fit, ()).residual
+
+    def share(**spoiled):
+        rows = {
+            run: {n: v + spoiled.get(n, 0.0) for n, v in signals.items()}
+            for run, signals in trial.judged.fit.residuals.items()
+        }
+        fitted = SimpleNamespace(residuals=rows, problem=trial.judged.fit.problem, x=trial.judged.fit.x)
+        judged = SimpleNamespace(fit=fitted, level=trial.judged.level)
+        spoiled_trial = dataclasses.replace(trial, judged=judged)
+        parts = ask_parts(calibrated, [], [spoiled_trial], [spoiled_trial], None)
+        return parts.shares["sensor"] * whole / (2.0 * trial.gain)
+
+    assert share(current=5.0) == pytest.approx(1.0, abs=0.02)
+    assert share(current=5.0, voltage=5.0) == pytest.approx(0.5, abs=0.02)
+    assert share(voltage=5.0) < 0.02
+
+
+def test_what_suspects_take_up_together():
+    calibrated = diagnosed(Windage(windage=40.0), seed=4).calibrated
+    screen = Screen(calibrated.fit, ())
+    one, two = Suspect(AsymmetricFriction), Suspect(MagneticSaturation)
+    scores = [screen.score(s) for s in (one, two)]
+    alone = [score.fall for score in scores]
+    assert alone[1] > 0.0
+    ranked, together = screen.together([one, two])
+    assert [score.fall for score in ranked] == sorted(alone, reverse=True)
+    # combinations that are small differences are not counted, so that a little may be lost
+    assert 0.9 * max(alone) <= together <= screen.residual @ screen.residual
+    assert screen.together([]) == ([], 0.0)
+    # a misfit that is nothing but the signature of a suspect is taken up by it, and not by another
+    screen.residual = 100.0 * scores[1].signature
+    assert 0.9e4 < screen.together([two])[1] <= 1.0001e4 and screen.together([one])[1] < 0.5e4
+
+
+def test_a_sensor_that_lags():
+    found = diagnosed(chains={"current": (SensorLag(lag_time=1e-3),)}, seed=5)
+    before, calibrated, after = errors(found)
+    assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
+    assert [t.suspect.name for t in found.accepted] == ["sensor_lag on current"]
+    assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
+    assert lead(found) > DECISIVE and next(iter(found.where())) == "sensor"
+    assert found.final.values["current.sensor_lag.lag_time"] == pytest.approx(1e-3, rel=0.1)

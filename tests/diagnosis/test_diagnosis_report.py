@@ -1,0 +1,136 @@
+"""The report of a diagnosis: what it says is what was found, and it needs nothing beside it."""
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from edhas_jax.core import structs
+from edhas_jax.diagnosis.report.figures import draw_sensor_fault, draw_waterfall, stages, with_error
+from edhas_jax.diagnosis.report.machine_schematic import schematic, shade
+from edhas_jax.diagnosis.report.nonparametric_term import missing_term
+from edhas_jax.diagnosis.report.report import found_in, write_report
+from edhas_jax.diagnosis.report.sensor_fault import sensor_fault
+from edhas_jax.diagnosis.report.story_figures import draw_story
+from edhas_jax.diagnosis.search.candidates import Suspect, problem_of
+from edhas_jax.diagnosis.search.evaluated_fit import search
+from edhas_jax.diagnosis.search.forward_selection import diagnose
+from edhas_jax.diagnosis.search.result import Verdict
+from edhas_jax.machine.effects import ConstantBiasForce, ForceConstantDroop, InverterDeadTime
+from edhas_jax.machine.rigs import RIGS
+from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.measurement_chain import Instruments
+from edhas_jax.measurements.predicted_signals import level
+from edhas_jax.measurements.sensor_models import SensorLag
+from tests.support.synthetic_campaign import bench, empty_campaign, measured
+
+LOST = 0.8  # V
+VOID = {"meta", "img", "br"}
+
+
+@pytest.fixture(scope="module")
+def diagnosis():
+    """A bench whose inverter has a dead time of which the model knows nothing."""
+    truth = structs.replace(bench(), effects=(*bench().effects, InverterDeadTime(dead_time_voltage=LOST)))
+    campaign = measured(empty_campaign(), truth)
+    return diagnose(campaign, library=(InverterDeadTime, ConstantBiasForce, ForceConstantDroop))
+
+
+@pytest.fixture(scope="module")
+def report(diagnosis, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(diagnosis, path)
+    return path.read_text(encoding="utf-8")
+
+
+class Balanced(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.open, self.texts = [], []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+
+def test_the_report_is_one_sound_file(diagnosis, report):
+    parser = Balanced()
+    parser.feed(report)
+    assert parser.open == []
+    assert not re.search(r"""(?:src|href)=(?!["']?data:)|https?://""", report)
+    assert diagnosis.sentences()[0] in parser.texts
+    assert "inverter_dead_time" in diagnosis.sentences()[0] and diagnosis.verdict is Verdict.MISSING_EFFECT
+
+
+def test_the_traces_are_those_measured_and_those_of_the_models(diagnosis, report):
+    data = json.loads(re.search(r'id="traces-data">(.*?)</script>', report, re.DOTALL)[1])
+    assert [m["name"] for m in data["models"]] == ["before", "calibrated", "after"]
+    run = diagnosis.campaign.runs[1]
+    shown = data["runs"][1]
+    assert shown["count"] == len(run.time)
+    noise = diagnosis.campaign.channels["current"].noise
+    after = run.signals["current"] - noise * diagnosis.after.residuals[run.name]["current"]
+    for name, expected in (("measured", run.signals["current"]), ("after", after)):
+        packed = shown["signals"]["current"][name]
+        values = np.frombuffer(base64.b64decode(packed["data"]), "<i2") * packed["scale"] + packed["offset"]
+        assert np.abs(values - expected).max() <= 0.51 * packed["scale"]
+    assert diagnosis.campaign.runs[data["run"]].use is Use.HOLDOUT
+
+
+def test_the_missing_term_is_found_without_its_law(diagnosis):
+    ((fitted, suspect),) = found_in(diagnosis)
+    term = missing_term(fitted, suspect)
+    assert (term.slot.name, term.axis) == ("coil_voltage_change", "current")
+    truth = -LOST * np.tanh(term.at / 0.05)
+    steep = np.abs(term.at) < 0.1  # there a straight line from node to node is not the law
+    assert len(term.at) > 6 and (np.abs(term.value - truth) < 4.0 * term.std + 0.02 * LOST)[~steep].all()
+    assert np.median(term.std) < 0.1 * LOST
+    assert np.abs(term.law + LOST * np.tanh(term.path / 0.05)).max() < 0.05 * LOST
+
+
+def test_the_waterfall_ends_at_the_noise(diagnosis):
+    table = stages(diagnosis)
+    assert list(table) == ["present model", "calibrated", "+ inverter_dead_time"]
+    before = [v for run in diagnosis.campaign.runs_for(Use.HOLDOUT) for v in diagnosis.before[run.name].values()]
+    assert table["present model"][Use.HOLDOUT] == pytest.approx(level(before))
+    held_out = [row[Use.HOLDOUT] for row in table.values()]
+    assert held_out[0] > held_out[1] > held_out[2] and held_out[2] < 1.1
+    assert len(draw_waterfall(diagnosis).axes) == 2
+    assert len(draw_story(diagnosis).axes) == 6
+
+
+def test_a_sensor_fault_is_shown_as_it_was_measured():
+    instruments = Instruments({"current": (SensorLag(lag_time=2e-3),)})
+    campaign = measured(empty_campaign(), bench(), instruments)
+    suspect = Suspect(SensorLag, "current")
+    problem = problem_of(campaign, bench(), Instruments(), (), suspect)
+    fault = sensor_fault(search(problem, np.zeros(len(problem.unknowns)), 8, 12).fit, suspect)
+    assert fault.over_rate and np.abs(fault.value).max() > 20.0 * fault.std.max()
+    assert (np.abs(fault.value - fault.law) < 5.0 * fault.std).all()
+    assert draw_sensor_fault(fault).axes
+
+
+@pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
+def test_the_schematic_colours_every_part_that_can_be_at_fault(rig):
+    where = {slot.where for slot in rig.slots} | {"sensor"}
+    for part in where:
+        drawn = schematic(rig(), {part: 0.9})
+        assert shade(0.9) in drawn and "90%" in drawn
+    assert shade(0.9) not in schematic(rig(), {})
+    red = [int(shade(p)[3:5], 16) for p in (0.0, 0.1, 0.5, 1.0)]
+    assert red == sorted(red, reverse=True) and len(set(red)) == 4
+
+
+def test_a_value_and_its_error_share_a_unit():
+    assert with_error(0.8002, 3.8e-4, "V") == "0.80020 ± 0.00038 V"
+    assert with_error(1.441, 1.7e-4, "ohm") == "1.44100 ± 0.00017 ohm"
+    assert with_error(4.0e-8, 1.6e-10, "m^2") == "0.04000 ± 0.00016 mm²"

@@ -1,0 +1,345 @@
+"""A machine as an FMU: the unit in FMPy against the package's own run, to rounding."""
+
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import edhas_jax as edhas
+from edhas_jax.commands.cli import main
+from edhas_jax.config.machine_config import Config, build
+from edhas_jax.core import structs
+from edhas_jax.export.fmu import export_fmu
+from edhas_jax.export.fmu_inputs import FmuError
+from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.machine.parameters import set_parameters
+from edhas_jax.simulation import integrator
+from tests.support import CONFIGS
+
+fmpy = pytest.importorskip("fmpy")
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+
+PUMP_EFFECTS = ["lugre_friction", "piston_leakage", "entrained_air"]
+QUICK = {"duration": "0.06 s", "sample_rate": "2 kHz"}
+INTERVAL, SAMPLES = 5e-4, 121  # of these runs
+SINE = {"kind": "sine", "frequency": "30 Hz", "ramp_time": "20 ms"}
+ACTUATOR = {"rig": "actuator_bench", "reference": SINE, "simulation": QUICK}
+PUMP = {"rig": "pump_bench", "effects": PUMP_EFFECTS, "reference": SINE, "simulation": QUICK}
+SYSTEM = {"rig": "actuator_system", "effects": [*PUMP_EFFECTS, "karnopp_friction"], "simulation": QUICK}
+CHANGED = {
+    "actuator_bench": {"mover_mass": 3.0, "position_gain": 1.2e4},
+    "pump_bench": {"piston_clearance": 12e-6, "load_orifice_area": 2e-6, "accumulator.accumulator_pressure": 3e5},
+    "actuator_system": {"load_force": 150.0, "step_size": 8e-3, "cylinder_sliding_friction": 20.0},
+}
+ROUNDING = 1e-10  # of the range of a signal; 1e-12 is what comes out
+
+
+class Unit:
+    """A written unit, and what FMPy makes of it."""
+
+    def __init__(self, path: Path, config, inputs=()):
+        self.path, self.config = path, config
+        self.fmu = export_fmu(config, path, inputs)
+        self.description = fmpy.read_model_description(str(path))
+        self.folder = fmpy.extract(str(path), str(path.with_suffix("")))
+        self.outputs = [v.name for v in self.fmu.program.outputs]
+        self.number = {v.name: v.valueReference for v in self.description.modelVariables}
+
+    def instance(self, **values):
+        """An instance at the start of a run."""
+        from fmpy.fmi2 import FMU2Slave
+
+        kind = self.description.coSimulation
+        made = FMU2Slave(guid=self.description.guid, unzipDirectory=self.folder, modelIdentifier=kind.modelIdentifier)
+        made.instantiate()
+        made.setupExperiment()
+        made.enterInitializationMode()
+        self.give(made, **values)
+        made.exitInitializationMode()
+        return made
+
+    def give(self, made, **values) -> None:
+        """Set inputs or parameters."""
+        made.setReal([self.number[n] for n in values], list(values.values()))
+
+    def see(self, made) -> list[float]:
+        """All outputs."""
+        return made.getReal([self.number[n] for n in self.outputs])
+
+    def run(self, made, count: int, first: int = 0, interval: float = INTERVAL, before=lambda t: {}) -> dict:
+        """The outputs at `count` communication points, a step after each; `before` gives the inputs at a time."""
+        rows = []
+        for k in range(first, first + count):
+            self.give(made, **before(k * interval))
+            rows.append(self.see(made))
+            made.doStep(k * interval, interval)
+        return dict(zip(self.outputs, np.array(rows).T, strict=True))
+
+
+@pytest.fixture(scope="module")
+def unit(tmp_path_factory):
+    """`unit(mapping, *inputs)`: a unit, written and compiled once."""
+    made: dict[str, Unit] = {}
+
+    def of(mapping: dict, *inputs: str) -> Unit:
+        key = repr((mapping, inputs))
+        if key not in made:
+            made[key] = Unit(tmp_path_factory.mktemp("fmu") / "machine.fmu", build(mapping), inputs)
+        return made[key]
+
+    return of
+
+
+def difference(columns, signals) -> float:
+    """The largest difference of any signal, as a share of its range."""
+
+    def share(got, expected):
+        # what stands still differs by the rounding of its value
+        span = max(np.ptp(expected), 1e-9 * np.abs(expected).max()) or 1.0
+        return np.abs(got - expected[: len(got)]).max() / span
+
+    return max(share(v, np.asarray(signals[n])) for n, v in columns.items())
+
+
+@pytest.mark.parametrize("mapping", [ACTUATOR, PUMP, SYSTEM], ids=lambda m: m["rig"])
+def test_the_unit_is_the_run(unit, mapping):
+    u = unit(mapping)
+    for values in ({}, CHANGED[mapping["rig"]]):
+        run = edhas.simulate(set_parameters(u.config.machine, values), u.config.simulation)
+        got = fmpy.simulate_fmu(
+            str(u.path), stop_time=0.06, output_interval=INTERVAL, start_values=values, output=u.outputs
+        )
+        assert set(u.outputs) == set(run.signals) - {"time"} and len(got) == SAMPLES == len(run.signals["time"])
+        assert difference({n: got[n] for n in u.outputs}, run.signals) < ROUNDING
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"controller": {"kind": "cascade"}, "amplifier": {"kind": "current"}},
+        {"sampling": {"kind": "sampled", "sample_time": "0.21 ms", "computation_delay": "0.05 ms"}},
+        {"reference": {"kind": "chirp", "amplitude": "2 V"}, "controller": {"kind": "open_loop"}},
+        {"effects": ["lugre_friction", "coil_heating", "supply_sag"], "simulation": {**QUICK, "step": "33 us"}},
+    ],
+    ids=["current", "sampled", "open loop", "effects"],
+)
+def test_other_controllers_drives_and_steps(unit, more):
+    u = unit({**ACTUATOR, **more})
+    run = edhas.simulate(u.config.machine, u.config.simulation)
+    assert difference(u.run(u.instance(), SAMPLES), run.signals) < ROUNDING
+
+
+def test_the_description_is_valid_and_tells_what_is_what(unit):
+    from fmpy.validation import validate_fmu
+
+    u = unit(PUMP, "reference", "load_orifice_area")
+    assert validate_fmu(str(u.path)) == []
+    by_name = {v.name: v for v in u.description.modelVariables}
+    clearance, flow = by_name["piston_clearance"], by_name["outlet_flow"]
+    assert (clearance.causality, clearance.variability, clearance.unit) == ("parameter", "fixed", "m")
+    assert float(clearance.start) == 20e-6 and float(clearance.max) == 1e-3 and "gap" in clearance.description
+    assert (flow.causality, flow.unit) == ("output", "m3/s")
+    units = {of.name: of for of in u.description.unitDefinitions}
+    volt = units["V"].baseUnit
+    assert (volt.kg, volt.m, volt.s, volt.A) == (1, 2, -3, -1)
+    assert {d.name: float(d.factor) for d in units["m3/s"].displayUnits} == {"L/min": pytest.approx(6e4)}
+    acting = {o.variable.name: {d.name for d in o.dependencies} for o in u.description.outputs}
+    assert acting["outlet_flow"] == {"load_orifice_area"} and acting["piston_position"] == set()
+    assert acting["voltage"] == {"reference", "reference_velocity"} and "reference" not in acting
+    again = edhas.load(Path(u.folder) / "resources" / "config.yaml")
+    assert jax.tree.all(jax.tree.map(lambda a, b: a == b, again.machine, u.config.machine))
+
+
+def test_an_input_acts_as_the_same_change_of_a_run(unit):
+    u = unit(PUMP, "load_orifice_area")
+    made, here = u.instance(), integrator.start(u.config.machine, np.float64(20e-6))
+    for stretch, area in enumerate((4.2e-6, 1e-6)):
+        machine = jax.tree.map(np.asarray, set_parameters(u.config.machine, {"load_orifice_area": area}))
+        here, expected = integrator.march(machine, here, np.float64(20e-6), 25, 60)
+        got = u.run(made, 60, 60 * stretch, before=lambda t, area=area: {"load_orifice_area": area})
+        assert difference(got, expected.signals) < ROUNDING
+    assert got["outlet_pressure"].max() > 1.2 * 2e5
+
+
+def test_a_command_from_outside_is_an_open_loop(unit):
+    u = unit(ACTUATOR, "voltage")
+    assert not {"position_gain", "amplitude"} & set(u.number) and "reference" not in u.outputs
+    got = u.run(u.instance(), SAMPLES, before=lambda t: {"voltage_command": -3.0 if t > 0.0199 else 0.0})
+    step = {"kind": "step", "step_size": "-3 V", "step_time": "20 ms"}
+    run = edhas.simulate(build({**ACTUATOR, "controller": {"kind": "open_loop"}, "reference": step}).machine,
+                         u.config.simulation)  # fmt: skip
+    assert difference(got, run.signals) < ROUNDING and got["current"].min() < -0.5
+
+
+def test_a_set_point_from_outside_goes_on_at_the_rate_given_with_it(unit, tmp_path):
+    u = unit(PUMP, "reference", "load_orifice_area")
+    speed, ramp = 0.05, Recorded(values=np.arange(SAMPLES) * (0.05 * INTERVAL), interval=INTERVAL)
+    run = edhas.simulate(structs.replace(u.config.machine, reference=ramp), u.config.simulation)
+    given = u.run(u.instance(), SAMPLES - 1, before=lambda t: {"reference": speed * t, "reference_velocity": speed})
+    assert difference(given, run.signals) < ROUNDING
+    recorded = Unit(tmp_path / "recorded.fmu", Config(run.machine, run.simulation))
+    assert difference(recorded.run(recorded.instance(), SAMPLES), run.signals) < ROUNDING
+
+
+def test_the_valve_of_the_system_may_come_from_outside(unit):
+    u = unit(SYSTEM, "target", "spool")
+    got = u.run(u.instance(), 60, before=lambda t: {"target": 5e-3, "spool_command": -0.5})
+    expected = -0.5 * (1.0 - np.exp(-np.arange(60) * INTERVAL / 8e-3))
+    np.testing.assert_allclose(got["spool"], expected, atol=1e-5)
+    assert got["head_pressure"][-1] < got["rod_pressure"][-1]
+
+
+def test_a_communication_step_need_not_be_a_multiple_of_the_step(unit):
+    u = unit(PUMP)
+    # 50 µs is taken in three equal steps, as a run that is sampled every 50 µs takes it
+    run = edhas.simulate(u.config.machine, edhas.Simulation(duration=0.02, sample_rate=20e3))
+    assert run.step == pytest.approx(50e-6 / 3)
+    assert difference(u.run(u.instance(), 400, interval=50e-6), run.signals) < ROUNDING
+    # and steps of any length end near the same state
+    made, t = u.instance(), 0.0
+    for size in [3e-6, 0.0, 1.234e-3, 777e-6] * 9:
+        made.doStep(t, size)
+        t += size
+    fine = dict(zip(u.outputs, u.see(made), strict=True))
+    assert fine["piston_position"] == pytest.approx(np.interp(t, np.arange(401) * 5e-5, run.signals["piston_position"]),
+                                                    abs=2e-7)  # fmt: skip
+
+
+def test_states_are_saved_and_instances_share_nothing(unit):
+    u = unit(PUMP)
+    alone = u.run(u.instance(), 40)
+    one, other = u.instance(), u.instance(piston_clearance=40e-6)
+    u.run(other, 17)
+    u.run(one, 20)
+    saved = one.getFMUstate()
+    kept = one.serializeFMUstate(saved)
+    ahead = u.run(one, 20, 20)
+    other.setFMUstate(other.deSerializeFMUstate(kept))
+    one.setFMUstate(saved)
+    one.freeFMUstate(saved)
+    for again in (u.run(one, 20, 20), u.run(other, 20, 20)):
+        for n in u.outputs:
+            np.testing.assert_array_equal(ahead[n], alone[n][20:])
+            np.testing.assert_array_equal(again[n], ahead[n])
+    one.reset()
+    one.setupExperiment()
+    one.enterInitializationMode()
+    one.exitInitializationMode()
+    np.testing.assert_array_equal(u.run(one, 40)["voltage"], alone["voltage"])
+
+
+def test_a_machine_that_leaves_its_range_says_so_as_a_run_does(unit, capfd):
+    values = {"amplitude": 9e-3, "stop_stiffness": 1.0}
+    u = unit(PUMP)
+    with pytest.raises(edhas.SimulationError) as failure:
+        edhas.simulate(set_parameters(u.config.machine, values), u.config.simulation)
+    got = fmpy.simulate_fmu(str(u.path), stop_time=0.06, output_interval=INTERVAL, start_values=values)
+    assert str(failure.value) in capfd.readouterr().out
+    assert 1 < len(got) < SAMPLES and np.isfinite(got["gas_volume"]).all()
+
+
+@pytest.mark.parametrize(
+    ("act", "sentence"),
+    [
+        (lambda u: u.instance(mover_mass=-1.0), "mover_mass: must lie in 100 mg"),
+        (lambda u: u.instance(mover_mass=np.nan), "mover_mass: must lie in 100 mg"),
+        (lambda u: u.give(u.instance(), mover_mass=3.0), "mover_mass: a parameter is set before initialization ends"),
+        (lambda u: u.instance().doStep(1.0, 1e-3), "this unit stands at 0 s"),
+        (lambda u: u.instance().doStep(0.0, -1e-3), "must be a finite number from 0"),
+        (lambda u: u.instance().getInteger([0]), "every variable of this unit is a real number"),
+    ],
+)
+def test_what_a_tool_does_wrong_is_refused_in_a_sentence(unit, capfd, act, sentence):
+    from fmpy.fmi1 import FMICallException
+
+    with pytest.raises(FMICallException):
+        act(unit(ACTUATOR))
+    assert sentence in capfd.readouterr().out
+
+
+def test_the_sources_are_plain_c_for_any_compiler(unit, tmp_path):
+    with zipfile.ZipFile(unit(SYSTEM).path) as archive:
+        archive.extractall(tmp_path)
+    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter"]
+    command = ["cc", *strict, "-DFMI2_FUNCTION_PREFIX=machine_", "-c", "fmu_unit.c", "-o", "unit.o"]
+    done = subprocess.run(command, cwd=tmp_path / "sources", capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    symbols = subprocess.run(["nm", "-g", "unit.o"], cwd=tmp_path / "sources", capture_output=True, text=True).stdout
+    own = [line.split()[-1] for line in symbols.splitlines() if " U " not in line]
+    assert own and all(name.lstrip("_").startswith("machine_fmi2") for name in own)
+
+
+OWN = '''
+import jax.numpy as jnp
+from edhas_jax import Effect, par
+
+class Table(Effect):
+    """A force by a table."""
+    gain: float = par(1.0, "N", (0.0, 1e3), "size of the force")
+
+    def mover_force(self, s, z):
+        return self.gain * jnp.interp(s.piston_position, jnp.array([0.0, 1e-3]), jnp.array([0.0, 1.0]))
+
+class Ramps(Effect):
+    """The same as a sum of ramps, and a drag."""
+    gain: float = par(20.0, "N", (0.0, 1e3), "size of the force")
+
+    def mover_force(self, s, z):
+        x = s.piston_position
+        return self.gain * 1e3 * (jnp.maximum(x, 0.0) - jnp.maximum(x - 1e-3, 0.0))
+
+    def mover_friction(self, s, z):
+        return self.gain * jnp.arctan(s.piston_velocity / 0.1)
+'''
+
+
+def test_an_effect_of_ones_own_goes_along_unless_it_needs_what_c_lacks(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+
+    def config(effect):
+        return build({**ACTUATOR, "effects": [f"own.py:{effect}"]}, base_dir=tmp_path)
+
+    u = Unit(tmp_path / "own.fmu", config("Ramps"))
+    run = edhas.simulate(u.config.machine, u.config.simulation)
+    assert difference(u.run(u.instance(), SAMPLES), run.signals) < ROUNDING
+    with pytest.raises(FmuError, match="the effect table cannot be written in C"):
+        export_fmu(config("Table"), tmp_path / "table.fmu")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--input", "load_orifice"], "nearest: load_orifice_area"),
+        (["--input", "target"], "pump_bench has no target; valid: reference, voltage"),
+        (["--input", "oil_temperature"], "nothing in this machine depends on it"),
+        (["--input", "voltage", "--input", "reference"], "give one of them"),
+        (["--input", "piston_clearance", "--input", "piston_leakage.piston_clearance"], "given twice"),
+        (["--out", "taken.fmu"], "exists already"),
+        (["--out", "taken.fmu/unit.fmu"], "cannot be written"),
+        (["--set", "step=1 ms"], "100 µs"),
+        (["--compiler", "cc", "--compiler", "cc"], "two compilers are for"),
+        (["--compiler", "false"], "the C compiler `false` failed"),
+    ],
+)
+def test_bad_input_ends_with_one_sentence(tmp_path, monkeypatch, capsys, arguments, sentence):
+    monkeypatch.chdir(tmp_path)
+    Path("taken.fmu").write_text("precious")
+    assert main(["export", str(CONFIGS / "paper.yaml"), *arguments]) == 2
+    caught = capsys.readouterr()
+    assert sentence in caught.err and len(caught.err.strip().splitlines()) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["taken.fmu"] and Path("taken.fmu").read_text() == "precious"
+
+
+def test_a_unit_may_be_sources_only_and_a_missing_compiler_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("CC", "no-such-compiler")
+    arguments = ["export", str(CONFIGS / "actuator.yaml"), "--out", str(tmp_path / "unit.fmu")]
+    assert main(arguments) == 2
+    assert "no C compiler `no-such-compiler`" in capsys.readouterr().err
+    assert main([*arguments, "--sources-only", "--input", "mover_damping"]) == 0
+    assert "no binary" in capsys.readouterr().out
+    with zipfile.ZipFile(tmp_path / "unit.fmu") as archive:
+        assert "sources/fmu_unit.c" in archive.namelist() and not [n for n in archive.namelist() if "binaries" in n]

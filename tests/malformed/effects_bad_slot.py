@@ -1,6 +1,0 @@
-from edhas_jax.effects import Effect
-
-
-class SealDrag(Effect):
-    def mover_frction(self, s, z):
-        return 0.0

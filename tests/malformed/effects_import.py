@@ -1,7 +1,0 @@
-from edhas_jax.effects import Effect
-
-LIMIT = 1 / 0
-
-
-class SealDrag(Effect):
-    pass

@@ -1,5 +1,0 @@
-from edhas_jax.effects import Effect
-
-
-class SealDrag(Effect)
-    pass

@@ -1,0 +1,190 @@
+"""Reading campaigns: what a sound one gives, in three formats, and what is said of an unsound one."""
+
+import jax
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from scipy.io import savemat
+
+import edhas_jax as edhas
+from edhas_jax.machine.components.controllers import CascadeController
+from edhas_jax.machine.parameters import set_parameters
+from edhas_jax.measurements.campaign import CampaignError, Severity, Use
+from edhas_jax.measurements.campaign_reader import read_campaign
+from tests.support.spoilt_campaign import SOUND, copy, describe, record
+
+PRESSURE = "outlet_pressure [MPa]"
+
+
+@pytest.fixture()
+def folder(tmp_path):
+    return copy(tmp_path / "bench")
+
+
+def only(remarks):
+    (remark,) = [r for r in remarks if r.severity is not Severity.NOTE]
+    return remark
+
+
+def test_a_sound_campaign():
+    campaign = read_campaign(SOUND)
+    assert campaign.name == "bench" and not campaign.remarks
+    assert [r.name for r in campaign.runs] == ["run3", "run4", "run8"]
+    assert [r.name for r in campaign.runs_for(Use.HOLDOUT)] == ["run8"]
+    assert [e.id for e in campaign.machine.effects] == ["lugre_friction", "piston_leakage", "entrained_air"]
+    assert campaign.channels["outlet_pressure"].noise == pytest.approx(1500.0)
+    assert campaign.channels["outlet_flow"].noise == pytest.approx(0.012 / 6e4)
+    assert campaign.uncertain["coil_resistance"] == 0.02
+    run = campaign.runs[0]
+    assert run.conditions == {"frequency": 20.0, "amplitude": 3.5e-3, "load_orifice_area": pytest.approx(4.2e-6)}
+    frame = pd.read_csv(SOUND / "run3.csv")
+    assert np.allclose(run.time, frame["time [ms]"] * 1e-3, rtol=1e-14)
+    assert np.allclose(run.signals["outlet_pressure"], frame[PRESSURE] * 1e6, rtol=1e-14)
+    assert run.interval == pytest.approx(0.2e-3) and list(run.lines[:2]) == [2, 3]
+    assert read_campaign(SOUND / "campaign.yaml").name == "bench"
+
+
+def test_conditions_of_a_run_and_a_factor_on_all_of_them():
+    campaign = read_campaign(SOUND)
+    run = campaign.runs[2]
+    here = campaign.machine_of(run)
+    assert edhas.get(here, "frequency") == 25.0 and edhas.get(here, "load_orifice_area") == pytest.approx(1.5e-6)
+    larger = set_parameters(campaign.machine, {"load_orifice_area": 4.2e-6 * 1.1, "frequency": 99.0})
+    there = campaign.machine_of(run, larger)
+    # the orifice is uncertain: what the machine has is a factor; the frequency is not
+    assert edhas.get(there, "load_orifice_area") == pytest.approx(1.5e-6 * 1.1)
+    assert edhas.get(there, "frequency") == 25.0
+
+    def area(factor):
+        machine = set_parameters(campaign.machine, {"load_orifice_area": 4.2e-6 * factor})
+        return edhas.get(campaign.machine_of(run, machine), "load_orifice_area")
+
+    assert jax.grad(area)(1.0) == pytest.approx(1.5e-6)
+
+
+def test_the_same_in_parquet_and_matlab(folder):
+    frame = pd.read_csv(folder / "run3.csv")
+    pq.write_table(pa.Table.from_pandas(frame), folder / "run3.parquet")
+    describe(folder, "run3.csv", "run3.parquet")
+    frame = pd.read_csv(folder / "run4.csv")
+    vectors = {cell.partition(" ")[0]: frame[cell].to_numpy() for cell in frame}
+    savemat(folder / "run4.mat", vectors | {"units": {"time": "ms"}, "comment": "bench 2"})
+    describe(folder, "run4.csv", "run4.mat")
+    sound, same = read_campaign(SOUND), read_campaign(folder)
+    assert not same.remarks
+    for one, other in zip(sound.runs, same.runs, strict=True):
+        assert np.array_equal(one.time, other.time) and one.signals.keys() == other.signals.keys()
+        assert all(np.array_equal(one.signals[n], other.signals[n]) for n in one.signals)
+
+
+def test_columns_under_names_of_their_own(folder):
+    names = {"time [ms]": "t", PRESSURE: "p_out", "current [A]": "i [mA]"}
+    for run in ("run3.csv", "run4.csv", "run8.csv"):
+        record(folder, run, lambda f: f.assign(**{"current [A]": 1e3 * f["current [A]"]}).rename(columns=names))
+    describe(folder, "signals:   #", "time: {column: t, unit: ms}\nsignals:   #")
+    describe(folder, "{unit: MPa, noise: 0.0015}", "{unit: MPa, noise: 0.0015, column: p_out}")
+    describe(folder, "  current: {unit: A, noise: 0.02}", "  current: {unit: mA, noise: 20, column: i}")
+    sound, same = read_campaign(SOUND), read_campaign(folder)
+    assert not same.remarks
+    assert same.channels["current"].noise == pytest.approx(0.02)
+    for name, values in sound.runs[1].signals.items():
+        assert np.allclose(values, same.runs[1].signals[name], rtol=1e-5)
+
+
+def test_a_recorded_set_point_drives_the_loop(tmp_path):
+    time = 1e-3 * np.arange(500)
+    wanted = 5e-3 * np.sin(2 * np.pi * 3.0 * time)
+    frame = pd.DataFrame({"time [s]": time, "wanted [mm]": 1e3 * wanted, "voltage [V]": time})
+    frame.assign(**{"piston_position [m]": wanted}).to_csv(tmp_path / "run1.csv", index=False)
+    (tmp_path / "campaign.yaml").write_text("""
+rig: actuator_bench
+amplifier: {kind: current, gain: 2 A/V}
+controller: {kind: cascade, kp: 160 1/s, kv: 243 V*s/m}
+reference: wanted
+without: [lugre_friction]
+uncertain: {mover_mass: 0.1, coulomb_friction: 0.2}
+signals:
+  voltage: {unit: V, noise: 0.1}
+  piston_position: {unit: m, noise: 1e-6}
+runs:
+  - {file: run1.csv, use: fit}
+""")
+    campaign = read_campaign(tmp_path)
+    (run,) = campaign.runs
+    machine = campaign.machine_of(run)
+    assert isinstance(machine.controller, CascadeController) and machine.controller.cascade_velocity_gain == 243.0
+    assert machine.amplifier.amplifier_gain == 2.0 and not machine.effects
+    at, rate = machine.reference.at(0.1)
+    assert at == pytest.approx(5e-3 * np.sin(0.6 * np.pi), rel=1e-4) and rate < 0.0
+    # an uncertain parameter of an effect that the model lacks waits until it is added
+    assert campaign.uncertain_in(machine) == {"mover_mass": 0.1} and set(campaign.uncertain) == {
+        "mover_mass", "coulomb_friction"
+    }  # fmt: skip
+    assert [r.severity for r in campaign.remarks] == [Severity.NOTE]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "said"),
+    [
+        ("rig: pump_bench", "rig: pump_bensh", 3, "nearest: pump_bench"),
+        ("  coil_resistance: 0.02", "  coil_resistence: 0.02", 5, "nearest: coil_resistance"),
+        ("  coil_resistance: 0.02", "  coil_resistance: -1", 5, "must be above 0"),
+        ("frequency: 20 Hz", "frequency: 20", 17, "a unit is missing"),
+        ("frequency: 20 Hz", "frequenzy: 20 Hz", 17, "nearest: frequency"),
+        ("use: holdout", "use: test", 19, "one of fit, holdout"),
+        ("name: bench", "nome: bench", 2, "unknown key"),
+        ("uncertain:   #", "without: [friction]\nuncertain:   #", 4, "no refined effect `friction`"),
+        ("uncertain:   #", "parameters: {coil_resistance: 2 V}\nuncertain:   #", 4, "resistance"),
+    ],
+)
+def test_what_is_wrong_in_the_yaml(folder, old, new, line, said):
+    describe(folder, old, new)
+    with pytest.raises(CampaignError, match=said) as caught:
+        read_campaign(folder)
+    assert str(caught.value).startswith(f"{folder / 'campaign.yaml'}:{line}: ")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "said"),
+    [
+        ("current: {unit: A, noise: 0.02}", "current: {unit: A, noise: 0}", 12, "must be above 0; got 0"),
+        ("current: {unit: A, noise: 0.02}", "current: {unit: Amp, noise: 0.02}", 12, 'unknown unit "Amp"'),
+        ("  current: {unit: A", "  rod_pressure: {unit: MPa", 12, "pump_bench has no such signal"),
+        ("file: run8.csv", "file: run9.csv", 0, "no such file; the run is left out"),
+    ],
+)
+def test_what_is_left_out(folder, old, new, line, said):
+    describe(folder, old, new)
+    remark = only(read_campaign(folder).remarks)
+    assert said in remark.sentence and remark.line == line and remark.severity is Severity.ERROR
+
+
+def test_what_is_unreadable_in_a_file_is_a_hole(folder):
+    def spoil(frame):
+        return frame.astype({"current [A]": object}).replace({"current [A]": {frame["current [A]"][500]: "over"}})
+
+    record(folder, "run3.csv", spoil)
+    campaign = read_campaign(folder)
+    said, hole = campaign.remarks
+    assert said.line == hole.line == 502 and '"over" is not a number' in said.sentence and "a hole" in hole.sentence
+    holes = np.isnan(campaign.runs[0].signals["current"])
+    assert np.flatnonzero(holes).tolist() == [500] and len(campaign.runs[0].time) == 1351
+
+
+def test_samples_out_of_order_are_left_out(folder):
+    record(folder, "run3.csv", lambda f: pd.concat([f[:500], f[480:]]))
+    campaign = read_campaign(folder)
+    remark = only(campaign.remarks)
+    assert remark.line == 502 and "left out up to line 521" in remark.sentence
+    assert (np.diff(campaign.runs[0].time) > 0).all() and len(campaign.runs[0].time) == 1351
+
+
+def test_nothing_usable(folder):
+    for run in ("run3.csv", "run4.csv", "run8.csv"):
+        (folder / run).write_text("a;b\n1;2\n")
+    with pytest.raises(CampaignError, match="no run can be used"):
+        read_campaign(folder)
+    with pytest.raises(CampaignError, match="no such file"):
+        read_campaign(folder / "elsewhere")

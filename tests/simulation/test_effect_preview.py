@@ -1,0 +1,32 @@
+"""The picture of an effect: the run that shows it best, without and with it."""
+
+import numpy as np
+import pytest
+
+from edhas_jax.commands.cli import main
+from edhas_jax.machine.effects import LugreFriction, SupplySag
+from edhas_jax.simulation.effect_preview import signature
+
+
+def test_an_effect_is_shown_where_it_shows():
+    """A supply that gives way matters where the command is clipped, and nowhere else."""
+    shown = signature(SupplySag())
+    assert shown.conditions["supply_voltage"] == 15.0 and shown.strength() > 0.01
+    limit = 15.0 - 0.3 * np.abs(shown.present["current"])
+    assert (np.abs(shown.present["voltage"]) <= limit + 1e-9).all()
+    assert (np.abs(shown.without["voltage"]) > limit).any()
+
+
+def test_a_refined_effect_is_shown_against_the_machine_without_it():
+    shown = signature(LugreFriction())
+    assert "lugre_friction" not in [e.id for e in shown.machine.effects] and shown.strength() > 0.01
+
+
+def test_command_line(tmp_path, capsys):
+    assert main(["effects", "supply_sag", "--picture", str(tmp_path / "sag.png")]) == 0
+    printed = capsys.readouterr().out
+    assert "looks like" in printed and "confused with" in printed and "plausible" in printed
+    assert (tmp_path / "sag.png").stat().st_size > 10_000
+    assert main(["effects", "supply_sag", "--picture", str(tmp_path / "missing" / "sag.png")]) == 2
+    with pytest.raises(SystemExit):
+        main(["effects", "--picture"])

@@ -1,0 +1,102 @@
+"""Hard cases: abrupt starts, cavitation, and runs that break."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from edhas_jax.core import structs
+from edhas_jax.core.structs import par
+from edhas_jax.machine.effects import Effect
+from edhas_jax.machine.rigs import ActuatorBench, PumpBench
+from edhas_jax.simulation.metrics import mean_rate
+from edhas_jax.simulation.run import Precision, Simulation, SimulationError, simulate
+from tests.support.reference import changed, nominal
+
+
+def last_mean_flow(frequency: float, step: float) -> float:
+    machine = changed(changed(nominal(PumpBench), "frequency", frequency), "ramp_time", 0.0)
+    run = simulate(machine, Simulation(duration=12.0 / frequency, step=step))
+    t = run.signals["time"]
+    return mean_rate(t, run.volume["outlet_flow"], t[-1] - 4.0 / frequency, t[-1], run.signals["outlet_flow"])
+
+
+@pytest.mark.parametrize("step", [20e-6, 40e-6])
+@pytest.mark.parametrize("frequency", [30.0, 40.0])
+def test_an_abrupt_start_at_full_amplitude_comes_to_the_same_flow(frequency, step):
+    fine = last_mean_flow(frequency, 2e-6)
+    assert fine > 1e-5
+    assert last_mean_flow(frequency, step) == pytest.approx(fine, rel=5e-3)
+
+
+@pytest.mark.parametrize("precision", Precision)
+@pytest.mark.parametrize(
+    ("pressure", "frequency", "air"),
+    [
+        (20e3, 30.0, 0.005),
+        (5e3, 40.0, 0.005),
+        (0.2e6, 60.0, 0.005),
+        (20e3, 40.0, 0.001),
+        (20e3, 40.0, 1e-5),
+    ],
+)
+def test_a_cavitating_pump_stays_finite_and_above_vacuum(pressure, frequency, air, precision):
+    machine = nominal(PumpBench)
+    for name, value in (("accumulator_pressure", pressure), ("frequency", frequency), ("air_fraction", air)):
+        machine = changed(machine, name, value)
+    run = simulate(machine, Simulation(duration=0.3, precision=precision))
+    lowest = min(run.signals[f"chamber_pressure_{side}"].min() for side in "ab")
+    assert 0.0 < lowest < 0.5 * pressure
+    assert all(np.isfinite(v).all() for v in run.signals.values())
+
+
+def test_the_step_does_not_matter_to_a_cavitating_pump():
+    machine = changed(changed(nominal(PumpBench), "accumulator_pressure", 20e3), "frequency", 30.0)
+    flows = [
+        simulate(machine, Simulation(duration=0.3, step=step)).metrics["mean_flow"].value for step in (20e-6, 5e-6)
+    ]
+    assert flows[0] == pytest.approx(flows[1], rel=5e-3)
+
+
+class Runaway(Effect):
+    """A force that appears from nowhere."""
+
+    runaway_time: float = par(0.05, "s", (0.0, 1.0), "when it appears")
+    runaway_force: float = par(1e6, "N", (0.0, 1e9), "how large it is")
+
+    def mover_force(self, s, z):
+        return jnp.where(s.time > self.runaway_time, self.runaway_force, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("force", "words"),
+    [(1e6, ("piston_position", "left its physical range")), (np.nan, ("is not a finite number",))],
+)
+def test_a_run_that_breaks_says_when_and_what_and_keeps_what_came_before(force, words):
+    machine = structs.replace(ActuatorBench(), effects=(Runaway(runaway_force=force),))
+    with pytest.raises(SimulationError) as caught:
+        simulate(machine, Simulation(duration=0.2))
+    message, run = str(caught.value), caught.value.run
+    for word in (*words, "at 0.05", "smaller step"):
+        assert word in message
+    when = float(message.split("at ")[1].split(" s ")[0])
+    time = run.signals["time"]
+    assert 0.05 <= when < 0.06
+    assert time[-1] < when <= time[-1] + 2e-4 + 1e-9
+    assert all(len(v) == len(time) and np.isfinite(v).all() for v in run.signals.values())
+    assert all(len(v) == len(time) and np.isfinite(v).all() for v in (*run.energy.values(), *run.volume.values()))
+    assert np.abs(run.signals["piston_position"]).max() <= 6e-3
+
+
+def test_what_came_before_a_break_equals_a_run_that_does_not_break():
+    broken = structs.replace(ActuatorBench(), effects=(Runaway(),))
+    with pytest.raises(SimulationError) as caught:
+        simulate(broken, Simulation(duration=0.2))
+    early = simulate(broken, Simulation(duration=0.04))
+    for name, values in early.signals.items():
+        np.testing.assert_array_equal(caught.value.run.signals[name][: len(values)], values)
+
+
+@pytest.mark.parametrize("step", [0.0, -1e-6, 2e-4, float("nan")])
+def test_a_step_that_makes_no_sense_is_refused(step):
+    with pytest.raises(ValueError, match="must lie above 0"):
+        simulate(ActuatorBench(), Simulation(step=step))

@@ -1,0 +1,106 @@
+"""The benchmark of hidden effects in short form: its cases, its rates, a study that goes on where it stopped."""
+
+import json
+
+import numpy as np
+import pytest
+
+from edhas_jax.machine.effects import CoggingForce, ForceConstantDroop, InverterDeadTime
+from edhas_jax.measurements.synthetic_campaign import PlannedRun
+from studies.hidden_effects import __main__ as benchmark
+from studies.hidden_effects import (
+    cases,
+    rates,
+)
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Three short runs, three effects, two uncertain parameters."""
+    runs = [PlannedRun(run.use, 0.16, run.conditions) for run in cases.RUNS[3:6:2] + cases.RUNS[7:]]
+    for module in (cases, benchmark):
+        monkeypatch.setattr(module, "PUMP", [InverterDeadTime, CoggingForce, ForceConstantDroop])
+    monkeypatch.setattr(cases, "REFINED", cases.REFINED[1:])
+    monkeypatch.setattr(cases, "UNCERTAIN", {"force_constant": 0.02, "load_orifice_area": 0.03})
+    monkeypatch.setattr(cases, "RUNS", tuple(runs))
+    monkeypatch.setattr(cases, "INTERVAL", 4e-4)
+
+
+def answer(family, hidden, verdict, accepted, sure=0.99, **more):
+    """The result of a case as it is kept."""
+    there = [{"name": n, "slots": sorted(rates.slots_of(n)), "values": {}, "visible": 500.0} for n in hidden]
+    first = next(iter(sorted(rates.slots_of(accepted[0]))), "") if accepted else "mover"
+    return {
+        "number": 0, "family": family, "hidden": there, "verdict": verdict, "accepted": accepted, "groups": [],
+        "candidates": [[n, sure] for n in accepted], "where": {first: 1.0}, "parameters": {}, "seconds": 1.0,
+        "errors": {"after": {"holdout": 1.0}}, "rounds": [], "rivals": {"residual correlation": hidden[:1]},
+    } | more  # fmt: skip
+
+
+def test_a_case_is_drawn_from_its_number_alone(small):
+    one, again = cases.draw_case(0), cases.draw_case(0)
+    assert one.family is cases.Family.ONE and len(one.hidden) == 1
+    hidden = one.hidden[0]
+    assert hidden.visible > cases.VISIBLE and hidden.values == again.hidden[0].values
+    for p in hidden.suspect.searched():
+        low, high = p.plausible
+        assert low <= hidden.values[p.name] <= high
+    for a, b in zip(one.campaign.runs, again.campaign.runs, strict=True):
+        np.testing.assert_array_equal(a.signals["current"], b.signals["current"])
+
+
+def test_runs_through_and_goes_on(small, tmp_path, monkeypatch, capsys):
+    arguments = ["--cases", "2", "--seed", "0", "--workers", "1", "--out", str(tmp_path)]
+    assert benchmark.main(arguments) == 0
+    said = capsys.readouterr().out
+    assert "development cases 0 … 1" in said
+    line = said.strip().splitlines()[-1]
+    names = [word.split("=")[0] for word in line.split()]
+    assert names == ["top1", "false_alarms", "slot", "both", "unknown", "calibration"]
+    assert line.startswith("top1=1.000 false_alarms=0.000 slot=1.000")
+    assert (tmp_path / "confusion.png").stat().st_size > 5000 and (tmp_path / "rates.png").stat().st_size > 5000
+    kept = json.loads((tmp_path / "case0000.json").read_text())
+    assert {"forward selection by BIC", "residual correlation"} <= set(kept["rivals"])
+    monkeypatch.setattr(benchmark, "run_case", lambda *_: pytest.fail("a finished case was done again"))
+    assert benchmark.main(arguments) == 0
+    assert capsys.readouterr().out.strip().splitlines()[-1] == line
+
+
+def test_sealed_and_development_cases_are_kept_apart(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        benchmark.main(["--cases", "20", "--seed", str(cases.SEALED - 5), "--out", str(tmp_path)])
+    assert "do not mix" in capsys.readouterr().err
+
+
+def test_rates():
+    results = [
+        answer("one", ["cogging_force"], "missing_effect", ["cogging_force"]),
+        answer("one", ["eddy_drag"], "missing_effect", ["parasitic_spring"]),
+        answer("one", ["backlash"], "ambiguous", ["coupling_compliance"], groups=[["coupling_compliance", "backlash"]]),
+        answer("null", [], "adequate", []),
+        answer("null", [], "missing_effect", ["cogging_force"], sure=0.5),
+        answer("pair", ["cogging_force", "eddy_drag"], "missing_effect", ["eddy_drag", "cogging_force"]),
+        answer("struck", ["seal_friction"], "unknown_effect", []),
+        answer("struck", ["hose_compliance"], "unknown_effect", ["eddy_drag"], sure=0.5),
+        answer("struck", ["eddy_drag"], "adequate", []),
+        answer("sensor", ["sensor_lag on current"], "missing_effect", ["sensor_lag on current"]),
+        {"number": 9, "failed": "FitError: nothing"},
+    ]
+    line = dict(word.split("=") for word in rates.last_line(results).split())
+    # sure and right: cogging_force, both of the pair, the sensor; sure and wrong: parasitic_spring, coupling
+    assert line == {"top1": "0.667", "false_alarms": "0.500", "slot": "1.000", "both": "1.000", "unknown": "0.667",
+                    "calibration": "0.667"}  # fmt: skip
+    found = rates.rates(rates.sound(results), rates.TOOL)
+    assert found["right part when struck"] == rates.Rate(1, 3)
+    assert found["right part when called unknown"] == rates.Rate(1, 2)
+    wrong = rates.report(results).split("what went wrong")[1]
+    assert "eddy_drag" in wrong and "FitError" in wrong and "sensor_lag" not in wrong
+
+
+def test_wilson_interval():
+    """The two ends solve (p̂ − p)² = z² p (1 − p)/n."""
+    low, high = rates.Rate(45, 50).interval()
+    for p in (low, high):
+        assert (0.9 - p) ** 2 == pytest.approx(1.96**2 * p * (1.0 - p) / 50)
+    assert low < 0.9 < high
+    assert rates.Rate(0, 50).interval()[0] == pytest.approx(0.0, abs=1e-12)

@@ -1,0 +1,51 @@
+"""Campaigns made from a machine that is known: the actuator bench with friction, a few short runs."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+import edhas_jax as edhas
+from edhas_jax.machine.effects import LugreFriction
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
+from edhas_jax.measurements.measurement_chain import Instruments
+from edhas_jax.measurements.predicted_signals import Case, Model
+
+CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
+UNCERTAIN = {"coil_resistance": 0.02, "force_constant": 0.02, "mover_damping": 0.25, "coulomb_friction": 0.25}
+CONDITIONS = ({"frequency": 10.0, "amplitude": 3e-3}, {"frequency": 25.0, "amplitude": 2e-3},
+              {"frequency": 15.0, "amplitude": 2.5e-3})  # fmt: skip
+PER_SAMPLE = 8  # steps of the synthetic bench
+
+
+def bench():
+    """The engineer's model."""
+    return edhas.ActuatorBench(reference=edhas.Sine(ramp_time=0.05), effects=(LugreFriction(),))
+
+
+def empty_campaign(machine=None, conditions=CONDITIONS, uncertain=None, lengths=(401, 301, 301)) -> Campaign:
+    """Runs at 2 kHz without signals yet; the last is held out."""
+    runs = tuple(
+        BenchRun(
+            f"run{k + 1}", Path(f"run{k + 1}.csv"), Use.HOLDOUT if k == len(conditions) - 1 else Use.FIT, dict(given),
+            5e-4 * np.arange(count), {}, np.arange(count) + 2,
+        )
+        for k, (given, count) in enumerate(zip(conditions, lengths, strict=False))
+    )  # fmt: skip
+    uncertain = UNCERTAIN if uncertain is None else uncertain
+    return Campaign("synthetic", Path("synthetic"), machine or bench(), uncertain, CHANNELS, runs, ())
+
+
+def measured(campaign: Campaign, truth, instruments=Instruments(), seed=0, each=None) -> Campaign:
+    """The campaign with what its sensors read on the machine `truth`; `each` gives another one for each run."""
+    rng, runs = np.random.default_rng(seed), []
+    for k, run in enumerate(campaign.runs):
+        machine = truth if each is None else each[k]
+        model = Model(campaign, machine, (), (run,), instruments)
+        outcome = model.outcomes([Case(np.zeros(0), (0,))], PER_SAMPLE, derive=False)[0][0]
+        signals = {
+            n: values + campaign.channels[n].noise * rng.standard_normal(len(values))
+            for n, values in outcome.values.items()
+        }
+        runs.append(dataclasses.replace(run, signals=signals))
+    return dataclasses.replace(campaign, runs=tuple(runs))
