@@ -1,4 +1,4 @@
-"""The picture of `studies/controllers/__main__.py`: every comparison in one figure."""
+"""The picture of `studies.controllers.comparison`: every comparison in one figure."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ HOW = {"continuous": "continuous", "5khz": "5 kHz, one sample late"}
 GREY = "#6e7781"
 
 
-def picture(found, conditions):
+def picture(found, conditions, load_time):
     """Tracking over frequency, disturbances at both frequencies, both steps, and what sampling costs."""
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
@@ -21,7 +21,7 @@ def picture(found, conditions):
     _disturbed(axes[0, 1], found, list(conditions), 0)
     _disturbed(axes[0, 2], found, list(conditions), 1)
     _step(axes[1, 0], found)
-    _load_step(axes[1, 1], found)
+    _load_step(axes[1, 1], found, load_time)
     _sampling(axes[1, 2], found)
     for one in axes.flat:
         one.spines[["top", "right"]].set_visible(False)
@@ -74,15 +74,13 @@ def _step(axes, found) -> None:
     axes.set_ylim(-0.1, max(1.6, min(2.6, 1.05e3 * max(p.max() for _, _, p in found.traces.values()))))
 
 
-def _load_step(axes, found) -> None:
-    from studies.controllers.__main__ import LOAD_TIME
-
+def _load_step(axes, found, load_time) -> None:
     lowest, highest = -1.0, 1.0
     for (name, how), (time, _, position) in found.traces.items():
-        begin = np.searchsorted(time, LOAD_TIME)
+        begin = np.searchsorted(time, load_time)
         deviation = 1e6 * (position - position[begin - 1])
         lowest, highest = min(lowest, deviation[begin:].min()), max(highest, deviation[begin:].max())
-        axes.plot(1e3 * (time - LOAD_TIME), deviation, color=COLOURS[name], **LINES[how])
+        axes.plot(1e3 * (time - load_time), deviation, color=COLOURS[name], **LINES[how])
     axes.set(title="A force of 50 N at rest", xlabel="time after the force, ms", ylabel="deviation, µm", xlim=(-2, 30))
     axes.set_ylim(1.15 * max(lowest, -400.0), 20.0 + 1.15 * min(highest, 200.0))
     axes.grid(axis="y", color="#d8dee4", lw=0.6)

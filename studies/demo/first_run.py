@@ -21,11 +21,11 @@ from edhas_jax.simulation.run import simulate
 from studies import CONFIGS
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Simulate both machines, print the table, leave two run folders."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("runs/demo"), help="folder for the two runs")
-    out = parser.parse_args().out
+    out = parser.parse_args(arguments).out
     began = time.perf_counter()
     console = Console(highlight=False, width=110)
     runs = {}

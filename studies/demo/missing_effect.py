@@ -16,11 +16,11 @@ from edhas_jax.commands.cli import main as edhas
 HERE = Path(__file__).parent
 
 
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Diagnose the campaign and print what was found; the report stays in the folder."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("runs/missing_effect"))
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     print(f"edhas diagnose {HERE / 'campaign'} --out {options.out} --overwrite\n", flush=True)
     status = edhas(["diagnose", str(HERE / "campaign"), "--out", str(options.out), "--overwrite"])
     if status:

@@ -2,18 +2,20 @@
 
     python -m studies.emps.discovery FOLDER
 
-FOLDER holds the campaign of the EMPS data set, see `emps.py`. Its one record goes to and fro twice; it is cut where the
-drive is back at its beginning, the first half is fitted and the second never. The halves begin in motion and the model
-at rest, so that the first 0.1 s of each are not used.
+FOLDER holds the campaign of the EMPS data set, see `studies.emps.published_comparison`. Its one record goes to and fro
+twice; it is cut where the drive is back at its beginning, the first half is fitted and the second never. The halves
+begin in motion and the model at rest, so that the first 0.1 s of each are not used.
 
-Force error: 100 ‖F − F_model‖/‖F‖ of the simulated closed loop, both below 20 Hz (`emps.py` has that of the inverse
-dynamics). At the end a force with a period of 2.5 mm in the position is put in, which is known to lower the error of
-this record and to raise that of another one of the same machine: does the half that was not used want it?
+Force error: 100 ‖F − F_model‖/‖F‖ of the simulated closed loop, both below 20 Hz (`studies.emps.published_comparison`
+has that of the inverse dynamics). At the end a force with a period of 2.5 mm in the position is put in, which is known
+to lower the error of this record and to raise that of another one of the same machine: does the half that was not used
+want it?
 The last line: `first=… second=… heldout_force_error=… periodic=…`
 """
 
+import argparse
 import dataclasses
-import sys
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -34,7 +36,7 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.step_selection import choose_resolution
-from studies.emps.__main__ import FORCE_CUTOFF, SETTLED
+from studies.emps.published_comparison import FORCE_CUTOFF, SETTLED
 
 STEPS = 12
 
@@ -91,9 +93,11 @@ def with_period(found: Diagnosis) -> Trial:
     return try_suspect(after, accepted, score, resolution, STEPS, finish=after.near_noise, grow=False)
 
 
-def main(folder: str) -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Print what is found, step by step, with the errors on both halves."""
-    campaign = halved(read_campaign(folder))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="campaign of the EMPS data set")
+    campaign = halved(read_campaign(parser.parse_args(arguments).folder))
     console = Console(highlight=False, width=150)
     with console.status("") as status:
         found = diagnose(campaign, on_progress=status.update)
@@ -124,4 +128,4 @@ def sizes(trial: Trial) -> str:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main()

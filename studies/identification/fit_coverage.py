@@ -7,9 +7,10 @@ Each campaign has the runs, sensors and uncertainties of the one given; its para
 white noise. The true value lies inside the 95 % interval in about that share of all cases, if the errors are right.
 """
 
+import argparse
 import dataclasses
-import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -67,6 +68,17 @@ def report(campaign: Campaign, distances: np.ndarray) -> str:
     return "\n".join([*rows, f"{'all':24s} {inside.mean():6.1%}"])
 
 
+def main(arguments: list[str] | None = None) -> None:
+    """Make and fit the campaigns, print the share of intervals that hold the true value."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("campaign", type=Path, help="folder of the campaign")
+    parser.add_argument("count", type=int, nargs="?", default=20, help="campaigns to make and fit")
+    options = parser.parse_args(arguments)
+    campaign = read_campaign(options.campaign)
+    distances = study(campaign, options.count)
+    print(report(campaign, distances))
+    print(f"campaigns={options.count} coverage_95={(np.abs(distances) <= 1.96).mean():.3f}")
+
+
 if __name__ == "__main__":
-    given = read_campaign(sys.argv[1])
-    print(report(given, study(given, int(sys.argv[2]) if len(sys.argv) > 2 else 20)))
+    main()

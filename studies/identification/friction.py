@@ -129,11 +129,11 @@ def draw(found: Fit):
     return figure
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Print the parameters beside the truth; draw them if asked."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, help="picture to write")
-    out = parser.parse_args().out
+    out = parser.parse_args(arguments).out
     found = identify(measure(experiments()))
     worst = 0.0
     for name, value in found.values.items():

@@ -1,7 +1,7 @@
 """What the paper does not print, set once so that our pump shows the paper's simulated figures.
 
-Least squares over `paper_numbers.FREE` within their ranges: the distance of every aim from the paper's simulation, in
-units of the deviation that counts as one, and a weak pull to the middle of the range, which makes the problem
+Least squares over `published_numbers.FREE` within their ranges: the distance of every aim from the paper's simulation,
+in units of the deviation that counts as one, and a weak pull to the middle of the range, which makes the problem
 well-posed. The 15 mm step and the leakage take no part: they are predicted.
 """
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from edhas_jax.core import structs
-from studies.controllers import __main__ as study
+from studies.controllers import comparison as study
 
 
 def test_short(tmp_path):

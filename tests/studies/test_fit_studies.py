@@ -37,7 +37,7 @@ def test_error_bars_hold():
 
 def test_the_drive_study_finds_what_it_put_in(monkeypatch):
     """The friction of the drive, on a record made from it: the real record is not part of the project."""
-    study = load("emps.__main__")
+    study = load("emps.published_comparison")
     names = study.MODELS["asymmetric"][1]
     assert set(names) < {p for p in study.DriveFriction.__dataclass_fields__}
     found = study.DriveFriction(dry_ratio=1.03, viscous_ratio=1.4)

@@ -8,11 +8,7 @@ import pytest
 from edhas_jax.diagnosis.search.result import Verdict
 from edhas_jax.machine.effects import SuctionLineResistance
 from edhas_jax.machine.parameters import list_parameters
-from studies.flow_drop import __main__ as study
-from studies.flow_drop import (
-    causes,
-    diagnosis,
-)
+from studies.flow_drop import cause_analysis, causes, diagnosis
 from studies.flow_drop import discrimination as parting
 
 SIZES = {"late valves": 169.0, "narrow suction line": 1.115e9}
@@ -121,5 +117,5 @@ def test_a_narrow_line_hides_in_the_damping_at_10_hz(base, rivals, monkeypatch):
 
 def test_the_table_of_causes(base, capsys):
     found = [[causes.Sized(c, c.plausible[1], 30.0, 0.98, 0.9, 0.5)] for c in causes.CAUSES]
-    table = study.cause_table(found)
+    table = cause_analysis.cause_table(found)
     assert table.row_count == len(causes.CAUSES)

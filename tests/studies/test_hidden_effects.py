@@ -7,11 +7,7 @@ import pytest
 
 from edhas_jax.machine.effects import CoggingForce, ForceConstantDroop, InverterDeadTime
 from edhas_jax.measurements.synthetic_campaign import PlannedRun
-from studies.hidden_effects import __main__ as benchmark
-from studies.hidden_effects import (
-    cases,
-    rates,
-)
+from studies.hidden_effects import benchmark, cases, rates
 
 
 @pytest.fixture

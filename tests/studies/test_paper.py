@@ -5,14 +5,10 @@ import numpy as np
 import pytest
 
 from edhas_jax.core import structs
-from studies.paper import __main__ as paper
-from studies.paper import (
-    calibration,
-    configs,
-    refinements,
-)
+from studies.paper import calibration, configs, refinements
 from studies.paper import published_numbers as numbers
 from studies.paper import readings as reading
+from studies.paper import reproduction as paper
 from studies.paper import table as paper_table
 
 
