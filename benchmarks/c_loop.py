@@ -26,8 +26,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.compiler.jaxpr_to_ir import read
-from edhas_jax.compiler.scalar_ir import LOGICAL, Level, Program
+from edhas_jax.compiler.jaxpr_to_ir import trace_to_ir
+from edhas_jax.compiler.scalar_ir import BOOLEAN_OPERATIONS, Dependence, Program
 from edhas_jax.core import structs
 from edhas_jax.design.batch.cycle import cycle_step, empty_sums
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage
@@ -190,10 +190,10 @@ def c_source(program: Program, dtype: str, states: int, parameters: int, sums: i
     Every statement is written `VECTORS` times, for as many vectors of designs: one alone waits for its own results.
     """
     names: dict[int, str] = {}
-    lines: dict[Level, list[str]] = {level: [] for level in Level}
+    lines: dict[Dependence, list[str]] = {level: [] for level in Dependence}
     inputs = ["t", *[f"y{i}_#" for i in range(states)], *[f"s{i}_#" for i in range(sums)]]
     inputs += [*[f"p{i}_#" for i in range(parameters)], "h"]
-    for i in program.order():
+    for i in program.schedule():
         op, *args = program.nodes[i]
         if op == "input":
             names[i] = inputs[args[0]]
@@ -212,7 +212,7 @@ def c_source(program: Program, dtype: str, states: int, parameters: int, sums: i
             else:
                 text = f"{_CALLS[op]}({', '.join(a)})"
             names[i] = f"x{i}_#"
-            lines[program.level[i]].append(f"{'m' if op in LOGICAL else 'v'} x{i}_# = {text};")
+            lines[program.dependence[i]].append(f"{'m' if op in BOOLEAN_OPERATIONS else 'v'} x{i}_# = {text};")
     out, width = [names[program.outputs[k]] for k in range(states + sums)], states + sums
     rows = inputs[1 : 1 + width]
 
@@ -228,10 +228,10 @@ static void block(T* Y, const T* P, T step, long first, long steps) {{
   const v h = all(step);
   {written([f"v p{i}_# = load(P + {i} * WIDE + # * LANES);" for i in range(parameters)], 2)}
   {written([f"v {row} = load(Y + {i} * WIDE + # * LANES);" for i, row in enumerate(rows)], 2)}
-  {written(lines[Level.FIXED], 2)}
+  {written(lines[Dependence.INVARIANT], 2)}
   for (long n = first; n < first + steps; n++) {{
     const v t = all((T)n);
-    {written(lines[Level.STEP] + lines[Level.CARRY], 4)}
+    {written(lines[Dependence.STEP] + lines[Dependence.CARRY], 4)}
     {written([f"v z{i}_# = {value};" for i, value in enumerate(out)], 4)}
     {written([f"{row} = z{i}_#;" for i, row in enumerate(rows)], 4)}
   }}
@@ -307,8 +307,8 @@ def build(
 
     names = sorted(state)
     count = len(sums(machine_of({n: 1.0 for n in parameters}), state, 0.0, DEFAULT_STEP))
-    levels = [Level.CARRY] * len(names), [Level.CARRY] * count, [Level.FIXED] * len(parameters)
-    program, _ = read(one, dtype, Level.STEP, *levels, Level.FIXED)
+    levels = [Dependence.CARRY] * len(names), [Dependence.CARRY] * count, [Dependence.INVARIANT] * len(parameters)
+    program, _ = trace_to_ir(one, dtype, Dependence.STEP, *levels, Dependence.INVARIANT)
     source = c_source(program, dtype, len(names), len(parameters), count)
     return Loop(program, source, dtype, {n: state[n] for n in names}, list(parameters), list(kept))
 
@@ -336,8 +336,8 @@ def of_cycle(dtype: str) -> Loop:
         y, sums = cycle_step(varied(machine, dict(zip(parameters, p, strict=True))), y, sums, n, steps, False)
         return [*(y[k] for k in start), *(sums[k] for k in kept)]
 
-    levels = [Level.CARRY] * len(carry), [Level.FIXED] * len(parameters)
-    program, _ = read(one, dtype, Level.STEP, *levels, Level.FIXED)
+    levels = [Dependence.CARRY] * len(carry), [Dependence.INVARIANT] * len(parameters)
+    program, _ = trace_to_ir(one, dtype, Dependence.STEP, *levels, Dependence.INVARIANT)
     source = c_source(program, dtype, len(carry), len(parameters), 0)
     return Loop(program, source, dtype, carry, parameters, [])
 
@@ -388,7 +388,7 @@ def rate(loop: Loop, batch: int, steps: int, threads: int, h: float = DEFAULT_ST
     return batch * steps / best
 
 
-_SHOWN = Level.FIXED, Level.STEP, Level.CARRY
+_SHOWN = Dependence.INVARIANT, Dependence.STEP, Dependence.CARRY
 
 
 def main() -> None:
@@ -408,7 +408,7 @@ def main() -> None:
             options.source.write_text(loop.source)
         if dtype == "float32":
             for level, what in zip(_SHOWN, ("before the loop", "on time alone", "on the state"), strict=True):
-                counts = loop.program.count(level)
+                counts = loop.program.count_operations(level)
                 listed = ", ".join(f"{n} {op}" for op, n in counts.most_common())
                 print(f"operations {what}: {sum(counts.values())} ({listed})")
         apart = difference(loop, 64, options.steps)

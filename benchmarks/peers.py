@@ -32,8 +32,8 @@ import pandas as pd
 from scipy.integrate import solve_ivp
 
 from edhas_jax.compiler.derivative_graph import linearize
-from edhas_jax.compiler.jaxpr_to_ir import read
-from edhas_jax.compiler.scalar_ir import Level, Program
+from edhas_jax.compiler.jaxpr_to_ir import trace_to_ir
+from edhas_jax.compiler.scalar_ir import Dependence, Program
 from edhas_jax.compiler.sparse_elimination import jacobian
 from edhas_jax.core.runtime import CPU_OPTIONS
 from edhas_jax.design.batch.batch import BatchSettings, run_designs, steps_per_cycle
@@ -224,14 +224,14 @@ def exact_jacobian(p, y, t) -> dict:
     return {f"{i}|{j}": value for i, row in rows.items() for j, value in row.items()}
 
 
-LEVELS = {"p": dict.fromkeys(c_loop.VARIED, Level.FIXED), "t": Level.STEP}
+LEVELS = {"p": dict.fromkeys(c_loop.VARIED, Dependence.INVARIANT), "t": Dependence.STEP}
 FUNCTIONS = {n: (lambda p, x, n=n: p.node(n, x)) for n in ("exp", "log1p", "sin", "cos")}  # Numba has its own
 
 
-def program_of(f, dtype: str = "float64", **more: Level) -> Program:
+def program_of(f, dtype: str = "float64", **more: Dependence) -> Program:
     """The program of f(p, y, t, …): inputs and outputs by name."""
-    levels = LEVELS | {"y": dict.fromkeys(start(), Level.CARRY)} | more
-    program, structure = read(lambda inputs: f(**inputs), dtype, levels, functions=FUNCTIONS)
+    levels = LEVELS | {"y": dict.fromkeys(start(), Dependence.CARRY)} | more
+    program, structure = trace_to_ir(lambda inputs: f(**inputs), dtype, levels, functions=FUNCTIONS)
     names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_flatten_with_path(levels)[0]]
     program.nodes = [("input", names[n[1]], n[2]) if n[0] == "input" else n for n in program.nodes]
     numbers = jax.tree.unflatten(structure, list(range(structure.num_leaves)))
@@ -248,14 +248,14 @@ _TEXT = {
 }  # fmt: skip
 
 
-def python_source(program: Program, prefix: str) -> tuple[dict[Level, list[str]], dict[str, str], list[str]]:
+def python_source(program: Program, prefix: str) -> tuple[dict[Dependence, list[str]], dict[str, str], list[str]]:
     """Statements by level, the name of each output, and the constants as definitions outside the function."""
     names: dict[int, str] = {}
-    lines: dict[Level, list[str]] = {level: [] for level in Level}
+    lines: dict[Dependence, list[str]] = {level: [] for level in Dependence}
     inputs = {f"['y'][{n!r}]": f"y{i}" for i, n in enumerate(sorted(start()))}
     inputs |= {f"['p'][{n!r}]": f"p{i}" for i, n in enumerate(c_loop.VARIED)} | {"['t']": "t", "['h']": "h"}
     constants = [f"{prefix}one = real(1.0)"]
-    for i in program.order():
+    for i in program.schedule():
         op, *args = program.nodes[i]
         if op == "input":
             names[i] = inputs[args[0]]
@@ -265,7 +265,7 @@ def python_source(program: Program, prefix: str) -> tuple[dict[Level, list[str]]
         else:
             names[i] = f"x{i}"
             text = _TEXT[op].format(*(names[j] for j in args)).replace("one /", f"{prefix}one /")
-            lines[program.level[i]].append(f"x{i} = {text}")
+            lines[program.dependence[i]].append(f"x{i} = {text}")
     return lines, {n: names[i] for n, i in program.outputs.items()}, constants
 
 
@@ -277,7 +277,7 @@ def numba_module(folder: Path) -> Path:
     for name, f in (("rhs", right_side), ("jac", exact_jacobian)):
         lines, out, constants = python_source(program_of(f), name + "_")
         shape = (len(rows),) if name == "rhs" else (len(rows), len(rows))
-        body = [*unpack, *(line for level in Level for line in lines[level]), f"out = np.zeros({shape})"]
+        body = [*unpack, *(line for level in Dependence for line in lines[level]), f"out = np.zeros({shape})"]
         for n, value in out.items():
             at = ", ".join(str(rows.index(key)) for key in n.split("|"))
             body.append(f"out[{at}] = {value}")
@@ -293,7 +293,7 @@ def numba_module(folder: Path) -> Path:
 def loop_source(dtype: str) -> list[str]:
     """The march of every design, one after the other on each core, as one writes it for Numba."""
     one = functools.partial(_step_and_flow, dtype)
-    lines, out, constants = python_source(program_of(one, dtype, h=Level.FIXED), dtype + "_")
+    lines, out, constants = python_source(program_of(one, dtype, h=Dependence.INVARIANT), dtype + "_")
     states, deep = sorted(start()), "\n            "
     flow = len(states)
     head = [f"y{i} = Y[{i}, d]" for i in range(len(states))] + [f"p{i} = P[{i}, d]" for i in range(len(c_loop.VARIED))]
@@ -303,10 +303,10 @@ def loop_{dtype}(Y, P, h, first, steps):
     for d in numba.prange(Y.shape[1]):
         {(deep[:-4]).join(head)}
         s = Y[{flow}, d]
-        {(deep[:-4]).join(lines[Level.FIXED])}
+        {(deep[:-4]).join(lines[Dependence.INVARIANT])}
         for n in range(first, first + steps):
             t = np.{dtype}(n) * h
-            {deep.join(lines[Level.STEP] + lines[Level.CARRY])}
+            {deep.join(lines[Dependence.STEP] + lines[Dependence.CARRY])}
             s += {out[FLOW]}
             {deep.join(f"z{i} = {out['y ' + n]}" for i, n in enumerate(states))}
             {deep.join(f"y{i} = z{i}" for i in range(len(states)))}

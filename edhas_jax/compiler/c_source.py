@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from edhas_jax.compiler.jaxpr_to_ir import Functions
-from edhas_jax.compiler.scalar_ir import Level, Program
+from edhas_jax.compiler.scalar_ir import Dependence, Program
 
 
 def _library(name: str) -> Callable[..., int]:
@@ -45,19 +45,19 @@ def c_function(program: Program, name: str, parameters: str, inputs: Sequence[st
 
     `inputs` has a C expression for each input of the program, in terms of the `parameters`; none may read from `out`.
     """
-    lines, names = _statements(program, program.order(), dict(enumerate(inputs)), {})
+    lines, names = _statements(program, program.schedule(), dict(enumerate(inputs)), {})
     return _function(name, f"{parameters}, double *out", lines, _results(program, names))
 
 
 def c_function_in_two(program: Program, name: str, parameters: str, inputs: Sequence[str]) -> tuple[str, int]:
-    """The same with what is `Level.FIXED` computed apart: two functions and the number of values between them.
+    """The same with what is `Dependence.INVARIANT` computed apart: two functions and the number of values between them.
 
     `static void NAME_fixed(PARAMETERS, double *kept)` is to be called whenever a fixed input has changed;
     `static void NAME(PARAMETERS, const double *kept, double *out)` then computes the rest.
     """
-    order = program.order()
-    fixed = [i for i in order if program.level[i] == Level.FIXED]
-    used = {j for i in order if program.level[i] != Level.FIXED for j in program.operands(i)}
+    order = program.schedule()
+    fixed = [i for i in order if program.dependence[i] == Dependence.INVARIANT]
+    used = {j for i in order if program.dependence[i] != Dependence.INVARIANT for j in program.operands(i)}
     used |= set(program.outputs.values())
     lines, names = _statements(program, fixed, dict(enumerate(inputs)), {})
     kept = [i for i in fixed if i in used and program.nodes[i][0] not in ("input", "const", "truth")]
@@ -65,7 +65,7 @@ def c_function_in_two(program: Program, name: str, parameters: str, inputs: Sequ
     first = _function(f"{name}_fixed", f"{parameters}, double *kept", lines, stores)
     known = {i: names[i] for i in fixed if program.nodes[i][0] in ("input", "const", "truth")}
     known |= {i: f"kept[{k}]" for k, i in enumerate(kept)}
-    rest = [i for i in order if program.level[i] != Level.FIXED]
+    rest = [i for i in order if program.dependence[i] != Dependence.INVARIANT]
     lines, names = _statements(program, rest, dict(enumerate(inputs)), known)
     second = _function(name, f"{parameters}, const double *kept, double *out", lines, _results(program, names))
     return f"{first}\n{second}", len(kept)

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax.extend import core
 
-from edhas_jax.compiler.one_sided_minmax import larger, smaller
+from edhas_jax.compiler.one_sided_minmax import one_sided_max, one_sided_min
 
 Row = dict[Any, Any]
 _INLINE = ("jit", "pjit", "closed_call", "core_call", "remat", "checkpoint")
@@ -27,16 +27,16 @@ class Mask(NamedTuple):
     where: Any
 
 
-_promise = core.Primitive("promise")
-_promise.def_abstract_eval(lambda value, *operands, name: value)
+_deferred_p = core.Primitive("defer_partials")
+_deferred_p.def_abstract_eval(lambda value, *operands, name: value)
 
 
-def promise(name: str, value, *operands):
-    """`value`, whose partial derivatives by `operands` the caller of `linearize` will give: see `Graph.keep`.
+def defer_partials(name: str, value, *operands):
+    """`value`, whose partial derivatives by `operands` the caller of `linearize` will give: see `Graph.set_partials`.
 
     For use inside a program that is being linearised, and nowhere else.
     """
-    return _promise.bind(value, *operands, name=name)
+    return _deferred_p.bind(value, *operands, name=name)
 
 
 class Graph(NamedTuple):
@@ -51,7 +51,7 @@ class Graph(NamedTuple):
     rows: dict[Any, Row]
     promises: dict[str, tuple[Any, list]] = {}
 
-    def keep(self, name: str, *partials) -> None:
+    def set_partials(self, name: str, *partials) -> None:
         """Give the partial derivatives of the value that was promised under `name`."""
         vertex, ends = self.promises[name]
         self.rows[vertex] = _row(ends, partials)
@@ -108,7 +108,7 @@ class _Tape:
 
     def _equation(self, eqn, args, ends):
         name = eqn.primitive.name
-        if eqn.primitive is _promise:
+        if eqn.primitive is _deferred_p:
             vertex = self._vertex((), ())
             self.promises[eqn.params["name"]] = vertex, ends[1:]
             return args[:1], [vertex]
@@ -257,14 +257,14 @@ def _abs(a):
 
 
 def _max(a, b):
-    return larger(a, b), (Mask(a > b), Mask(~(a > b)))
+    return one_sided_max(a, b), (Mask(a > b), Mask(~(a > b)))
 
 
 def _min(a, b):
-    return smaller(a, b), (Mask(a < b), Mask(~(a < b)))
+    return one_sided_min(a, b), (Mask(a < b), Mask(~(a < b)))
 
 
-_SIDED = {"max": larger, "min": smaller}
+_SIDED = {"max": one_sided_max, "min": one_sided_min}
 _RULES = {
     "add": lambda a, b: (a + b, (1.0, 1.0)),
     "add_any": lambda a, b: (a + b, (1.0, 1.0)),

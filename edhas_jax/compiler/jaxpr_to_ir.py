@@ -9,7 +9,7 @@ import numpy as np
 from jax.extend import core
 
 from edhas_jax.compiler import elementary_functions as series
-from edhas_jax.compiler.scalar_ir import COMPARISONS, Level, Program
+from edhas_jax.compiler.scalar_ir import COMPARISONS, Dependence, Program
 
 
 class Untranslatable(Exception):
@@ -22,10 +22,10 @@ Functions = Mapping[str, Callable[[Program, int], int]]
 SERIES: Functions = {n: getattr(series, n) for n in ("exp", "expm1", "log", "log1p", "sin", "cos", "tanh", "logistic")}
 
 
-def read(f: Callable[..., Any], dtype, *levels: Any, functions: Functions = SERIES) -> tuple[Program, Any]:
+def trace_to_ir(f: Callable[..., Any], dtype, *levels: Any, functions: Functions = SERIES) -> tuple[Program, Any]:
     """The program of `f(*arguments)`: pytrees of scalars in, a pytree of scalars out; every leaf a real number.
 
-    `levels` has the structure of the arguments, a `Level` for each leaf. The inputs and outputs of the program are
+    `levels` has the structure of the arguments, a `Dependence` for each leaf. The inputs and outputs of the program are
     numbered in the order of the leaves; the second result is the structure of the output. `functions` says how the
     elementary functions are computed.
 
@@ -125,4 +125,4 @@ _RULES: dict[str, Callable[..., int]] = {
     **{n: (lambda p, a, b, n=n: p.compare(n, a, b)) for n in (*COMPARISONS, "lt", "le")},
 }
 
-__all__ = ["SERIES", "Functions", "Level", "Untranslatable", "read"]
+__all__ = ["SERIES", "Functions", "Dependence", "Untranslatable", "trace_to_ir"]

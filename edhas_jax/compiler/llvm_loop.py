@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from edhas_jax.compiler.llvm_ops import Processor, VectorCode
-from edhas_jax.compiler.scalar_ir import Level, Program
+from edhas_jax.compiler.scalar_ir import Dependence, Program
 
 
-class Source(NamedTuple):
+class InputSource(NamedTuple):
     """Where an input comes from: a row of `table` ("carry", "lane", "uniform", "fed"), or the number of the "step"."""
 
     table: str
@@ -65,8 +65,8 @@ attributes #0 = {{ nounwind alignstack={bytes} "prefer-vector-width"="{bits}" "m
 """
 
 
-def assembly(
-    program: Program, processor: Processor, sources: Sequence[Source], rows: int, lane_rows: int, fed_rows: int,
+def loop_assembly(
+    program: Program, processor: Processor, sources: Sequence[InputSource], rows: int, lane_rows: int, fed_rows: int,
     backwards: bool = False,
 ) -> str:  # fmt: skip
     """The text of a module with the function
@@ -78,7 +78,7 @@ def assembly(
     of the new carry. If `backwards`, the samples are gone through from the last to the first.
     """
     code, across = VectorCode(program.type, processor), range(processor.vectors)
-    order = program.order()
+    order = program.schedule()
     apart = _lane_by_lane(program, order, sources)
     joined = _joined(program, order, apart)
     within = set(joined.values())
@@ -95,10 +95,10 @@ def assembly(
             rest = code.negative(rest)
         return code.multiply_add(code.negative(a) if op == "sub" and joined[i] == args[1] else a, b, rest)
 
-    def compute(level: Level) -> None:
+    def compute(level: Dependence) -> None:
         for i in order:
             op, *args = program.nodes[i]
-            if min(program.level[i], Level.CARRY) != level or op == "input" or i in within:
+            if min(program.dependence[i], Dependence.CARRY) != level or op == "input" or i in within:
                 continue
             if op in ("const", "truth"):
                 names[i] = [code.number(args[0]) if op == "const" else code.truth(args[0])] * len(across)
@@ -116,7 +116,7 @@ def assembly(
             names[inputs[k]] = [code.splat(code.load_scalar(spot))] * len(across)
         elif k in inputs and source.table == "carry":
             names[inputs[k]] = [f"%c{source.row}.{j}" for j in across]
-    compute(Level.FIXED)
+    compute(Dependence.INVARIANT)
     opening = code.taken()
     for r in range(rows):
         for j in across:
@@ -129,12 +129,12 @@ def assembly(
         if k in inputs and source.table == "fed":
             spots = [_at(code, "%fed", feed_block, fed_rows, source.row, j) for j in across]
             names[inputs[k]] = [code.load(spot) for spot in spots]
-    compute(Level.SAMPLE)
+    compute(Dependence.SAMPLE)
     feeding = code.taken()
     number = [code.splat(code.line(f"sitofp i64 %n to {code.scalar}"))] * len(across)
     names |= {inputs[k]: number for k, source in enumerate(sources) if k in inputs and source.table == "step"}
-    compute(Level.STEP)
-    compute(Level.CARRY)
+    compute(Dependence.STEP)
+    compute(Dependence.CARRY)
     body = code.taken()
     new = [names[program.outputs[r]] for r in range(rows)]
     for r in range(rows):
@@ -173,7 +173,7 @@ def _at(code: VectorCode, table: str, block: str, rows: int, row: int, j: int) -
     return code.line(f"getelementptr {code.scalar}, ptr {table}, i64 {spot}")
 
 
-def _lane_by_lane(program: Program, order: Sequence[int], sources: Sequence[Source]) -> dict[int, bool]:
+def _lane_by_lane(program: Program, order: Sequence[int], sources: Sequence[InputSource]) -> dict[int, bool]:
     """Whether a value differs from lane to lane; what does not is computed once for all vectors of a block."""
     apart: dict[int, bool] = {}
     for i in order:
@@ -191,7 +191,7 @@ def _joined(program: Program, order: Sequence[int], apart: dict[int, bool]) -> d
     It is chosen here and not by the compiler, whose choice would depend on how many vectors are side by side.
     """
     uses = Counter(k for i in order for k in program.operands(i)) + Counter(program.outputs.values())
-    where = {i: (min(program.level[i], Level.CARRY), apart[i]) for i in order}
+    where = {i: (min(program.dependence[i], Dependence.CARRY), apart[i]) for i in order}
     out: dict[int, int] = {}
     for i in order:
         op, *args = program.nodes[i]
@@ -201,4 +201,4 @@ def _joined(program: Program, order: Sequence[int], apart: dict[int, bool]) -> d
     return out
 
 
-__all__ = ["Processor", "Source", "assembly"]
+__all__ = ["Processor", "InputSource", "loop_assembly"]

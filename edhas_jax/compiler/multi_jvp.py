@@ -18,7 +18,7 @@ from edhas_jax.compiler.derivative_graph import Mask, Row, add, linearize, multi
 SHARED = 0.25  # what an operation that several directions share takes beside one of each: measured
 
 
-def pushforward(f: Callable, primals: tuple, directions: Sequence[tuple]) -> tuple[Any, list]:
+def multi_jvp(f: Callable, primals: tuple, directions: Sequence[tuple]) -> tuple[Any, list]:
     """`f(*primals)` and its derivative along each of the `directions`, as by `jax.jvp` for one.
 
     Primals, directions and results are pytrees of scalars; where a direction has the plain number 0.0 nothing is

@@ -9,13 +9,15 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from edhas_jax.compiler.jaxpr_to_ir import read
+from edhas_jax.compiler.jaxpr_to_ir import trace_to_ir
 from edhas_jax.compiler.llvm_jit import function, host
-from edhas_jax.compiler.llvm_loop import Source, assembly
-from edhas_jax.compiler.scalar_ir import Level
+from edhas_jax.compiler.llvm_loop import InputSource, loop_assembly
+from edhas_jax.compiler.scalar_ir import Dependence
 from edhas_jax.compiler.threads import each
 
-_LEVELS = {"carry": Level.CARRY, "lane": Level.FIXED, "uniform": Level.FIXED, "fed": Level.SAMPLE}
+_LEVELS = {
+    "carry": Dependence.CARRY, "lane": Dependence.INVARIANT, "uniform": Dependence.INVARIANT, "fed": Dependence.SAMPLE
+}  # fmt: skip
 
 
 class Marched(NamedTuple):
@@ -56,14 +58,15 @@ class Loop:
         def text() -> str:
             levels = [jax.tree.map(lambda _, name=name: _LEVELS[name], table) for name, table in tables.items()]
             if tangents is not None:
-                levels[0] = jax.tree.map(lambda tangent: Level.TANGENT if tangent else Level.CARRY, tangents)
-            program, out = read(body, self.dtype, Level.STEP, *levels)
+                levels[0] = jax.tree.map(lambda tangent: Dependence.TANGENT if tangent else Dependence.CARRY, tangents)
+            program, out = trace_to_ir(body, self.dtype, Dependence.STEP, *levels)
             if out != self._structures["carry"]:
                 raise ValueError(f"the body turns {self._structures['carry']} into {out}")
             rows = {name: structure.num_leaves for name, structure in self._structures.items()}
-            sources = [Source("step"), *(Source(name, row) for name, count in rows.items() for row in range(count))]
+            leaves = ((name, row) for name, count in rows.items() for row in range(count))
+            sources = [InputSource("step"), *(InputSource(*leaf) for leaf in leaves)]
             counts = rows["carry"], rows["lane"], rows.get("fed", 0)
-            return assembly(program, processor, sources, *counts, backwards)
+            return loop_assembly(program, processor, sources, *counts, backwards)
 
         self.lanes = processor.lanes(self.dtype)
         self._code = function(text, "run", [ctypes.c_void_p] * 5 + [ctypes.c_int64] * 4, cache, key)

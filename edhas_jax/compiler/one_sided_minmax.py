@@ -23,12 +23,12 @@ def _taking_side(first: Callable) -> Callable:
 
 
 @_taking_side(operator.gt)
-def larger(a, b):
+def one_sided_max(a, b):
     """max(a, b); the derivative is that of a where a > b, else that of b."""
     return jnp.maximum(a, b)
 
 
 @_taking_side(operator.lt)
-def smaller(a, b):
+def one_sided_min(a, b):
     """min(a, b); the derivative is that of a where a < b, else that of b."""
     return jnp.minimum(a, b)

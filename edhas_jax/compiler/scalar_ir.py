@@ -9,10 +9,14 @@ from typing import Any
 import numpy as np
 
 
-class Level(enum.IntEnum):
-    """What a value depends on at most."""
+class Dependence(enum.IntEnum):
+    """The most variable quantity that a value depends on; decides where in the loop nest it is computed.
 
-    FIXED = 0
+    INVARIANT: loop-invariant inputs and constants. SAMPLE: an input that changes once per sample. STEP: the step number
+    (the induction variable). CARRY: the loop-carried state. TANGENT: a derivative within the loop-carried state.
+    """
+
+    INVARIANT = 0
     SAMPLE = 1
     STEP = 2
     CARRY = 3
@@ -29,7 +33,7 @@ UNARY = {
     "exponent": lambda x: float(math.floor(math.log2(x) + 0.5)),
 }
 COMPARISONS = ("gt", "ge", "eq", "ne")
-LOGICAL = (*COMPARISONS, "not", "and")
+BOOLEAN_OPERATIONS = (*COMPARISONS, "not", "and")
 
 
 class Program:
@@ -42,7 +46,7 @@ class Program:
     def __init__(self, dtype):
         self.type = np.dtype(dtype).type
         self.nodes: list[tuple] = []
-        self.level: list[Level] = []
+        self.dependence: list[Dependence] = []
         self.outputs: dict[Any, int] = {}
         self._number: dict[tuple, int] = {}
 
@@ -53,15 +57,15 @@ class Program:
             self._number[key] = len(self.nodes)
             self.nodes.append(key)
             if operation == "input":
-                self.level.append(operands[1])
+                self.dependence.append(operands[1])
             else:
                 below = () if operation in _LEAVES else operands
-                self.level.append(max((self.level[i] for i in below), default=Level.FIXED))
+                self.dependence.append(max((self.dependence[i] for i in below), default=Dependence.INVARIANT))
         return self._number[key]
 
-    def input(self, name, level: Level) -> int:
+    def input(self, name, dependence: Dependence) -> int:
         """A value that comes from outside."""
-        return self.node("input", name, level)
+        return self.node("input", name, dependence)
 
     def const(self, value) -> int:
         """A number, or a truth value."""
@@ -222,14 +226,14 @@ class Program:
 
     def is_logical(self, i: int) -> bool:
         """Whether node i is a truth value."""
-        return self.nodes[i][0] in (*LOGICAL, "truth")
+        return self.nodes[i][0] in (*BOOLEAN_OPERATIONS, "truth")
 
     def with_shared_roots(self) -> "Program":
         """The same program with √a and 1/√a taken from the a^(−1/4) or 1/√a that is computed anyway."""
         out = Program(self.type)
         known = set(self.nodes)
         moved: dict[int, int] = {}
-        for i in self.order():
+        for i in self.schedule():
             op, *args = self.nodes[i]
             if op in _LEAVES:
                 moved[i] = out.node(op, *args)
@@ -242,13 +246,13 @@ class Program:
         out.outputs = {n: moved[i] for n, i in self.outputs.items()}
         return out
 
-    def order(self) -> list[int]:
+    def schedule(self) -> list[int]:
         """The nodes the outputs need, operands first, each where it is needed first.
 
         Tangents stand in the order in which they were built: a factor is then at hand for all directions.
         """
         wanted = self._with_operands(self.outputs.values())
-        tangents = sorted(i for i in wanted if self.level[i] == Level.TANGENT)
+        tangents = sorted(i for i in wanted if self.dependence[i] == Dependence.TANGENT)
         return self._with_operands((*tangents, *self.outputs.values())) if tangents else wanted
 
     def _with_operands(self, roots: Iterable[int]) -> list[int]:
@@ -269,8 +273,10 @@ class Program:
         op, *args = self.nodes[i]
         return () if op in _LEAVES else tuple(args)
 
-    def count(self, level: Level) -> Counter:
+    def count_operations(self, dependence: Dependence) -> Counter:
         """How often each operation occurs among the values of one level."""
         return Counter(
-            self.nodes[i][0] for i in self.order() if self.level[i] == level and self.nodes[i][0] not in _LEAVES
+            self.nodes[i][0]
+            for i in self.schedule()
+            if self.dependence[i] == dependence and self.nodes[i][0] not in _LEAVES
         )

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from edhas_jax.compiler.derivative_graph import Graph, Row, add, multiply, number
 
 
-class Bend(NamedTuple):
+class StrainUnknown(NamedTuple):
     """An unknown whose left side is bent: shift · (w(p + k) − w(p)) with w(p) = p − c/p, instead of shift · k."""
 
     pressure: Any
@@ -16,7 +16,7 @@ class Bend(NamedTuple):
 
 
 def solve(
-    graph: Graph, right: dict[str, Any], shift, bends: dict[str, Bend] | None = None, also: Iterable[str] = ()
+    graph: Graph, right: dict[str, Any], shift, bends: dict[str, StrainUnknown] | None = None, also: Iterable[str] = ()
 ) -> dict[str, Any]:
     """Solve (shift · I − J) k = right for k, J being the Jacobian of the program that `graph` linearises.
 
@@ -44,7 +44,9 @@ def solve(
     return {name: k[name] for name in right} | {name: k.get(v, 0.0) for name, v in outputs.items()}
 
 
-def _solve_bent(rows: dict[str, Row], pivots: dict, right: dict, shift, bends: dict[str, Bend]) -> dict[str, Any]:
+def _solve_bent(
+    rows: dict[str, Row], pivots: dict, right: dict, shift, bends: dict[str, StrainUnknown]
+) -> dict[str, Any]:
     """Solve shift · (w(p + k) − w(p)) + pivot k = right + rows · k for the few unknowns that are bent.
 
     First each in turn along the tangents of those before it, but itself exactly: a quadratic with one positive root,

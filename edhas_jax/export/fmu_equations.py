@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 
 from edhas_jax.compiler.c_source import C_LIBRARY
-from edhas_jax.compiler.jaxpr_to_ir import Untranslatable, read
-from edhas_jax.compiler.scalar_ir import Level, Program
+from edhas_jax.compiler.jaxpr_to_ir import Untranslatable, trace_to_ir
+from edhas_jax.compiler.scalar_ir import Dependence, Program
 from edhas_jax.config.run_settings import SETTINGS
 from edhas_jax.core import structs
 from edhas_jax.export.fmu_inputs import FmuError, Outside, inputs_of, mount, read_inputs, replaced_signals
@@ -127,7 +127,7 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
     is_source = {"is_leaf": lambda x: isinstance(x, Source)}
     levels = jax.tree.map(_level, sources, **is_source)
     try:
-        programs = [read(f, jnp.float64, levels, functions=C_LIBRARY)[0] for f in (start, go, see)]
+        programs = [trace_to_ir(f, jnp.float64, levels, functions=C_LIBRARY)[0] for f in (start, go, see)]
     except Untranslatable as error:
         rule = "scalars, jnp.where and elementary functions are what C has"
         raise FmuError(f"{_culprit(machine)} cannot be written in C: {error}; {rule}") from None
@@ -176,14 +176,15 @@ def _culprit(machine: Rig) -> str:
     for effect in machine.effects:
         alone = structs.replace(machine, effects=(effect,))
         try:
-            read(lambda y, m=alone: step(m, y, 0.0, 1.0)[0], jnp.float64, dict.fromkeys(alone.start(), Level.CARRY))
+            carry = dict.fromkeys(alone.start(), Dependence.CARRY)
+            trace_to_ir(lambda y, m=alone: step(m, y, 0.0, 1.0)[0], jnp.float64, carry)
         except Untranslatable:
             return f"the effect {effect.id}"
     return f"the controller {type(machine.controller).__name__}"
 
 
-def _level(source: Source) -> Level:
-    return Level.FIXED if source.table in ("values", "h") else Level.CARRY
+def _level(source: Source) -> Dependence:
+    return Dependence.INVARIANT if source.table in ("values", "h") else Dependence.CARRY
 
 
 def _first(failed: list):

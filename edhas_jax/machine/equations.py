@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 
-from edhas_jax.compiler.one_sided_minmax import larger, smaller
+from edhas_jax.compiler.one_sided_minmax import one_sided_max, one_sided_min
 from edhas_jax.core.structs import parameters
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier, VoltageAmplifier
 from edhas_jax.machine.components.controllers import limited
@@ -50,7 +50,7 @@ def passage_slopes(m, passages: dict[str, Passage], pressure_rates: dict, h) -> 
         chord, tangent, inverse = m.orifice.conductance(drop, m.oil.oil_density)
         rates = [pressure_rates[end] for end in ends if end in pressure_rates]
         change = jnp.abs(rates[0] - rates[1] if len(rates) == 2 else rates[0])
-        overshoot = smaller(larger(h * change * inverse - 1.0, 0.0), 1.0)
+        overshoot = one_sided_min(one_sided_max(h * change * inverse - 1.0, 0.0), 1.0)
         slopes[name] = chord * drop, area * (tangent + overshoot * (2.0 * chord - tangent))
     return slopes
 

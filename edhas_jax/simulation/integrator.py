@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from edhas_jax.compiler.derivative_graph import linearize, promise
-from edhas_jax.compiler.sparse_elimination import Bend, solve
+from edhas_jax.compiler.derivative_graph import defer_partials, linearize
+from edhas_jax.compiler.sparse_elimination import StrainUnknown, solve
 from edhas_jax.machine.equations import passage_slopes
 from edhas_jax.machine.interface.signals import SIGNALS, Passage, Signals
 from edhas_jax.machine.rigs import Rig, State
@@ -38,7 +38,7 @@ def watched_step(machine: Rig, y: State, t, h, watch: Callable[[Signals], dict])
     ends: dict[str, tuple[str, str]] = {}
 
     def program(state):
-        s, rates = machine.evaluate(state, t + 0.5 * h, h, y, promise)
+        s, rates = machine.evaluate(state, t + 0.5 * h, h, y, defer_partials)
         out = rates | {pole + n: c for n, c in s.notes.poles.items()}
         out |= {rate + n: r for n, r in s.notes.pressure_rates.items()}
         for n, p in s.notes.passages.items():
@@ -51,8 +51,8 @@ def watched_step(machine: Rig, y: State, t, h, watch: Callable[[Signals], dict])
     passages = {n: Passage(at[drop + n], at[area + n], ends[n]) for n in ends}
     rates = {n: at[rate + n] for n in y if rate + n in at}
     for n, slopes in passage_slopes(machine, passages, rates, h).items():
-        graph.keep(n, *slopes)
-    bends = {n: Bend(y[n], at[pole + n]) for n in y if pole + n in at}
+        graph.set_partials(n, *slopes)
+    bends = {n: StrainUnknown(y[n], at[pole + n]) for n in y if pole + n in at}
     watched = [n for n in at if n.startswith(seen)]
     k = solve(graph, {n: 2.0 * at[n] for n in y}, 2.0 / h, bends, watched)
     middle = {n.removeprefix(seen): at[n] + 0.5 * k.pop(n) for n in watched}

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from edhas_jax.compiler.multi_jvp import pushforward
+from edhas_jax.compiler.multi_jvp import multi_jvp
 from edhas_jax.machine.rigs import RIGS
 from edhas_jax.simulation.integrator import step
 from tests.support.reference import nominal, random_state
@@ -34,7 +34,7 @@ def curved(x, y):
 @pytest.mark.parametrize("directions", [1, 2, 8])
 def test_any_program(directions):
     rng = np.random.default_rng(directions)
-    together = jax.jit(lambda *p: pushforward(curved, *p))
+    together = jax.jit(lambda *p: multi_jvp(curved, *p))
     for _ in range(20):
         primals, *along = (({"a": v[0], "b": v[1]}, v[2]) for v in rng.normal(size=(1 + directions, 3)))
         agree(together(primals, along), along_each(curved, primals, along))
@@ -46,18 +46,18 @@ def test_what_is_not_chosen_does_not_enter():
     def f(x):
         return jnp.where(x > 0.0, jnp.where(x > 0.0, 1.0 / x, x) * 3.0, x**2)
 
-    _, moved = jax.jit(lambda x: pushforward(f, (x,), [(1.0,), (2.0,)]))(jnp.asarray(0.0))
+    _, moved = jax.jit(lambda x: multi_jvp(f, (x,), [(1.0,), (2.0,)]))(jnp.asarray(0.0))
     assert moved == [0.0, 0.0]
 
 
 def test_a_direction_may_be_nothing():
     """What no direction moves is a constant: nothing is computed for it."""
     def still(x, y):
-        return pushforward(curved, (x, y), [({"a": 0.0, "b": 0.0}, 0.0)])[1]
+        return multi_jvp(curved, (x, y), [({"a": 0.0, "b": 0.0}, 0.0)])[1]
 
     program = jax.make_jaxpr(still)({"a": 0.2, "b": 0.4}, 0.5).jaxpr
     assert [v.val for v in program.outvars] == [0.0] * 4
-    _, (moved,) = pushforward(curved, ({"a": 0.2, "b": 0.4}, 0.5), [({"a": 1.0, "b": 0.0}, 0.0)])
+    _, (moved,) = multi_jvp(curved, ({"a": 0.2, "b": 0.4}, 0.5), [({"a": 1.0, "b": 0.0}, 0.0)])
     agree(moved, jax.jvp(curved, ({"a": 0.2, "b": 0.4}, 0.5), ({"a": 1.0, "b": 0.0}, 0.0))[1])
 
 
@@ -71,7 +71,7 @@ def test_the_step_of_a_rig(rig):
     def f(y):
         return step(machine, y, 0.123, H)[0]
 
-    together = jax.jit(lambda y, along: pushforward(f, (y,), [(one,) for one in along]))
+    together = jax.jit(lambda y, along: multi_jvp(f, (y,), [(one,) for one in along]))
     each = jax.jit(lambda y, along: along_each(f, (y,), [(one,) for one in along]))
     for _ in range(6):
         y = random_state(machine, rng)

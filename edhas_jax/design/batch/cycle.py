@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from edhas_jax.compiler.one_sided_minmax import larger, smaller
+from edhas_jax.compiler.one_sided_minmax import one_sided_max, one_sided_min
 from edhas_jax.core import structs
 from edhas_jax.machine.components.set_points import CyclicSine
 from edhas_jax.machine.parameters import set_parameters
@@ -147,8 +147,8 @@ def _take(m: Rig, y, h):
     y, _, seen = watched_step(m, y, 0.0, h, lambda s: {n: getattr(s, n) for n in _watched(m)})
     if not isinstance(m, ActuatorBench):
         lifts = [y[f"{kind}_lift_{side}"] for kind in ("suction", "delivery") for side in "ab"]
-        seen["highest_lift"] = larger(larger(lifts[0], lifts[1]), larger(lifts[2], lifts[3]))
-        seen["lowest_lift"] = smaller(smaller(lifts[0], lifts[1]), smaller(lifts[2], lifts[3]))
+        seen["highest_lift"] = one_sided_max(one_sided_max(lifts[0], lifts[1]), one_sided_max(lifts[2], lifts[3]))
+        seen["lowest_lift"] = one_sided_min(one_sided_min(lifts[0], lifts[1]), one_sided_min(lifts[2], lifts[3]))
     return y, seen
 
 
@@ -183,12 +183,12 @@ def _add(m: Rig, sums, s, phase) -> dict[str, Any]:
             "swept": jnp.abs(s["piston_velocity"]), "delivered": s["outlet_flow"] * s["load_drop"],
         }  # fmt: skip
         peaks |= {
-            "leakage": larger(jnp.abs(s["leakage_a"]), jnp.abs(s["leakage_b"])), "rise": rise,
+            "leakage": one_sided_max(jnp.abs(s["leakage_a"]), jnp.abs(s["leakage_b"])), "rise": rise,
             "pressure": s["outlet_pressure"], "-pressure": -s["outlet_pressure"],
             "lift": s["highest_lift"], "-lift": -s["lowest_lift"],
         }  # fmt: skip
     return {n: sums[n] + v for n, v in new.items()} | {
-        f"peak {n}": larger(v, sums[f"peak {n}"]) for n, v in peaks.items()
+        f"peak {n}": one_sided_max(v, sums[f"peak {n}"]) for n, v in peaks.items()
     }
 
 

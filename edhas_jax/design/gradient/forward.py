@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from edhas_jax.compiler.multi_jvp import pushforward
+from edhas_jax.compiler.multi_jvp import multi_jvp
 from edhas_jax.compiler.native_loop import Loop
 from edhas_jax.core import runtime
 from edhas_jax.design.batch.cycle import cycle_step, empty_sums, measured
@@ -94,7 +94,7 @@ class TangentLoop:
                 return cycle_step(set_parameters(base, values), *state, n, steps, False)
 
             along = [{n: float(n == name) for n in values} for name in group] if group else [seeds]
-            state, moved = pushforward(
+            state, moved = multi_jvp(
                 step, (values, state), [(seed, _one(moved, k)) for k, seed in enumerate(along)]
             )  # fmt: skip
             return state, _together(moved)
