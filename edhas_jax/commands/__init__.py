@@ -1,1 +1,1 @@
-"""The commands of the command line, one module each; what is slow to import waits until it is needed."""
+"""The commands of the program `edhas`, one module each; a command imports what it needs only when it runs."""

@@ -1,26 +1,40 @@
-"""`edhas campaign check` and `edhas campaign new`."""
+"""The commands `edhas campaign check` and `edhas campaign new`."""
 
 import time
 
-from edhas_jax.commands.console import console, table
+from edhas_jax.commands.arguments import add_campaign_folder
+from edhas_jax.commands.console import console, progress_bar, table
 
-FINDINGS = 1
+STATUS_REMARKS = 1
 
 
-def check_campaign(options) -> int:
-    """`edhas campaign check`: read a campaign and list what looks wrong in its files; status 1 when something does."""
+def add_parser(commands) -> None:
+    """Declare the commands and their arguments."""
+    actions = commands.add_parser(
+        "campaign", help="measurements of a bench: begin a campaign, check its files"
+    ).add_subparsers(title="what to do", required=True, metavar="ACTION")
+    check = actions.add_parser("check", help="read everything, list what looks wrong; status 1 if anything does")
+    add_campaign_folder(check)
+    check.set_defaults(command=run_check)
+    new = actions.add_parser("new", help="write a commented template that passes the check")
+    add_campaign_folder(new, "folder to write")
+    new.set_defaults(command=run_new)
+
+
+def run_check(options) -> int:
+    """Read a campaign and list the errors and warnings in its files; the status is 1 when there are any."""
     from rich.markup import escape
 
     from edhas_jax.measurements.campaign import Severity
     from edhas_jax.measurements.campaign_reader import read_campaign
-    from edhas_jax.measurements.data_checks import check_campaign as check
+    from edhas_jax.measurements.data_checks import check_campaign
 
     out = console()
     campaign = read_campaign(options.campaign)
     began = time.perf_counter()
-    with _progress(out) as bar:
+    with progress_bar(out, time_remaining=True) as bar:
         task = bar.add_task("checking, and comparing with the model", total=1.0)
-        remarks = check(campaign, lambda share: bar.update(task, completed=share))
+        remarks = check_campaign(campaign, lambda share: bar.update(task, completed=share))
     seconds = time.perf_counter() - began
     samples = sum(len(run.time) for run in campaign.runs)
     out.print(
@@ -33,28 +47,21 @@ def check_campaign(options) -> int:
             rows.add_row(r.severity.value, escape(r.file.name), str(r.line or ""), escape(r.sentence))
         out.print(rows)
     counts = {s: sum(r.severity is s for r in remarks) for s in Severity}
-    wrong = counts[Severity.ERROR] + counts[Severity.WARNING]
-    if not wrong:
-        out.print("sound: nothing was left out, nothing looks wrong")
-        return 0
     errors, warnings = counts[Severity.ERROR], counts[Severity.WARNING]
-    out.print(f"errors (something is left out): {errors}, warnings (used as it is): {warnings}; nothing was repaired")
-    return FINDINGS
+    if not errors + warnings:
+        out.print("no errors, no warnings: all data are used")
+        return 0
+    out.print(f"errors (data left out): {errors}, warnings (data used unchanged): {warnings}; no file was changed")
+    return STATUS_REMARKS
 
 
-def new_campaign(options) -> None:
-    """`edhas campaign new`: write a commented template that passes the check."""
+def run_new(options) -> None:
+    """Write a commented template of a campaign that passes `edhas campaign check`."""
     from edhas_jax.measurements.campaign_writer import write_template
 
     out = console()
-    with _progress(out) as bar:
+    with progress_bar(out, time_remaining=True) as bar:
         task = bar.add_task("simulating a run for the template", total=1.0)
         paths = write_template(options.campaign, lambda share: bar.update(task, completed=share))
     out.print("written: " + ", ".join(map(str, paths)), soft_wrap=True)
     out.print(f"next: edhas campaign check {options.campaign}", soft_wrap=True)
-
-
-def _progress(out):
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    return Progress(TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn(), transient=True, console=out)

@@ -1,19 +1,32 @@
-"""`edhas compare`."""
+"""The command `edhas compare`."""
 
 from pathlib import Path
 
-from edhas_jax.commands.console import console, table
+from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder
+from edhas_jax.commands.console import console, file_names, print_remarks, table
 
 
-def compare(options) -> None:
-    """`edhas compare`: run the model as the bench was run, write a report, print where it fails."""
+def add_parser(commands) -> None:
+    """Declare the command and its arguments."""
+    parser = commands.add_parser("compare", help="the model beside the measurements, and where it fails")
+    add_campaign_folder(parser)
+    parser.add_argument("--model", type=Path, help="configuration of the model (default: the campaign's own)")
+    parser.add_argument(
+        "--replay", choices=("set_point", "voltage", "current", "piston_position"), default="set_point",
+        help="drive the model with this measured signal, so that what lies behind it is judged alone",
+    )  # fmt: skip
+    add_output_folder(parser, "comparisons")
+    parser.set_defaults(command=run)
+
+
+def run(options) -> None:
+    """Simulate the runs of a campaign, write a report, print the residuals and their patterns."""
     from rich.markup import escape
 
     from edhas_jax.config.machine_config import read_config
     from edhas_jax.config.run_folder import StoreError, check_free, free_folder
     from edhas_jax.measurements.campaign_reader import read_campaign
-    from edhas_jax.measurements.comparison import compare as beside
-    from edhas_jax.measurements.comparison import figures_of_merit
+    from edhas_jax.measurements.comparison import compare, figures_of_merit
     from edhas_jax.measurements.comparison_report import comparison_report, sentences
     from edhas_jax.measurements.replay import Replay
     from edhas_jax.measurements.residual_patterns import find_patterns
@@ -24,34 +37,33 @@ def compare(options) -> None:
     check_free(folder, options.overwrite)
     out = console()
     with out.status("reading") as status:
-        found = beside(campaign, machine, replay=Replay(options.replay), on_progress=status.update)
+        comparison = compare(campaign, machine, replay=Replay(options.replay), on_progress=status.update)
         status.update("looking for patterns")
-        patterns = find_patterns(found)
+        patterns = find_patterns(comparison)
         status.update("drawing")
-        report = comparison_report(found, patterns)
+        report = comparison_report(comparison, patterns)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        figures_of_merit(found).to_csv(folder / "figures.csv")
+        figures_of_merit(comparison).to_csv(folder / "figures.csv")
         (folder / "report.html").write_text(report, encoding="utf-8")
     except OSError as error:
         raise StoreError(f"{folder}: cannot be written: {error.strerror}") from None
-    for remark in (*campaign.remarks, *found.remarks):
-        out.print(escape(str(remark)), soft_wrap=True)
-    out.print(matrix_table(found))
+    print_remarks(out, (*campaign.remarks, *comparison.remarks))
+    out.print(residual_table(comparison))
     for number, sentence in enumerate(sentences(patterns), 1):
         out.print(f"{number}. {escape(sentence)}", soft_wrap=True)
     if not patterns:
-        out.print("What is left is the sensors' noise.")
-    out.print(f"written to {folder}: " + ", ".join(sorted(p.name for p in folder.iterdir())))
+        out.print("The residuals hold nothing but the noise of the sensors.")
+    out.print(f"written to {folder}: " + file_names(folder))
 
 
-def matrix_table(comparison):
-    """Residual over noise by run and signal as a rich table, coloured by its size."""
-    listed = table("residual over noise", "run", *comparison.signals)
+def residual_table(comparison):
+    """Residual over noise of each run and signal as a rich table: green below 1.15, yellow below 3, else red."""
+    rows = table("residual over noise", "run", *comparison.signals)
     for run, row in comparison.matrix().items():
         cells = [row.get(n) for n in comparison.signals]
-        listed.add_row(run, *("" if value is None else f"[{_colour(value)}]{value:.2f}[/]" for value in cells))
-    return listed
+        rows.add_row(run, *("" if value is None else f"[{_colour(value)}]{value:.2f}[/]" for value in cells))
+    return rows
 
 
 def _colour(value: float) -> str:

@@ -1,23 +1,47 @@
-"""How commands print: one console, one kind of table."""
+"""What commands print with: the console, tables, the content of a folder."""
 
 import sys
+from pathlib import Path
+
+PIPE_WIDTH = 200  # characters; a pipe has no width of its own
+RIGHT_ALIGNED = ("value", "default", "share", "energy")
 
 
 def console():
-    """A console that fits the terminal, or a pipe."""
+    """A rich console as wide as the terminal, or `PIPE_WIDTH` characters wide where there is none."""
     from rich.console import Console
 
-    # a pipe has no width: let tables be as wide as they are
-    return Console(highlight=False) if sys.stdout.isatty() else Console(highlight=False, width=200)
+    return Console(highlight=False) if sys.stdout.isatty() else Console(highlight=False, width=PIPE_WIDTH)
 
 
 def table(title: str | None, *columns: str):
-    """An empty table with these columns."""
+    """An empty rich table with these columns; those of `RIGHT_ALIGNED` are not wrapped."""
     from rich import box
     from rich.table import Table
 
-    made = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False, title_style="bold")
+    empty = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False, title_style="bold")
     for column in columns:
-        numeric = column in ("value", "default", "share", "energy")
-        made.add_column(column, justify="right" if numeric else "left", no_wrap=numeric)
-    return made
+        numeric = column in RIGHT_ALIGNED
+        empty.add_column(column, justify="right" if numeric else "left", no_wrap=numeric)
+    return empty
+
+
+def progress_bar(out, time_remaining: bool = False):
+    """A rich progress bar with a description, removed when it is done."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = [TextColumn("{task.description}"), BarColumn(), *([TimeRemainingColumn()] if time_remaining else [])]
+    return Progress(*columns, transient=True, console=out)
+
+
+def print_remarks(out, remarks) -> None:
+    """Print remarks on measured data, a line each."""
+    from rich.markup import escape
+
+    for remark in remarks:
+        out.print(escape(str(remark)), soft_wrap=True)
+
+
+def file_names(folder: Path) -> str:
+    """The names of the files in a folder, hidden ones left out, in alphabetical order."""
+    return ", ".join(sorted(p.name for p in folder.iterdir() if not p.name.startswith(".")))

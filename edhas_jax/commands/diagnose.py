@@ -1,12 +1,27 @@
-"""`edhas diagnose` and `edhas add`."""
+"""The command `edhas diagnose`."""
 
 from pathlib import Path
 
-from edhas_jax.commands.console import console, table
+from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_user_effects
+from edhas_jax.commands.console import console, file_names, print_remarks, table
 
 
-def diagnose(options) -> None:
-    """`edhas diagnose`: say what is missing in a campaign's model, write a folder, print the verdict."""
+def add_parser(commands) -> None:
+    """Declare the command and its arguments."""
+    parser = commands.add_parser("diagnose", help="what is missing in the model of a campaign's machine")
+    add_campaign_folder(parser)
+    add_output_folder(parser, "diagnoses")
+    add_user_effects(parser, "FILE.py:CLASS", "suspect an effect of your own too; may be given several times")
+    parser.set_defaults(command=run)
+
+
+def run(options) -> None:
+    """Find the effects that a campaign's model lacks, write a folder, print the verdict.
+
+    Raises:
+        CampaignError: the fit fails.
+        StoreError: the folder exists or cannot be written.
+    """
     from rich.markup import escape
 
     from edhas_jax.config.run_folder import StoreError, check_free, free_folder
@@ -15,7 +30,7 @@ def diagnose(options) -> None:
     from edhas_jax.diagnosis.report.report import write_report
     from edhas_jax.diagnosis.report.result_file import save_diagnosis
     from edhas_jax.diagnosis.report.story_figures import draw_story
-    from edhas_jax.diagnosis.search.forward_selection import diagnose as search
+    from edhas_jax.diagnosis.search.forward_selection import diagnose
     from edhas_jax.machine.effects.loading import load_effect
     from edhas_jax.measurements.campaign import CampaignError
     from edhas_jax.measurements.campaign_reader import read_campaign
@@ -23,99 +38,56 @@ def diagnose(options) -> None:
     campaign = read_campaign(options.campaign)
     folder = options.out or free_folder(Path("diagnoses"), campaign.name)
     check_free(folder, options.overwrite)
-    more = [load_effect(spec) for spec in options.effects]
+    user_effects = [load_effect(spec) for spec in options.effects]
     out = console()
-    for remark in campaign.remarks:
-        out.print(escape(str(remark)), soft_wrap=True)
+    print_remarks(out, campaign.remarks)
     with out.status("reading") as status:
         try:
-            found = search(campaign, more=more, on_progress=lambda sentence: status.update(escape(sentence)))
+            diagnosis = diagnose(
+                campaign, more=user_effects, on_progress=lambda sentence: status.update(escape(sentence))
+            )
         except FitError as error:
             raise CampaignError(str(error)) from None
-        status.update("looking for the run that tells most")
-        experiment = next_experiment(found)
+        status.update("looking for the most informative next run")
+        experiment = next_experiment(diagnosis)
         status.update("writing the report")
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            save_diagnosis(found, folder, None if experiment is None else experiment.as_json())
-            write_report(found, folder / "report.html", experiment)
-            draw_story(found).savefig(folder / "diagnosis.png", dpi=130)
+            save_diagnosis(diagnosis, folder, None if experiment is None else experiment.as_json())
+            write_report(diagnosis, folder / "report.html", experiment)
+            draw_story(diagnosis).savefig(folder / "diagnosis.png", dpi=130)
         except OSError as error:
             raise StoreError(f"{folder}: cannot be written: {error.strerror}") from None
-    out.print(suspects_table(found))
-    out.print(errors_table(found))
-    for sentence in found.sentences():
+    out.print(suspects_table(diagnosis))
+    out.print(errors_table(diagnosis))
+    for sentence in diagnosis.sentences():
         out.print(escape(sentence), soft_wrap=True)
     if experiment is not None:
         out.print(escape(experiment.sentence), soft_wrap=True)
-    names = ", ".join(sorted(p.name for p in folder.iterdir() if not p.name.startswith(".")))
-    out.print(f"{found.seconds:.0f} s; written to {folder}: {names}")
-
-
-def add(options) -> None:
-    """`edhas add`: fit a campaign's model with one more effect, and write the new configuration."""
-    from rich.markup import escape
-
-    from edhas_jax.config.run_folder import StoreError
-    from edhas_jax.config.writer import dump_config
-    from edhas_jax.core.units import format_quantity
-    from edhas_jax.diagnosis.calibration.fit import FitError
-    from edhas_jax.diagnosis.search.forward_selection import add_effect
-    from edhas_jax.machine.effects.loading import load_effect
-    from edhas_jax.measurements.campaign import CampaignError, Use
-    from edhas_jax.measurements.campaign_reader import read_campaign
-    from edhas_jax.simulation.run import Simulation
-
-    campaign = read_campaign(options.campaign)
-    kind = load_effect(options.effect)
-    target = options.out or Path(f"{campaign.name}_{kind.id}.yaml")
-    if target.exists() and not options.overwrite:
-        raise StoreError(f"{target} exists; give another file with --out, or --overwrite")
-    out = console()
-    with out.status("fitting") as status:
-        try:
-            before, after = add_effect(campaign, kind, lambda sentence: status.update(escape(sentence)))
-        except FitError as error:
-            raise CampaignError(str(error)) from None
-    rate = 1.0 / min(run.interval for run in campaign.runs)
-    text = f"# {campaign.name} with {kind.id}, fitted; before the conditions of any run are set\n"
-    try:
-        target.write_text(text + dump_config(after.fit.machine, Simulation(sample_rate=rate)), encoding="utf-8")
-    except OSError as error:
-        raise StoreError(f"{target}: cannot be written: {error.strerror}") from None
-    listed = table("residual over noise", "model", "fitted runs", "held-out runs")
-    for name, judged in (("calibrated", before), (f"with {kind.id}", after)):
-        listed.add_row(name, f"{judged.level(Use.FIT):.3f}", f"{judged.level(Use.HOLDOUT):.3f}")
-    out.print(listed)
-    units = {u.name: u.unit for u in after.fit.problem.unknowns}
-    for name, value in after.fit.values.items():
-        if name.startswith(f"{kind.id}."):
-            size, error = (format_quantity(v, units[name]) for v in (value, after.fit.errors[name]))
-            out.print(f"{name}: {size} ± {error}")
-    out.print(f"written: {target}; compare it with `edhas compare {options.campaign} --model {target}`", soft_wrap=True)
+    out.print(f"{diagnosis.seconds:.0f} s; written to {folder}: {file_names(folder)}")
 
 
 def suspects_table(diagnosis):
-    """The suspects that were tried and the most promising others, as a rich table."""
+    """The suspects that were fitted, as a rich table: parameters, probability, residual on the held-out runs."""
     from edhas_jax.core.units import format_quantity
     from edhas_jax.measurements.campaign import Use
 
-    listed = table("suspects", "effect", "where", "size", "probability", "new runs, residual over noise")
+    rows = table("suspects", "effect", "where", "size", "probability", "new runs, residual over noise")
     for suspect, p, trial in diagnosis.candidates():
         if trial is None or trial.judged is None:
             continue
         judged = diagnosis.after if suspect in [t.suspect for t in diagnosis.accepted] else trial.judged
         own = suspect.own(judged.fit.problem.unknowns)
         sizes = [f"{name} {format_quantity(judged.fit.values[u.name], u.unit)}" for name, u in own.items()]
-        listed.add_row(suspect.name, suspect.where, ", ".join(sizes), f"{p:.3f}", f"{judged.level(Use.HOLDOUT):.3f}")
-    return listed
+        rows.add_row(suspect.name, suspect.where, ", ".join(sizes), f"{p:.3f}", f"{judged.level(Use.HOLDOUT):.3f}")
+    return rows
 
 
 def errors_table(diagnosis):
-    """Residual over noise before, calibrated and after, as a rich table."""
+    """Residual over noise of each signal as a rich table: before, calibrated and after, fitted and held-out runs."""
     errors = diagnosis.errors()
-    listed = table("residual over noise", "signal", *(f"{s}, {u}" for u in ("fitted", "held out") for s in errors))
+    rows = table("residual over noise", "signal", *(f"{s}, {u}" for u in ("fitted", "held out") for s in errors))
     columns = [errors[state][use] for use in ("fit", "holdout") for state in errors]
     for name in columns[0]:
-        listed.add_row(name, *(f"{column[name]:.2f}" if name in column else "" for column in columns))
-    return listed
+        rows.add_row(name, *(f"{column[name]:.2f}" if name in column else "" for column in columns))
+    return rows

@@ -1,14 +1,34 @@
-"""`edhas export`."""
+"""The command `edhas export`."""
 
 import os
 from collections import Counter
 from pathlib import Path
 
+from edhas_jax.commands.arguments import add_output_file, add_overrides
 from edhas_jax.commands.console import console, table
 
 
-def export(options) -> None:
-    """`edhas export`: write a configuration as an FMU and print what a user of it connects."""
+def add_parser(commands) -> None:
+    """Declare the command and its arguments."""
+    parser = commands.add_parser("export", help="the machine as an FMU for Simulink, OpenModelica, Amesim, FMPy")
+    parser.add_argument("config", type=Path, help="configuration, YAML")
+    add_output_file(parser, "file to write (default: NAME.fmu)")
+    parser.add_argument(
+        "--input", dest="inputs", action="append", default=[], metavar="NAME",
+        help="a parameter that may change during the run, or reference, voltage, target, spool to come from outside; "
+             "may be given several times",
+    )  # fmt: skip
+    add_overrides(parser, "step=10us")
+    parser.add_argument(
+        "--compiler", dest="compilers", action="append", default=[], metavar="COMMAND",
+        help="C compiler (default: $CC or cc); several, cross compilers among them, add a binary each",
+    )  # fmt: skip
+    parser.add_argument("--sources-only", action="store_true", help="compile nothing; the target does it")
+    parser.set_defaults(command=run)
+
+
+def run(options) -> None:
+    """Write a configuration as an FMU and print its inputs, size and platforms."""
     from rich.markup import escape
 
     from edhas_jax.config.machine_config import read_config
@@ -22,14 +42,14 @@ def export(options) -> None:
         unit = export_fmu(
             config, path, options.inputs, compilers, options.overwrite, lambda what: status.update(escape(what)),
         )  # fmt: skip
-    values = unit.program.values
-    inputs = [v for v in values if v.causality.value == "input"]
+    variables = unit.program.values
+    inputs = [v for v in variables if v.causality.value == "input"]
     if inputs:
         rows = table("inputs", "input", "unit", "start", "meaning")
         for v in inputs:
             rows.add_row(v.name, v.unit, f"{v.start:g}", v.doc)
         out.print(rows)
-    count = Counter(v.causality.value for v in values)
+    count = Counter(v.causality.value for v in variables)
     platforms = " and ".join(unit.platforms)
     binary = f"binary for {platforms}" if platforms else "no binary; compile sources/fmu_unit.c on the target"
     effects = ", ".join(e.id for e in config.machine.effects) or "none"

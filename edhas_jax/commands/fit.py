@@ -1,18 +1,36 @@
-"""`edhas fit`."""
+"""The command `edhas fit`."""
 
 import time
 from pathlib import Path
 
-from edhas_jax.commands.console import console, table
+from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder
+from edhas_jax.commands.console import console, file_names, print_remarks, table
 
 
-def fit(options) -> None:
-    """`edhas fit`: calibrate the uncertain parameters of a campaign's machine, write a folder, print what was found."""
+def add_parser(commands) -> None:
+    """Declare the command and its arguments."""
+    parser = commands.add_parser("fit", help="calibrate the uncertain parameters of a campaign's machine")
+    add_campaign_folder(parser)
+    add_output_folder(parser, "fits")
+    parser.add_argument("--starts", type=int, default=4, help="points to start from (default: 4)")
+    parser.add_argument(
+        "--profile", action="append", default=[], metavar="NAME",
+        help="also the likelihood along this parameter, all others fitted anew; may be given several times",
+    )  # fmt: skip
+    parser.set_defaults(command=run)
+
+
+def run(options) -> None:
+    """Calibrate the uncertain parameters of a campaign's machine, write a folder, print the estimates.
+
+    Raises:
+        CampaignError: a profile is asked of a parameter that is not uncertain, or the fit fails.
+        StoreError: the folder exists or cannot be written.
+    """
     from rich.markup import escape
 
     from edhas_jax.config.run_folder import StoreError, check_free, free_folder
-    from edhas_jax.diagnosis.calibration.fit import FitError, Problem
-    from edhas_jax.diagnosis.calibration.fit import fit as calibrate
+    from edhas_jax.diagnosis.calibration.fit import FitError, Problem, fit
     from edhas_jax.diagnosis.calibration.report import fit_report
     from edhas_jax.diagnosis.calibration.result import Calibration, residuals_of, save_calibration
     from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile
@@ -26,32 +44,32 @@ def fit(options) -> None:
     folder = options.out or free_folder(Path("fits"), campaign.name)
     check_free(folder, options.overwrite)
     unknowns = uncertain_unknowns(campaign)
+    uncertain = [u.name for u in unknowns]
     for name in options.profile:
-        if name not in (u.name for u in unknowns):
-            raise CampaignError(f"--profile {name}: not among what is uncertain: {', '.join(u.name for u in unknowns)}")
+        if name not in uncertain:
+            raise CampaignError(f"--profile {name}: not an uncertain parameter; these are: {', '.join(uncertain)}")
     out = console()
-    for remark in campaign.remarks:
-        out.print(escape(str(remark)), soft_wrap=True)
+    print_remarks(out, campaign.remarks)
     with out.status("reading") as status:
         problem = Problem(campaign, campaign.machine, unknowns)
         try:
-            found = calibrate(problem, starts=options.starts, on_progress=status.update)
+            calibrated = fit(problem, starts=options.starts, on_progress=status.update)
         except FitError as error:
             raise CampaignError(str(error)) from None
         drift, profiles = None, []
         try:
-            drift = fit_each_run(found, lambda step: status.update(f"each run alone, {step}"))
+            drift = fit_each_run(calibrated, lambda step: status.update(f"each run alone, {step}"))
             for name in options.profile:
                 what = f"profile of {name}, "
-                profiles.append(profile(found, name, lambda step, what=what: status.update(what + step)))
+                profiles.append(profile(calibrated, name, lambda step, what=what: status.update(what + step)))
         except KeyboardInterrupt:
-            out.print("interrupted: what was found so far is written")
+            out.print("interrupted: the results so far are written")
         status.update("residuals of all runs")
-        fine = found.resolution.fine
+        fine = calibrated.resolution.fine
         before = residuals_of(campaign, campaign.machine, Instruments(), fine)
-        after = residuals_of(campaign, found.machine, found.instruments, fine)
+        after = residuals_of(campaign, calibrated.machine, calibrated.instruments, fine)
     seconds = time.perf_counter() - began
-    result = Calibration(found, drift, tuple(profiles), before, after, seconds)
+    result = Calibration(calibrated, drift, tuple(profiles), before, after, seconds)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "report.html").write_text(fit_report(result), encoding="utf-8")
@@ -62,28 +80,28 @@ def fit(options) -> None:
     out.print(estimates_table(result))
     for number, sentence in enumerate(result.findings(), 1):
         out.print(f"{number}. {escape(sentence)}", soft_wrap=True)
-    out.print(f"{seconds:.0f} s; written to {folder}: " + ", ".join(sorted(p.name for p in folder.iterdir())))
+    out.print(f"{seconds:.0f} s; written to {folder}: " + file_names(folder))
 
 
 def errors_table(result):
-    """Residual over noise by signal, before and after, on the runs fitted and held out, as a rich table."""
+    """Residual over noise of each signal as a rich table: before and after, on the fitted and the held-out runs."""
     columns = [f"{state}, {use}" for use in ("fitted", "held out") for state in ("before", "calibrated")]
-    listed = table("residual over noise", "signal", *columns)
+    rows = table("residual over noise", "signal", *columns)
     errors = result.errors()
     columns = [errors[state][use] for use in ("fit", "holdout") for state in ("before", "calibrated")]
     for name in columns[0]:
-        listed.add_row(name, *(f"{column[name]:.2f}" if name in column else "" for column in columns))
-    return listed
+        rows.add_row(name, *(f"{column[name]:.2f}" if name in column else "" for column in columns))
+    return rows
 
 
 def estimates_table(result):
-    """The unknowns as a rich table."""
+    """The estimates as a rich table: prior mean, estimate, interval, pull and error in prior standard deviations."""
     from edhas_jax.core.units import format_quantity
 
     fit = result.fit
-    listed = table("unknowns", "name", "believed", "value", "95 % interval", "pull, prior σ", "error, prior σ")
+    rows = table("unknowns", "name", "prior mean", "value", "95 % interval", "pull, prior σ", "error, prior σ")
     for u, x, std in zip(fit.problem.unknowns, fit.x, fit.std, strict=True):
         low, high = (format_quantity(v, u.unit) for v in fit.interval(u.name))
-        listed.add_row(u.name, format_quantity(u.centre, u.unit), format_quantity(fit.values[u.name], u.unit),
+        rows.add_row(u.name, format_quantity(u.centre, u.unit), format_quantity(fit.values[u.name], u.unit),
                        f"{low} … {high}", f"{x:+.2f}", f"{std:.3f}")  # fmt: skip
-    return listed
+    return rows

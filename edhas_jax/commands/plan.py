@@ -1,62 +1,74 @@
-"""`edhas plan`."""
+"""The command `edhas plan`."""
 
 import json
 from pathlib import Path
 
-from edhas_jax.commands.console import console, table
+from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_user_effects
+from edhas_jax.commands.console import console, file_names, progress_bar, table
 
-MOST_PAIRS = 12
+MAX_PRINTED_PAIRS = 12
 
 
-def plan(options) -> None:
-    """`edhas plan`: say what a campaign could reveal before it is made, write a folder, print the next run."""
-    from rich.progress import BarColumn, Progress, TextColumn
+def add_parser(commands) -> None:
+    """Declare the command and its arguments."""
+    parser = commands.add_parser("plan", help="before any test: what a campaign's runs and sensors could reveal")
+    add_campaign_folder(parser, "folder of the campaign; its runs need no files yet")
+    parser.add_argument("--rate", default="5 kHz", help="sampling of runs without a file (default: 5 kHz)")
+    add_user_effects(parser, "FILE.py:Class", "suspect this effect of your own too; may be given several times")
+    add_output_folder(parser, "plans")
+    parser.set_defaults(command=run)
 
+
+def run(options) -> None:
+    """Predict which effects a planned campaign can detect, write a folder, print the most useful next run.
+
+    Raises:
+        StoreError: the folder exists or cannot be written.
+    """
     from edhas_jax.config.run_folder import StoreError, check_free, free_folder
     from edhas_jax.core.units import to_si
     from edhas_jax.diagnosis.planning.candidate_runs import read_planned
-    from edhas_jax.diagnosis.planning.detectability_plan import as_json
-    from edhas_jax.diagnosis.planning.detectability_plan import plan as foresee
+    from edhas_jax.diagnosis.planning.detectability_plan import as_json, plan
     from edhas_jax.diagnosis.planning.figures import draw_overlaps, draw_sizes
     from edhas_jax.machine.effects.loading import load_effect
 
     campaign = read_planned(options.campaign, to_si(options.rate, "Hz", "5 kHz"))
     folder = options.out or free_folder(Path("plans"), campaign.name)
     check_free(folder, options.overwrite)
-    more = [load_effect(spec) for spec in options.effects]
+    user_effects = [load_effect(spec) for spec in options.effects]
     out = console()
-    with Progress(TextColumn("{task.description}"), BarColumn(), transient=True, console=out) as bar:
-        shown = bar.add_task("compiling", total=1.0)
-        found = foresee(
-            campaign, more=more,
-            on_progress=lambda what, share: bar.update(shown, completed=share, description=what),
+    with progress_bar(out) as bar:
+        task = bar.add_task("compiling", total=1.0)
+        planned = plan(
+            campaign, more=user_effects,
+            on_progress=lambda what, share: bar.update(task, completed=share, description=what),
         )  # fmt: skip
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        plain = json.dumps(as_json(found), indent=2, allow_nan=False)
-        (folder / "plan.json").write_text(plain + "\n", encoding="utf-8")
-        draw_sizes(found).savefig(folder / "sizes.png", dpi=130)
-        draw_overlaps(found).savefig(folder / "overlaps.png", dpi=130)
+        text = json.dumps(as_json(planned), indent=2, allow_nan=False)
+        (folder / "plan.json").write_text(text + "\n", encoding="utf-8")
+        draw_sizes(planned).savefig(folder / "sizes.png", dpi=130)
+        draw_overlaps(planned).savefig(folder / "overlaps.png", dpi=130)
     except OSError as error:
         raise StoreError(f"{folder}: cannot be written: {error.strerror}") from None
-    out.print(sizes_table(found))
-    pairs = found.pairs()
+    out.print(sizes_table(planned))
+    pairs = planned.pairs()
     if pairs:
-        listed = table("seen, but not told apart", "one", "other", "cosine")
-        for one, other, cosine in pairs[:MOST_PAIRS]:
-            listed.add_row(one, other, f"{cosine:.4f}")
-        out.print(listed)
-        if len(pairs) > MOST_PAIRS:
-            out.print(f"and {len(pairs) - MOST_PAIRS} more pairs, in {folder / 'plan.json'}", soft_wrap=True)
-    out.print(found.sentence(), soft_wrap=True)
-    out.print(f"written to {folder}: " + ", ".join(sorted(p.name for p in folder.iterdir())), soft_wrap=True)
+        rows = table("detectable, but not distinguishable", "one", "other", "cosine")
+        for one, other, cosine in pairs[:MAX_PRINTED_PAIRS]:
+            rows.add_row(one, other, f"{cosine:.4f}")
+        out.print(rows)
+        if len(pairs) > MAX_PRINTED_PAIRS:
+            out.print(f"and {len(pairs) - MAX_PRINTED_PAIRS} more pairs, in {folder / 'plan.json'}", soft_wrap=True)
+    out.print(planned.sentence(), soft_wrap=True)
+    out.print(f"written to {folder}: " + file_names(folder), soft_wrap=True)
 
 
-def sizes_table(found):
-    """The suspects and from what size they would be seen, as a rich table."""
-    listed = table("would be seen from this size on", "suspect", "where", "parameter", "seen", "plausible",
+def sizes_table(planned):
+    """The smallest size of each suspect that the campaign would detect, as a rich table."""
+    rows = table("smallest detectable size", "suspect", "where", "parameter", "detectable from", "plausible",
                    "share of the strongest")  # fmt: skip
-    for v in found.visible:
-        share = f"{v.share:.2g}" if v.seen else "not seen"
-        listed.add_row(v.suspect.name, v.suspect.where, v.parameter, v.threshold(), v.plausible(), share)
-    return listed
+    for v in planned.visible:
+        share = f"{v.share:.2g}" if v.seen else "not detectable"
+        rows.add_row(v.suspect.name, v.suspect.where, v.parameter, v.threshold(), v.plausible(), share)
+    return rows

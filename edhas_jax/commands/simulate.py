@@ -1,45 +1,54 @@
-"""`edhas simulate`."""
+"""The command `edhas simulate`."""
 
 import time
 from pathlib import Path
 
-from edhas_jax.commands.console import console, table
+from edhas_jax.commands.arguments import add_output_folder, add_overrides
+from edhas_jax.commands.console import console, file_names, progress_bar, table
+
+SMALLEST_SHARE = 5e-4  # of the energy; smaller entries of the ledger are not printed
 
 
-def simulate(options) -> None:
-    """`edhas simulate`: run a machine, write a run folder, print metrics and ledger."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+def add_parser(commands) -> None:
+    """Declare the command and its arguments."""
+    parser = commands.add_parser("simulate", help="run one machine and write a run folder")
+    parser.add_argument("config", type=Path, help="configuration, YAML")
+    add_overrides(parser, "piston_clearance=15um")
+    add_output_folder(parser, "runs")
+    parser.add_argument("--no-figure", action="store_true", help="write no picture")
+    parser.set_defaults(command=run)
 
+
+def run(options) -> None:
+    """Simulate a machine, write a run folder, print metrics and energy ledger."""
     from edhas_jax.config.machine_config import read_config
     from edhas_jax.config.run_folder import check_free, free_folder, save_run
-    from edhas_jax.simulation.run import simulate as run_machine
+    from edhas_jax.simulation.run import simulate
 
     config = read_config(options.config, options.overrides)
     folder = options.out or free_folder(Path("runs"), options.config.stem)
     check_free(folder, options.overwrite)
     out = console()
     began = time.perf_counter()
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn(), transient=True, console=out
-    ) as bar:
+    with progress_bar(out, time_remaining=True) as bar:
         task = bar.add_task("compiling and simulating", total=1.0)
-        run = run_machine(
+        result = simulate(
             config.machine, config.simulation,
             lambda share: bar.update(task, completed=share, description="simulating"),
         )  # fmt: skip
     seconds = time.perf_counter() - began
-    folder = save_run(run, folder, overwrite=options.overwrite, figure=not options.no_figure)
+    folder = save_run(result, folder, overwrite=options.overwrite, figure=not options.no_figure)
 
-    effects = ", ".join(e.id for e in run.machine.effects) or "none"
-    out.print(f"[bold]{config.name or options.config.stem}[/bold]: {run.machine.name}, effects: {effects}")
-    out.print(f"{run.step_note}; {config.simulation.precision.value}; {seconds:.1f} s with compilation")
-    out.print(metrics_table(run))
-    out.print(ledger_table(run))
-    out.print(f"written to {folder}: " + ", ".join(sorted(p.name for p in folder.iterdir())), soft_wrap=True)
+    effects = ", ".join(e.id for e in result.machine.effects) or "none"
+    out.print(f"[bold]{config.name or options.config.stem}[/bold]: {result.machine.name}, effects: {effects}")
+    out.print(f"{result.step_note}; {config.simulation.precision.value}; {seconds:.1f} s with compilation")
+    out.print(metrics_table(result))
+    out.print(ledger_table(result))
+    out.print(f"written to {folder}: " + file_names(folder), soft_wrap=True)
 
 
 def metrics_table(run):
-    """The metrics of a run as a rich table, in engineering units, or the sentence that says why there are none."""
+    """The metrics of a run as a rich table in engineering units, or a sentence that says why there are none."""
     from edhas_jax.core.units import from_si
     from edhas_jax.simulation.metrics import TooShort
 
@@ -47,21 +56,21 @@ def metrics_table(run):
         metrics = run.metrics
     except TooShort as error:
         return f"no metrics: {error}"
-    listed = table(None, "metric", "value", "unit", "meaning")
+    rows = table(None, "metric", "value", "unit", "meaning")
     for name, metric in metrics.items():
         unit = "" if metric.shown == "-" else metric.shown
-        listed.add_row(name, f"{from_si(metric.value, metric.unit, metric.shown):.5g}", unit, metric.doc)
-    return listed
+        rows.add_row(name, f"{from_si(metric.value, metric.unit, metric.shown):.5g}", unit, metric.doc)
+    return rows
 
 
 def ledger_table(run):
-    """Where the energy of a run went, as a rich table; small entries are left out."""
+    """The energy ledger of a run as a rich table, without entries below `SMALLEST_SHARE`."""
     from edhas_jax.core.units import format_quantity
 
-    listed = table("where the energy went", "row", "group", "energy", "share")
-    for row in run.ledger().itertuples():
-        if abs(row.share) >= 5e-4:
-            listed.add_row(row.Index, row.group, format_quantity(row.energy, "J"), f"{100 * row.share:.1f} %")
+    rows = table("where the energy went", "row", "group", "energy", "share")
+    for entry in run.ledger().itertuples():
+        if abs(entry.share) >= SMALLEST_SHARE:
+            rows.add_row(entry.Index, entry.group, format_quantity(entry.energy, "J"), f"{100 * entry.share:.1f} %")
     residual = run.energy_residual()
-    listed.caption = f"not accounted for: {abs(residual):.0e} of the energy turned over"
-    return listed
+    rows.caption = f"not accounted for: {abs(residual):.0e} of the energy turned over"
+    return rows

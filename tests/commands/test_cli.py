@@ -2,14 +2,16 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.commands.cli import main
-from tests.support import CONFIGS
+from edhas_jax.commands.cli import COMMANDS, main
+from tests.support import CONFIGS, ROOT
 
 QUICK = ["--set", "duration=0.25s", "--set", "sample_rate=2kHz", "--no-figure"]
 
@@ -133,3 +135,25 @@ def test_lists(here, capsys):
     assert "entrained_air" in capsys.readouterr().err
     assert main(["schema"]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads((CONFIGS / "edhas.schema.json").read_text())
+
+
+def test_help_imports_no_numerical_package():
+    """What a command needs is imported when it runs, so that help and completion answer at once."""
+    program = (
+        "import sys, edhas_jax\n"
+        "before = set(sys.modules)\n"
+        "from edhas_jax.commands.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "added = {name.partition('.')[0] for name in set(sys.modules) - before}\n"
+        "print(sorted(added & {'jax', 'numpy', 'scipy', 'pandas', 'pyarrow', 'matplotlib', 'rich', 'llvmlite'}))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip().splitlines()[-1] == "[]"
+
+
+def test_every_command_has_help(capsys):
+    for command in COMMANDS:
+        name = command.__name__.rpartition(".")[2]
+        with pytest.raises(SystemExit) as ended:
+            main([name, "--help"])
+        assert ended.value.code == 0 and f"usage: edhas {name}" in capsys.readouterr().out

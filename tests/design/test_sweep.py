@@ -111,7 +111,7 @@ def test_an_interrupted_sweep_goes_on(here, whole, capsys, monkeypatch):
         stop_after(patch, 2, KeyboardInterrupt())
         assert main(COMMAND) == 130
     said = capsys.readouterr()
-    assert "4 of 8 designs are finished" in said.err and "the same command goes on" in said.err
+    assert "4 of 8 designs are finished" in said.err and "the same command resumes" in said.err
     part = edhas.open_sweep("runs/tiny")
     assert part.done == 4 and part.manifest["state"] == "unfinished"
     assert (part.frame["status"] == "not_run").sum() == 4

@@ -1,0 +1,63 @@
+"""The command `edhas add`."""
+
+from pathlib import Path
+
+from edhas_jax.commands.arguments import add_output_file
+from edhas_jax.commands.console import console, table
+
+
+def add_parser(commands) -> None:
+    """Declare the command and its arguments."""
+    parser = commands.add_parser("add", help="fit a campaign's model with one more effect and write its configuration")
+    parser.add_argument("effect", help="id of an effect, or FILE.py:Class")
+    parser.add_argument("--campaign", type=Path, required=True, help="folder of the campaign")
+    add_output_file(parser, "configuration to write (default: NAME_EFFECT.yaml)")
+    parser.set_defaults(command=run)
+
+
+def run(options) -> None:
+    """Fit a campaign's model with one more effect, write the new configuration, print errors and estimates.
+
+    Raises:
+        CampaignError: the fit fails.
+        StoreError: the file exists or cannot be written.
+    """
+    from rich.markup import escape
+
+    from edhas_jax.config.run_folder import StoreError
+    from edhas_jax.config.writer import dump_config
+    from edhas_jax.core.units import format_quantity
+    from edhas_jax.diagnosis.calibration.fit import FitError
+    from edhas_jax.diagnosis.search.forward_selection import add_effect
+    from edhas_jax.machine.effects.loading import load_effect
+    from edhas_jax.measurements.campaign import CampaignError, Use
+    from edhas_jax.measurements.campaign_reader import read_campaign
+    from edhas_jax.simulation.run import Simulation
+
+    campaign = read_campaign(options.campaign)
+    effect = load_effect(options.effect)
+    path = options.out or Path(f"{campaign.name}_{effect.id}.yaml")
+    if path.exists() and not options.overwrite:
+        raise StoreError(f"{path} exists; give another file with --out, or --overwrite")
+    out = console()
+    with out.status("fitting") as status:
+        try:
+            before, after = add_effect(campaign, effect, lambda sentence: status.update(escape(sentence)))
+        except FitError as error:
+            raise CampaignError(str(error)) from None
+    rate = 1.0 / min(run.interval for run in campaign.runs)
+    text = f"# {campaign.name} with {effect.id}, fitted; before the conditions of any run are set\n"
+    try:
+        path.write_text(text + dump_config(after.fit.machine, Simulation(sample_rate=rate)), encoding="utf-8")
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be written: {error.strerror}") from None
+    rows = table("residual over noise", "model", "fitted runs", "held-out runs")
+    for name, judged in (("calibrated", before), (f"with {effect.id}", after)):
+        rows.add_row(name, f"{judged.level(Use.FIT):.3f}", f"{judged.level(Use.HOLDOUT):.3f}")
+    out.print(rows)
+    units = {u.name: u.unit for u in after.fit.problem.unknowns}
+    for name, value in after.fit.values.items():
+        if name.startswith(f"{effect.id}."):
+            size, error = (format_quantity(v, units[name]) for v in (value, after.fit.errors[name]))
+            out.print(f"{name}: {size} ± {error}")
+    out.print(f"written: {path}; compare it with `edhas compare {options.campaign} --model {path}`", soft_wrap=True)

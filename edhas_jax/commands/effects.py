@@ -1,0 +1,83 @@
+"""The command `edhas effects`."""
+
+from pathlib import Path
+
+from edhas_jax.commands.console import console, table
+
+
+def add_parser(commands) -> None:
+    """Declare the command and its arguments."""
+    parser = commands.add_parser("effects", help="the library of effects; with a name, one effect in full")
+    parser.add_argument("name", nargs="?", help="id of an effect, or FILE.py:Class")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw what the named effect does to the signals")
+    parser.add_argument("--config", type=Path, help="list the effects of this configuration, a user's own included")
+    parser.set_defaults(command=run)
+
+
+def run(options) -> None:
+    """Print the library, the effects of a configuration, or one effect in full."""
+    from edhas_jax.config.machine_config import read_config
+    from edhas_jax.core import structs
+    from edhas_jax.machine.effects import LIBRARY
+    from edhas_jax.machine.effects.loading import load_effect
+
+    out = console()
+    if options.name:
+        effect = load_effect(options.name)
+        _print_effect(effect, out)
+        if options.picture:
+            _draw_effect(effect, options.picture, out)
+        return
+    shown = LIBRARY
+    if options.config:
+        shown = tuple(type(e) for e in read_config(options.config).machine.effects)
+    rows = table("effects", "effect", "acts on", "what it is", "parameters")
+    for effect in shown:
+        where = ", ".join(dict.fromkeys(s.where for s in effect.slots))
+        what = (effect.__doc__ or "").strip().split("\n")[0]
+        rows.add_row(effect.id, where, what, ", ".join(p.name for p in structs.parameters(effect)))
+    out.print(rows)
+
+
+def _print_effect(effect, out) -> None:
+    """Print the description, slots, states and parameters of one effect."""
+    from inspect import cleandoc
+
+    from edhas_jax.core import structs
+    from edhas_jax.core.units import format_quantity
+
+    def interval(bounds, unit):
+        return f"{format_quantity(bounds[0], unit)} … {format_quantity(bounds[1], unit)}" if bounds else "known"
+
+    out.print(f"[bold]{effect.id}[/bold]")
+    out.print(cleandoc(effect.__doc__ or ""), markup=False)
+    if effect.looks_like:
+        out.print(f"\n[bold]looks like[/bold]: {effect.looks_like}")
+    if effect.confused_with:
+        out.print(f"[bold]confused with[/bold]: {', '.join(effect.confused_with)}")
+    out.print("[bold]enters at[/bold]: " + ", ".join(f"{s.name} ({s.where})" for s in effect.slots))
+    for name, state in effect.states.items():
+        out.print(f"[bold]state[/bold]: {name}, {state.doc}, in {state.unit}")
+    rows = table(None, "parameter", "default", "plausible", "allowed", "meaning")
+    for p in structs.parameters(effect):
+        default = format_quantity(p.default, p.unit)
+        rows.add_row(p.name, default, interval(p.plausible, p.unit), interval(p.span, p.unit), p.doc)
+    out.print(rows)
+
+
+def _draw_effect(effect, path, out) -> None:
+    """Draw what an effect does to the signals.
+
+    Raises:
+        StoreError: the picture cannot be written.
+    """
+    from edhas_jax.config.run_folder import StoreError
+    from edhas_jax.simulation.effect_preview import plot_signature, signature
+
+    with out.status(f"runs without and with {effect.id}"):
+        figure = plot_signature(signature(effect()))
+    try:
+        figure.savefig(path, dpi=130)
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{path}: cannot be written: {error}") from None
+    out.print(f"written: {path}", soft_wrap=True)

@@ -1,0 +1,55 @@
+"""The command `edhas parameters`."""
+
+from pathlib import Path
+
+from edhas_jax.commands.console import console, table
+
+NO_SOURCE = "chosen; the paper gives no value"
+
+
+def add_parser(commands) -> None:
+    """Declare the command and its arguments."""
+    parser = commands.add_parser("parameters", help="every parameter with unit, value, range, meaning, source")
+    parser.add_argument("config", nargs="?", type=Path, help="configuration (default: all rigs and effects)")
+    parser.set_defaults(command=run)
+
+
+def run(options) -> None:
+    """Print the parameters of a configuration, or of all rigs, alternative components and effects."""
+    from edhas_jax.config.machine_config import read_config
+    from edhas_jax.core import structs
+    from edhas_jax.core.units import format_quantity
+    from edhas_jax.machine.parameters import list_parameters
+
+    out = console()
+    if options.config:
+        listed = [(p, value) for p, value, _ in list_parameters(read_config(options.config).machine)]
+        title = f"parameters of {options.config}"
+    else:
+        listed = [(p, p.default) for owner in _parameter_owners() for p in structs.parameters(owner)]
+        title = "parameters"
+    rows = table(title, "parameter", "of", "value" if options.config else "default", "allowed", "meaning", "source")
+    for p, value in listed:
+        low, high = (format_quantity(bound, p.unit) for bound in p.span)
+        value = format_quantity(float(value), p.unit)
+        rows.add_row(p.name, structs.owner_id(p.owner), value, f"{low} … {high}", p.doc, p.source or NO_SOURCE)
+    out.print(rows)
+
+
+def _parameter_owners() -> list[type]:
+    """Every struct that declares parameters: components of all rigs, alternatives of the sections, effects."""
+    import typing
+
+    from edhas_jax.machine import rigs
+    from edhas_jax.machine.effects import LIBRARY
+    from edhas_jax.machine.parameters import KINDS
+
+    found: dict[type, None] = {}
+    for rig in rigs.RIGS.values():
+        for name, kind in typing.get_type_hints(rig).items():
+            if name == "effects":
+                continue
+            for owner in KINDS[name].values() if name in KINDS else typing.get_args(kind) or (kind,):
+                if hasattr(owner, "__dataclass_fields__"):
+                    found[owner] = None
+    return [*found, *LIBRARY]

@@ -1,0 +1,16 @@
+"""The command `edhas schema`."""
+
+import json
+
+
+def add_parser(commands) -> None:
+    """Declare the command and its arguments."""
+    parser = commands.add_parser("schema", help="the JSON schema of configurations, for completion in editors")
+    parser.set_defaults(command=run)
+
+
+def run(options) -> None:
+    """Print the JSON schema of configurations."""
+    from edhas_jax.config.json_schema import json_schema
+
+    print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
