@@ -1,0 +1,1 @@
+"""Which position controller tracks best, in continuous time and sampled?"""

@@ -1,0 +1,1 @@
+"""A first run of the machine, and a first diagnosis of a missing effect."""

@@ -19,13 +19,14 @@ from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.simulation import integrator
 from tests.support import CONFIGS
+from tests.support.fmu_unit import INTERVAL, Unit, difference
 
 fmpy = pytest.importorskip("fmpy")
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 
 PUMP_EFFECTS = ["lugre_friction", "piston_leakage", "entrained_air"]
 QUICK = {"duration": "0.06 s", "sample_rate": "2 kHz"}
-INTERVAL, SAMPLES = 5e-4, 121  # of these runs
+SAMPLES = 121  # of these runs
 SINE = {"kind": "sine", "frequency": "30 Hz", "ramp_time": "20 ms"}
 ACTUATOR = {"rig": "actuator_bench", "reference": SINE, "simulation": QUICK}
 PUMP = {"rig": "pump_bench", "effects": PUMP_EFFECTS, "reference": SINE, "simulation": QUICK}
@@ -36,48 +37,6 @@ CHANGED = {
     "actuator_system": {"load_force": 150.0, "step_size": 8e-3, "cylinder_sliding_friction": 20.0},
 }
 ROUNDING = 1e-10  # of the range of a signal; 1e-12 is what comes out
-
-
-class Unit:
-    """A written unit, and what FMPy makes of it."""
-
-    def __init__(self, path: Path, config, inputs=()):
-        self.path, self.config = path, config
-        self.fmu = export_fmu(config, path, inputs)
-        self.description = fmpy.read_model_description(str(path))
-        self.folder = fmpy.extract(str(path), str(path.with_suffix("")))
-        self.outputs = [v.name for v in self.fmu.program.outputs]
-        self.number = {v.name: v.valueReference for v in self.description.modelVariables}
-
-    def instance(self, **values):
-        """An instance at the start of a run."""
-        from fmpy.fmi2 import FMU2Slave
-
-        kind = self.description.coSimulation
-        made = FMU2Slave(guid=self.description.guid, unzipDirectory=self.folder, modelIdentifier=kind.modelIdentifier)
-        made.instantiate()
-        made.setupExperiment()
-        made.enterInitializationMode()
-        self.give(made, **values)
-        made.exitInitializationMode()
-        return made
-
-    def give(self, made, **values) -> None:
-        """Set inputs or parameters."""
-        made.setReal([self.number[n] for n in values], list(values.values()))
-
-    def see(self, made) -> list[float]:
-        """All outputs."""
-        return made.getReal([self.number[n] for n in self.outputs])
-
-    def run(self, made, count: int, first: int = 0, interval: float = INTERVAL, before=lambda t: {}) -> dict:
-        """The outputs at `count` communication points, a step after each; `before` gives the inputs at a time."""
-        rows = []
-        for k in range(first, first + count):
-            self.give(made, **before(k * interval))
-            rows.append(self.see(made))
-            made.doStep(k * interval, interval)
-        return dict(zip(self.outputs, np.array(rows).T, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -92,17 +51,6 @@ def unit(tmp_path_factory):
         return made[key]
 
     return of
-
-
-def difference(columns, signals) -> float:
-    """The largest difference of any signal, as a share of its range."""
-
-    def share(got, expected):
-        # what stands still differs by the rounding of its value
-        span = max(np.ptp(expected), 1e-9 * np.abs(expected).max()) or 1.0
-        return np.abs(got - expected[: len(got)]).max() / span
-
-    return max(share(v, np.asarray(signals[n])) for n, v in columns.items())
 
 
 @pytest.mark.parametrize("mapping", [ACTUATOR, PUMP, SYSTEM], ids=lambda m: m["rig"])

@@ -1,8 +1,10 @@
-"""How the package is made: who may import whom, how long a module is, what is documented, what an import costs."""
+"""Import contract, size and documentation of modules, size of folders, and the cost of an import."""
 
 import ast
 import subprocess
 import sys
+import tomllib
+from collections import Counter
 
 import pytest
 
@@ -10,44 +12,72 @@ import edhas_jax
 from edhas_jax.machine.interface.slots import SLOTS
 from tests.support import ROOT
 
-MODULES = sorted((ROOT / "edhas_jax").rglob("*.py"))
-LONGEST = 300
+PACKAGE = sorted((ROOT / "edhas_jax").rglob("*.py"))
+STUDIES = sorted((ROOT / "studies").rglob("*.py"))
+TESTS = sorted(p for p in (ROOT / "tests").rglob("*.py") if not p.parent.name.startswith("malformed"))
+MAX_LINES_PER_FILE = 300
+MAX_MODULES_PER_FOLDER = 30
+MAX_LAYERS = 10
 HEAVY = ("matplotlib", "pint", "rich")
+
+
+def relative(path) -> str:
+    return str(path.relative_to(ROOT))
 
 
 def python(code: str) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=300)
 
 
-def test_import_contracts():
+def test_import_contracts_hold():
     done = python("from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))")
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_module(path):
+def test_the_layers_of_the_contract_are_the_packages():
+    """An exhaustive contract of at most ten layers, whose entries are all the packages in the folder and no modules."""
+    config = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    (contract,) = (c for c in config["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
+    assert contract["containers"] == ["edhas_jax"] and contract["exhaustive"] and not contract.get("ignore_imports")
+    assert len(contract["layers"]) <= MAX_LAYERS
+    listed = {name.strip() for layer in contract["layers"] for name in layer.split("|")}
+    assert listed == {path.parent.name for path in (ROOT / "edhas_jax").glob("*/__init__.py")}
+
+
+@pytest.mark.parametrize("path", PACKAGE + STUDIES, ids=relative)
+def test_a_module_is_short_and_documented(path):
     text = path.read_text(encoding="utf-8")
     module = ast.parse(text)
-    assert len(text.splitlines()) <= LONGEST
+    assert len(text.splitlines()) <= MAX_LINES_PER_FILE
     assert ast.get_docstring(module), "no docstring"
-    silent = [name for name, node in public(module) if not ast.get_docstring(node)]
-    assert not silent, f"without a docstring: {', '.join(silent)}"
+    undocumented = [name for name, node in public(module) if not ast.get_docstring(node)]
+    assert not undocumented, f"without a docstring: {', '.join(undocumented)}"
+
+
+@pytest.mark.parametrize("path", [p for p in TESTS if p.stat().st_size], ids=relative)
+def test_a_test_module_is_short_and_documented(path):
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= MAX_LINES_PER_FILE
+    assert ast.get_docstring(ast.parse(text)), "no docstring"
+
+
+def test_no_folder_is_crowded():
+    modules = Counter(relative(path.parent) for path in PACKAGE + STUDIES + TESTS)
+    assert not {folder: n for folder, n in modules.items() if n > MAX_MODULES_PER_FOLDER}
+
+
+def test_studies_do_not_import_in_circles():
+    imports = {module_name(path): imported(path) for path in STUDIES}
+    while leaves := [name for name, others in imports.items() if not others & imports.keys()]:
+        for name in leaves:
+            del imports[name]
+    assert not imports, f"circle among {', '.join(sorted(imports))}"
 
 
 def test_no_public_name_is_that_of_a_module():
     """Importing the module would put it in the place of the function."""
-    named = {path.stem for path in MODULES if path.parent.name == "edhas_jax"}
-    assert not named & set(edhas_jax.__all__)
-
-
-def public(node: ast.Module | ast.ClassDef, owner: str = ""):
-    """The public functions, classes and methods of a module, by dotted name; what fills a slot is told by the slot."""
-    for inner in node.body:
-        if isinstance(inner, ast.FunctionDef | ast.ClassDef) and not inner.name.startswith("_"):
-            if not (owner and (inner.name in SLOTS or inner.name == "rates")):
-                yield owner + inner.name, inner
-            if isinstance(inner, ast.ClassDef):
-                yield from public(inner, f"{owner}{inner.name}.")
+    modules = {path.stem for path in PACKAGE if path.parent.name == "edhas_jax"}
+    assert not modules & set(edhas_jax.__all__)
 
 
 def test_the_core_imports_no_heavy_package():
@@ -56,3 +86,28 @@ def test_the_core_imports_no_heavy_package():
     loaded = set(done.stdout.split())
     assert "edhas_jax.machine.rigs" in loaded
     assert not loaded & set(HEAVY)
+
+
+def public(node: ast.Module | ast.ClassDef, owner: str = ""):
+    """The public functions, classes and methods of a module by dotted name; a slot documents what fills it."""
+    for inner in node.body:
+        if isinstance(inner, ast.FunctionDef | ast.ClassDef) and not inner.name.startswith("_"):
+            if not (owner and (inner.name in SLOTS or inner.name == "rates")):
+                yield owner + inner.name, inner
+            if isinstance(inner, ast.ClassDef):
+                yield from public(inner, f"{owner}{inner.name}.")
+
+
+def module_name(path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imported(path) -> set[str]:
+    """Every module named by an import of a file, wherever in the file it stands; `from a import b` names a and a.b."""
+    out = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            out |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            out |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return out
