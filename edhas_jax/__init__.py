@@ -29,7 +29,7 @@ _PUBLIC = {
     "compare": ("measurements.comparison", "compare"),
     "find_patterns": ("measurements.residual_patterns", "find_patterns"),
     "uncertain_unknowns": ("measurements.prior", "uncertain_unknowns"),
-    "FitProblem": ("diagnosis.calibration.fit", "Problem"),
+    "FitProblem": ("diagnosis.calibration.fit", "FitProblem"),
     "calibrate": ("diagnosis.calibration.fit", "fit"),
     "gradient": ("design.gradient.table", "gradient"),
     "GradientSettings": ("design.gradient.fixed_point", "GradientSettings"),

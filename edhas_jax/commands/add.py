@@ -58,6 +58,6 @@ def run(options) -> None:
     units = {u.name: u.unit for u in after.fit.problem.unknowns}
     for name, value in after.fit.values.items():
         if name.startswith(f"{effect.id}."):
-            size, error = (format_quantity(v, units[name]) for v in (value, after.fit.errors[name]))
+            size, error = (format_quantity(v, units[name]) for v in (value, after.fit.standard_errors[name]))
             out.print(f"{name}: {size} ± {error}")
     out.print(f"written: {path}; compare it with `edhas compare {options.campaign} --model {path}`", soft_wrap=True)

@@ -30,10 +30,10 @@ def run(options) -> None:
     from rich.markup import escape
 
     from edhas_jax.config.run_folder import StoreError, check_free, free_folder
-    from edhas_jax.diagnosis.calibration.fit import FitError, Problem, fit
+    from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem, fit
     from edhas_jax.diagnosis.calibration.report import fit_report
-    from edhas_jax.diagnosis.calibration.result import Calibration, residuals_of, save_calibration
-    from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile
+    from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
+    from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
     from edhas_jax.measurements.campaign import CampaignError
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.measurement_chain import Instruments
@@ -51,7 +51,7 @@ def run(options) -> None:
     out = console()
     print_remarks(out, campaign.remarks)
     with out.status("reading") as status:
-        problem = Problem(campaign, campaign.machine, unknowns)
+        problem = FitProblem(campaign, campaign.machine, unknowns)
         try:
             calibrated = fit(problem, starts=options.starts, on_progress=status.update)
         except FitError as error:
@@ -61,13 +61,15 @@ def run(options) -> None:
             drift = fit_each_run(calibrated, lambda step: status.update(f"each run alone, {step}"))
             for name in options.profile:
                 what = f"profile of {name}, "
-                profiles.append(profile(calibrated, name, lambda step, what=what: status.update(what + step)))
+                profiles.append(
+                    profile_likelihood(calibrated, name, lambda step, what=what: status.update(what + step))
+                )
         except KeyboardInterrupt:
             out.print("interrupted: the results so far are written")
         status.update("residuals of all runs")
         fine = calibrated.resolution.fine
-        before = residuals_of(campaign, campaign.machine, Instruments(), fine)
-        after = residuals_of(campaign, calibrated.machine, calibrated.instruments, fine)
+        before = campaign_residuals(campaign, campaign.machine, Instruments(), fine)
+        after = campaign_residuals(campaign, calibrated.machine, calibrated.instruments, fine)
     seconds = time.perf_counter() - began
     result = Calibration(calibrated, drift, tuple(profiles), before, after, seconds)
     try:
@@ -87,7 +89,7 @@ def errors_table(result):
     """Residual over noise of each signal as a rich table: before and after, on the fitted and the held-out runs."""
     columns = [f"{state}, {use}" for use in ("fitted", "held out") for state in ("before", "calibrated")]
     rows = table("residual over noise", "signal", *columns)
-    errors = result.errors()
+    errors = result.rms_residuals()
     columns = [errors[state][use] for use in ("fit", "holdout") for state in ("before", "calibrated")]
     for name in columns[0]:
         rows.add_row(name, *(f"{column[name]:.2f}" if name in column else "" for column in columns))

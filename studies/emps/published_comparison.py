@@ -23,7 +23,7 @@ from scipy.signal import butter, filtfilt
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
-from edhas_jax.diagnosis.calibration.fit import Fit, Problem, fit
+from edhas_jax.diagnosis.calibration.fit import Fit, FitProblem, fit
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.parameters import find_parameter, get_parameter
 from edhas_jax.measurements.campaign import Campaign
@@ -105,7 +105,7 @@ def fit_loop(campaign: Campaign, names: tuple[str, ...], gains: tuple[str, ...] 
         law = Law.SHIFT if name in SHIFTS else Law.FACTOR
         unknowns.append(Unknown(name, p.default, SHIFTS.get(name, 0.3), p.unit, p.span, law))
     unknowns += [unknown_of(machine, name, GAIN_SPREAD) for name in gains]
-    return fit(Problem(campaign, machine, tuple(unknowns)), starts=1)
+    return fit(FitProblem(campaign, machine, tuple(unknowns)), starts=1)
 
 
 def loop_error(found: Fit) -> float:
@@ -128,7 +128,7 @@ def main(arguments: list[str] | None = None) -> None:
         with console.status(f"fitting: {name}"):
             stated, found = (fit_loop(campaign, unknowns, gains) for gains in ((), GAINS))
         force, (known, loop) = force_error(campaign, columns), (1e6 * loop_error(one) for one in (stated, found))
-        told = ", ".join(f"{n} {v:.4g} ± {found.errors[n]:.1g}" for n, v in found.values.items())
+        told = ", ".join(f"{n} {v:.4g} ± {found.standard_errors[n]:.1g}" for n, v in found.values.items())
         published = PUBLISHED[name]
         table.add_row(
             name, f"{force:.2f} %", f"{published[0]:.4g} %", f"{known:.2f} µm", f"{loop:.2f} µm",

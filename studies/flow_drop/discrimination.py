@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.least_squares import Quadratic, minimise
+from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.diagnosis.search.candidates import believable
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.measurements.prior import unknown_of
@@ -194,14 +194,14 @@ def _refitted(model: Suspected, goals: Sequence[Goal], runs: Sequence[Run]) -> n
     def evaluate(x, which):
         found = model.read(x, runs, derive=True)
         rows = [_whitened(found, k, goals[goal], (MEAN_FLOW,)) for k, goal in enumerate(which)]
-        return Quadratic(
+        return QuadraticModel(
             np.array([0.5 * (r @ r + at @ at) for (r, _), at in zip(rows, x, strict=True)]),
             np.stack([j.T @ r + at for (r, j), at in zip(rows, x, strict=True)]),
             np.stack([j.T @ j + np.eye(x.shape[1]) for _, j in rows]),
         )
 
     low, high = np.array([u.bounds() for u in model.unknowns]).T
-    return minimise(evaluate, np.zeros((len(goals), len(low))), low, high, tolerance=0.1, most_steps=STEPS).x
+    return levenberg_marquardt(evaluate, np.zeros((len(goals), len(low))), low, high, tolerance=0.1, max_steps=STEPS).x
 
 
 class Settling(NamedTuple):

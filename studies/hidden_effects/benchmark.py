@@ -62,7 +62,7 @@ def answered(found: Diagnosis) -> dict[str, Any]:
     final = found.final
     own = {
         t.suspect.name: {
-            n.removeprefix(t.suspect.prefix): [v, final.errors[n]]
+            n.removeprefix(t.suspect.prefix): [v, final.standard_errors[n]]
             for n, v in final.values.items()
             if n.startswith(t.suspect.prefix)
         }

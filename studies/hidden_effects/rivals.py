@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.signal import savgol_filter
 
-from edhas_jax.diagnosis.calibration.fit import Fit, Problem
+from edhas_jax.diagnosis.calibration.fit import Fit, FitProblem
 from edhas_jax.diagnosis.search.candidates import Suspect, grid, mounted, problem_of, unknowns_of
 from edhas_jax.diagnosis.search.evaluated_fit import start_from
 from edhas_jax.machine.interface.signals import SIGNALS
@@ -40,7 +40,7 @@ def signatures(fitted: Fit, suspects: list[Suspect], per_sample: int) -> tuple[n
     campaign, runs = fitted.problem.campaign, fitted.problem.model().runs
     every = tuple(range(len(runs)))
 
-    def seen(problem: Problem, x: np.ndarray) -> list[dict[str, np.ndarray]]:
+    def seen(problem: FitProblem, x: np.ndarray) -> list[dict[str, np.ndarray]]:
         found = problem.model().outcomes([Case(x, every)], per_sample, derive=False)[0]
         return [found[r].values for r in every]
 

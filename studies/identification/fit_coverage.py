@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import Problem, fit
+from edhas_jax.diagnosis.calibration.fit import FitProblem, fit
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.predicted_signals import Case, Model
@@ -52,7 +52,8 @@ def study(campaign: Campaign, count: int, seed: int = 1) -> np.ndarray:
         truth = np.clip(rng.standard_normal(len(unknowns)), -2.0, 2.0)
         made = synthesise(campaign, unknowns, truth, MADE_FINER * chosen.fine, rng)
         began = time.perf_counter()
-        found = fit(Problem(made, made.machine, unknowns), starts=1, resolution=Resolution(*chosen[:2], chosen.error))
+        problem = FitProblem(made, made.machine, unknowns)
+        found = fit(problem, starts=1, resolution=Resolution(*chosen[:2], chosen.error))
         out[k] = (found.x - truth) / found.std
         inside = int((np.abs(out[k]) <= 1.96).sum())
         print(f"campaign {k + 1}: {inside} of {len(unknowns)} inside, {time.perf_counter() - began:.1f} s", flush=True)

@@ -16,7 +16,7 @@ import numpy as np
 import edhas_jax as edhas
 from edhas_jax.core.plot_style import COLOURS, INK
 from edhas_jax.core.units import format_quantity
-from edhas_jax.diagnosis.calibration.fit import Fit, Problem, fit
+from edhas_jax.diagnosis.calibration.fit import Fit, FitProblem, fit
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects import LugreFriction
 from edhas_jax.machine.parameters import find_parameter, get_parameter
@@ -83,7 +83,7 @@ def identify(campaign: Campaign) -> Fit:
     for name in TRUTH:
         p, _ = find_parameter(machine, name)
         unknowns.append(Unknown(name, float(get_parameter(machine, name)), 0.5, p.unit, p.span, prior=False))
-    return fit(Problem(campaign, machine, tuple(unknowns)), starts=np.zeros((1, len(unknowns))))
+    return fit(FitProblem(campaign, machine, tuple(unknowns)), starts=np.zeros((1, len(unknowns))))
 
 
 def draw(found: Fit):
@@ -138,9 +138,10 @@ def main(arguments: list[str] | None = None) -> None:
     worst = 0.0
     for name, value in found.values.items():
         unit = next(u.unit for u in found.problem.unknowns if u.name == name)
-        off = (value - TRUTH[name]) / found.errors[name]
+        error = found.standard_errors[name]
+        off = (value - TRUTH[name]) / error
         worst = max(worst, abs(value / TRUTH[name] - 1.0))
-        print(f"{name:20s} {format_quantity(value, unit):>14s} ± {format_quantity(found.errors[name], unit):<12s} "
+        print(f"{name:20s} {format_quantity(value, unit):>14s} ± {format_quantity(error, unit):<12s} "
               f"true {format_quantity(TRUTH[name], unit):>12s}  {off:+.1f} σ")  # fmt: skip
     if out:
         draw(found).savefig(out, dpi=110)

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.least_squares import Quadratic, minimise
+from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import PumpBench
 from studies.paper.published_numbers import AIMS, FREE, complete
@@ -96,7 +96,7 @@ def calibrate(machine: PumpBench, on_step: Callable[[int, np.ndarray], None] | N
 
     def evaluate(x, which):
         rows = [residuals(machine, point) for point in x]
-        return Quadratic(
+        return QuadraticModel(
             np.array([0.5 * r @ r for r, _ in rows]),
             np.stack([j.T @ r for r, j in rows]),
             np.stack([j.T @ j for _, j in rows]),
@@ -104,14 +104,14 @@ def calibrate(machine: PumpBench, on_step: Callable[[int, np.ndarray], None] | N
 
     told = None if on_step is None else lambda number, cost: on_step(number, 2.0 * cost)
     zero, one = np.zeros(len(FREE)), np.ones(len(FREE))
-    found = minimise(evaluate, STARTS, zero, one, tolerance=1e-3, most_steps=25, on_step=told)
-    best = int(np.argmin(found.at.cost))
+    found = levenberg_marquardt(evaluate, STARTS, zero, one, tolerance=1e-3, max_steps=25, on_step=told)
+    best = int(np.argmin(found.model.cost))
     x = found.x[best]
     reached, slopes = aims_at(machine, x)
     deviation = np.array([AIMS[n][1] for n in reached])
     # a Gaussian with the curvature of the sum of squares: the deviations count as standard deviations
-    spread = np.sqrt(np.diag(np.linalg.inv(found.at.curvature[best]))) * SPAN
+    spread = np.sqrt(np.diag(np.linalg.inv(found.model.curvature[best]))) * SPAN
     return Calibrated(
         {n: float(v) for n, v in chosen_at(x).items()}, reached, slopes / deviation[:, None],
-        dict(zip(NAMES, spread.tolist(), strict=True)), 2.0 * found.at.cost, int(found.steps.sum()),
+        dict(zip(NAMES, spread.tolist(), strict=True)), 2.0 * found.model.cost, int(found.steps.sum()),
     )  # fmt: skip

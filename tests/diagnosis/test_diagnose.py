@@ -118,7 +118,7 @@ def test_one_effect():
     assert lead(found) > DECISIVE
     assert found.candidates()[0][1] > 0.95 and next(iter(found.where())) == "coil"
     name = "inverter_dead_time.dead_time_voltage"
-    assert abs(found.final.values[name] - 0.8) < max(0.08, 2.0 * found.final.errors[name])
+    assert abs(found.final.values[name] - 0.8) < max(0.08, 2.0 * found.final.standard_errors[name])
 
 
 def test_two_effects():

@@ -1,4 +1,4 @@
-"""Calibration on campaigns whose truth is known: estimates, errors, priors, sensors, drift, profiles, the folder."""
+"""Calibration on synthetic campaigns: estimates, standard errors, priors, sensors, drift, profiles, result folder."""
 
 import dataclasses
 import json
@@ -9,10 +9,10 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import read_config
-from edhas_jax.diagnosis.calibration.fit import FitError, Problem, fit
+from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem, fit
 from edhas_jax.diagnosis.calibration.report import fit_report
-from edhas_jax.diagnosis.calibration.result import Calibration, residuals_of, save_calibration
-from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile
+from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
+from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
 from edhas_jax.machine.parameters import ParameterError, get_parameter
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.measurement_chain import Instruments
@@ -26,7 +26,7 @@ TRUTH = {"coil_resistance": 1.45, "force_constant": 24.2, "mover_damping": 25.0,
 
 
 def problem_of(campaign, **more):
-    return Problem(campaign, campaign.machine, uncertain_unknowns(campaign), **more)
+    return FitProblem(campaign, campaign.machine, uncertain_unknowns(campaign), **more)
 
 
 @pytest.fixture(scope="module")
@@ -39,23 +39,23 @@ def found(campaign):
     return fit(problem_of(campaign), starts=3)
 
 
-def test_the_truth_is_found_within_its_errors(found):
+def test_true_values_lie_within_three_standard_errors(found):
     assert found.converged
     for name, value in TRUTH.items():
         low, high = found.interval(name, 3.0)
         assert low < value < high, name
-        assert found.errors[name] < 0.01 * value
+        assert found.standard_errors[name] < 0.01 * value
 
 
-def test_what_is_left_is_noise_on_runs_that_were_not_fitted(campaign, found):
-    left = residuals_of(campaign, found.machine, found.instruments, PER_SAMPLE)
+def test_residuals_of_all_runs_are_noise_after_the_fit(campaign, found):
+    after = campaign_residuals(campaign, found.machine, found.instruments, PER_SAMPLE)
     for use in Use:
-        assert all(value == pytest.approx(1.0, abs=0.12) for value in levels(campaign, left, use).values())
-    before = residuals_of(campaign, campaign.machine, Instruments(), PER_SAMPLE)
+        assert all(value == pytest.approx(1.0, abs=0.12) for value in levels(campaign, after, use).values())
+    before = campaign_residuals(campaign, campaign.machine, Instruments(), PER_SAMPLE)
     assert level(before["run3"].values()) > 1.4
 
 
-def test_the_slopes_are_those_of_the_signals(campaign):
+def test_derivatives_of_the_signals_match_finite_differences(campaign):
     unknowns = uncertain_unknowns(campaign)
     chains = Instruments({"current": (SensorLag(lag_time=1e-3), SensorOffset(offset=0.1))})
     lag = Unknown("current.sensor_lag.lag_time", 1e-3, 0.5, "s", (1e-5, 1.0))
@@ -72,39 +72,38 @@ def test_the_slopes_are_those_of_the_signals(campaign):
             np.testing.assert_allclose(slopes[:, k], expected, atol=1e-3 * max(np.abs(slopes).max(), 1e-12))
 
 
-def test_without_information_the_prior_remains(campaign):
+def test_an_uninformed_unknown_keeps_its_prior(campaign):
     problem = problem_of(campaign)
-    no_matter = unknown_of(campaign.machine, "stop_stiffness", 0.2)
-    result = fit(dataclasses.replace(problem, unknowns=(*problem.unknowns, no_matter)), starts=1)
+    uninformed = unknown_of(campaign.machine, "stop_stiffness", 0.2)
+    result = fit(dataclasses.replace(problem, unknowns=(*problem.unknowns, uninformed)), starts=1)
     assert result.std[-1] == pytest.approx(1.0, abs=1e-6) and result.x[-1] == pytest.approx(0.0, abs=1e-6)
-    left = Calibration(result, None, (), {}, {}, 0.0)
-    assert left.unseen() == ["stop_stiffness"]
+    assert Calibration(result, None, (), {}, {}, 0.0).unidentified() == ["stop_stiffness"]
 
 
-def test_a_prior_is_weighed_against_the_data():
-    sure = measured(empty_campaign(uncertain={"mover_damping": 0.01}), edhas.change(bench(), mover_damping=25.0))
-    result = fit(problem_of(sure), starts=1)
+def test_a_narrow_prior_limits_the_estimate():
+    campaign = measured(empty_campaign(uncertain={"mover_damping": 0.01}), edhas.change(bench(), mover_damping=25.0))
+    result = fit(problem_of(campaign), starts=1)
     assert 20.2 < result.values["mover_damping"] < 21.0  # no further than four standard deviations
     assert Calibration(result, None, (), {}, {}, 0.0).implausible() == ["mover_damping"]
 
 
-def test_an_uncertain_condition_is_a_common_factor():
+def test_an_uncertain_condition_is_scaled_by_a_common_factor():
     set_to = 1.2, 1.6, 1.4
     conditions = tuple(given | {"coil_resistance": value} for given, value in zip(CONDITIONS, set_to, strict=True))
     campaign = empty_campaign(conditions=conditions)
     campaign = measured(campaign, edhas.change(bench(), coil_resistance=1.41 * 1.03))
     factor = unknown_of(campaign.machine, "coil_resistance", 0.02)
-    result = fit(Problem(campaign, campaign.machine, (factor,)), starts=1)
+    result = fit(FitProblem(campaign, campaign.machine, (factor,)), starts=1)
     low, high = result.interval("coil_resistance", 3.0)
     assert low < 1.41 * 1.03 < high and high - low < 0.02
 
 
-def test_a_condition_that_is_not_uncertain_cannot_be_sought(campaign):
+def test_a_certain_condition_cannot_be_estimated(campaign):
     with pytest.raises(ParameterError, match="frequency: is set by the runs"):
-        fit(Problem(campaign, campaign.machine, (unknown_of(campaign.machine, "frequency", 0.1),)))
+        fit(FitProblem(campaign, campaign.machine, (unknown_of(campaign.machine, "frequency", 0.1),)))
 
 
-def test_a_lagging_sensor_is_found():
+def test_the_lag_of_a_sensor_is_estimated():
     chain = Instruments({"current": (SensorLag(lag_time=1.5e-3),)})
     campaign = measured(empty_campaign(), bench(), chain)
     unknowns = (
@@ -112,13 +111,13 @@ def test_a_lagging_sensor_is_found():
         Unknown("current.sensor_lag.lag_time", 3e-3, 1.0, "s", (1e-5, 0.05), prior=False),
     )
     guess = Instruments({"current": (SensorLag(lag_time=3e-3),)})
-    result = fit(Problem(campaign, campaign.machine, unknowns, guess), starts=2)
+    result = fit(FitProblem(campaign, campaign.machine, unknowns, guess), starts=2)
     assert result.values["current.sensor_lag.lag_time"] == pytest.approx(1.5e-3, abs=5 * result.std[1] * 1.5e-3)
     assert float(result.instruments.chains["current"][0].lag_time) == result.values["current.sensor_lag.lag_time"]
     assert float(get_parameter(result.machine, "coil_resistance")) == result.values["coil_resistance"]
 
 
-def test_missing_samples_are_left_out(campaign, found):
+def test_missing_samples_are_ignored(campaign, found):
     runs = []
     for run in campaign.runs:
         signals = {n: v.copy() for n, v in run.signals.items()}
@@ -130,8 +129,7 @@ def test_missing_samples_are_left_out(campaign, found):
     assert (result.std >= found.std).all()
 
 
-def test_other_time_stamps(campaign):
-    """Jittering stamps are met by interpolation, not taken for even ones."""
+def test_uneven_time_stamps_are_interpolated(campaign):
     rng = np.random.default_rng(3)
     run = campaign.runs[0]
     jittered = np.sort(run.time + 5e-5 * rng.uniform(-1.0, 1.0, len(run.time)).clip(-0.9, 0.9))
@@ -144,11 +142,10 @@ def test_other_time_stamps(campaign):
         np.testing.assert_allclose(out[1].values[name], expected, atol=5e-3 * np.ptp(values))
 
 
-def test_drift_tells_the_run_that_is_different(campaign, found):
-    calm = fit_each_run(found)
-    assert np.abs(calm.score).max() < 4.0
-    hot = [edhas.change(bench(), **TRUTH), edhas.change(bench(), **(TRUTH | {"coil_resistance": 1.6})), bench()]
-    other = measured(empty_campaign(), None, each=hot)
+def test_drift_is_detected_in_a_parameter_that_differs_between_runs(campaign, found):
+    assert np.abs(fit_each_run(found).score).max() < 4.0
+    machines = [edhas.change(bench(), **TRUTH), edhas.change(bench(), **(TRUTH | {"coil_resistance": 1.6})), bench()]
+    other = measured(empty_campaign(), None, each=machines)
     result = fit(problem_of(other), starts=1)
     noise = {run.name: {"current": np.ones(9)} for run in other.runs}
     calibration = Calibration(result, fit_each_run(result), (), noise, noise, 0.0)
@@ -156,15 +153,15 @@ def test_drift_tells_the_run_that_is_different(campaign, found):
     assert any("drifts from run to run" in sentence for sentence in calibration.findings())
 
 
-def test_the_profile_of_a_nearly_linear_unknown_is_its_parabola(found):
-    one = profile(found, "force_constant")
-    distance = (one.x - found.x[1]) / found.std[1]
-    np.testing.assert_allclose(one.rise, distance**2, atol=0.15 + 0.1 * distance.max() ** 2)
-    low, high = one.interval()
+def test_the_profile_of_a_nearly_linear_unknown_is_a_parabola(found):
+    profile = profile_likelihood(found, "force_constant")
+    distance = (profile.x - found.x[1]) / found.std[1]
+    np.testing.assert_allclose(profile.chi2_increase, distance**2, atol=0.15 + 0.1 * distance.max() ** 2)
+    low, high = profile.interval()
     assert (low, high) == pytest.approx(found.interval("force_constant"), rel=2e-4)
 
 
-def test_the_step_is_as_fine_as_the_noise_asks_for(campaign):
+def test_the_step_follows_the_allowed_error_over_noise(campaign):
     model = Model(campaign, campaign.machine, (), campaign.runs)
     chosen = choose_resolution(model, np.zeros(0), share=0.1)
     assert chosen.error < 0.1 and chosen.rough <= chosen.fine
@@ -172,23 +169,25 @@ def test_the_step_is_as_fine_as_the_noise_asks_for(campaign):
     assert strict.fine > chosen.fine
 
 
-def test_nothing_to_fit(campaign):
+def test_a_problem_without_unknowns_or_runs_is_refused(campaign):
     with pytest.raises(FitError, match="nothing is named under `uncertain`"):
-        fit(Problem(campaign, campaign.machine, ()))
-    held = dataclasses.replace(campaign, runs=campaign.runs[2:])
+        fit(FitProblem(campaign, campaign.machine, ()))
+    only_holdout = dataclasses.replace(campaign, runs=campaign.runs[2:])
     with pytest.raises(FitError, match="no run has `use: fit`"):
-        fit(problem_of(held))
+        fit(problem_of(only_holdout))
 
 
-def test_the_folder(campaign, found, tmp_path):
-    before, after = (residuals_of(campaign, m, Instruments(), PER_SAMPLE) for m in (campaign.machine, found.machine))
-    result = Calibration(found, fit_each_run(found), (profile(found, "coulomb_friction"),), before, after, 1.0)
+def test_the_result_folder(campaign, found, tmp_path):
+    machines = campaign.machine, found.machine
+    before, after = (campaign_residuals(campaign, m, Instruments(), PER_SAMPLE) for m in machines)
+    profiles = (profile_likelihood(found, "coulomb_friction"),)
+    result = Calibration(found, fit_each_run(found), profiles, before, after, 1.0)
     save_calibration(result, tmp_path)
-    told = json.loads((tmp_path / "fit.json").read_text())
-    assert told["calibrated"]["coil_resistance"]["unit"] == "ohm"
-    assert told["calibrated"]["coil_resistance"]["value"] == pytest.approx(1.45, rel=1e-2)
-    assert told["error"]["before"]["holdout"]["overall"] > told["error"]["calibrated"]["holdout"]["overall"]
-    assert set(told["error"]["calibrated"]["fit"]) == {"overall", *campaign.channels}
+    saved = json.loads((tmp_path / "fit.json").read_text())
+    assert saved["calibrated"]["coil_resistance"]["unit"] == "ohm"
+    assert saved["calibrated"]["coil_resistance"]["value"] == pytest.approx(1.45, rel=1e-2)
+    assert saved["error"]["before"]["holdout"]["overall"] > saved["error"]["calibrated"]["holdout"]["overall"]
+    assert set(saved["error"]["calibrated"]["fit"]) == {"overall", *campaign.channels}
     config = read_config(tmp_path / "config.yaml")
     assert get_parameter(config.machine, "mover_damping") == pytest.approx(found.values["mover_damping"], rel=1e-12)
     edhas.simulate(config.machine, dataclasses.replace(config.simulation, duration=0.01))
@@ -204,8 +203,8 @@ def write(campaign, folder):
     lines += ["signals:", "  voltage: {unit: V, noise: 0.02}", "  current: {unit: A, noise: 0.02}",
               "  piston_position: {unit: m, noise: 5e-6}", "runs:"]  # fmt: skip
     for run in campaign.runs:
-        told = f"frequency: {run.conditions['frequency']} Hz, amplitude: {run.conditions['amplitude']} m"
-        lines.append(f"  - {{file: {run.file}, use: {run.use.value}, {told}}}")
+        conditions = f"frequency: {run.conditions['frequency']} Hz, amplitude: {run.conditions['amplitude']} m"
+        lines.append(f"  - {{file: {run.file}, use: {run.use.value}, {conditions}}}")
         columns = {"time [s]": run.time, "voltage [V]": run.signals["voltage"], "current [A]": run.signals["current"],
                    "piston_position [m]": run.signals["piston_position"]}  # fmt: skip
         rows = np.stack(list(columns.values()), axis=1).tolist()
@@ -214,15 +213,15 @@ def write(campaign, folder):
     (folder / "campaign.yaml").write_text("\n".join(lines) + "\n")
 
 
-def test_on_the_command_line(campaign, found, tmp_path, capsys):
+def test_the_fit_command(campaign, found, tmp_path, capsys):
     write(campaign, tmp_path / "bench")
     out = tmp_path / "out"
     assert main(["fit", str(tmp_path / "bench"), "--out", str(out), "--starts", "1"]) == 0
     printed = capsys.readouterr().out
     assert "held-out runs: 1.0" in printed or "held-out runs: 0.9" in printed
-    told = json.loads((out / "fit.json").read_text())["calibrated"]
+    estimates = json.loads((out / "fit.json").read_text())["calibrated"]
     for name, value in found.values.items():
-        assert told[name]["value"] == pytest.approx(value, abs=0.3 * found.errors[name])
+        assert estimates[name]["value"] == pytest.approx(value, abs=0.3 * found.standard_errors[name])
     assert {p.name for p in out.iterdir()} == {"config.yaml", "fit.json", "report.html"}
     assert main(["fit", str(tmp_path / "bench"), "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err

@@ -21,8 +21,8 @@ def test_lugre_friction_is_identified():
     study.SPEEDS, study.CREEPS = (5e-3, 20e-3, 80e-3), (60e-6,)
     found = study.identify(study.measure(study.experiments()))
     for name, value in found.values.items():
-        assert abs(value - study.TRUTH[name]) < 4.0 * found.errors[name], name
-        assert found.errors[name] < 0.4 * study.TRUTH[name]
+        assert abs(value - study.TRUTH[name]) < 4.0 * found.standard_errors[name], name
+        assert found.standard_errors[name] < 0.4 * study.TRUTH[name]
     assert study.draw(found).axes
 
 

@@ -1,1 +1,1 @@
-"""Fitting a machine to a campaign, with uncertainties."""
+"""Calibration: maximum a posteriori estimates of uncertain parameters from a campaign, with their uncertainty."""

@@ -1,25 +1,26 @@
-"""The pictures of a calibration: what was believed and found, drift from run to run, correlations, profiles."""
+"""Figures of a calibration: estimates against their priors, drift between runs, correlations, profile likelihoods."""
 
 import numpy as np
 
 from edhas_jax.core.plot_style import COLOURS, INK, QUIET
 from edhas_jax.core.units import from_si, shown_unit
-from edhas_jax.diagnosis.calibration.result import DRIFTED, FAR, Calibration
+from edhas_jax.diagnosis.calibration.result import DRIFT_SCORE, IMPLAUSIBLE_DISTANCE, Calibration
+from edhas_jax.diagnosis.calibration.uncertainty import CHI2_95
 
-BELIEVED = "#d8dee4"
+PRIOR_COLOUR = "#d8dee4"
 
 
 def draw_estimates(calibration: Calibration):
-    """A matplotlib figure: each unknown in standard deviations of its prior, the estimate with its 95 % interval."""
+    """A matplotlib figure: estimates with 95 % intervals, in standard deviations of their priors."""
     from matplotlib.figure import Figure
 
     fit = calibration.fit
     count = len(fit.x)
     figure = Figure(figsize=(9.5, 1.4 + 0.36 * count), layout="constrained")
     axes = figure.subplots()
-    axes.axvspan(-1, 1, color=BELIEVED, lw=0)
-    axes.axvspan(-2, 2, color=BELIEVED, lw=0, alpha=0.5)
-    for edge in (-FAR, FAR):
+    axes.axvspan(-1, 1, color=PRIOR_COLOUR, lw=0)
+    axes.axvspan(-2, 2, color=PRIOR_COLOUR, lw=0, alpha=0.5)
+    for edge in (-IMPLAUSIBLE_DISTANCE, IMPLAUSIBLE_DISTANCE):
         axes.axvline(edge, color=COLOURS[1], lw=0.9, ls=":")
     rows = np.arange(count)[::-1]
     axes.errorbar(fit.x, rows, xerr=1.96 * fit.std, fmt="o", ms=5, color=COLOURS[0], elinewidth=2, capsize=3)
@@ -28,16 +29,16 @@ def draw_estimates(calibration: Calibration):
             axes.plot(calibration.drift.x[:, k], np.full(len(calibration.drift.x), row - 0.26), "|", ms=7, color=QUIET)
     width = 1.15 * max(3.0, np.abs(fit.x + np.sign(fit.x) * 1.96 * fit.std).max())
     axes.set_xlim(-width, width)
-    axes.set_yticks(rows, [_named(u, fit) for u in fit.problem.unknowns], fontsize=9, color=INK)
-    axes.set_xlabel("distance from what was believed, in its standard deviations", fontsize=9, color=INK)
-    legend = "● estimate with 95 % interval    | each run alone    grey: ±1, ±2 of the prior"
+    axes.set_yticks(rows, [_estimate_label(u, fit) for u in fit.problem.unknowns], fontsize=9, color=INK)
+    axes.set_xlabel("distance from the prior mean, in prior standard deviations", fontsize=9, color=INK)
+    legend = "● estimate with 95 % interval    | each run fitted alone    grey: prior ±1 σ, ±2 σ"
     axes.set_title(legend, fontsize=9, loc="left", color=INK)
-    _plain(axes)
+    _style_axes(axes)
     return figure
 
 
-def _named(u, fit) -> str:
-    value, error = fit.values[u.name], fit.errors[u.name]
+def _estimate_label(u, fit) -> str:
+    value, error = fit.values[u.name], fit.standard_errors[u.name]
     unit = shown_unit(u.unit, value)
     number, spread = from_si(value, u.unit, unit), from_si(error, u.unit, unit) - from_si(0.0, u.unit, unit)
     digits = max(0, int(np.ceil(-np.log10(max(spread, 1e-12)))) + 1)
@@ -45,24 +46,24 @@ def _named(u, fit) -> str:
 
 
 def draw_drift(calibration: Calibration):
-    """A matplotlib figure: unknowns × runs, how far each run's own estimate is from the common one; None without."""
+    """A matplotlib figure: unknowns × runs, distance of a run's estimate from the common one, if computed."""
     drift = calibration.drift
     if drift is None:
         return None
-    return _coloured(
-        drift.score.T, list(drift.runs), [u.name for u in calibration.fit.problem.unknowns], 2.0 * DRIFTED,
+    return _annotated_matrix(
+        drift.score.T, list(drift.runs), [u.name for u in calibration.fit.problem.unknowns], 2.0 * DRIFT_SCORE,
         "each run fitted alone: distance from the common value in its standard deviations", "{:.1f}",
     )  # fmt: skip
 
 
 def draw_correlations(calibration: Calibration):
-    """A matplotlib figure: the correlations of the estimates."""
+    """A matplotlib figure: correlation matrix of the estimates."""
     names = [u.name for u in calibration.fit.problem.unknowns]
-    return _coloured(calibration.fit.correlation, names, names, 1.0, "correlation of the estimates", "{:.2f}")
+    return _annotated_matrix(calibration.fit.correlation, names, names, 1.0, "correlation of the estimates", "{:.2f}")
 
 
 def draw_profiles(calibration: Calibration):
-    """A matplotlib figure: the likelihood along each unknown that was asked for; None without."""
+    """A matplotlib figure: χ² along each unknown that was profiled, with its parabola; None without profiles."""
     from matplotlib.figure import Figure
 
     profiles = calibration.profiles
@@ -71,34 +72,36 @@ def draw_profiles(calibration: Calibration):
     figure = Figure(figsize=(4.2 * min(3, len(profiles)) + 0.6, 3.2 * -(-len(profiles) // 3)), layout="constrained")
     grid = figure.subplots(-(-len(profiles) // 3), min(3, len(profiles)), squeeze=False)
     units = {u.name: u.unit for u in calibration.fit.problem.unknowns}
-    for axes, one in zip(grid.flat, profiles, strict=False):
-        unit = shown_unit(units[one.name], float(np.median(one.values)))
-        values = from_si(one.values, units[one.name], unit)
-        axes.plot(values, one.rise, "o-", ms=4, color=COLOURS[0])
-        value, std = calibration.fit.values[one.name], calibration.fit.errors[one.name]
-        fine = np.linspace(one.values[0], one.values[-1], 100)
-        axes.plot(from_si(fine, units[one.name], unit), ((fine - value) / std) ** 2, color=QUIET, lw=1, ls="--",
+    for axes, profile in zip(grid.flat, profiles, strict=False):
+        unit = shown_unit(units[profile.name], float(np.median(profile.values)))
+        values = from_si(profile.values, units[profile.name], unit)
+        axes.plot(values, profile.chi2_increase, "o-", ms=4, color=COLOURS[0])
+        value, std = calibration.fit.values[profile.name], calibration.fit.standard_errors[profile.name]
+        fine = np.linspace(profile.values[0], profile.values[-1], 100)
+        axes.plot(from_si(fine, units[profile.name], unit), ((fine - value) / std) ** 2, color=QUIET, lw=1, ls="--",
                   label="parabola of the standard error")  # fmt: skip
-        axes.axhline(3.84, color=COLOURS[1], lw=0.9, ls=":")
-        axes.annotate("95 %", (values[0], 3.84), fontsize=8, color=COLOURS[1], va="bottom")
-        axes.set_ylim(0, max(10.0, 1.05 * float(one.rise.max())))
-        axes.set_xlabel(f"{one.name.replace('_', ' ')}, {unit}", fontsize=9, color=INK)
-        axes.set_ylabel("rise of χ²", fontsize=9, color=INK)
-        _plain(axes)
+        axes.axhline(CHI2_95, color=COLOURS[1], lw=0.9, ls=":")
+        axes.annotate("95 %", (values[0], CHI2_95), fontsize=8, color=COLOURS[1], va="bottom")
+        axes.set_ylim(0, max(10.0, 1.05 * float(profile.chi2_increase.max())))
+        axes.set_xlabel(f"{profile.name.replace('_', ' ')}, {unit}", fontsize=9, color=INK)
+        axes.set_ylabel("increase of χ²", fontsize=9, color=INK)
+        _style_axes(axes)
     for axes in grid.flat[len(profiles) :]:
         axes.set_visible(False)
     grid.flat[0].legend(fontsize=8, frameon=False, loc="upper center")
     return figure
 
 
-def _coloured(values: np.ndarray, columns: list[str], rows: list[str], full: float, title: str, number: str):
+def _annotated_matrix(
+    values: np.ndarray, columns: list[str], rows: list[str], limit: float, title: str, number: str
+):
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(2.6 + 0.72 * len(columns), 1.6 + 0.36 * len(rows)), layout="constrained")
     axes = figure.subplots()
-    axes.imshow(values, cmap="RdBu_r", vmin=-full, vmax=full, aspect="auto")
+    axes.imshow(values, cmap="RdBu_r", vmin=-limit, vmax=limit, aspect="auto")
     for (row, column), value in np.ndenumerate(values):
-        strong = abs(value) > 0.6 * full
+        strong = abs(value) > 0.6 * limit
         text = number.format(value).replace("-0.00", "0.00")
         axes.text(column, row, text, ha="center", va="center", fontsize=8, color="white" if strong else INK)
     turned = max(map(len, columns)) > 8
@@ -111,7 +114,7 @@ def _coloured(values: np.ndarray, columns: list[str], rows: list[str], full: flo
     return figure
 
 
-def _plain(axes) -> None:
+def _style_axes(axes) -> None:
     axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)

@@ -1,4 +1,4 @@
-"""The calibration of a model with measurements: maximum a posteriori, all runs at once, from several starts."""
+"""Maximum a posteriori estimation of unknown parameters from all runs of a campaign, with several starts."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.calibration.least_squares import Quadratic, inverse, minimise
+from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt, regularised_inverse
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
@@ -15,21 +15,26 @@ from edhas_jax.measurements.predicted_signals import Case, Model, Outcome, white
 from edhas_jax.measurements.prior import Unknown
 from edhas_jax.measurements.step_selection import Resolution, choose_resolution
 
-SPREAD_OF_STARTS = 0.7  # of the other starts around the centre, in prior standard deviations
-EXACT = 4  # steps of the last corrections for one of the fine step
-CORRECTIONS = 2
-NEAR = 1.0  # difference in ½χ² below which the search tells neither starts nor steps apart
+START_STD = 0.7  # spread of the random starts around the prior mean, in prior standard deviations
+CORRECTION_REFINEMENT = 4  # steps of the final corrections per fine step
+MAX_CORRECTIONS = 2
+ROUGH_COST_TOLERANCE = 1.0  # difference of ½χ² that the rough search neither resolves nor merges starts below
 
 
 class FitError(ValueError):
-    """A fit is not possible."""
+    """A fit is impossible: nothing to fit, no data, or a model that fails everywhere."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Problem:
-    """What is to be found from what: `machine` with `unknowns`, seen through `instruments`, from the runs given.
+class FitProblem:
+    """An estimation problem: unknown parameters of a machine and its sensors, and the runs that determine them.
 
-    Without `runs`, those that the campaign has for fitting.
+    Attributes:
+        campaign: measured runs, channels and their noise.
+        machine: the machine at the prior means.
+        unknowns: parameters to estimate, with their priors.
+        instruments: measurement chains between the machine's signals and the recorded ones.
+        runs: runs to fit; by default those that the campaign declares with `use: fit`.
     """
 
     campaign: Campaign
@@ -39,7 +44,11 @@ class Problem:
     runs: tuple[BenchRun, ...] | None = None
 
     def model(self) -> Model:
-        """The model whose coordinates are sought."""
+        """Build the model that predicts the signals of the runs.
+
+        Raises:
+            FitError: there is no run or no unknown.
+        """
         runs = self.campaign.runs_for(Use.FIT) if self.runs is None else self.runs
         if not runs:
             raise FitError(f"{self.campaign.folder}: no run has `use: fit`")
@@ -50,15 +59,23 @@ class Problem:
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """The most probable values of the unknowns of a problem, and how sure they are.
+    """Maximum a posteriori estimate of n unknowns with its covariance.
 
-    `x` and `covariance` are in the unknowns' coordinates (prior: standard normal). `uncorrected` is where the search
-    ended, and `cost` ½χ² of residuals and prior there, both at the fine step; `x` is freed of the error of that step.
-    `outcomes` by run of the problem: signals at `x`, and their derivatives by the coordinates. `costs` of all starts at
-    the rough step.
+    Coordinates are those of the unknowns' priors: a prior is a standard normal distribution.
+
+    Attributes:
+        problem: what was estimated.
+        x: estimate in coordinates, shape (n,), corrected for the discretisation error of the fine step.
+        uncorrected: end of the search at the fine step in coordinates, shape (n,).
+        covariance: posterior covariance in coordinates, shape (n, n).
+        cost: ½χ² of residuals and prior at `uncorrected`, at the fine step.
+        outcomes: by run of the problem, the signals at `x` and their derivatives by the coordinates.
+        resolution: the rough and the fine number of steps per sample.
+        converged: whether the search at the fine step has converged.
+        costs: final ½χ² of every start at the rough step; empty without a rough search.
     """
 
-    problem: Problem
+    problem: FitProblem
     x: np.ndarray
     uncorrected: np.ndarray
     covariance: np.ndarray
@@ -70,40 +87,40 @@ class Fit:
 
     @property
     def std(self) -> np.ndarray:
-        """Standard errors in coordinates: 1 where the measurements say nothing beyond the prior."""
+        """Standard errors in coordinates, shape (n,): 1 for an unknown that the measurements do not inform."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def correlation(self) -> np.ndarray:
-        """Correlations of the estimates (n, n)."""
+        """Correlations of the estimates, shape (n, n)."""
         return self.covariance / np.outer(self.std, self.std)
 
     @property
     def values(self) -> dict[str, float]:
-        """The unknowns by name, SI."""
+        """The estimates by name, SI."""
         return {u.name: float(u.value(x)) for u, x in zip(self.problem.unknowns, self.x, strict=True)}
 
     @property
-    def errors(self) -> dict[str, float]:
-        """The standard errors by name, SI."""
+    def standard_errors(self) -> dict[str, float]:
+        """The standard errors by name, SI, linearised at the estimate."""
         rows = zip(self.problem.unknowns, self.x, self.std, strict=True)
         return {u.name: float(u.slope(x) * std) for u, x, std in rows}
 
     def interval(self, name: str, sigmas: float = 1.96) -> tuple[float, float]:
-        """The interval (SI) of `sigmas` standard errors around an unknown, even in its coordinate."""
+        """Confidence interval (SI) of an unknown: `sigmas` standard errors to either side, symmetric in coordinates."""
         k = [u.name for u in self.problem.unknowns].index(name)
         u, half = self.problem.unknowns[k], sigmas * self.std[k]
         return float(u.value(self.x[k] - half)), float(u.value(self.x[k] + half))
 
     @property
     def machine(self) -> Rig:
-        """The calibrated machine, before any run's conditions are set."""
-        own = {n: v for n, v in self.values.items() if self.problem.instruments.find(n) is None}
-        return set_parameters(self.problem.machine, own)
+        """The machine with the estimated parameters, without the conditions of any run."""
+        parameters = {n: v for n, v in self.values.items() if self.problem.instruments.find(n) is None}
+        return set_parameters(self.problem.machine, parameters)
 
     @property
     def instruments(self) -> Instruments:
-        """The calibrated measurement chains."""
+        """The measurement chains with the estimated parameters."""
         chains = {signal: list(chain) for signal, chain in self.problem.instruments.chains.items()}
         for name, value in self.values.items():
             owner = self.problem.instruments.find(name)
@@ -114,7 +131,7 @@ class Fit:
 
     @property
     def residuals(self) -> dict[str, dict[str, np.ndarray]]:
-        """(measured − model)/noise by run and signal."""
+        """(measured − model)/noise by run and signal, shape (samples,) each."""
         runs = self.problem.model().runs
         return {
             run.name: whitened(self.problem.campaign, run, out) for run, out in zip(runs, self.outcomes, strict=True)
@@ -122,126 +139,156 @@ class Fit:
 
 
 def fit(
-    problem: Problem,
+    problem: FitProblem,
     starts: int | np.ndarray = 4,
     seed: int = 0,
     resolution: Resolution | None = None,
-    most_steps: int = 30,
+    max_steps: int = 30,
     search: bool = True,
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
-    """Calibrate: minimise ½Σ((measured − model)/noise)² + ½Σx² over the unknowns' coordinates x.
+    """Minimise ½Σ((measured − model)/noise)² + ½Σx² over the coordinates x of the unknowns.
 
-    `starts` is their number (the first is the centre of the prior, the others are drawn around it) or the coordinates
-    themselves (k, n). All are followed at a rough step, the best is finished at a step whose error is a tenth of the
-    noise; `resolution` gives both where they are known. In tens of thousands of samples even that error would show, so
-    the last steps take the signals from a step `EXACT` times finer. Neither search takes more than `most_steps`;
-    without `search` the first start is good enough to begin at the fine step. `on_progress` gets a sentence now and
-    then.
+    All starts are optimised with a rough integration step, and the best is continued with a fine step whose
+    discretisation error is about a tenth of the noise. Over tens of thousands of samples even that error would bias
+    the estimate, so the last Gauss-Newton corrections predict the signals with steps `CORRECTION_REFINEMENT` times
+    finer.
+
+    Args:
+        problem: the unknowns and the runs.
+        starts: number of starts (the first is the prior mean, the others are drawn around it), or their
+            coordinates, shape (k, n).
+        seed: seed of the random starts.
+        resolution: rough and fine steps per sample; chosen from the discretisation error by default.
+        max_steps: largest number of steps of either search.
+        search: False skips the rough search: the first start begins at the fine step.
+        on_progress: called with a sentence on the progress.
+
+    Returns:
+        The estimate with its covariance.
 
     Raises:
-        FitError: no run to fit, nothing unknown, or a model that fails from every start.
+        FitError: no run to fit, no unknown, or a model that fails from every start.
     """
     model = problem.model()
-    say = on_progress or (lambda sentence: None)
-    first = drawn_starts(problem.unknowns, starts, seed) if isinstance(starts, int) else np.atleast_2d(starts)
+    report = on_progress or (lambda sentence: None)
+    points = sample_starts(problem.unknowns, starts, seed) if isinstance(starts, int) else np.atleast_2d(starts)
     if resolution is None:
-        say("looking for the step that serves")
-        resolution = choose_resolution(model, first[0])
+        report("choosing the integration step")
+        resolution = choose_resolution(model, points[0])
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
 
-    def report(what):
-        return lambda step, cost: say(f"{what}, step {step}: residual over noise {_level(model, cost.min()):.3f}")
+    def report_step(stage):
+        return lambda step, cost: report(
+            f"{stage}, step {step}: residual over noise {_rms_over_noise(model, cost.min()):.3f}"
+        )
 
     costs = np.zeros(0)
-    if search and (len(first) > 1 or resolution.rough != resolution.fine):
-        rough = minimise(
-            _evaluator(model, resolution.rough), first, low, high,
-            tolerance=NEAR, most_steps=most_steps, merge=NEAR,
-            on_step=report("searching"),
+    if search and (len(points) > 1 or resolution.rough != resolution.fine):
+        rough = levenberg_marquardt(
+            _evaluator(model, resolution.rough), points, low, high,
+            tolerance=ROUGH_COST_TOLERANCE, max_steps=max_steps, merge=ROUGH_COST_TOLERANCE,
+            on_step=report_step("rough search"),
         )  # fmt: skip
-        costs = rough.at.cost
-        first = rough.x[[np.argmin(costs)]]
-    done = minimise(
-        _evaluator(model, resolution.fine), first, low, high, most_steps=most_steps, on_step=report("finishing")
+        costs = rough.model.cost
+        points = rough.x[[np.argmin(costs)]]
+    fine = levenberg_marquardt(
+        _evaluator(model, resolution.fine), points, low, high, max_steps=max_steps, on_step=report_step("fine search")
     )
-    if not np.isfinite(done.at.cost[0]):
-        raise FitError("the model fails (it is not finite, or leaves its physical range) wherever the fit has looked")
-    say("freeing the estimate of the solver's error")
-    covariance = inverse(done.at.curvature[0])
-    x, outcomes = _corrected(model, done.x[0], covariance, resolution.fine, (low, high))
-    return Fit(
-        problem, x, done.x[0], covariance, float(done.at.cost[0]), outcomes, resolution, bool(done.converged[0]), costs
-    )
+    if not np.isfinite(fine.model.cost[0]):
+        raise FitError("the model fails (it is not finite, or leaves its physical range) at every point of the search")
+    report("correcting the discretisation error of the estimate")
+    covariance = regularised_inverse(fine.model.curvature[0])
+    x, outcomes = _correct_discretisation(model, fine.x[0], covariance, resolution.fine, (low, high))
+    cost, converged = float(fine.model.cost[0]), bool(fine.converged[0])
+    return Fit(problem, x, fine.x[0], covariance, cost, outcomes, resolution, converged, costs)
 
 
-def _corrected(model: Model, x: np.ndarray, covariance, per_sample: int, bounds) -> tuple[np.ndarray, tuple]:
-    """Gauss-Newton steps with signals from a finer step, the derivatives kept; and the signals there.
+def _correct_discretisation(
+    model: Model, x: np.ndarray, covariance, per_sample: int, bounds
+) -> tuple[np.ndarray, tuple[Outcome, ...]]:
+    """Gauss-Newton steps with signals from finer steps and unchanged derivatives; the estimate and its signals.
 
-    A step that does not lower the cost is not taken: a model that does not fit has other errors than the solver's.
+    A step that does not lower the cost is rejected: the residuals of a wrong model are not discretisation errors.
     """
-    every = tuple(range(len(model.runs)))
-    slopes = model.outcomes([Case(x, every)], per_sample, derive=True)[0]
+    all_runs = tuple(range(len(model.runs)))
+    slopes = model.outcomes([Case(x, all_runs)], per_sample, derive=True)[0]
 
-    def at(x):
-        exact = model.outcomes([Case(x, every)], EXACT * per_sample, derive=False)[0]
-        outcomes = tuple(Outcome(exact[r].values, slopes[r].slopes) for r in every)
-        return outcomes, _quadratic(model, x, dict(enumerate(outcomes)))
+    def evaluate(x):
+        exact = model.outcomes([Case(x, all_runs)], CORRECTION_REFINEMENT * per_sample, derive=False)[0]
+        outcomes = tuple(Outcome(exact[r].values, slopes[r].slopes) for r in all_runs)
+        return outcomes, _quadratic_model(model, x, dict(enumerate(outcomes)))
 
-    outcomes, quadratic = at(x)
-    for _ in range(CORRECTIONS):
+    outcomes, quadratic = evaluate(x)
+    for _ in range(MAX_CORRECTIONS):
         if not np.isfinite(quadratic.cost[0]):
             break
-        moved = np.clip(x - covariance @ quadratic.gradient[0], *bounds)
-        there, after = at(moved)
-        if not after.cost[0] < quadratic.cost[0]:
+        x_new = np.clip(x - covariance @ quadratic.gradient[0], *bounds)
+        outcomes_new, quadratic_new = evaluate(x_new)
+        if not quadratic_new.cost[0] < quadratic.cost[0]:
             break
-        x, outcomes, quadratic = moved, there, after
+        x, outcomes, quadratic = x_new, outcomes_new, quadratic_new
     return x, outcomes
 
 
-def drawn_starts(unknowns: Sequence[Unknown], count: int, seed: int) -> np.ndarray:
-    """Coordinates (count, n): the centre of the prior, then draws from it; uniform in the span without a prior."""
+def sample_starts(unknowns: Sequence[Unknown], count: int, seed: int) -> np.ndarray:
+    """Draw starting points in coordinates, shape (count, n).
+
+    The first is the prior mean. The others are normal around it, with `START_STD` and clipped at two standard
+    deviations; an unknown without a prior but with a finite span is drawn uniformly from that span.
+    """
     rng = np.random.default_rng(seed)
     rows = np.zeros((count, len(unknowns)))
     for k, u in enumerate(unknowns):
         low, high = u.bounds()
         if u.prior or not np.isfinite(high - low):
-            rows[1:, k] = np.clip(SPREAD_OF_STARTS * rng.standard_normal(count - 1), -2.0, 2.0)
+            rows[1:, k] = np.clip(START_STD * rng.standard_normal(count - 1), -2.0, 2.0)
         else:
             rows[1:, k] = rng.uniform(low, high, count - 1)
         rows[:, k] = np.clip(rows[:, k], low, high)
     return rows
 
 
-def _evaluator(model: Model, per_sample: int) -> Callable[[np.ndarray, np.ndarray], Quadratic]:
-    every = tuple(range(len(model.runs)))
-    return lambda x, which: sums_of_squares(model, [Case(row, every) for row in x], per_sample)
+def _evaluator(model: Model, per_sample: int) -> Callable[[np.ndarray, np.ndarray], QuadraticModel]:
+    all_runs = tuple(range(len(model.runs)))
+    return lambda x, starts: gauss_newton_model(model, [Case(row, all_runs) for row in x], per_sample)
 
 
-def sums_of_squares(model: Model, cases: Sequence[Case], per_sample: int) -> Quadratic:
-    """½χ² of residuals and prior for each case, with its gradient and Gauss-Newton curvature."""
-    found = model.outcomes(cases, per_sample, derive=True)
-    rows = [_quadratic(model, case.x, outcomes) for case, outcomes in zip(cases, found, strict=True)]
-    return Quadratic(*(np.concatenate([getattr(row, part) for row in rows]) for part in Quadratic.__dataclass_fields__))
+def gauss_newton_model(model: Model, cases: Sequence[Case], per_sample: int) -> QuadraticModel:
+    """½χ² of residuals and prior for each case, with its gradient and Gauss-Newton curvature.
+
+    Args:
+        model: predicts the signals of the runs.
+        cases: k points in coordinates, each with the runs that count.
+        per_sample: integration steps per sample.
+
+    Returns:
+        The sums of squares of the k cases; the cost is infinite where a signal or a derivative is not finite.
+    """
+    outcomes = model.outcomes(cases, per_sample, derive=True)
+    rows = [_quadratic_model(model, case.x, by_run) for case, by_run in zip(cases, outcomes, strict=True)]
+    fields = QuadraticModel.__dataclass_fields__
+    return QuadraticModel(*(np.concatenate([getattr(row, field) for row in rows]) for field in fields))
 
 
-def _quadratic(model: Model, x: np.ndarray, outcomes: dict[int, Outcome]) -> Quadratic:
+def _quadratic_model(model: Model, x: np.ndarray, outcomes: dict[int, Outcome]) -> QuadraticModel:
+    """The sums of squares at one point, from the outcomes by run."""
     prior = np.array([float(u.prior) for u in model.unknowns])
     cost, gradient, curvature = 0.5 * prior @ np.square(x), prior * x, np.diag(prior)
     for r, outcome in outcomes.items():
         for name, residual in whitened(model.campaign, model.runs[r], outcome).items():
-            there = np.isfinite(model.runs[r].signals[name])
-            slopes = -outcome.slopes[name][there] / model.campaign.channels[name].noise
-            residual = residual[there]
-            with np.errstate(over="ignore", invalid="ignore"):  # such a point is rejected
+            measured = np.isfinite(model.runs[r].signals[name])
+            jacobian = -outcome.slopes[name][measured] / model.campaign.channels[name].noise
+            residual = residual[measured]
+            with np.errstate(over="ignore", invalid="ignore"):  # the search rejects such a point
                 cost = cost + 0.5 * residual @ residual
-                gradient = gradient + slopes.T @ residual
-                curvature = curvature + slopes.T @ slopes
-    sound = np.isfinite(cost) and np.isfinite(gradient).all()
-    return Quadratic(np.array([cost if sound else np.inf]), gradient[None], curvature[None])
+                gradient = gradient + jacobian.T @ residual
+                curvature = curvature + jacobian.T @ jacobian
+    finite = np.isfinite(cost) and np.isfinite(gradient).all()
+    return QuadraticModel(np.array([cost if finite else np.inf]), gradient[None], curvature[None])
 
 
-def _level(model: Model, cost: float) -> float:
+def _rms_over_noise(model: Model, cost: float) -> float:
+    """The root mean square of the residuals over noise that a cost corresponds to, the prior's share neglected."""
     count = sum(np.isfinite(values).sum() for run in model.runs for values in run.signals.values())
     return float(np.sqrt(2.0 * cost / count))

@@ -1,157 +1,185 @@
-"""Levenberg-Marquardt from many starts at once: the starts that still move are evaluated together."""
+"""Bounded Levenberg-Marquardt minimisation from several starting points, evaluated as one batch."""
 
 import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 
-LONGEST = 1.5  # largest change of a coordinate in one step; coordinates are scaled to be of order one
-HUGE = 1e150  # numbers that cannot be calculated with any more: products of two would overflow
-GIVE_UP = 1e8  # damping above which a start is stuck
-ROUGH = 1.0  # decrease below which a cost that comes from a simulation with contacts is not smooth any more
-FINE, COARSE = 1e-7, 1e-6  # the same two as shares of the cost, where a model that is wrong leaves a large one
-PATIENCE = 3  # steps in a row that fail to bring such a decrease
+MAX_COORDINATE_STEP = 1.5  # largest change of a coordinate per step; coordinates are scaled to be of order one
+OVERFLOW_LIMIT = 1e150  # products of two larger numbers would overflow
+INITIAL_DAMPING = 1e-2
+MAX_DAMPING = 1e8  # a start whose damping grows beyond this is abandoned
+RELATIVE_TOLERANCE = 1e-7  # share of the cost; adds to `tolerance` where model error leaves a large cost
+# a cost simulated with contacts is not smooth below this decrease, absolute or as a share of the cost
+NOISE_FLOOR, RELATIVE_NOISE_FLOOR = 1.0, 1e-6
+MAX_FAILED_STEPS = 3  # consecutive rejected steps below the noise floor that end a search
 
 
 @dataclasses.dataclass(frozen=True)
-class Quadratic:
-    """A sum of squares ½|r|² near some points: `cost` (k,), `gradient` (k, n), `curvature` JᵀJ (k, n, n)."""
+class QuadraticModel:
+    """Gauss-Newton model of a sum of squares ½|r|² at k points in n coordinates.
+
+    Attributes:
+        cost: ½|r|², shape (k,).
+        gradient: Jᵀr, shape (k, n).
+        curvature: JᵀJ, the Gauss-Newton approximation of the Hessian, shape (k, n, n).
+    """
 
     cost: np.ndarray
     gradient: np.ndarray
     curvature: np.ndarray
 
 
-def _finite(at: Quadratic) -> np.ndarray:
-    """Whether cost and derivatives are finite, and far from overflowing, point by point."""
-    with np.errstate(invalid="ignore"):
-        sound = (np.abs(at.cost) < HUGE) & (np.abs(at.gradient) < HUGE).all(axis=1)
-        return sound & (np.abs(at.curvature) < HUGE).all(axis=(1, 2))
-
-
-def inverse(curvature: np.ndarray) -> np.ndarray:
-    """The inverse of a curvature (n, n), positive definite whatever rounding has made of it.
-
-    Coordinates are scaled to unit curvature first, so that what is known sharply does not hide the rest.
-    """
-    scale = 1.0 / np.sqrt(np.diag(curvature))
-    values, vectors = np.linalg.eigh(scale[:, None] * curvature * scale)
-    kept = np.maximum(values, len(values) * np.finfo(float).eps * values[-1])
-    return scale[:, None] * ((vectors / kept) @ vectors.T) * scale
-
-
 @dataclasses.dataclass(frozen=True)
 class Minima:
-    """Where the starts ended: `x` (k, n), the sum of squares there, the steps taken, and which have converged."""
+    """Final points of a minimisation from k starts in n coordinates.
+
+    Attributes:
+        x: final points, shape (k, n).
+        model: the sum of squares at `x`.
+        steps: number of evaluated steps, shape (k,).
+        converged: whether the tolerance was reached, shape (k,); False for merged and abandoned starts.
+    """
 
     x: np.ndarray
-    at: Quadratic
+    model: QuadraticModel
     steps: np.ndarray
     converged: np.ndarray
 
 
-def minimise(
-    evaluate: Callable[[np.ndarray, np.ndarray], Quadratic],
+def regularised_inverse(curvature: np.ndarray) -> np.ndarray:
+    """Invert a curvature (n, n) so that the result is positive definite in spite of rounding.
+
+    Coordinates are scaled to unit curvature first, and eigenvalues below the rounding error of the largest one are
+    raised to it.
+    """
+    scale = 1.0 / np.sqrt(np.diag(curvature))
+    values, vectors = np.linalg.eigh(scale[:, None] * curvature * scale)
+    floored = np.maximum(values, len(values) * np.finfo(float).eps * values[-1])
+    return scale[:, None] * ((vectors / floored) @ vectors.T) * scale
+
+
+def levenberg_marquardt(
+    evaluate: Callable[[np.ndarray, np.ndarray], QuadraticModel],
     starts: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
     free: np.ndarray | None = None,
     tolerance: float = 1e-3,
-    most_steps: int = 30,
+    max_steps: int = 30,
     merge: float = 0.0,
     on_step: Callable[[int, np.ndarray], None] | None = None,
 ) -> Minima:
-    """Minimise ½|r(x)|² within low ≤ x ≤ high from each row of `starts` (k, n).
+    """Minimise ½|r(x)|² within low ≤ x ≤ high from each starting point.
 
-    `evaluate(x, which)` gives the sums of squares at the rows `x` of the starts `which`; where cost or derivatives are
-    not finite, or near to overflow, the step is rejected. `free` (k, n) marks the coordinates that may move. A start is
-    at its end when a step would lower the cost by less than `tolerance`, which for residuals in units of their noise is
-    a change far below the errors of estimation, or when steps that promise little fail to keep the promise; it is
-    dropped when it comes so close to a better one that their costs would differ by less than `merge`.
-    `on_step(number, cost)` reports.
+    A start has converged when the largest possible decrease predicted by its model falls below `tolerance` (for
+    residuals in units of their noise, a change far below the standard errors), or when `MAX_FAILED_STEPS` steps in a
+    row are rejected while that prediction is below the noise floor of the cost.
 
-    Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05, for the rule of the damping.
+    Args:
+        evaluate: called with points (m, n) and the indices (m,) of their starts; returns the sums of squares there.
+            A step to a point where the cost or a derivative is not finite, or near to overflow, is rejected.
+        starts: starting points, shape (k, n); clipped to the bounds.
+        low: lower bounds, shape (n,).
+        high: upper bounds, shape (n,).
+        free: marks the coordinates that may vary, shape (k, n) or (n,); all by default.
+        tolerance: predicted decrease of the cost that counts as converged.
+        max_steps: largest number of steps per start.
+        merge: a start is dropped when, by the curvature of a better one, their costs differ by less than this.
+        on_step: called with the number of the step and the costs (k,) after it.
+
+    Returns:
+        The final points of all starts.
+
+    Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05, for the update of the damping.
     """
     x = np.clip(np.array(starts, float), low, high)
     free = np.ones(x.shape, bool) if free is None else np.broadcast_to(free, x.shape)
-    at = evaluate(x, np.arange(len(x)))
-    cost, gradient, curvature = (np.array(part) for part in (at.cost, at.gradient, at.curvature))
-    cost[~_finite(at)] = np.inf
-    damping, growth = np.full(len(x), 1e-2), np.full(len(x), 2.0)
-    steps, failed, converged = np.zeros(len(x), int), np.zeros(len(x), int), np.zeros(len(x), bool)
-    going = np.isfinite(cost)
-    for number in range(most_steps):
-        moving = np.flatnonzero(going)
-        if not len(moving):
+    initial = evaluate(x, np.arange(len(x)))
+    cost, gradient, curvature = (np.array(part) for part in (initial.cost, initial.gradient, initial.curvature))
+    cost[~_is_finite(initial)] = np.inf
+    damping, growth = np.full(len(x), INITIAL_DAMPING), np.full(len(x), 2.0)
+    steps, rejected, converged = np.zeros(len(x), int), np.zeros(len(x), int), np.zeros(len(x), bool)
+    active = np.isfinite(cost)
+    for number in range(max_steps):
+        rows = np.flatnonzero(active)
+        if not len(rows):
             break
-        trial, gain, rest = np.empty((len(moving), x.shape[1])), np.empty(len(moving)), np.empty(len(moving))
-        for row, k in enumerate(moving):
-            trial[row], gain[row], rest[row] = _trial(
-                x[k], gradient[k], curvature[k], damping[k], free[k], low, high
-            )
-        least, rough = (np.maximum(size, share * cost[moving]) for size, share in ((tolerance, FINE), (ROUGH, COARSE)))
-        still = (rest > least) & ~((rest < rough) & (failed[moving] >= PATIENCE))
-        converged[moving[~still]], going[moving[~still]] = True, False
-        moving, trial, gain = moving[still], trial[still], gain[still]
-        if not len(moving):
+        proposals = [
+            _propose(x[k], gradient[k], curvature[k], damping[k], free[k], low, high) for k in rows
+        ]  # fmt: skip
+        trial, predicted, attainable = (np.array(column) for column in zip(*proposals, strict=True))
+        floor = np.maximum(NOISE_FLOOR, RELATIVE_NOISE_FLOOR * cost[rows])
+        unfinished = attainable > np.maximum(tolerance, RELATIVE_TOLERANCE * cost[rows])
+        unfinished &= ~((attainable < floor) & (rejected[rows] >= MAX_FAILED_STEPS))
+        converged[rows[~unfinished]], active[rows[~unfinished]] = True, False
+        rows, trial, predicted = rows[unfinished], trial[unfinished], predicted[unfinished]
+        if not len(rows):
             break
-        new = evaluate(trial, moving)
-        sound = _finite(new)
-        for row, k in enumerate(moving):
+        new = evaluate(trial, rows)
+        valid = _is_finite(new)
+        for row, k in enumerate(rows):
             steps[k] += 1
-            ratio = (cost[k] - new.cost[row]) / gain[row] if sound[row] else -1.0
+            ratio = (cost[k] - new.cost[row]) / predicted[row] if valid[row] else -1.0
             if ratio > 0.0:
                 x[k], cost[k], gradient[k], curvature[k] = (
                     trial[row], new.cost[row], new.gradient[row], new.curvature[row],
                 )  # fmt: skip
                 damping[k] *= max(1.0 / 10.0, 1.0 - (2.0 * min(ratio, 2.0) - 1.0) ** 3)
-                growth[k], failed[k] = 2.0, 0
+                growth[k], rejected[k] = 2.0, 0
             else:
-                failed[k] += 1
+                rejected[k] += 1
                 damping[k] *= growth[k]
                 growth[k] *= 2.0
-                going[k] = damping[k] < GIVE_UP
+                active[k] = damping[k] < MAX_DAMPING
         if merge > 0.0:
-            _merge(x, cost, curvature, going, merge)
+            _merge_starts(x, cost, curvature, active, merge)
         if on_step is not None:
             on_step(number + 1, cost)
-    return Minima(x, Quadratic(cost, gradient, curvature), steps, converged)
+    return Minima(x, QuadraticModel(cost, gradient, curvature), steps, converged)
 
 
-def _trial(x, gradient, curvature, damping, free, low, high):
-    """A damped step inside the bounds, the decrease it promises, and the best that a step could."""
+def _is_finite(model: QuadraticModel) -> np.ndarray:
+    """Whether cost and derivatives are finite and far from overflowing, by point."""
+    with np.errstate(invalid="ignore"):
+        finite = (np.abs(model.cost) < OVERFLOW_LIMIT) & (np.abs(model.gradient) < OVERFLOW_LIMIT).all(axis=1)
+        return finite & (np.abs(model.curvature) < OVERFLOW_LIMIT).all(axis=(1, 2))
+
+
+def _propose(x, gradient, curvature, damping, free, low, high):
+    """The point of a damped step inside the bounds, its predicted decrease, and that of the best (undamped) step."""
     active = free & ~((x <= low) & (gradient > 0.0)) & ~((x >= high) & (gradient < 0.0))
 
     def decrease(step):
         return -(gradient @ step + 0.5 * step @ curvature @ step)
 
-    room = np.maximum(low - x, -LONGEST), np.minimum(high - x, LONGEST)
-    step = _step_inside(gradient, curvature, damping, active, *room)
-    whole = _step_inside(gradient, curvature, 1e-12, active, *room)
-    gain = decrease(step)
-    return x + step, max(gain, 1e-300), max(gain, decrease(whole))
+    limits = np.maximum(low - x, -MAX_COORDINATE_STEP), np.minimum(high - x, MAX_COORDINATE_STEP)
+    step = _bounded_step(gradient, curvature, damping, active, *limits)
+    gauss_newton_step = _bounded_step(gradient, curvature, 1e-12, active, *limits)
+    predicted = decrease(step)
+    return x + step, max(predicted, 1e-300), max(predicted, decrease(gauss_newton_step))
 
 
-def _step_inside(gradient, curvature, damping, active, low, high):
-    """The minimum of the damped quadratic over the active coordinates; those that reach a bound stay there."""
+def _bounded_step(gradient, curvature, damping, active, low, high):
+    """Minimise the damped quadratic over the active coordinates; those that reach a bound are fixed there."""
     step, active = np.zeros(len(gradient)), active.copy()
     damped = curvature + damping * np.diag(np.maximum(np.diag(curvature), 1e-12))
     while active.any():
-        rest = gradient[active] + damped[np.ix_(active, ~active)] @ step[~active]
-        step[active] = -np.linalg.lstsq(damped[np.ix_(active, active)], rest, rcond=1e-13)[0]
-        beyond = active & ((step < low) | (step > high))
+        reduced = gradient[active] + damped[np.ix_(active, ~active)] @ step[~active]
+        step[active] = -np.linalg.lstsq(damped[np.ix_(active, active)], reduced, rcond=1e-13)[0]
+        outside = active & ((step < low) | (step > high))
         step = np.clip(step, low, high)
-        if not beyond.any():
+        if not outside.any():
             break
-        active &= ~beyond
+        active &= ~outside
     return step
 
 
-def _merge(x, cost, curvature, going, nearness) -> None:
-    """Stop the starts that have come close to a better one, measured by its curvature."""
+def _merge_starts(x, cost, curvature, active, tolerance) -> None:
+    """Stop the starts that have come close to a better one, as measured by the curvature there."""
     order = np.argsort(cost)
     for place, k in enumerate(order):
-        apart = [x[k] - x[better] for better in order[:place]]
-        near = (0.5 * d @ curvature[better] @ d < nearness for d, better in zip(apart, order, strict=False))
-        if going[k] and any(near):
-            going[k] = False
+        differences = [x[k] - x[better] for better in order[:place]]
+        close = (0.5 * d @ curvature[better] @ d < tolerance for d, better in zip(differences, order, strict=False))
+        if active[k] and any(close):
+            active[k] = False

@@ -1,4 +1,4 @@
-"""The report of a calibration: one page with its findings, tables and pictures."""
+"""HTML report of a calibration: findings, tables and figures on one page."""
 
 from edhas_jax.core import html_page
 from edhas_jax.core.units import format_quantity
@@ -10,37 +10,39 @@ from edhas_jax.measurements.predicted_signals import level
 
 
 def fit_report(calibration: Calibration) -> str:
-    """The page as HTML."""
+    """Build the HTML page of a calibration."""
     fit, campaign = calibration.fit, calibration.fit.problem.campaign
     step = min(run.interval for run in campaign.runs) / fit.resolution.fine
     parts = [
         html_page.heading(f"{campaign.name}: calibration", 1),
         html_page.paragraph(
             f"{fit.problem.machine.name}; {len(fit.x)} unknowns from {len(campaign.runs_for(Use.FIT))} runs, "
-            f"{len(campaign.runs_for(Use.HOLDOUT))} held out; step {format_quantity(step, 's')}, error of the solver "
+            f"{len(campaign.runs_for(Use.HOLDOUT))} held out; step {format_quantity(step, 's')}, discretisation error "
             f"{fit.resolution.error:.2f} of the noise at most; {calibration.seconds:.0f} s."
         ),
         html_page.listing(calibration.findings()),
         html_page.heading("Residual over noise"),
         html_page.picture(draw_before_after(calibration), "residual over noise by run and signal, before and after"),
-        html_page.heading("What was believed, and what was found"),
+        html_page.heading("Prior and estimate"),
         html_page.picture(draw_estimates(calibration), "estimates in standard deviations of the prior"),
-        estimates(calibration),
+        estimates_table(calibration),
     ]
     drift, profiles = draw_drift(calibration), draw_profiles(calibration)
     if drift is not None:
-        parts += [html_page.heading("Each run alone"), html_page.picture(drift, "distance of each run's estimate")]
+        caption = "distance of each run's estimate from the common one"
+        parts += [html_page.heading("Each run fitted alone"), html_page.picture(drift, caption)]
     parts += [html_page.heading("Correlations"), html_page.picture(draw_correlations(calibration), "correlations")]
     if profiles is not None:
-        parts += [html_page.heading("Profiles"), html_page.picture(profiles, "rise of χ² along an unknown")]
+        caption = "increase of χ² along an unknown"
+        parts += [html_page.heading("Profile likelihoods"), html_page.picture(profiles, caption)]
     if campaign.remarks:
-        noticed = [str(remark) for remark in campaign.remarks]
-        parts += [html_page.heading("What the reader noticed"), html_page.listing(noticed)]
+        remarks = [str(remark) for remark in campaign.remarks]
+        parts += [html_page.heading("Remarks on the data files"), html_page.listing(remarks)]
     return html_page.page(f"{campaign.name}: calibration", *parts)
 
 
 def draw_before_after(calibration: Calibration):
-    """The matrices runs × signals before and after, as a matplotlib figure."""
+    """A matplotlib figure: residual over noise by run and signal, before and after the fit."""
     panels = {
         title: {run: {n: level([v]) for n, v in signals.items()} for run, signals in residuals.items()}
         for title, residuals in (("before", calibration.before), ("calibrated", calibration.after))
@@ -48,11 +50,11 @@ def draw_before_after(calibration: Calibration):
     return draw_matrix(panels, notes_of(calibration.fit.problem.campaign))
 
 
-def estimates(calibration: Calibration) -> str:
-    """The unknowns as an HTML table."""
+def estimates_table(calibration: Calibration) -> str:
+    """The unknowns with prior, estimate and diagnostics as an HTML table."""
     fit = calibration.fit
     marks = {
-        "not identified": calibration.unseen(), "hard to believe": calibration.implausible(),
+        "not identified": calibration.unidentified(), "implausible": calibration.implausible(),
         "drifts from run to run": calibration.drifting(),
     }  # fmt: skip
     body = []
@@ -63,5 +65,5 @@ def estimates(calibration: Calibration) -> str:
             f"{low} … {high}", f"{x:+.2f}", f"{std:.3f}",
             ", ".join(mark for mark, names in marks.items() if u.name in names),
         ])  # fmt: skip
-    header = ("unknown", "believed", "found", "95 % interval", "pull, σ", "error / prior σ", "")
+    header = ("unknown", "prior mean", "estimate", "95 % interval", "pull, σ", "error / prior σ", "")
     return html_page.rows(header, body)

@@ -1,4 +1,4 @@
-"""A fit and what came of it: the error before and after on all runs, what is suspicious, and a folder that keeps it."""
+"""Result of a calibration: residuals of all runs before and after, diagnostics of the estimate, and its files."""
 
 import dataclasses
 from pathlib import Path
@@ -9,7 +9,7 @@ from edhas_jax.config.run_folder import plain, write_json
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.uncertainty import Drift, Profile
+from edhas_jax.diagnosis.calibration.uncertainty import Drift, ProfileLikelihood
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.measurement_chain import Instruments
@@ -17,86 +17,90 @@ from edhas_jax.measurements.predicted_signals import Case, Model, Outcome, level
 from edhas_jax.simulation.integrator import LARGEST_STEP
 from edhas_jax.simulation.run import Simulation
 
-UNSEEN = 0.8  # a standard error above this share of the prior's: the estimate is the prior's
-ENTANGLED = 0.95  # correlation above which two unknowns cannot be told apart
-FAR = 2.5  # distance from the prior's centre, in its standard deviations, that is hard to believe
-DRIFTED = 3.5  # score of a run's own estimate that chance does not give among some hundred
-CONFIG, RESULT = "config.yaml", "fit.json"
+UNIDENTIFIED_STD = 0.8  # share of the prior's standard deviation above which the data do not identify an unknown
+CONFOUNDED_CORRELATION = 0.95  # correlation above which two unknowns cannot be separated
+IMPLAUSIBLE_DISTANCE = 2.5  # distance from the prior mean, in prior standard deviations
+DRIFT_SCORE = 3.5  # score of a run's own estimate that chance rarely reaches among some hundred
+CONFIG_FILE, RESULT_FILE = "config.yaml", "fit.json"
 
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """A fit, each run's own fit, profiles that were asked for, and the residuals of all runs before and after.
+    """A fit with the checks of its estimate.
 
-    `before` and `after`: (measured − model)/noise by run and signal. `seconds` is what it took.
+    Attributes:
+        fit: the estimate.
+        drift: estimates of each run alone; None if not computed.
+        profiles: the profile likelihoods that were requested.
+        before: (measured − model)/noise of all runs before the fit, by run and signal, shape (samples,) each.
+        after: the same after the fit.
+        seconds: computing time.
     """
 
     fit: Fit
     drift: Drift | None
-    profiles: tuple[Profile, ...]
+    profiles: tuple[ProfileLikelihood, ...]
     before: dict[str, dict[str, np.ndarray]]
     after: dict[str, dict[str, np.ndarray]]
     seconds: float
 
-    def errors(self) -> dict[str, dict[str, dict[str, float]]]:
-        """Residual over noise: {before, calibrated} × {fit, holdout} × {overall, each signal}."""
+    def rms_residuals(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Root mean square of residual over noise: {before, calibrated} × {fit, holdout} × {overall, each signal}."""
         campaign = self.fit.problem.campaign
         states = {"before": self.before, "calibrated": self.after}
         return {
             state: {use.value: levels(campaign, residuals, use) for use in Use} for state, residuals in states.items()
         }
 
-    def unseen(self) -> list[str]:
-        """The unknowns of which the measurements say next to nothing."""
-        return [
-            u.name for u, std in zip(self.fit.problem.unknowns, self.fit.std, strict=True) if u.prior and std > UNSEEN
-        ]
+    def unidentified(self) -> list[str]:
+        """The unknowns about which the measurements contain next to no information."""
+        rows = zip(self.fit.problem.unknowns, self.fit.std, strict=True)
+        return [u.name for u, std in rows if u.prior and std > UNIDENTIFIED_STD]
 
-    def entangled(self) -> list[tuple[str, str, float]]:
-        """Pairs of unknowns that the measurements do not tell apart, with the correlation of their estimates."""
-        names, table = [u.name for u in self.fit.problem.unknowns], self.fit.correlation
-        rows, columns = np.nonzero(np.triu(np.abs(table) > ENTANGLED, 1))
-        return [(names[i], names[j], float(table[i, j])) for i, j in zip(rows, columns, strict=True)]
+    def confounded_pairs(self) -> list[tuple[str, str, float]]:
+        """Pairs of unknowns that the measurements cannot separate, with the correlation of their estimates."""
+        names, correlation = [u.name for u in self.fit.problem.unknowns], self.fit.correlation
+        rows, columns = np.nonzero(np.triu(np.abs(correlation) > CONFOUNDED_CORRELATION, 1))
+        return [(names[i], names[j], float(correlation[i, j])) for i, j in zip(rows, columns, strict=True)]
 
     def implausible(self) -> list[str]:
-        """The unknowns that were pushed to the edge of what was believed of them."""
-        return [
-            u.name for u, x in zip(self.fit.problem.unknowns, self.fit.x, strict=True) if u.prior and abs(x) > FAR
-        ]
+        """The unknowns whose estimates lie far from their prior means."""
+        rows = zip(self.fit.problem.unknowns, self.fit.x, strict=True)
+        return [u.name for u, x in rows if u.prior and abs(x) > IMPLAUSIBLE_DISTANCE]
 
     def drifting(self) -> list[str]:
-        """The unknowns that come out differently from run to run, the worst first."""
+        """The unknowns whose estimates differ from run to run, the largest difference first."""
         if self.drift is None:
             return []
         worst = np.abs(self.drift.score).max(axis=0)
-        order = [int(k) for k in np.argsort(-worst) if worst[k] > DRIFTED]
+        order = [int(k) for k in np.argsort(-worst) if worst[k] > DRIFT_SCORE]
         return [self.fit.problem.unknowns[k].name for k in order]
 
     def findings(self) -> list[str]:
-        """What an engineer should know of this fit, in sentences, the most important first."""
-        errors, out = self.errors()["calibrated"], []
-        judged = Use.HOLDOUT if errors["holdout"] else Use.FIT
-        overall = errors[judged.value]["overall"]
-        runs = "held-out runs" if judged is Use.HOLDOUT else "runs it was fitted to (none is held out)"
-        worst = max((n for n in errors[judged.value] if n != "overall"), key=errors[judged.value].__getitem__)
-        signal = f"worst signal {worst}, {errors[judged.value][worst]:.2f}"
-        out.append(f"Residual over noise on the {runs}: {overall:.2f}; {signal}.")
+        """Conclusions on the fit as sentences, the most important first."""
+        rms, sentences = self.rms_residuals()["calibrated"], []
+        use = Use.HOLDOUT if rms["holdout"] else Use.FIT
+        overall = rms[use.value]["overall"]
+        runs = "held-out runs" if use is Use.HOLDOUT else "fitted runs (none is held out)"
+        worst = max((n for n in rms[use.value] if n != "overall"), key=rms[use.value].__getitem__)
+        signal = f"worst signal {worst}, {rms[use.value][worst]:.2f}"
+        sentences.append(f"Residual over noise on the {runs}: {overall:.2f}; {signal}.")
         if not self.fit.converged:
-            out.append("The fit has not converged: the values below are where it stopped.")
-        if far := self.implausible():
+            sentences.append("The fit has not converged: the values below are those of its last step.")
+        if implausible := self.implausible():
             pulls = dict(zip((u.name for u in self.fit.problem.unknowns), self.fit.x, strict=True))
-            told = ", ".join(f"{name} ({pulls[name]:+.1f} σ)" for name in sorted(far, key=lambda n: -abs(pulls[n])))
-            out.append(
-                f"Pushed far from what was believed: {told}. They may stand in for something that the model lacks."
-            )
+            order = sorted(implausible, key=lambda n: -abs(pulls[n]))
+            listed = ", ".join(f"{name} ({pulls[name]:+.1f} σ)" for name in order)
+            sentences.append(f"Estimated far from the prior: {listed}. They may compensate for physics that the model "
+                             "lacks.")  # fmt: skip
         for name in self.drifting()[:3]:
-            out.append(self._drift_sentence(name))
-        for name in self.unseen():
-            out.append(f"These runs say next to nothing of {name}: its value is what was believed before.")
-        for one, other, value in self.entangled():
-            what = f"{one} and {other} cannot be told apart (correlation {value:+.3f})"
-            out.append(f"{what}: a combination of them is known well, each alone less so.")
-        return out
+            sentences.append(self._drift_sentence(name))
+        for name in self.unidentified():
+            sentences.append(f"These runs contain next to no information about {name}: its estimate is its prior.")
+        for one, other, correlation in self.confounded_pairs():
+            pair = f"{one} and {other} cannot be told apart (correlation {correlation:+.3f})"
+            sentences.append(f"{pair}: a combination of them is known well, each alone less so.")
+        return sentences
 
     def _drift_sentence(self, name: str) -> str:
         k = [u.name for u in self.fit.problem.unknowns].index(name)
@@ -108,52 +112,70 @@ class Calibration:
         score = np.abs(drift.score[:, k]).max()
         return (
             f"{name} drifts from run to run when each is fitted alone: {first}, {last} "
-            f"({score:.0f} standard deviations apart from the common value): a sign of missing physics."
+            f"({score:.0f} standard deviations from the common value): a sign of missing physics."
         )
 
 
-def residuals_of(
+def campaign_residuals(
     campaign: Campaign, machine: Rig, instruments: Instruments, per_sample: int
 ) -> dict[str, dict[str, np.ndarray]]:
-    """(measured − model)/noise by run and signal, for all runs of a campaign."""
-    outcomes = simulate_runs(campaign, machine, instruments, per_sample)
+    """(measured − model)/noise for all runs of a campaign.
+
+    Args:
+        campaign: measured runs.
+        machine: the machine to simulate.
+        instruments: its measurement chains.
+        per_sample: integration steps per sample.
+
+    Returns:
+        By run and signal, shape (samples,) each; NaN where a sample is missing.
+    """
+    outcomes = simulate_campaign(campaign, machine, instruments, per_sample)
     return {run.name: whitened(campaign, run, outcomes[run.name]) for run in campaign.runs}
 
 
-def simulate_runs(
+def simulate_campaign(
     campaign: Campaign, machine: Rig, instruments: Instruments, per_sample: int
 ) -> dict[str, Outcome]:
-    """What the sensors would have read, by run, `per_sample` steps from sample to sample."""
+    """The sensor signals (SI) that a machine predicts for all runs of a campaign, by run.
+
+    Args:
+        campaign: conditions and sampling of the runs.
+        machine: the machine to simulate.
+        instruments: its measurement chains.
+        per_sample: integration steps per sample.
+    """
     model = Model(campaign, machine, (), campaign.runs, instruments)
-    found = model.outcomes([Case(np.zeros(0), tuple(range(len(campaign.runs))))], per_sample, derive=False)[0]
-    return {run.name: found[r] for r, run in enumerate(campaign.runs)}
+    all_runs = tuple(range(len(campaign.runs)))
+    outcomes = model.outcomes([Case(np.zeros(0), all_runs)], per_sample, derive=False)[0]
+    return {run.name: outcomes[r] for r, run in enumerate(campaign.runs)}
 
 
 def save_calibration(calibration: Calibration, folder: Path) -> None:
-    """Write `config.yaml`, which `edhas simulate` runs, and `fit.json` into a folder that exists."""
+    """Write `config.yaml`, which `edhas simulate` runs, and `fit.json` into an existing folder."""
     fit = calibration.fit
     rate = 1.0 / min(run.interval for run in fit.problem.campaign.runs)
     step = min(1.0 / rate / fit.resolution.fine, LARGEST_STEP)
-    head = f"# {fit.problem.campaign.name}, calibrated by `edhas fit`; before the conditions of any run are set\n"
-    text = head + dump_config(fit.machine, Simulation(step=step, sample_rate=rate))
-    (folder / CONFIG).write_text(text, encoding="utf-8")
-    write_json(folder / RESULT, plain(as_json(calibration)))
+    comment = f"# {fit.problem.campaign.name}, calibrated by `edhas fit`; without the conditions of any run\n"
+    text = comment + dump_config(fit.machine, Simulation(step=step, sample_rate=rate))
+    (folder / CONFIG_FILE).write_text(text, encoding="utf-8")
+    write_json(folder / RESULT_FILE, plain(calibration_as_json(calibration)))
 
 
-def estimates(fit: Fit) -> dict[str, dict]:
+def estimates_as_json(fit: Fit) -> dict[str, dict]:
     """Value, standard error and unit (SI) of every unknown, as plain data."""
     units = {u.name: u.unit for u in fit.problem.unknowns}
-    return {n: {"value": v, "std": fit.errors[n], "unit": units[n]} for n, v in fit.values.items()}
+    return {n: {"value": v, "std": fit.standard_errors[n], "unit": units[n]} for n, v in fit.values.items()}
 
 
-def as_json(calibration: Calibration) -> dict:
-    """The result as plain data: values and standard errors in SI."""
+def calibration_as_json(calibration: Calibration) -> dict:
+    """The content of `fit.json`: estimates and standard errors in SI, diagnostics, findings."""
     fit = calibration.fit
     names = [u.name for u in fit.problem.unknowns]
     out = {
         "campaign": fit.problem.campaign.name,
-        "calibrated": estimates(fit),
-        "error": calibration.errors(),
+        "calibrated": estimates_as_json(fit),
+        "error": calibration.rms_residuals(),
         "converged": fit.converged,
         "half_chi_square": fit.cost,
         "step": min(run.interval for run in fit.problem.campaign.runs) / fit.resolution.fine,
@@ -163,8 +185,8 @@ def as_json(calibration: Calibration) -> dict:
         "correlation": {
             a: dict(zip(names, map(float, row), strict=True)) for a, row in zip(names, fit.correlation, strict=True)
         },
-        "not_identified": calibration.unseen(),
-        "not_told_apart": [[a, b, value] for a, b, value in calibration.entangled()],
+        "not_identified": calibration.unidentified(),
+        "not_told_apart": [[a, b, value] for a, b, value in calibration.confounded_pairs()],
         "implausible": calibration.implausible(),
         "drifting": calibration.drifting(),
         "findings": calibration.findings(),
@@ -177,7 +199,7 @@ def as_json(calibration: Calibration) -> dict:
             for k, (name, u) in enumerate(zip(names, fit.problem.unknowns, strict=True))
         }
     out["profile"] = {
-        p.name: {"values": p.values.tolist(), "rise": p.rise.tolist(), "interval_95": p.interval()}
+        p.name: {"values": p.values.tolist(), "rise": p.chi2_increase.tolist(), "interval_95": p.interval()}
         for p in calibration.profiles
     }
     return out

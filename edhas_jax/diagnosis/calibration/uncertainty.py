@@ -1,24 +1,30 @@
-"""What a fit is worth: parameters that drift from run to run, and the profile of the likelihood along one of them."""
+"""Checks of a fit beyond its covariance: drift of the estimates between runs, and profile likelihoods."""
 
 import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import Fit, sums_of_squares
-from edhas_jax.diagnosis.calibration.least_squares import minimise
+from edhas_jax.diagnosis.calibration.fit import Fit, gauss_newton_model
+from edhas_jax.diagnosis.calibration.least_squares import levenberg_marquardt
 from edhas_jax.measurements.predicted_signals import Case
 
-LEAST_APART = 0.05  # of a run's own variance
-PROFILE_SIGMAS = (-3.0, -2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 3.0)
+COST_TOLERANCE = 0.02  # in ½χ², of the fits of single runs and of the profiles
+MIN_DIFFERENCE_VARIANCE = 0.05  # share of a run's own variance; below it the search's tolerance would dominate
+PROFILE_SIGMAS = (-3.0, -2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 3.0)  # offsets from the estimate
+CHI2_95 = 3.84  # 95 % quantile of χ² with one degree of freedom
 
 
 @dataclasses.dataclass(frozen=True)
 class Drift:
-    """Each run fitted alone: estimates `x` (runs, n) and standard errors `std` in coordinates.
+    """Estimates of n unknowns from each run alone, compared with the common estimate.
 
-    `score` (runs, n) is the distance from the common estimate in standard deviations of that distance: of the order of
-    1 when the model is right, large where a parameter stands in for physics that is missing.
+    Attributes:
+        runs: names of the runs.
+        x: estimates in coordinates, shape (runs, n).
+        std: their standard errors in coordinates, shape (runs, n).
+        score: distance from the common estimate in standard deviations of that distance, shape (runs, n). Of the order
+            of 1 for a correct model; large where a parameter compensates for physics that the model lacks.
     """
 
     runs: tuple[str, ...]
@@ -28,74 +34,100 @@ class Drift:
 
 
 @dataclasses.dataclass(frozen=True)
-class Profile:
-    """The likelihood along one unknown, all others fitted anew: coordinates, values (SI) and 2(cost − least cost)."""
+class ProfileLikelihood:
+    """Minimum of χ² over all other unknowns, as a function of one of them.
+
+    Attributes:
+        name: the unknown.
+        x: its coordinates, ascending, shape (points,).
+        values: the same in SI, shape (points,).
+        chi2_increase: χ² above its minimum, shape (points,).
+    """
 
     name: str
     x: np.ndarray
     values: np.ndarray
-    rise: np.ndarray
+    chi2_increase: np.ndarray
 
-    def interval(self, level: float = 3.84) -> tuple[float, float]:
-        """Where the rise stays below `level` (3.84: 95 %), by linear interpolation of its signed root; SI."""
-        root = np.sqrt(np.maximum(self.rise, 0.0)) * np.where(np.arange(len(self.x)) < np.argmin(self.rise), -1.0, 1.0)
+    def interval(self, level: float = CHI2_95) -> tuple[float, float]:
+        """Interval (SI) where the increase stays below `level`, by linear interpolation of its signed square root."""
+        side = np.where(np.arange(len(self.x)) < np.argmin(self.chi2_increase), -1.0, 1.0)
+        root = np.sqrt(np.maximum(self.chi2_increase, 0.0)) * side
         order = np.argsort(root)
         low, high = np.interp([-np.sqrt(level), np.sqrt(level)], root[order], self.values[order])
         return float(low), float(high)
 
 
 def fit_each_run(fit: Fit, on_progress: Callable[[str], None] | None = None) -> Drift:
-    """Fit every run alone from the common estimate, all side by side.
+    """Fit each run alone, starting from the common estimate; all runs in one batch.
 
     A run's estimate and the common one share data and prior, and the common one is the efficient one of the two, so
-    that var(x_run − x) = var(x_run) − var(x) (Hausman, Econometrica 46 (1978) 1251).
+    that var(x_run − x) = var(x_run) − var(x).
+
+    Args:
+        fit: the common estimate.
+        on_progress: called with a text such as "step 3".
+
+    Returns:
+        The estimates of the runs and their distances from the common one.
+
+    Source: Hausman, Econometrica 46 (1978) 1251, for the variance of the difference.
     """
     model = fit.problem.model()
     count, n = len(model.runs), len(model.unknowns)
 
-    def evaluate(x, which):
-        cases = [Case(row, (int(r),)) for row, r in zip(x, which, strict=True)]
-        return sums_of_squares(model, cases, fit.resolution.fine)
+    def evaluate(x, runs):
+        cases = [Case(row, (int(r),)) for row, r in zip(x, runs, strict=True)]
+        return gauss_newton_model(model, cases, fit.resolution.fine)
 
     low, high = np.array([u.bounds() for u in model.unknowns]).T
     starts = np.tile(fit.uncorrected, (count, 1))
-    done = minimise(evaluate, starts, low, high, tolerance=0.02, on_step=_teller(on_progress))
-    covariance = np.array([np.linalg.pinv(c, hermitian=True) for c in done.at.curvature])
+    found = levenberg_marquardt(
+        evaluate, starts, low, high, tolerance=COST_TOLERANCE, on_step=_step_reporter(on_progress)
+    )
+    covariance = np.array([np.linalg.pinv(c, hermitian=True) for c in found.model.curvature])
     variance = np.einsum("rkk->rk", covariance)
-    # where a run knows as much as all of them, what is left of the difference is where the search stopped
-    apart = np.maximum(variance - np.diag(fit.covariance), LEAST_APART * variance)
-    score = (done.x - fit.uncorrected) / np.sqrt(apart)
-    return Drift(tuple(run.name for run in model.runs), done.x.reshape(count, n), np.sqrt(variance), score)
+    difference_variance = np.maximum(variance - np.diag(fit.covariance), MIN_DIFFERENCE_VARIANCE * variance)
+    score = (found.x - fit.uncorrected) / np.sqrt(difference_variance)
+    return Drift(tuple(run.name for run in model.runs), found.x.reshape(count, n), np.sqrt(variance), score)
 
 
-def profile(fit: Fit, name: str, on_progress: Callable[[str], None] | None = None) -> Profile:
-    """Hold an unknown at values around its estimate and fit the others anew, all side by side.
+def profile_likelihood(fit: Fit, name: str, on_progress: Callable[[str], None] | None = None) -> ProfileLikelihood:
+    """Fix an unknown at values around its estimate and fit all others again; all values in one batch.
+
+    Args:
+        fit: the common estimate.
+        name: the unknown to vary.
+        on_progress: called with a text such as "step 3".
+
+    Returns:
+        The profile at the estimate and at `PROFILE_SIGMAS` standard errors from it.
 
     Raises:
         ValueError: no such unknown.
     """
     names = [u.name for u in fit.problem.unknowns]
     if name not in names:
-        raise ValueError(f"{name} is not sought in this fit; one of {', '.join(names)}")
+        raise ValueError(f"{name} is not an unknown of this fit; one of {', '.join(names)}")
     k = names.index(name)
     model = fit.problem.model()
-    every = tuple(range(len(model.runs)))
+    all_runs = tuple(range(len(model.runs)))
     low, high = np.array([u.bounds() for u in model.unknowns]).T
-    # the others follow along the ridge of the likelihood
+    # the other unknowns start on the ridge that the covariance predicts
     offsets = np.array(PROFILE_SIGMAS) * fit.std[k]
     starts = fit.uncorrected + np.outer(offsets, fit.covariance[:, k] / fit.covariance[k, k])
     starts[:, k] = np.clip(starts[:, k], low[k], high[k])
     free = np.arange(len(names)) != k
-    done = minimise(
-        lambda x, which: sums_of_squares(model, [Case(row, every) for row in x], fit.resolution.fine),
-        starts, low, high, free=free, tolerance=0.02, on_step=_teller(on_progress),
+    found = levenberg_marquardt(
+        lambda x, starts: gauss_newton_model(model, [Case(row, all_runs) for row in x], fit.resolution.fine),
+        starts, low, high, free=free, tolerance=COST_TOLERANCE, on_step=_step_reporter(on_progress),
     )  # fmt: skip
-    # what frees the estimate of the solver's error moves the whole curve
-    x = np.append(done.x[:, k], fit.uncorrected[k]) + (fit.x[k] - fit.uncorrected[k])
-    rise = 2.0 * (np.append(done.at.cost, fit.cost) - fit.cost)
+    # the correction of the discretisation error shifts the whole curve
+    x = np.append(found.x[:, k], fit.uncorrected[k]) + (fit.x[k] - fit.uncorrected[k])
+    increase = 2.0 * (np.append(found.model.cost, fit.cost) - fit.cost)
     order = np.argsort(x)
-    return Profile(name, x[order], np.asarray(fit.problem.unknowns[k].value(x[order])), rise[order])
+    return ProfileLikelihood(name, x[order], np.asarray(fit.problem.unknowns[k].value(x[order])), increase[order])
 
 
-def _teller(on_progress):
+def _step_reporter(on_progress):
     return None if on_progress is None else lambda step, cost: on_progress(f"step {step}")

@@ -6,7 +6,7 @@ import numpy as np
 
 from edhas_jax.core.plot_style import COLOURS, INK, QUIET
 from edhas_jax.core.units import from_si, shown_unit, with_error
-from edhas_jax.diagnosis.calibration.figures import BELIEVED
+from edhas_jax.diagnosis.calibration.figures import PRIOR_COLOUR
 from edhas_jax.diagnosis.report.nonparametric_term import MissingTerm
 from edhas_jax.diagnosis.report.sensor_fault import SensorFault
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
@@ -96,8 +96,8 @@ def draw_pulls(diagnosis: Diagnosis):
     first = {u.name: (x, s) for u, x, s in zip(null.problem.unknowns, null.x, null.std, strict=True)}
     figure = Figure(figsize=(8.6, 1.3 + 0.36 * len(known)), layout="constrained")
     axes = figure.subplots()
-    axes.axvspan(-2, 2, color=BELIEVED, lw=0, alpha=0.5)
-    axes.axvspan(-1, 1, color=BELIEVED, lw=0)
+    axes.axvspan(-2, 2, color=PRIOR_COLOUR, lw=0, alpha=0.5)
+    axes.axvspan(-1, 1, color=PRIOR_COLOUR, lw=0)
     rows = np.arange(len(known))[::-1]
     names, most = [], 3.0
     for row, k in zip(rows, known, strict=True):
@@ -105,7 +105,8 @@ def draw_pulls(diagnosis: Diagnosis):
         before, spread = first[u.name]
         axes.errorbar(before, row + 0.14, xerr=1.96 * spread, fmt="o", mfc="white", ms=5, color="#9a6700", capsize=2)
         axes.errorbar(x, row - 0.14, xerr=1.96 * std, fmt="o", ms=5, color=COLOURS[1], capsize=2)
-        names.append(f"{u.name.replace('_', ' ')}   {with_error(final.values[u.name], final.errors[u.name], u.unit)}")
+        value = with_error(final.values[u.name], final.standard_errors[u.name], u.unit)
+        names.append(f"{u.name.replace('_', ' ')}   {value}")
         most = max(most, abs(before) + 1.96 * spread, abs(x) + 1.96 * std)
     axes.set_xlim(-1.1 * most, 1.1 * most)
     axes.set_yticks(rows, names, fontsize=9, color=INK)

@@ -11,7 +11,7 @@ import numpy as np
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.least_squares import inverse
+from edhas_jax.diagnosis.calibration.least_squares import regularised_inverse
 from edhas_jax.diagnosis.search.candidates import Suspect
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.interface.signals import SIGNALS
@@ -139,7 +139,7 @@ def _estimated(fitted: Fit, slot: Slot, local: str, nodes: np.ndarray, spread: f
             slopes = found[0][r].slopes[n][there] / noise
             curvature = curvature + slopes.T @ slopes
             downhill = downhill + slopes.T @ (measured - outcome.values[n])[there] / noise
-    covariance = inverse(curvature)
+    covariance = regularised_inverse(curvature)
     return spread * (covariance @ downhill), spread * np.sqrt(np.diag(covariance))
 
 

@@ -152,7 +152,8 @@ def _suspects(diagnosis: Diagnosis) -> str:
 def sizes_of(suspect: Suspect, fitted: Fit) -> list[str]:
     """A suspect's own parameters in a fit, with their standard errors."""
     return [
-        f"{name.replace('_', ' ')} " + with_error(fitted.values[u.name], fitted.errors[u.name], _unit(suspect, u))
+        f"{name.replace('_', ' ')} "
+        + with_error(fitted.values[u.name], fitted.standard_errors[u.name], _unit(suspect, u))
         for name, u in suspect.own(fitted.problem.unknowns).items()
     ]
 

@@ -6,7 +6,7 @@ from typing import Any
 from edhas_jax.config.run_folder import plain, write_json
 from edhas_jax.config.writer import dump_config
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.result import CONFIG, estimates
+from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
 from edhas_jax.diagnosis.search.candidates import Suspect
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.diagnosis.search.trial import Trial
@@ -29,7 +29,7 @@ def save_diagnosis(diagnosis: Diagnosis, folder: Path, next_experiment: dict[str
         names = ", ".join(f"{link.id} on {signal}" for signal, chain in chains for link in chain)
         head += f"# what is wrong with a sensor is not part of the machine: {names}\n"
     text = head + dump_config(final.machine, Simulation(sample_rate=rate))
-    (folder / CONFIG).write_text(text, encoding="utf-8")
+    (folder / CONFIG_FILE).write_text(text, encoding="utf-8")
     write_json(folder / RESULT, plain(as_json(diagnosis, next_experiment)))
 
 
@@ -50,7 +50,7 @@ def as_json(diagnosis: Diagnosis, next_experiment: dict[str, Any] | None = None)
         "groups": [[suspect.id for suspect in group] for group in diagnosis.groups()],
         "where": [{"slot": part, "probability": p} for part, p in diagnosis.where().items()],
         "form": _form(diagnosis),
-        "calibrated": {n: v for n, v in estimates(final).items() if n in known},
+        "calibrated": {n: v for n, v in estimates_as_json(final).items() if n in known},
         "error": diagnosis.errors(),
         "next_experiment": next_experiment,
         "seconds": diagnosis.seconds,
@@ -76,7 +76,7 @@ def _candidate(diagnosis: Diagnosis, suspect: Suspect, probability: float, trial
 
 def _own(fit: Fit, suspect: Suspect) -> dict[str, Any]:
     """A suspect's own parameters as fitted."""
-    every = estimates(fit)
+    every = estimates_as_json(fit)
     return {name: every[u.name] for name, u in suspect.own(fit.problem.unknowns).items()}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
-from edhas_jax.diagnosis.calibration.fit import Fit, Problem
+from edhas_jax.diagnosis.calibration.fit import Fit, FitProblem
 from edhas_jax.machine.effects import LIBRARY, Effect, EffectError
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.interface.slots import taken
@@ -115,7 +115,7 @@ def mounted(suspect: Suspect, machine: Rig, instruments: Instruments) -> tuple[R
 def problem_of(
     campaign: Campaign, machine: Rig, instruments: Instruments, accepted: Iterable[Suspect],
     suspect: Suspect | None = None,
-) -> Problem:  # fmt: skip
+) -> FitProblem:  # fmt: skip
     """The fit of what is uncertain, of the effects `accepted` so far (mounted already), and of one more suspect."""
     accepted = list(accepted)
     if suspect is not None:
@@ -128,7 +128,7 @@ def problem_of(
         for name, spread in campaign.uncertain_in(machine).items()
         if name not in of_effects
     ]
-    return Problem(campaign, machine, (*known, *own), instruments)
+    return FitProblem(campaign, machine, (*known, *own), instruments)
 
 
 def believable(unknown: Unknown) -> Unknown:

@@ -6,9 +6,16 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import EXACT, Fit, FitError, Problem, fit, sums_of_squares
-from edhas_jax.diagnosis.calibration.least_squares import Minima, inverse, minimise
-from edhas_jax.diagnosis.calibration.result import residuals_of
+from edhas_jax.diagnosis.calibration.fit import (
+    CORRECTION_REFINEMENT,
+    Fit,
+    FitError,
+    FitProblem,
+    fit,
+    gauss_newton_model,
+)
+from edhas_jax.diagnosis.calibration.least_squares import Minima, levenberg_marquardt, regularised_inverse
+from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.measurements.campaign import BenchRun, Use
 from edhas_jax.measurements.predicted_signals import Case, level
 from edhas_jax.measurements.step_selection import Resolution
@@ -56,44 +63,44 @@ class Judged:
         return np.array([0.5 * np.nansum(np.square(v)) for v in self.rows(runs)])
 
 
-def search(problem: Problem, starts: np.ndarray, per_sample: int, most_steps: int) -> Judged:
+def search(problem: FitProblem, starts: np.ndarray, per_sample: int, most_steps: int) -> Judged:
     """The best fit of a problem from one start (n,) or several (k, n), without the refinements of a final one; judged.
 
     Raises:
         FitError: the model fails wherever the fit has looked.
     """
     found = minima(problem, starts, per_sample, most_steps)
-    best = int(np.argmin(found.at.cost))
-    x, cost = found.x[best], float(found.at.cost[best])
+    best = int(np.argmin(found.model.cost))
+    x, cost = found.x[best], float(found.model.cost[best])
     if not np.isfinite(cost):
         raise FitError("the model fails (it is not finite, or leaves its physical range) wherever the fit has looked")
     model = problem.model()
     every = tuple(range(len(model.runs)))
     outcomes = model.outcomes([Case(x, every)], per_sample, derive=True)[0]
     done = Fit(
-        problem, x, x, inverse(found.at.curvature[best]), cost, tuple(outcomes[r] for r in every),
-        Resolution(per_sample, per_sample, math.nan), bool(found.converged[best]), found.at.cost,
+        problem, x, x, regularised_inverse(found.model.curvature[best]), cost, tuple(outcomes[r] for r in every),
+        Resolution(per_sample, per_sample, math.nan), bool(found.converged[best]), found.model.cost,
     )  # fmt: skip
     return judge(done, per_sample)
 
 
-def minima(problem: Problem, starts: np.ndarray, per_sample: int, most_steps: int) -> Minima:
+def minima(problem: FitProblem, starts: np.ndarray, per_sample: int, most_steps: int) -> Minima:
     """Where a fit ends from one start (n,) or several (k, n)."""
     model = problem.model()
     every = tuple(range(len(model.runs)))
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
-    return minimise(
-        lambda x, which: sums_of_squares(model, [Case(row, every) for row in x], per_sample),
-        np.atleast_2d(starts), low, high, tolerance=0.5, most_steps=most_steps, merge=0.5,
+    return levenberg_marquardt(
+        lambda x, which: gauss_newton_model(model, [Case(row, every) for row in x], per_sample),
+        np.atleast_2d(starts), low, high, tolerance=0.5, max_steps=most_steps, merge=0.5,
     )  # fmt: skip
 
 
 def judge(fitted: Fit, per_sample: int) -> Judged:
     """A fit, judged on all runs of its campaign at `per_sample` steps from sample to sample."""
-    return Judged(fitted, residuals_of(fitted.problem.campaign, fitted.machine, fitted.instruments, per_sample))
+    return Judged(fitted, campaign_residuals(fitted.problem.campaign, fitted.machine, fitted.instruments, per_sample))
 
 
-def start_from(problem: Problem, values: dict[str, float]) -> np.ndarray:
+def start_from(problem: FitProblem, values: dict[str, float]) -> np.ndarray:
     """Coordinates of a problem at the values (SI) that are known; the centre of the prior for the rest."""
     return np.array([u.coordinate(values[u.name]) if u.name in values else 0.0 for u in problem.unknowns])
 
@@ -102,7 +109,7 @@ def refined(judged: Judged, resolution: Resolution, most_steps: int) -> Judged:
     """A fit finished at the fine step and freed of the solver's error."""
     fitted = judged.fit
     try:
-        done = fit(fitted.problem, fitted.x[None], resolution=resolution, most_steps=most_steps, search=False)
+        done = fit(fitted.problem, fitted.x[None], resolution=resolution, max_steps=most_steps, search=False)
     except FitError:
         return judged
-    return judge(done, EXACT * resolution.fine)
+    return judge(done, CORRECTION_REFINEMENT * resolution.fine)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import FitError
-from edhas_jax.diagnosis.calibration.result import residuals_of
+from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.diagnosis.search.candidates import Suspect, can_have, held_by_belief, problem_of, suspects_for
 from edhas_jax.diagnosis.search.evaluated_fit import Judged, refined, search, start_from
 from edhas_jax.diagnosis.search.generic_terms import FORMS
@@ -64,7 +64,7 @@ def diagnose(
         elif alone is not None:
             begun = dataclasses.replace(rounds[0], trials=(*rounds[0].trials, alone), accepted=alone, forms=())
             rounds = _rounds(campaign, rounds[0].before, resolution, more, allowed, say, begun)
-    as_it_was = residuals_of(campaign, campaign.machine, Instruments(), resolution.fine)
+    as_it_was = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
     seconds = time.perf_counter() - began
     null, after, verdict = rounds[0].before, rounds[-1].before, _verdict(rounds)
     parts = parts if verdict is Verdict.UNKNOWN_EFFECT else {}

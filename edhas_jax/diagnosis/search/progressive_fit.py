@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import qmc
 
-from edhas_jax.diagnosis.calibration.fit import FitError, Problem
+from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem
 from edhas_jax.diagnosis.search.evaluated_fit import Judged, minima, search
 from edhas_jax.measurements.campaign import BenchRun
 from edhas_jax.measurements.predicted_signals import Case, whitened
@@ -29,7 +29,7 @@ SEEN = 10.0  # times the scatter of χ², from which on what is left over says s
 
 
 def grown(
-    problem: Problem, starts: np.ndarray, own: int, per_sample: int, most_steps: int, whole: Judged | None = None
+    problem: FitProblem, starts: np.ndarray, own: int, per_sample: int, most_steps: int, whole: Judged | None = None
 ) -> Judged | None:
     """The fit that growing stretches lead to from the `starts` (k, n); None where they fail, or that is no better.
 
@@ -47,8 +47,8 @@ def grown(
     prior = np.array([float(u.prior) for u in problem.unknowns])
     for part, left in zip(parts, lefts, strict=True):
         found = minima(part, at, per_sample, most_steps)
-        at = found.x[np.argsort(found.at.cost)[:KEPT]]
-        best = 2.0 * found.at.cost.min() - prior @ np.square(at[0])
+        at = found.x[np.argsort(found.model.cost)[:KEPT]]
+        best = 2.0 * found.model.cost.min() - prior @ np.square(at[0])
         if not np.isfinite(best) or (left > SEEN and _beyond(best, part) > SMALLER * left):
             return None
     try:
@@ -58,7 +58,7 @@ def grown(
     return end if whole is None or end.evidence > whole.evidence else None
 
 
-def _beginnings(problem: Problem, runs: Sequence[BenchRun], share: float) -> Problem:
+def _beginnings(problem: FitProblem, runs: Sequence[BenchRun], share: float) -> FitProblem:
     """The same problem with the first `share` of each run."""
     part = []
     for run in runs:
@@ -68,7 +68,7 @@ def _beginnings(problem: Problem, runs: Sequence[BenchRun], share: float) -> Pro
     return dataclasses.replace(problem, runs=tuple(part))
 
 
-def _scanned(part: Problem, around: np.ndarray, own: int, per_sample: int) -> np.ndarray:
+def _scanned(part: FitProblem, around: np.ndarray, own: int, per_sample: int) -> np.ndarray:
     """The `KEPT` best of many values of the last `own` unknowns (KEPT, n), the others being as they are `around`."""
     line = np.linspace(-WIDE, WIDE, LINE)[:, None]
     sizes = line if own == 1 else WIDE * (2.0 * qmc.Sobol(own, seed=0).random(SIZES) - 1.0)
@@ -85,7 +85,7 @@ def _scanned(part: Problem, around: np.ndarray, own: int, per_sample: int) -> np
     return rows[np.argsort(squares)[:KEPT]]
 
 
-def _left_over(whole: Judged, part: Problem) -> float:
+def _left_over(whole: Judged, part: FitProblem) -> float:
     """What a fit of whole runs leaves over at the beginnings of its runs, as `_beyond` tells it."""
     return _beyond(sum(_squares(whole.residuals[run.name], run) for run in part.runs), part)
 
@@ -98,7 +98,7 @@ def _squares(residuals: Mapping[str, np.ndarray], run: BenchRun) -> float:
     return total if np.isfinite(total) else np.inf
 
 
-def _beyond(square: float, part: Problem) -> float:
+def _beyond(square: float, part: FitProblem) -> float:
     """How far a χ² lies above what noise gives, in units of the scatter of that."""
     samples = sum(int(np.isfinite(v).sum()) for run in part.runs for v in run.signals.values())
     return (square - samples) / np.sqrt(2.0 * max(samples, 1))

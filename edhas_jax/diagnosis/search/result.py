@@ -187,7 +187,7 @@ class Diagnosis:
         """A suspect's own parameters as text, with their standard errors."""
         fit, own = self.final, suspect.own(self.final.problem.unknowns)
         return ", ".join(
-            f"{name} {with_error(fit.values[u.name], fit.errors[u.name], u.unit)}" for name, u in own.items()
+            f"{name} {with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit)}" for name, u in own.items()
         )
 
     def errors(self) -> dict[str, dict[str, dict[str, float]]]:
