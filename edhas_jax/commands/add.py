@@ -20,11 +20,11 @@ def run(options) -> None:
 
     Raises:
         CampaignError: the fit fails.
-        StoreError: the file exists or cannot be written.
+        ResultFileError: the file exists or cannot be written.
     """
     from rich.markup import escape
 
-    from edhas_jax.config.run_folder import StoreError
+    from edhas_jax.config.run_folder import ResultFileError
     from edhas_jax.config.writer import dump_config
     from edhas_jax.core.units import format_quantity
     from edhas_jax.diagnosis.calibration.fit import FitError
@@ -38,7 +38,7 @@ def run(options) -> None:
     effect = load_effect(options.effect)
     path = options.out or Path(f"{campaign.name}_{effect.id}.yaml")
     if path.exists() and not options.overwrite:
-        raise StoreError(f"{path} exists; give another file with --out, or --overwrite")
+        raise ResultFileError(f"{path} exists; give another file with --out, or --overwrite")
     out = console()
     with out.status("fitting") as status:
         try:
@@ -50,7 +50,7 @@ def run(options) -> None:
     try:
         path.write_text(text + dump_config(after.fit.machine, Simulation(sample_rate=rate)), encoding="utf-8")
     except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror}") from None
+        raise ResultFileError(f"{path}: cannot be written: {error.strerror}") from None
     rows = table("residual over noise", "model", "fitted runs", "held-out runs")
     for name, judged in (("calibrated", before), (f"with {effect.id}", after)):
         rows.add_row(name, f"{judged.level(Use.FIT):.3f}", f"{judged.level(Use.HOLDOUT):.3f}")

@@ -69,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
 def _user_errors() -> tuple[type[Exception], ...]:
     """The errors that wrong input causes; any other one is a defect of the program and keeps its traceback."""
     from edhas_jax.config.machine_config import ConfigError
-    from edhas_jax.config.run_folder import StoreError
+    from edhas_jax.config.run_folder import ResultFileError
     from edhas_jax.core.units import UnitError
     from edhas_jax.export.fmu_inputs import FmuError
     from edhas_jax.machine.effects import EffectError
@@ -77,7 +77,9 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from edhas_jax.measurements.campaign import CampaignError
     from edhas_jax.simulation.run import SimulationError
 
-    return CampaignError, ConfigError, EffectError, FmuError, ParameterError, SimulationError, StoreError, UnitError
+    return (
+        CampaignError, ConfigError, EffectError, FmuError, ParameterError, ResultFileError, SimulationError, UnitError,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

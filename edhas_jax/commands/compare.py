@@ -24,7 +24,7 @@ def run(options) -> None:
     from rich.markup import escape
 
     from edhas_jax.config.machine_config import read_config
-    from edhas_jax.config.run_folder import StoreError, check_free, free_folder
+    from edhas_jax.config.run_folder import ResultFileError, require_new_folder, unused_folder
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.comparison import compare, figures_of_merit
     from edhas_jax.measurements.comparison_report import comparison_report, sentences
@@ -33,8 +33,8 @@ def run(options) -> None:
 
     campaign = read_campaign(options.campaign)
     machine = None if options.model is None else read_config(options.model).machine
-    folder = options.out or free_folder(Path("comparisons"), campaign.name)
-    check_free(folder, options.overwrite)
+    folder = options.out or unused_folder(Path("comparisons"), campaign.name)
+    require_new_folder(folder, options.overwrite)
     out = console()
     with out.status("reading") as status:
         comparison = compare(campaign, machine, replay=Replay(options.replay), on_progress=status.update)
@@ -47,7 +47,7 @@ def run(options) -> None:
         figures_of_merit(comparison).to_csv(folder / "figures.csv")
         (folder / "report.html").write_text(report, encoding="utf-8")
     except OSError as error:
-        raise StoreError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
     print_remarks(out, (*campaign.remarks, *comparison.remarks))
     out.print(residual_table(comparison))
     for number, sentence in enumerate(sentences(patterns), 1):

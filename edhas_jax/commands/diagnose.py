@@ -20,11 +20,11 @@ def run(options) -> None:
 
     Raises:
         CampaignError: the fit fails.
-        StoreError: the folder exists or cannot be written.
+        ResultFileError: the folder exists or cannot be written.
     """
     from rich.markup import escape
 
-    from edhas_jax.config.run_folder import StoreError, check_free, free_folder
+    from edhas_jax.config.run_folder import ResultFileError, require_new_folder, unused_folder
     from edhas_jax.diagnosis.calibration.fit import FitError
     from edhas_jax.diagnosis.planning.next_experiment import next_experiment
     from edhas_jax.diagnosis.report.report import write_report
@@ -36,8 +36,8 @@ def run(options) -> None:
     from edhas_jax.measurements.campaign_reader import read_campaign
 
     campaign = read_campaign(options.campaign)
-    folder = options.out or free_folder(Path("diagnoses"), campaign.name)
-    check_free(folder, options.overwrite)
+    folder = options.out or unused_folder(Path("diagnoses"), campaign.name)
+    require_new_folder(folder, options.overwrite)
     user_effects = [load_effect(spec) for spec in options.effects]
     out = console()
     print_remarks(out, campaign.remarks)
@@ -57,7 +57,7 @@ def run(options) -> None:
             write_report(diagnosis, folder / "report.html", experiment)
             draw_story(diagnosis).savefig(folder / "diagnosis.png", dpi=130)
         except OSError as error:
-            raise StoreError(f"{folder}: cannot be written: {error.strerror}") from None
+            raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
     out.print(suspects_table(diagnosis))
     out.print(errors_table(diagnosis))
     for sentence in diagnosis.sentences():

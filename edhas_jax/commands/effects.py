@@ -69,9 +69,9 @@ def _draw_effect(effect, path, out) -> None:
     """Draw what an effect does to the signals.
 
     Raises:
-        StoreError: the picture cannot be written.
+        ResultFileError: the picture cannot be written.
     """
-    from edhas_jax.config.run_folder import StoreError
+    from edhas_jax.config.run_folder import ResultFileError
     from edhas_jax.simulation.effect_preview import plot_signature, signature
 
     with out.status(f"runs without and with {effect.id}"):
@@ -79,5 +79,5 @@ def _draw_effect(effect, path, out) -> None:
     try:
         figure.savefig(path, dpi=130)
     except (OSError, ValueError) as error:
-        raise StoreError(f"{path}: cannot be written: {error}") from None
+        raise ResultFileError(f"{path}: cannot be written: {error}") from None
     out.print(f"written: {path}", soft_wrap=True)

@@ -25,11 +25,11 @@ def run(options) -> None:
 
     Raises:
         CampaignError: a profile is asked of a parameter that is not uncertain, or the fit fails.
-        StoreError: the folder exists or cannot be written.
+        ResultFileError: the folder exists or cannot be written.
     """
     from rich.markup import escape
 
-    from edhas_jax.config.run_folder import StoreError, check_free, free_folder
+    from edhas_jax.config.run_folder import ResultFileError, require_new_folder, unused_folder
     from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem, fit
     from edhas_jax.diagnosis.calibration.report import fit_report
     from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
@@ -41,8 +41,8 @@ def run(options) -> None:
 
     began = time.perf_counter()
     campaign = read_campaign(options.campaign)
-    folder = options.out or free_folder(Path("fits"), campaign.name)
-    check_free(folder, options.overwrite)
+    folder = options.out or unused_folder(Path("fits"), campaign.name)
+    require_new_folder(folder, options.overwrite)
     unknowns = uncertain_unknowns(campaign)
     uncertain = [u.name for u in unknowns]
     for name in options.profile:
@@ -77,7 +77,7 @@ def run(options) -> None:
         (folder / "report.html").write_text(fit_report(result), encoding="utf-8")
         save_calibration(result, folder)
     except OSError as error:
-        raise StoreError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
     out.print(errors_table(result))
     out.print(estimates_table(result))
     for number, sentence in enumerate(result.findings(), 1):

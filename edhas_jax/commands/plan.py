@@ -23,9 +23,9 @@ def run(options) -> None:
     """Predict which effects a planned campaign can detect, write a folder, print the most useful next run.
 
     Raises:
-        StoreError: the folder exists or cannot be written.
+        ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.run_folder import StoreError, check_free, free_folder
+    from edhas_jax.config.run_folder import ResultFileError, require_new_folder, unused_folder
     from edhas_jax.core.units import to_si
     from edhas_jax.diagnosis.planning.candidate_runs import read_planned
     from edhas_jax.diagnosis.planning.detectability_plan import as_json, plan
@@ -33,8 +33,8 @@ def run(options) -> None:
     from edhas_jax.machine.effects.loading import load_effect
 
     campaign = read_planned(options.campaign, to_si(options.rate, "Hz", "5 kHz"))
-    folder = options.out or free_folder(Path("plans"), campaign.name)
-    check_free(folder, options.overwrite)
+    folder = options.out or unused_folder(Path("plans"), campaign.name)
+    require_new_folder(folder, options.overwrite)
     user_effects = [load_effect(spec) for spec in options.effects]
     out = console()
     with progress_bar(out) as bar:
@@ -50,7 +50,7 @@ def run(options) -> None:
         draw_sizes(planned).savefig(folder / "sizes.png", dpi=130)
         draw_overlaps(planned).savefig(folder / "overlaps.png", dpi=130)
     except OSError as error:
-        raise StoreError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
     out.print(sizes_table(planned))
     pairs = planned.pairs()
     if pairs:

@@ -35,9 +35,9 @@ def run_sweep_plot(options) -> None:
     """Draw the pictures of a sweep's result.
 
     Raises:
-        StoreError: the result does not hold what a picture needs, or a picture cannot be written.
+        ResultFileError: the result does not hold what a picture needs, or a picture cannot be written.
     """
-    from edhas_jax.config.run_folder import StoreError
+    from edhas_jax.config.run_folder import ResultFileError
     from edhas_jax.design.sweep.figures import FigureError, draw
     from edhas_jax.design.sweep.run import open_sweep
 
@@ -55,11 +55,11 @@ def run_sweep_plot(options) -> None:
             )  # fmt: skip
         except FigureError as error:
             if options.kind != "all" or not error.missing:
-                raise StoreError(f"{options.result}: {error}") from None
+                raise ResultFileError(f"{options.result}: {error}") from None
             out.print(f"no picture {kind}: {error}", soft_wrap=True)
             continue
         try:
             figure.savefig(path, dpi=130)
         except (OSError, ValueError) as error:
-            raise StoreError(f"{path}: cannot be written: {error}") from None
+            raise ResultFileError(f"{path}: cannot be written: {error}") from None
         out.print(f"written: {path}", soft_wrap=True)

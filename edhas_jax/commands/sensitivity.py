@@ -19,14 +19,14 @@ def add_parser(commands) -> None:
 
 def run(options) -> None:
     """Run a sensitivity analysis, write tables and pictures, print the largest elasticities."""
-    from edhas_jax.config.run_folder import check_free, free_folder
+    from edhas_jax.config.run_folder import require_new_folder, unused_folder
     from edhas_jax.design.batch.design_table import own_name
     from edhas_jax.design.sensitivity.analysis import analyse, load_sensitivity, save_findings
     from edhas_jax.design.sensitivity.figures import draw_local, draw_morris, draw_sobol
 
     analysis = load_sensitivity(options.config)
-    folder = options.out or free_folder(Path("runs"), options.config.stem)
-    check_free(folder, options.overwrite)
+    folder = options.out or unused_folder(Path("runs"), options.config.stem)
+    require_new_folder(folder, options.overwrite)
     out = console()
     began = time.perf_counter()
     with progress_bar(out) as bar:

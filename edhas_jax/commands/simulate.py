@@ -22,12 +22,12 @@ def add_parser(commands) -> None:
 def run(options) -> None:
     """Simulate a machine, write a run folder, print metrics and energy ledger."""
     from edhas_jax.config.machine_config import read_config
-    from edhas_jax.config.run_folder import check_free, free_folder, save_run
+    from edhas_jax.config.run_folder import require_new_folder, save_run, unused_folder
     from edhas_jax.simulation.run import simulate
 
     config = read_config(options.config, options.overrides)
-    folder = options.out or free_folder(Path("runs"), options.config.stem)
-    check_free(folder, options.overwrite)
+    folder = options.out or unused_folder(Path("runs"), options.config.stem)
+    require_new_folder(folder, options.overwrite)
     out = console()
     began = time.perf_counter()
     with progress_bar(out, time_remaining=True) as bar:

@@ -16,7 +16,7 @@ def add_parser(commands) -> None:
 
 def run(options) -> None:
     """Size a machine, write configurations, search path and pictures, print dimensions, metrics and active limits."""
-    from edhas_jax.config.run_folder import check_free, free_folder
+    from edhas_jax.config.run_folder import require_new_folder, unused_folder
     from edhas_jax.core.units import format_quantity, from_si
     from edhas_jax.design.batch.design_table import own_name
     from edhas_jax.design.sizing.config import load_sizing
@@ -27,8 +27,8 @@ def run(options) -> None:
     from edhas_jax.simulation.metrics import METRICS
 
     sizing = load_sizing(options.config)
-    folder = options.out or free_folder(Path("runs"), options.config.stem)
-    check_free(folder, options.overwrite)
+    folder = options.out or unused_folder(Path("runs"), options.config.stem)
+    require_new_folder(folder, options.overwrite)
     out = console()
     with progress_bar(out) as bar:
         task = bar.add_task("compiling", total=1.0)

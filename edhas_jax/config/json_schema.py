@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from edhas_jax.config.recorded_signal import KEYS
-from edhas_jax.config.run_settings import SETTINGS, shown
+from edhas_jax.config.recorded_signal import RECORDING_KEYS
+from edhas_jax.config.run_settings import SIMULATION_SETTINGS, setting_text
 from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import format_quantity
@@ -27,12 +27,13 @@ def json_schema() -> dict[str, Any]:
             by_name.setdefault(p.name, []).append(p)
     effects = [cls.id for cls in LIBRARY]
     text_file = {"type": "string", "pattern": CLASS_IN_FILE}
-    settings = {n: _schema_of([p]) for n, p in SETTINGS.items()}
+    settings = {n: _schema_of([p]) for n, p in SIMULATION_SETTINGS.items()}
     settings["precision"] = {"enum": [p.value for p in Precision]}
     for name in ("step", "accuracy"):
         del settings[name]["default"]
-        p = SETTINGS[name]
-        settings[name]["description"] = f"{p.doc}; {shown(p, p.span[0])} … {shown(p, p.span[1])}; default: chosen"
+        p = SIMULATION_SETTINGS[name]
+        low, high = (setting_text(p, bound) for bound in p.span)
+        settings[name]["description"] = f"{p.doc}; {low} … {high}; default: chosen"
     sections = {s: _schema_of_section(kinds) for s, kinds in KINDS.items()}
     sections["controller"] = _schema_of_controller()
     sections["target"] = {"anyOf": [{"$ref": "#/$defs/quantity"}, sections["target"]]}
@@ -87,7 +88,7 @@ def _schema_of(ps: list[Parameter]) -> dict[str, Any]:
 def _schema_of_section(kinds: Mapping[str, type]) -> dict[str, Any]:
     own = {p.name: _schema_of([p]) for cls in kinds.values() for p in structs.parameters(cls)}
     if "recorded" in kinds:
-        own |= {name: {"type": "string"} for name in KEYS if name != "kind"}
+        own |= {name: {"type": "string"} for name in RECORDING_KEYS if name != "kind"}
     return {
         "type": "object",
         "properties": {"kind": {"enum": list(kinds)}} | own,

@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.config.machine_reader import TOP, Reader
+from edhas_jax.config.machine_reader import TOP_LEVEL_KEYS, MachineReader
 from edhas_jax.config.writer import dump_config
-from edhas_jax.config.yaml_with_lines import YamlError, dotted, kind_name, line_of, read_yaml
+from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, yaml_type
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run import Simulation
 
@@ -45,28 +45,28 @@ def read_config(path: Path | str, overrides: Sequence[str] = ()) -> Config:
     path = Path(path)
     text = _text(path)
     try:
-        data, lines, problems = read_yaml(text)
+        data, lines, problems = parse_yaml(text)
     except YamlError as error:
         raise ConfigError(f"{_place(path, error.line)}: {error}") from None
-    reader = Reader(data, path.parent, overrides)
-    problems += [(line_of(lines, key), f"{dotted(key)}: {what}") for key, what in reader.problems]
+    reader = MachineReader(data, path.parent, overrides)
+    problems += [(line_of(lines, key), f"{key_text(key)}: {what}") for key, what in reader.problems]
     if problems:
         problems.sort(key=lambda problem: problem[0])
         raise ConfigError("\n".join(dict.fromkeys(f"{_place(path, line)}: {what}" for line, what in problems)))
     return Config(reader.machine, reader.simulation, reader.name, path, text, reader.recordings)
 
 
-def build(mapping: Mapping[str, Any], overrides: Sequence[str] = (), base_dir: Path | str = ".") -> Config:
+def build_config(mapping: Mapping[str, Any], overrides: Sequence[str] = (), base_dir: Path | str = ".") -> Config:
     """The configuration in a Python mapping of the same form; files are looked up from `base_dir`.
 
     Raises:
         ConfigError: every problem.
     """
     if not isinstance(mapping, Mapping):
-        raise ConfigError(f"a mapping with the keys {', '.join(TOP)} is needed, not {kind_name(mapping)}")
-    reader = Reader(mapping, Path(base_dir), overrides)
+        raise ConfigError(f"a mapping with the keys {', '.join(TOP_LEVEL_KEYS)} is needed, not {yaml_type(mapping)}")
+    reader = MachineReader(mapping, Path(base_dir), overrides)
     if reader.problems:
-        raise ConfigError("\n".join(dict.fromkeys(f"{dotted(key)}: {what}" for key, what in reader.problems)))
+        raise ConfigError("\n".join(dict.fromkeys(f"{key_text(key)}: {what}" for key, what in reader.problems)))
     config = Config(reader.machine, reader.simulation, reader.name, recordings=reader.recordings)
     return dataclasses.replace(config, text=dump_config(config))
 

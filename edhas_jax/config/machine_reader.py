@@ -6,10 +6,10 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from edhas_jax.config.recorded_signal import KEYS, RecordingError, read_recording, unpack
+from edhas_jax.config.recorded_signal import RECORDING_KEYS, RecordingError, decode_samples, read_recording
 from edhas_jax.config.run_settings import SETTING_NAMES, quantity_text, read_settings
-from edhas_jax.config.writer import kind_of
-from edhas_jax.config.yaml_with_lines import Key, dotted, kind_name
+from edhas_jax.config.writer import config_kind
+from edhas_jax.config.yaml_with_lines import KeyPath, key_text, yaml_type
 from edhas_jax.core import structs
 from edhas_jax.core.names import nearest
 from edhas_jax.core.structs import Parameter
@@ -26,32 +26,32 @@ from edhas_jax.machine.parameters import KINDS, ParameterError, find_parameter, 
 from edhas_jax.machine.rigs import RIGS, Rig
 from edhas_jax.machine.user_controller import check_controller, load_controller
 
-TOP = ("name", "rig", "effects", "parameters", *KINDS, "simulation")
+TOP_LEVEL_KEYS = ("name", "rig", "effects", "parameters", *KINDS, "simulation")
 
 
-class Reader:
+class MachineReader:
     """One pass over a mapping: it gathers problems and goes on wherever what follows does not depend on them.
 
     `machine`, `simulation`, `name` and `recordings` are worth something only when `problems` is empty.
     """
 
     def __init__(self, data: Mapping[str, Any], base_dir: Path, overrides: Sequence[str]):
-        self.problems: list[tuple[Key, str]] = []
+        self.problems: list[tuple[KeyPath, str]] = []
         self.recordings: dict[str, dict[str, str]] = {}
         self._data, self._base_dir = data, base_dir
         self._incomplete = False  # a part or an effect is missing, so that names of its parameters are no errors
-        self._given: dict[tuple[str, str], Key] = {}
+        self._given: dict[tuple[str, str], KeyPath] = {}
         settings, self._overrides = self._split(overrides)
         for key in data:
-            if key not in TOP:
-                self._add((key,), f"unknown key; {nearest(str(key), TOP)}")
+            if key not in TOP_LEVEL_KEYS:
+                self._add((key,), f"unknown key; {nearest(str(key), TOP_LEVEL_KEYS)}")
         self.name = "" if data.get("name") is None else data["name"]
         if not isinstance(self.name, str):
-            self._add(("name",), f"a text belongs here, not {kind_name(self.name)}")
+            self._add(("name",), f"a text belongs here, not {yaml_type(self.name)}")
         self.simulation = read_settings(self._mapping("simulation", "{duration: 0.5 s}"), settings, self._add)
         self.machine = self._machine()
 
-    def _add(self, key: Key, what: str) -> None:
+    def _add(self, key: KeyPath, what: str) -> None:
         self.problems.append((key, what))
 
     def _split(self, overrides: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
@@ -72,7 +72,7 @@ class Reader:
         if rig is None:
             self._add(("rig",), f"missing; one of {', '.join(RIGS)}")
         elif not isinstance(rig, str):
-            self._add(("rig",), f"a text belongs here, not {kind_name(rig)}; one of {', '.join(RIGS)}")
+            self._add(("rig",), f"a text belongs here, not {yaml_type(rig)}; one of {', '.join(RIGS)}")
         elif rig not in RIGS:
             self._add(("rig",), f"no rig `{rig}`; {nearest(rig, RIGS)}")
         else:
@@ -89,7 +89,7 @@ class Reader:
         value = self._data.get(section)
         if value is None or isinstance(value, Mapping):
             return value or {}
-        self._add((section,), f"a mapping belongs here, for example `{section}: {example}`, not {kind_name(value)}")
+        self._add((section,), f"a mapping belongs here, for example `{section}: {example}`, not {yaml_type(value)}")
         self._incomplete = True
         return {}
 
@@ -106,7 +106,7 @@ class Reader:
             keys = {"step_size": (section,)}
         else:
             value, keys = self._mapping(section, f"{{kind: {next(iter(kinds))}}}"), {}
-        kind = value.get("kind", kind_of(section, getattr(m, section)))
+        kind = value.get("kind", config_kind(section, getattr(m, section)))
         cls = self._kind(section, kind)
         if cls is None:
             self._incomplete = True
@@ -145,7 +145,7 @@ class Reader:
             return kinds[kind]
         if section == "controller" and isinstance(kind, type) and issubclass(kind, Controller):
             return kind
-        what = f"the name of a kind belongs here, not {kind_name(kind)}; {nearest('', kinds)}"
+        what = f"the name of a kind belongs here, not {yaml_type(kind)}; {nearest('', kinds)}"
         if isinstance(kind, str):
             what = f"no {section} of kind `{kind}`; {nearest(kind, kinds)}"
         if section == "controller" and isinstance(kind, str) and (":" in kind or kind.endswith(".py")):
@@ -160,7 +160,7 @@ class Reader:
         specs = self._data.get("effects")
         if not isinstance(specs, list | tuple | None):
             example = "for example `effects: [lugre_friction]`"
-            self._add(("effects",), f"a list belongs here, {example}, not {kind_name(specs)}")
+            self._add(("effects",), f"a list belongs here, {example}, not {yaml_type(specs)}")
             self._incomplete = True
             return m
         for i, spec in enumerate(specs or ()):
@@ -179,7 +179,7 @@ class Reader:
         elif isinstance(spec, str):
             cls = load_effect(spec, self._base_dir)
         else:
-            raise EffectError(f"the id of an effect or file.py:ClassName belongs here, not {kind_name(spec)}")
+            raise EffectError(f"the id of an effect or file.py:ClassName belongs here, not {yaml_type(spec)}")
         for p in structs.parameters(cls):
             try:
                 to_si("1" if p.unit == "-" else f"1 {p.unit}", p.unit)
@@ -200,7 +200,7 @@ class Reader:
             m = self._find_and_put(m, key, name, value)
         return m
 
-    def _find_and_put(self, m: Rig, key: Key, name: str, value: Any) -> Rig:
+    def _find_and_put(self, m: Rig, key: KeyPath, name: str, value: Any) -> Rig:
         try:
             p, path = find_parameter(m, name)
         except ParameterError as error:
@@ -211,9 +211,9 @@ class Reader:
             self._given.pop((path, p.name), None)  # an override may come on top
         return self._put(m, key, path, p, value)
 
-    def _put(self, m: Rig, key: Key, path: str, p: Parameter, value: Any) -> Rig:
+    def _put(self, m: Rig, key: KeyPath, path: str, p: Parameter, value: Any) -> Rig:
         if (path, p.name) in self._given:
-            self._add(key, f"given twice, also as {dotted(self._given[path, p.name])}")
+            self._add(key, f"given twice, also as {key_text(self._given[path, p.name])}")
             return m
         self._given[path, p.name] = key
         try:
@@ -225,16 +225,17 @@ class Reader:
     def _recorded(self, m: Rig) -> Rig:
         for section, keys in list(self.recordings.items()):
             for name, value in keys.items():
-                if name not in KEYS:
-                    self._add((section, name), f"unknown key of a recorded {section}; {nearest(str(name), KEYS)}")
+                if name not in RECORDING_KEYS:
+                    valid = nearest(str(name), RECORDING_KEYS)
+                    self._add((section, name), f"unknown key of a recorded {section}; {valid}")
                 elif not isinstance(value, str):
-                    self._add((section, name), f"a text belongs here, not {kind_name(value)}")
+                    self._add((section, name), f"a text belongs here, not {yaml_type(value)}")
             if "file" not in keys and "samples" not in keys:
                 self._add((section, "file"), "missing; write for example `file: bench.csv`")
             if any(k[0] == section for k, _ in self.problems):
                 continue
             try:
-                recorded = unpack(keys) if "samples" in keys else self._file(m, section)
+                recorded = decode_samples(keys) if "samples" in keys else self._file(m, section)
             except RecordingError as error:
                 self._add((section, error.key), str(error))
                 continue

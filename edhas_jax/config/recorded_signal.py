@@ -14,7 +14,7 @@ from edhas_jax.core.names import nearest
 from edhas_jax.core.units import UnitError, exact_quantity, format_quantity, to_si
 from edhas_jax.machine.components.set_points import Recorded
 
-KEYS = ("kind", "file", "column", "unit", "samples", "interval", "start")
+RECORDING_KEYS = ("kind", "file", "column", "unit", "samples", "interval", "start")
 MAX_SAMPLES = 20_000_000
 
 
@@ -60,7 +60,7 @@ def read_recording(path: Path, column: str | None, unit: str | None, wanted: str
         time = time * to_si(f"1 {_unit_of(names['time'])}", "s", "1 ms")
     except UnitError:
         raise RecordingError("file", f"{path}: the header of the time column must be `time [s]`") from None
-    return evenly(path, time, values * size)
+    return resample_uniformly(path, time, values * size)
 
 
 def _header(path: Path) -> list[str]:
@@ -154,7 +154,7 @@ def _number(text: str, path: Path, line: int) -> float:
         raise RecordingError("file", f'{path}:{line}: "{text}" is not a number') from None
 
 
-def evenly(path: Path, time: np.ndarray, values: np.ndarray) -> Recorded:
+def resample_uniformly(path: Path, time: np.ndarray, values: np.ndarray) -> Recorded:
     """The samples at equal steps."""
     if len(time) < 2:
         raise RecordingError("file", f"{path}: at least 2 samples are needed; there are {len(time)}")
@@ -183,14 +183,14 @@ def evenly(path: Path, time: np.ndarray, values: np.ndarray) -> Recorded:
     return Recorded(values=jnp.asarray(values), interval=interval, start=float(time[0]))
 
 
-def pack(recorded: Recorded) -> dict[str, str]:
+def encode_samples(recorded: Recorded) -> dict[str, str]:
     """Samples that no file is known to hold, as keys of a section: SI, compressed little-endian float64."""
     data = base64.b64encode(zlib.compress(np.asarray(recorded.values, "<f8").tobytes())).decode()
     interval, start = exact_quantity(recorded.interval, "s"), exact_quantity(recorded.start, "s")
     return {"interval": interval, "start": start, "samples": data}
 
 
-def unpack(keys: Mapping[str, str]) -> Recorded:
+def decode_samples(keys: Mapping[str, str]) -> Recorded:
     """What `pack` has packed."""
     wrong = RecordingError("samples", "not as a run writes them (samples, interval, start); give a file")
     try:

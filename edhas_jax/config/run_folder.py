@@ -30,11 +30,11 @@ SERIES, LEDGER, METRICS, CONFIG, FIGURE, MANIFEST = (
 )  # fmt: skip
 
 
-class StoreError(ValueError):
+class ResultFileError(ValueError):
     """A folder cannot be written, or is not a run folder that can be read."""
 
 
-def free_folder(parent: Path, name: str) -> Path:
+def unused_folder(parent: Path, name: str) -> Path:
     """`parent/name`, or the first of `parent/name-2`, `-3`, … that does not exist."""
     folder, n = parent / name, 1
     while folder.exists():
@@ -43,14 +43,14 @@ def free_folder(parent: Path, name: str) -> Path:
     return folder
 
 
-def check_free(folder: Path, overwrite: bool) -> None:
+def require_new_folder(folder: Path, overwrite: bool) -> None:
     """Refuse a folder that exists, unless it may be overwritten; worth asking before a long run.
 
     Raises:
-        StoreError: the folder exists and `overwrite` is false.
+        ResultFileError: the folder exists and `overwrite` is false.
     """
     if folder.exists() and not overwrite:
-        raise StoreError(f"{folder}: exists already; nothing was written. Name another folder or add --overwrite")
+        raise ResultFileError(f"{folder}: exists already; nothing was written. Name another folder or add --overwrite")
 
 
 def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool = True) -> Path:
@@ -59,17 +59,17 @@ def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool
     The folder appears at once when everything is in it; nothing half-written is left behind.
 
     Raises:
-        StoreError: the folder exists and `overwrite` is false, or is not a run folder, or cannot be written.
+        ResultFileError: the folder exists and `overwrite` is false, or is not a run folder, or cannot be written.
     """
     folder = Path(folder)
-    check_free(folder, overwrite)
+    require_new_folder(folder, overwrite)
     if folder.exists() and not (folder / MANIFEST).exists():
-        raise StoreError(f"{folder}: is not a run folder, so it is not overwritten")
+        raise ResultFileError(f"{folder}: is not a run folder, so it is not overwritten")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     except OSError as error:
-        raise StoreError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
     try:
         _fill(scratch, run, figure)
         os.chmod(scratch, 0o755)
@@ -77,7 +77,7 @@ def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool
             shutil.rmtree(folder)
         scratch.rename(folder)
     except OSError as error:
-        raise StoreError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     return folder
@@ -125,12 +125,12 @@ def write_json(path: Path, value: dict) -> None:
         beside.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def plain(value: Any) -> Any:
+def replace_nonfinite(value: Any) -> Any:
     """The same data with null for every number that is not finite, which JSON has no word for."""
     if isinstance(value, dict):
-        return {k: plain(v) for k, v in value.items()}
+        return {k: replace_nonfinite(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
+        return [replace_nonfinite(v) for v in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
@@ -140,22 +140,23 @@ def open_run(folder: str | Path) -> Run:
     """Read a run folder back.
 
     Raises:
-        StoreError: not a run folder, a file is missing or unreadable, or it was written by a later format.
+        ResultFileError: not a run folder, a file is missing or unreadable, or it was written by a later format.
     """
     folder = Path(folder)
     for name in (MANIFEST, SERIES, LEDGER, CONFIG):
         if not (folder / name).is_file():
-            raise StoreError(f"{folder}: not a run folder: {name} is missing")
+            raise ResultFileError(f"{folder}: not a run folder: {name} is missing")
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         if manifest["format"] > FORMAT:
-            raise StoreError(f"{folder}: written by a later version ({manifest['edhas_jax']}); this one reads {FORMAT}")
+            version = manifest["edhas_jax"]
+            raise ResultFileError(f"{folder}: written by a later version ({version}); this one reads format {FORMAT}")
         signals = _columns(pd.read_parquet(folder / SERIES))
         books = _columns(pd.read_parquet(folder / LEDGER))
-    except StoreError:
+    except ResultFileError:
         raise
     except (OSError, ValueError, KeyError, pa.ArrowException) as error:
-        raise StoreError(f"{folder}: unreadable or half-written: {error}") from None
+        raise ResultFileError(f"{folder}: unreadable or half-written: {error}") from None
     config = read_config(folder / CONFIG)
     energy = {n.removeprefix("energy: "): v for n, v in books.items() if n.startswith("energy: ")}
     volume = {n.removeprefix("volume: "): v for n, v in books.items() if n.startswith("volume: ")}

@@ -4,7 +4,7 @@ import numbers
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from edhas_jax.config.yaml_with_lines import Key, kind_name
+from edhas_jax.config.yaml_with_lines import KeyPath, yaml_type
 from edhas_jax.core.names import nearest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si
@@ -12,7 +12,7 @@ from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP
 from edhas_jax.simulation.run import Precision, Simulation
 
-SETTINGS = {
+SIMULATION_SETTINGS = {
     p.name: p
     for p in (
         Parameter("duration", 0.5, "s", (1e-6, 1e3), "length of the run (0.6 s for the system)", "", Simulation),
@@ -21,12 +21,12 @@ SETTINGS = {
         Parameter("sample_rate", 5e3, "Hz", (1.0, 1e7), "samples per second that are kept", "", Simulation),
     )
 }
-SETTING_NAMES = (*SETTINGS, "precision")
+SETTING_NAMES = (*SIMULATION_SETTINGS, "precision")
 
 
-def shown(p: Parameter, value: float) -> str:
+def setting_text(p: Parameter, value: float) -> str:
     """A value of a parameter or setting as it is told: an accuracy in percent."""
-    return f"{100.0 * value:.4g} %" if p is SETTINGS["accuracy"] else format_quantity(value, p.unit)
+    return f"{100.0 * value:.4g} %" if p is SIMULATION_SETTINGS["accuracy"] else format_quantity(value, p.unit)
 
 
 def quantity_text(p: Parameter, value: Any) -> str:
@@ -38,15 +38,15 @@ def quantity_text(p: Parameter, value: Any) -> str:
     if isinstance(value, numbers.Real) and not isinstance(value, bool):
         return repr(float(value))
     if not isinstance(value, str):
-        example = shown(p, p.default)
+        example = setting_text(p, p.default)
         missing = f"a value is missing; write for example {example}"
-        other = f"a quantity such as {example} belongs here, not {kind_name(value)}"
+        other = f"a quantity such as {example} belongs here, not {yaml_type(value)}"
         raise ParameterError(missing if value is None else other)
     return value
 
 
 def read_settings(
-    given: Mapping[str, Any], overrides: Mapping[str, str], add: Callable[[Key, str], None]
+    given: Mapping[str, Any], overrides: Mapping[str, str], add: Callable[[KeyPath, str], None]
 ) -> Simulation:
     """The settings in a section `simulation:` with overrides on top; problems go to `add(key, what)`."""
     rows = {name: (("simulation", name), value) for name, value in given.items()}
@@ -65,7 +65,7 @@ def read_settings(
         except (ParameterError, UnitError) as error:
             add(key, str(error))
 
-    def key_of(*names: str) -> Key:
+    def key_of(*names: str) -> KeyPath:
         return next((rows[n][0] for n in names if n in rows), ("simulation",))
 
     settings = Simulation(**values)
@@ -81,22 +81,23 @@ def read_settings(
 
 
 def _setting(name: str, value: Any) -> float:
-    if name not in SETTINGS:
+    if name not in SIMULATION_SETTINGS:
         raise ParameterError(f"unknown key; {nearest(str(name), SETTING_NAMES)}")
-    p = SETTINGS[name]
-    number = to_si(quantity_text(p, value), p.unit, shown(p, p.default))
+    p = SIMULATION_SETTINGS[name]
+    number = to_si(quantity_text(p, value), p.unit, setting_text(p, p.default))
     low, high = p.span
     if low <= number <= high:
         return number
     why = ""
     if name == "step" and number > high:
         why = ", too large for the physics: the ball of a check valve swings on its seat with a period of 0.56 ms"
-    raise ParameterError(f"must lie in {shown(p, low)} … {shown(p, high)} ({p.doc}); got {shown(p, number)}{why}")
+    low, high, given = (setting_text(p, x) for x in (low, high, number))
+    raise ParameterError(f"must lie in {low} … {high} ({p.doc}); got {given}{why}")
 
 
 def _precision(value: Any) -> Precision:
     valid = [p.value for p in Precision]
     if isinstance(value, Precision) or isinstance(value, str) and value in valid:
         return Precision(value)
-    wrong = f"no precision `{value}`" if isinstance(value, str) else f"a text belongs here, not {kind_name(value)}"
+    wrong = f"no precision `{value}`" if isinstance(value, str) else f"a text belongs here, not {yaml_type(value)}"
     raise ParameterError(f"{wrong}; one of {', '.join(valid)}")

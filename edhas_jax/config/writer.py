@@ -3,8 +3,8 @@
 import json
 from typing import Any
 
-from edhas_jax.config.recorded_signal import pack
-from edhas_jax.config.run_settings import SETTINGS
+from edhas_jax.config.recorded_signal import encode_samples
+from edhas_jax.config.run_settings import SIMULATION_SETTINGS
 from edhas_jax.core.units import exact_quantity, to_si
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects.loading import effect_spec, user_spec
@@ -30,10 +30,10 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
     names = short_names(m)
     for section in (s for s in KINDS if hasattr(m, s)):
         part = getattr(m, section)
-        lines += [f"{section}:", f"  kind: {_scalar(kind_of(section, part))}"]
+        lines += [f"{section}:", f"  kind: {_scalar(config_kind(section, part))}"]
         if isinstance(part, Recorded):
             keys = recordings.get(section, {})
-            keys = pack(part) if "file" not in keys else {k: v for k, v in keys.items() if k != "kind"}
+            keys = encode_samples(part) if "file" not in keys else {k: v for k, v in keys.items() if k != "kind"}
             lines += [f"  {k}: {json.dumps(v, ensure_ascii=False)}" for k, v in keys.items()]
         lines += [f"  {p.name}: {exact_quantity(v, p.unit)}  # {p.doc}" for p, v, path in rows if path == section]
     lines.append("parameters:")
@@ -43,7 +43,7 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
         for p, v in own:
             lines.append(f"  {names[path, p.name]}: {exact_quantity(v, p.unit)}  # {p.doc}")
     lines.append("simulation:")
-    for name, p in SETTINGS.items():
+    for name, p in SIMULATION_SETTINGS.items():
         value = getattr(settings, name)
         if value is not None:
             text = exact_quantity(value, p.unit) if name != "accuracy" else _percent(value)
@@ -51,7 +51,7 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
     return "\n".join([*lines, f"  precision: {settings.precision.value}", ""])
 
 
-def kind_of(section: str, part: Any) -> str:
+def config_kind(section: str, part: Any) -> str:
     """The name by which a configuration calls what is mounted in a section; a controller of the user by its file."""
     return next((kind for kind, cls in KINDS[section].items() if isinstance(part, cls)), None) or user_spec(type(part))
 

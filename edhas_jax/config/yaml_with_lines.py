@@ -9,7 +9,7 @@ import yaml
 
 from edhas_jax.machine.rigs import RIGS
 
-Key = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 
 
 class YamlError(ValueError):
@@ -20,7 +20,7 @@ class YamlError(ValueError):
         self.line = line
 
 
-def read_yaml(text: str) -> tuple[dict[str, Any], dict[Key, int], list[tuple[int, str]]]:
+def parse_yaml(text: str) -> tuple[dict[str, Any], dict[KeyPath, int], list[tuple[int, str]]]:
     """The data of a YAML text (scalars as text, bool or None), the line of every key, and keys that are given twice.
 
     Raises:
@@ -48,12 +48,12 @@ def read_yaml(text: str) -> tuple[dict[str, Any], dict[Key, int], list[tuple[int
         kind = "a list" if isinstance(node, yaml.SequenceNode) else "a text"
         what = f"a mapping with keys such as `rig: pump_bench` is needed, not {kind}"
         raise YamlError(node.start_mark.line + 1, what)
-    lines: dict[Key, int] = {(): 1}
+    lines: dict[KeyPath, int] = {(): 1}
     twice: list[tuple[int, str]] = []
     return _take(node, (), lines, twice), lines, twice
 
 
-def _take(node: yaml.Node, key: Key, lines: dict[Key, int], twice: list[tuple[int, str]]) -> Any:
+def _take(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], twice: list[tuple[int, str]]) -> Any:
     """The data of one node; the lines of its keys, and what is given twice, are added to `lines` and `twice`."""
     if isinstance(node, yaml.ScalarNode):
         if node.tag == "tag:yaml.org,2002:bool":
@@ -68,14 +68,14 @@ def _take(node: yaml.Node, key: Key, lines: dict[Key, int], twice: list[tuple[in
         name = name_node.value if isinstance(name_node, yaml.ScalarNode) else "?"
         inner = (*key, name)
         if name in result:
-            twice.append((line, f"{dotted(inner)}: given twice, first in line {lines[inner]}"))
+            twice.append((line, f"{key_text(inner)}: given twice, first in line {lines[inner]}"))
             continue
         lines[inner] = line
         result[name] = _take(value, inner, lines, twice)
     return result
 
 
-def read_text(path: Path, error: type[Exception]) -> str:
+def read_text_file(path: Path, error: type[Exception]) -> str:
     """The text of a YAML file.
 
     Raises:
@@ -90,19 +90,19 @@ def read_text(path: Path, error: type[Exception]) -> str:
         raise error(f"{path}: {reason.get(type(problem), problem.strerror)}") from None
 
 
-def line_of(lines: Mapping[Key, int], key: Key) -> int:
+def line_of(lines: Mapping[KeyPath, int], key: KeyPath) -> int:
     """The line of a key, of what it is missing in if it is missing; one after all others for an override."""
     if str(key[0]).startswith("--set"):
         return sys.maxsize
     return next(lines[key[:n]] for n in range(len(key), -1, -1) if key[:n] in lines)
 
 
-def dotted(key: Key) -> str:
+def key_text(key: KeyPath) -> str:
     """A key as it is told: `effects[0]`, `parameters.mover_mass`."""
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in key).removeprefix(".")
 
 
-def kind_name(value: Any) -> str:
+def yaml_type(value: Any) -> str:
     """What a value is, in the words of YAML."""
     if value is None:
         return "nothing"

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from edhas_jax.compiler.c_source import C_LIBRARY
 from edhas_jax.compiler.jaxpr_to_ir import Untranslatable, trace_to_ir
 from edhas_jax.compiler.scalar_ir import Dependence, Program
-from edhas_jax.config.run_settings import SETTINGS
+from edhas_jax.config.run_settings import SIMULATION_SETTINGS
 from edhas_jax.core import structs
 from edhas_jax.export.fmu_inputs import FmuError, Outside, inputs_of, mount, read_inputs, replaced_signals
 from edhas_jax.machine.components.controllers import OpenLoop
@@ -83,7 +83,7 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
     """
     outside, held = read_inputs(machine, inputs)
     candidates, places = _candidates(machine, outside, held)
-    span = SETTINGS[STEP].span
+    span = SIMULATION_SETTINGS[STEP].span
     candidates.append(Variable(STEP, "s", "", "largest internal time step", Causality.PARAMETER, largest_step, span))
     replaced = replaced_signals(outside)
     set_points = {n: getattr(machine, n, None) for n in ("reference", "target") if n not in replaced}

@@ -8,10 +8,17 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from edhas_jax.config.machine_reader import Reader
-from edhas_jax.config.problem_list import Gatherer
-from edhas_jax.config.recorded_signal import pack
-from edhas_jax.config.yaml_with_lines import YamlError, dotted, kind_name, line_of, read_text, read_yaml
+from edhas_jax.config.machine_reader import MachineReader
+from edhas_jax.config.problem_list import ProblemList
+from edhas_jax.config.recorded_signal import encode_samples
+from edhas_jax.config.yaml_with_lines import (
+    YamlError,
+    key_text,
+    line_of,
+    parse_yaml,
+    read_text_file,
+    yaml_type,
+)
 from edhas_jax.core import structs
 from edhas_jax.core.names import nearest
 from edhas_jax.core.units import UnitError, to_si
@@ -54,16 +61,17 @@ def read_campaign(path: Path | str) -> Campaign:
     path = Path(path)
     path = path / FILE if path.is_dir() else path
     try:
-        data, lines, problems = read_yaml(read_text(path, CampaignError))
+        data, lines, problems = parse_yaml(read_text_file(path, CampaignError))
     except YamlError as error:
         raise CampaignError(f"{path}:{error.line}: {error}" if error.line else f"{path}: {error}") from None
     reader = CampaignReader(data, path.parent)
-    problems += [(line_of(lines, key), f"{dotted(key)}: {what}") for key, what in reader.problems]
+    problems += [(line_of(lines, key), f"{key_text(key)}: {what}") for key, what in reader.problems]
     if problems:
         problems.sort(key=lambda problem: problem[0])
         raise CampaignError("\n".join(dict.fromkeys(f"{path}:{line}: {what}" for line, what in problems)))
     remarks = [
-        Remark(severity, path, line_of(lines, key), f"{dotted(key)}: {what}") for severity, key, what in reader.remarks
+        Remark(severity, path, line_of(lines, key), f"{key_text(key)}: {what}")
+        for severity, key, what in reader.remarks
     ]
     runs, said = reader.read_runs()
     remarks += said
@@ -75,14 +83,14 @@ def read_campaign(path: Path | str) -> Campaign:
     return Campaign(reader.name, path.parent, machine, reader.uncertain, reader.channels, tuple(runs), tuple(remarks))
 
 
-class CampaignReader(Gatherer):
+class CampaignReader(ProblemList):
     """One pass over a campaign's mapping; what it has read is worth something only when there are no problems."""
 
     def __init__(self, data: Mapping[str, Any], folder: Path):
         super().__init__([])
         self.remarks: list[tuple[Severity, tuple, str]] = []
         self._data, self._folder = data, folder
-        self.unknown((), data, TOP)
+        self.add_unknown_keys((), data, TOP)
         self.name = str(data.get("name") or folder.resolve().name)
         reference = data.get("reference")
         self._set_point = reference if isinstance(reference, str) else None
@@ -106,7 +114,7 @@ class CampaignReader(Gatherer):
     def _mapping(self, value: Any, key: tuple, example: str) -> Mapping[str, Any]:
         if value is None or isinstance(value, Mapping):
             return value or {}
-        self.add(key, f"a mapping belongs here, for example `{example}`, not {kind_name(value)}")
+        self.add(key, f"a mapping belongs here, for example `{example}`, not {yaml_type(value)}")
         return {}
 
     def _machine(self) -> Rig | None:
@@ -119,18 +127,18 @@ class CampaignReader(Gatherer):
                 config[section] = {SHORT.get(kind, {}).get(n, n): v for n, v in config[section].items()}
         if self._set_point:
             stand_in = Recorded(values=jnp.zeros(2), interval=1.0)
-            config["reference"] = {"kind": "recorded", **pack(stand_in)}
+            config["reference"] = {"kind": "recorded", **encode_samples(stand_in)}
         rig = RIGS.get(str(data.get("rig")))
         fitting = [effect.id for effect in REFINED if rig is None or set(effect.slots) <= set(rig.slots)]
         without = data.get("without") or []
         if not isinstance(without, list):
-            self.add(("without",), f"a list belongs here, for example `[lugre_friction]`, not {kind_name(without)}")
+            self.add(("without",), f"a list belongs here, for example `[lugre_friction]`, not {yaml_type(without)}")
             without = []
         for at, name in enumerate(without):
             if name not in fitting:
                 self.add(("without", at), f"no refined effect `{name}` of this rig; {nearest(str(name), fitting)}")
         config["effects"] = [name for name in fitting if name not in without]
-        reader = Reader(config, self._folder, ())
+        reader = MachineReader(config, self._folder, ())
         self.problems += reader.problems
         return None if self.problems else reader.machine
 
@@ -172,7 +180,7 @@ class CampaignReader(Gatherer):
 
     def _clock(self) -> Source:
         given = self._mapping(self._data.get("time"), ("time",), "{column: t, unit: ms}")
-        self.unknown(("time",), given, ("column", "unit"))
+        self.add_unknown_keys(("time",), given, ("column", "unit"))
         return Source(str(given.get("column", "time")), str(given.get("unit", "")))
 
     def _read_signals(self) -> None:
@@ -183,7 +191,7 @@ class CampaignReader(Gatherer):
         for name, value in given.items():
             key = ("signals", name)
             spec = self._mapping(value, key, "{unit: A, noise: 0.02}")
-            self.unknown(key, spec, ("unit", "noise", "column"))
+            self.add_unknown_keys(key, spec, ("unit", "noise", "column"))
             if name not in here:
                 why = f"{self.machine.name} has no such signal" if name in SIGNALS else "unknown signal"
                 self._leave_out(key, f"{why}; {nearest(str(name), here)}")
@@ -214,7 +222,7 @@ class CampaignReader(Gatherer):
     def _read_runs(self) -> None:
         given = self._data.get("runs")
         if not isinstance(given, list) or not given:
-            what = f", not {kind_name(given)}" if given is not None else ""
+            what = f", not {yaml_type(given)}" if given is not None else ""
             self.add(("runs",), f"a list belongs here, for example `- {{file: run1.csv, use: fit}}`{what}")
             return
         for at, row in enumerate(given):
@@ -231,7 +239,7 @@ class CampaignReader(Gatherer):
                 if name in ("file", "use") or (own := self._find((*key, name), name)) is None:
                     continue
                 p, _ = find_parameter(self.machine, own)
-                size = self.quantity((*key, name), p, value)
+                size = self.read_quantity((*key, name), p, value)
                 if size is not None:
                     conditions[own] = size
             if not self.problems:

@@ -4,7 +4,7 @@ import enum
 
 import numpy as np
 
-from edhas_jax.config.recorded_signal import RecordingError, evenly
+from edhas_jax.config.recorded_signal import RecordingError, resample_uniformly
 from edhas_jax.core import structs
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.controller_sampling import Continuous
@@ -54,7 +54,7 @@ def mount(campaign: Campaign, run: BenchRun, machine: Rig, replay: Replay) -> Ri
     try:
         if replay is Replay.PISTON_POSITION:
             values = _smooth(run.time, values, campaign.channels[replay.value].noise)
-        recorded = evenly(run.file, run.time, values)
+        recorded = resample_uniformly(run.file, run.time, values)
     except RecordingError as error:
         raise CampaignError(f"{error}: {replay.value} cannot be replayed") from None
     held = np.pad(np.asarray(recorded.values), (0, -len(recorded.values) % BLOCK), mode="edge")

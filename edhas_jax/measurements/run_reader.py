@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.config.recorded_signal import RecordingError, evenly
+from edhas_jax.config.recorded_signal import RecordingError, resample_uniformly
 from edhas_jax.core.names import nearest
 from edhas_jax.core.units import UnitError, shown_unit, to_si
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
@@ -127,7 +127,7 @@ class RunReader:
                 values = self._si(source, column, "A") / float(machine.amplifier.amplifier_gain)
             else:
                 values = self._si(source, column, "V" if replay else "m")
-            return evenly(self._file, time, values[order])
+            return resample_uniformly(self._file, time, values[order])
         except UnitError as error:
             raise TableError(self._head, f"column `{name}`: {error}") from None
         except RecordingError as error:

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from edhas_jax.config.json_schema import json_schema
-from edhas_jax.config.machine_config import ConfigError, build, read_config
+from edhas_jax.config.machine_config import ConfigError, build_config, read_config
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.structs import replace
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
@@ -66,7 +66,7 @@ def test_shipped_configurations(path, tmp_path):
     jsonschema.validate(yaml.safe_load(config.text), json_schema(), jsonschema.Draft202012Validator)
     dumped = dump_config(config)
     jsonschema.validate(yaml.safe_load(dumped), json_schema(), jsonschema.Draft202012Validator)
-    assert same(build(yaml.safe_load(dumped)).machine, config.machine)
+    assert same(build_config(yaml.safe_load(dumped)).machine, config.machine)
 
 
 def test_paper_is_the_default_machine():
@@ -141,7 +141,7 @@ def test_wrong_overrides_are_all_told():
 
 
 def test_sections():
-    config = build(
+    config = build_config(
         {
             "rig": "actuator_system",
             "controller": {"kind": "cascade", "cascade_position_gain": "100 1/s"},
@@ -163,11 +163,11 @@ def test_sections():
     assert (m.reference.frequency, m.reference.ramp_time) == (30.0, 0.0)
     assert isinstance(m.target, Chirp)
     assert (m.target.start_frequency, m.stops.pump_stroke, m.stops.stop_damping) == (2.0, 11e-3, 3.0)
-    assert same(build(yaml.safe_load(config.text)).machine, m)
+    assert same(build_config(yaml.safe_load(config.text)).machine, m)
 
 
 def test_open_loop_takes_volts():
-    config = build(
+    config = build_config(
         {
             "rig": "actuator_bench",
             "controller": {"kind": "open_loop"},
@@ -177,9 +177,9 @@ def test_open_loop_takes_volts():
     assert isinstance(config.machine.controller, OpenLoop)
     assert config.machine.reference.amplitude == 24.0
     assert "amplitude: 24 V" in config.text
-    assert same(build(yaml.safe_load(config.text)).machine, config.machine)
+    assert same(build_config(yaml.safe_load(config.text)).machine, config.machine)
     with pytest.raises(ConfigError, match="reference.amplitude: missing"):
-        build({"rig": "actuator_bench", "controller": {"kind": "open_loop"}})
+        build_config({"rig": "actuator_bench", "controller": {"kind": "open_loop"}})
 
 
 def test_user_effect_and_its_parameters(tmp_path):
@@ -201,13 +201,13 @@ def test_user_effect_and_its_parameters(tmp_path):
 
 def test_build_says_what_is_wrong_without_lines():
     with pytest.raises(ConfigError) as caught:
-        build({"rig": "pump_bench", "parameters": {"piston_diameter": 12.0, "mover_mass": "1 m"}})
+        build_config({"rig": "pump_bench", "parameters": {"piston_diameter": 12.0, "mover_mass": "1 m"}})
     assert str(caught.value).splitlines() == [
         'parameters.piston_diameter: a unit is missing; write for example "12 mm" (any unit of length)',
         'parameters.mover_mass: "1 m" is a length, not a mass; write for example "120 g" (any unit of mass)',
     ]
     with pytest.raises(ConfigError, match="not a list"):
-        build([])
+        build_config([])
 
 
 def test_a_name_that_two_parts_have():
@@ -216,7 +216,7 @@ def test_a_name_that_two_parts_have():
         get_parameter(machine, "step_size")
     changed = set_parameters(machine, {"reference.step_size": 2e-3, "target.step_size": "3 mm"})
     assert (changed.reference.step_size, changed.target.step_size) == (2e-3, 3e-3)
-    assert same(build(yaml.safe_load(dump_config(changed))).machine, changed)
+    assert same(build_config(yaml.safe_load(dump_config(changed))).machine, changed)
     other = replace(machine, reference=Sine())
     assert get_parameter(other, "step.step_size") == 1e-3
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from edhas_jax.config.machine_config import ConfigError, build, read_config
+from edhas_jax.config.machine_config import ConfigError, build_config, read_config
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.structs import replace
 from edhas_jax.machine.components.set_points import Recorded
@@ -42,7 +42,8 @@ def test_unequal_samples_are_resampled(tmp_path):
     rng = np.random.default_rng(0)
     time = np.cumsum(1e-3 * (1.0 + 0.2 * rng.uniform(-1, 1, 500)))
     write_recording(tmp_path / "bench.csv", time, reference_position__m=1e-3 * np.sin(20 * time))
-    m = build({"rig": "pump_bench", "reference": {"kind": "recorded", "file": "bench.csv"}}, base_dir=tmp_path).machine
+    data = {"rig": "pump_bench", "reference": {"kind": "recorded", "file": "bench.csv"}}
+    m = build_config(data, base_dir=tmp_path).machine
     even = m.reference.start + m.reference.interval * np.arange(m.reference.values.shape[0])
     assert even[-1] <= time[-1] + 1e-12
     assert np.allclose(m.reference.values, 1e-3 * np.sin(20 * even), atol=1e-6)
@@ -57,20 +58,20 @@ def test_open_loop_replays_amperes_through_a_current_amplifier(tmp_path):
         "amplifier": {"kind": "current", "amplifier_gain": "2 A/V"},
         "reference": {"kind": "recorded", "file": "bench.csv", "column": "current"},
     }
-    assert np.allclose(build(data, base_dir=tmp_path).machine.reference.values, time / 2.0)
-    gained = build(data, ["amplifier_gain=4 A/V"], base_dir=tmp_path).machine
+    assert np.allclose(build_config(data, base_dir=tmp_path).machine.reference.values, time / 2.0)
+    gained = build_config(data, ["amplifier_gain=4 A/V"], base_dir=tmp_path).machine
     assert np.allclose(gained.reference.values, time / 4.0)
     with pytest.raises(ConfigError, match="a voltage"):
-        build(data | {"amplifier": {"kind": "voltage"}}, base_dir=tmp_path)
+        build_config(data | {"amplifier": {"kind": "voltage"}}, base_dir=tmp_path)
 
 
 def test_samples_without_a_file_are_written_out():
     values = jnp.asarray(np.random.default_rng(0).normal(size=100))
     machine = replace(PumpBench(), reference=Recorded(values=values, interval=1 / 3000, start=0.1))
     text = dump_config(machine)
-    config = build(yaml.safe_load(text))
+    config = build_config(yaml.safe_load(text))
     assert same(config.machine, machine)
     assert np.array_equal(config.machine.reference.values, values)
     assert dump_config(config) == text
     with pytest.raises(ConfigError, match="reference.samples: not as a run writes them"):
-        build({"rig": "pump_bench", "reference": {"kind": "recorded", "samples": "AAAA"}})
+        build_config({"rig": "pump_bench", "reference": {"kind": "recorded", "samples": "AAAA"}})

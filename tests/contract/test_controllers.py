@@ -11,7 +11,7 @@ import yaml
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
-from edhas_jax.config.machine_config import ConfigError, build, read_config
+from edhas_jax.config.machine_config import ConfigError, build_config, read_config
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
@@ -149,7 +149,7 @@ def test_the_documented_controller_from_its_file(tmp_path, monkeypatch, capsys):
     assert edhas.get(machine, "lead_gain") == 14e3 and edhas.get(machine, "lead_time") == 3e-3
     assert edhas.get(machine, "sample_time") == 1e-4
     config = read_config("mine.yaml")
-    again = build(yaml.safe_load(dump_config(config)), base_dir=tmp_path).machine
+    again = build_config(yaml.safe_load(dump_config(config)), base_dir=tmp_path).machine
     assert type(again.controller) is type(config.machine.controller)
     assert jax.tree.leaves(again) == jax.tree.leaves(config.machine)
     before = effect_code(machine)["controller"]
@@ -159,7 +159,8 @@ def test_the_documented_controller_from_its_file(tmp_path, monkeypatch, capsys):
 
 
 def test_a_class_instead_of_a_name():
-    machine = build({"rig": "actuator_bench", "controller": {"kind": Proportional, "stiffness": "5 kV/m"}}).machine
+    controller = {"kind": Proportional, "stiffness": "5 kV/m"}
+    machine = build_config({"rig": "actuator_bench", "controller": controller}).machine
     assert isinstance(machine.controller, Proportional) and machine.controller.stiffness == 5e3
     spec = f"{Proportional.__module__}:Proportional"
     assert load_controller(spec) is Proportional and f"kind: {spec!r}".replace("'", '"') in dump_config(machine)
@@ -204,4 +205,4 @@ def test_states_that_are_none(states, what):
 
 def test_a_controller_that_needs_the_current_is_refused_by_a_current_amplifier():
     with pytest.raises(ConfigError, match="mount a voltage amplifier"):
-        build({"rig": "pump_bench", "amplifier": {"kind": "current"}, "controller": {"kind": "antsmc"}})
+        build_config({"rig": "pump_bench", "amplifier": {"kind": "current"}, "controller": {"kind": "antsmc"}})

@@ -11,7 +11,7 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
-from edhas_jax.config.machine_config import Config, build
+from edhas_jax.config.machine_config import Config, build_config
 from edhas_jax.core import structs
 from edhas_jax.export.fmu import export_fmu
 from edhas_jax.export.fmu_inputs import FmuError
@@ -47,7 +47,7 @@ def unit(tmp_path_factory):
     def of(mapping: dict, *inputs: str) -> Unit:
         key = repr((mapping, inputs))
         if key not in made:
-            made[key] = Unit(tmp_path_factory.mktemp("fmu") / "machine.fmu", build(mapping), inputs)
+            made[key] = Unit(tmp_path_factory.mktemp("fmu") / "machine.fmu", build_config(mapping), inputs)
         return made[key]
 
     return of
@@ -118,7 +118,7 @@ def test_a_command_from_outside_is_an_open_loop(unit):
     assert not {"position_gain", "amplitude"} & set(u.number) and "reference" not in u.outputs
     got = u.run(u.instance(), SAMPLES, before=lambda t: {"voltage_command": -3.0 if t > 0.0199 else 0.0})
     step = {"kind": "step", "step_size": "-3 V", "step_time": "20 ms"}
-    run = edhas.simulate(build({**ACTUATOR, "controller": {"kind": "open_loop"}, "reference": step}).machine,
+    run = edhas.simulate(build_config({**ACTUATOR, "controller": {"kind": "open_loop"}, "reference": step}).machine,
                          u.config.simulation)  # fmt: skip
     assert difference(got, run.signals) < ROUNDING and got["current"].min() < -0.5
 
@@ -249,7 +249,7 @@ def test_an_effect_of_ones_own_goes_along_unless_it_needs_what_c_lacks(tmp_path)
     (tmp_path / "own.py").write_text(OWN)
 
     def config(effect):
-        return build({**ACTUATOR, "effects": [f"own.py:{effect}"]}, base_dir=tmp_path)
+        return build_config({**ACTUATOR, "effects": [f"own.py:{effect}"]}, base_dir=tmp_path)
 
     u = Unit(tmp_path / "own.fmu", config("Ramps"))
     run = edhas.simulate(u.config.machine, u.config.simulation)

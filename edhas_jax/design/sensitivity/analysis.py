@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from edhas_jax.config.machine_config import ConfigError
-from edhas_jax.config.run_folder import StoreError
+from edhas_jax.config.run_folder import ResultFileError
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.names import nearest
 from edhas_jax.design.batch.batch import BatchSettings, run_designs
@@ -71,11 +71,11 @@ def load_sensitivity(path: Path | str) -> Sensitivity:
             local += [own_name(reader.machine, str(name))[1]] if reader.machine is not None else []
         except ParameterError as error:
             reader.add(("local", i), str(error))
-    samples = reader.whole(("samples",), reader.data.get("samples", "256"), 0, 2**16)
+    samples = reader.read_integer(("samples",), reader.data.get("samples", "256"), 0, 2**16)
     if samples & (samples - 1):
         reader.add(("samples",), f"a power of two belongs here (Sobol's sequence needs it), not {samples}")
-    trajectories = reader.whole(("trajectories",), reader.data.get("trajectories", "20"), 0, 10_000)
-    seed = reader.whole(("seed",), reader.data.get("seed", "0"), 0, 2**32 - 1)
+    trajectories = reader.read_integer(("trajectories",), reader.data.get("trajectories", "20"), 0, 10_000)
+    seed = reader.read_integer(("seed",), reader.data.get("seed", "0"), 0, 2**32 - 1)
     both = {axis.name for axis in points} & {axis.name for axis in reader.axes}
     for name in sorted(both):
         reader.add(("ranges", name), "is held at the operating points; leave it out here or there")
@@ -165,11 +165,11 @@ def open_findings(folder: Path | str) -> Findings:
     """Read the tables of an analysis back.
 
     Raises:
-        StoreError: the folder has none.
+        ResultFileError: the folder has none.
     """
     folder = Path(folder)
     for name in ("points.parquet", "local.parquet"):
         if not (folder / name).is_file():
-            raise StoreError(f"{folder}: not the folder of a sensitivity analysis: {name} is missing")
+            raise ResultFileError(f"{folder}: not the folder of a sensitivity analysis: {name} is missing")
     tables = {n: pd.read_parquet(folder / f"{n}.parquet") for n in TABLES if (folder / f"{n}.parquet").is_file()}
     return Findings(pd.read_parquet(folder / "points.parquet"), **tables)

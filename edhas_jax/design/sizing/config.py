@@ -112,14 +112,14 @@ def load_sizing(path: Path | str) -> Sizing:
         r.add(("free", name), "is held at the operating points; leave it out here or there")
     known = metrics_of(r.machine) if r.machine is not None and not r.problems else list(METRICS)
     weights = _objective(r, known)
-    front = r.whole(("front",), r.data.get("front", "0"), 0, 100)
+    front = r.read_integer(("front",), r.data.get("front", "0"), 0, 100)
     if front and len(weights) != 2:
         r.add(("front",), f"trades off two metrics; `objective:` names {len(weights)}")
     limits = _limits(r, known)
     robust, tolerances = _robust(r)
-    starts = r.whole(("starts",), r.data.get("starts", "32"), 1, 4096)
-    iterations = r.whole(("iterations",), r.data.get("iterations", "60"), 5, 10_000)
-    seed = r.whole(("seed",), r.data.get("seed", "0"), 0, 2**32 - 1)
+    starts = r.read_integer(("starts",), r.data.get("starts", "32"), 1, 4096)
+    iterations = r.read_integer(("iterations",), r.data.get("iterations", "60"), 5, 10_000)
+    seed = r.read_integer(("seed",), r.data.get("seed", "0"), 0, 2**32 - 1)
     if r.machine is not None:
         for axis in r.axes:
             value, unit = float(get_parameter(r.machine, axis.name)), own_name(r.machine, axis.name)[0].unit
@@ -135,7 +135,7 @@ def load_sizing(path: Path | str) -> Sizing:
 def _objective(r: TaskReader, known: list[str]) -> dict[str, float]:
     """{metric: weight}, negative where it is to be small."""
     given = r.section("objective", "{maximise: {mean_flow: 1, overall_efficiency: 1}}")
-    r.unknown(("objective",), given, ("maximise", "minimise"))
+    r.add_unknown_keys(("objective",), given, ("maximise", "minimise"))
     weights = {}
     for way, sign in (("maximise", 1.0), ("minimise", -1.0)):
         rows = given.get(way) or {}
@@ -165,7 +165,7 @@ def _limits(r: TaskReader, known: list[str]) -> tuple[Limit, ...]:
         elif not isinstance(spec, Mapping) or not set(spec) & {"min", "max"}:
             r.add(key, f"`max:` or `min:` and a quantity in {METRICS[name][0]} belong here")
         else:
-            r.unknown(key, spec, ("min", "max"))
+            r.add_unknown_keys(key, spec, ("min", "max"))
             unit = METRICS[name][0]
             p = Parameter(name, 1.0, unit, (-np.inf, np.inf), METRICS[name][2], "", Limit)
             for way in ("min", "max"):
@@ -189,7 +189,7 @@ def _robust(r: TaskReader) -> tuple[Robust | None, tuple[Tolerance, ...]]:
     given = r.section("robust", "{judge: expected, tolerances: {piston_clearance: {plus_minus: 3 um}}}")
     if not given:
         return None, ()
-    r.unknown(("robust",), given, ("judge", "tolerances"))
+    r.add_unknown_keys(("robust",), given, ("judge", "tolerances"))
     valid = [kind.value for kind in Robust]
     if given.get("judge") not in valid:
         r.add(("robust", "judge"), f"one of {', '.join(valid)} belongs here")
@@ -217,7 +217,7 @@ def _robust(r: TaskReader) -> tuple[Robust | None, tuple[Tolerance, ...]]:
                 if size is not None:
                     tolerances.append(Tolerance(own, ToleranceKind.DIFFERENCE, -size, size))
         elif isinstance(spec, Mapping) and set(spec) == {"from", "to"}:
-            ends = [r.quantity((*key, end), p, spec[end]) for end in ("from", "to")]
+            ends = [r.read_quantity((*key, end), p, spec[end]) for end in ("from", "to")]
             if None not in ends:
                 tolerances.append(Tolerance(own, ToleranceKind.RANGE, *ends))
         else:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from edhas_jax.config.run_folder import StoreError
+from edhas_jax.config.run_folder import ResultFileError
 from edhas_jax.config.writer import dump_config
 from edhas_jax.design.sizing.config import Sizing
 from edhas_jax.design.sizing.sizing import SizingResult
@@ -46,10 +46,10 @@ def open_sizing(folder: Path | str) -> tuple[dict, pd.DataFrame]:
     """The result (as in result.json, SI) and the path of every start.
 
     Raises:
-        StoreError: the folder holds no sizing result.
+        ResultFileError: the folder holds no sizing result.
     """
     folder = Path(folder)
     for name in (RESULT, PATH):
         if not (folder / name).is_file():
-            raise StoreError(f"{folder}: not the folder of a sizing: {name} is missing")
+            raise ResultFileError(f"{folder}: not the folder of a sizing: {name} is missing")
     return json.loads((folder / RESULT).read_text(encoding="utf-8")), pd.read_parquet(folder / PATH)

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from edhas_jax.config.problem_list import Gatherer
-from edhas_jax.config.yaml_with_lines import Key, kind_name
+from edhas_jax.config.problem_list import ProblemList
+from edhas_jax.config.yaml_with_lines import KeyPath, yaml_type
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import format_quantity
 from edhas_jax.design.batch.design_table import MOST, Axis, DesignError, own_name
@@ -14,10 +14,10 @@ from edhas_jax.machine.rigs import Rig
 AXIS = ("from", "to", "count", "spacing", "values")
 
 
-class AxesReader(Gatherer):
+class AxesReader(ProblemList):
     """Reads the axes of a sweep of one kind; without a machine it says only whether there are any."""
 
-    def __init__(self, machine: Rig | None, kind: str, problems: list[tuple[Key, str]]):
+    def __init__(self, machine: Rig | None, kind: str, problems: list[tuple[KeyPath, str]]):
         super().__init__(problems)
         self._machine, self._kind = machine, kind
 
@@ -43,30 +43,30 @@ class AxesReader(Gatherer):
             axes += [axis] if axis else []
         return tuple(axes)
 
-    def _axis(self, key: Key, p: Parameter, own: str, spec: Any) -> Axis | None:
+    def _axis(self, key: KeyPath, p: Parameter, own: str, spec: Any) -> Axis | None:
         before, kind = len(self.problems), self._kind
         if isinstance(spec, list):
             spec = {"values": spec}
         if not isinstance(spec, Mapping):
             low, high = (format_quantity(x * p.default or 1.0, p.unit) for x in (0.5, 2.0))
             return self.add(key, f"a range or values belong here, for example {{from: {low}, to: {high}}}, not "
-                                  f"{kind_name(spec)}")  # fmt: skip
-        self.unknown(key, spec, AXIS)
+                                  f"{yaml_type(spec)}")  # fmt: skip
+        self.add_unknown_keys(key, spec, AXIS)
         if "values" in spec:
             for name in (n for n in ("from", "to", "count", "spacing") if n in spec):
                 self.add((*key, name), "given together with `values`; give a range or values")
             listed = spec["values"]
             if not isinstance(listed, list) or not listed:
                 return self.add((*key, "values"), "a list of at least one value belongs here")
-            values = tuple(self.quantity((*key, "values", i), p, v) for i, v in enumerate(listed))
+            values = tuple(self.read_quantity((*key, "values", i), p, v) for i, v in enumerate(listed))
             return self._made((*key, "values"), p, before, name=own, values=values)
         ends = []
         for name in ("from", "to"):
             if name not in spec:
                 return self.add(key, f"`{name}` is missing; give `from` and `to`, or `values`")
-            ends.append(self.quantity((*key, name), p, spec[name]))
+            ends.append(self.read_quantity((*key, name), p, spec[name]))
         if kind == "grid":
-            count = self.whole((*key, "count"), spec.get("count"), 2, MOST)
+            count = self.read_integer((*key, "count"), spec.get("count"), 2, MOST)
         else:
             count = 0
             if "count" in spec:
@@ -76,7 +76,7 @@ class AxesReader(Gatherer):
             self.add((*key, "spacing"), f"no spacing `{spacing}`; one of linear, log")
         return self._made(key, p, before, name=own, low=ends[0], high=ends[1], count=count, log=spacing == "log")
 
-    def _made(self, key: Key, p: Parameter, before: int, **axis) -> Axis | None:
+    def _made(self, key: KeyPath, p: Parameter, before: int, **axis) -> Axis | None:
         if len(self.problems) > before:
             return None
         if "low" in axis and not axis["low"] < axis["high"]:

@@ -14,8 +14,8 @@ import llvmlite
 import numpy as np
 
 import edhas_jax
-from edhas_jax.config.machine_config import build
-from edhas_jax.config.yaml_with_lines import read_yaml
+from edhas_jax.config.machine_config import build_config
+from edhas_jax.config.yaml_with_lines import parse_yaml
 from edhas_jax.core import runtime
 from edhas_jax.design.batch.batch import BatchSettings, Chunk, run_chunk
 from edhas_jax.machine.rigs import Rig
@@ -54,7 +54,7 @@ def compute(task: Task) -> Answer:
 
 @functools.lru_cache(maxsize=8)
 def _machine(text: str) -> Rig:
-    return build(read_yaml(text)[0]).machine
+    return build_config(parse_yaml(text)[0]).machine
 
 
 @functools.cache

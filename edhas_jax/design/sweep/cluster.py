@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor
 
-from edhas_jax.config.run_folder import StoreError
+from edhas_jax.config.run_folder import ResultFileError
 from edhas_jax.core.runtime import cores
 from edhas_jax.design.sweep.chunk_task import versions
 
@@ -16,7 +16,7 @@ WAIT = 10.0  # s, for a scheduler to answer
 FAILURES = 1000  # workers that may die with the same chunk before it is given up
 
 
-class ClusterError(StoreError):
+class ClusterError(ResultFileError):
     """There is no cluster of this description."""
 
 

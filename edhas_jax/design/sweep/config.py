@@ -9,10 +9,18 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.config.machine_config import ConfigError, read_config
-from edhas_jax.config.machine_reader import Reader
-from edhas_jax.config.problem_list import Gatherer
-from edhas_jax.config.run_settings import SETTINGS
-from edhas_jax.config.yaml_with_lines import Key, YamlError, dotted, kind_name, line_of, read_text, read_yaml
+from edhas_jax.config.machine_reader import MachineReader
+from edhas_jax.config.problem_list import ProblemList
+from edhas_jax.config.run_settings import SIMULATION_SETTINGS
+from edhas_jax.config.yaml_with_lines import (
+    KeyPath,
+    YamlError,
+    key_text,
+    line_of,
+    parse_yaml,
+    read_text_file,
+    yaml_type,
+)
 from edhas_jax.core.structs import Parameter
 from edhas_jax.design.batch import design_table
 from edhas_jax.design.batch.batch import BatchError, BatchSettings, plan_chunks
@@ -49,9 +57,9 @@ def load_sweep(path: Path | str) -> Sweep:
         ConfigError: every problem of the file, one line each.
     """
     path = Path(path)
-    text = read_text(path, ConfigError)
+    text = read_text_file(path, ConfigError)
     try:
-        data, lines, problems = read_yaml(text)
+        data, lines, problems = parse_yaml(text)
     except YamlError as error:
         what = str(error)
         if "`rig:" in what:  # said of a machine's configuration
@@ -69,7 +77,7 @@ def load_sweep(path: Path | str) -> Sweep:
                 check_effect(effect, reader.machine, reader.settings.precision.value)
         except (BatchError, EffectError) as error:
             read = [(("base" if "base" in data else "machine",), str(error))]
-    problems += [(line_of(lines, key), f"{dotted(key)}: {what}") for key, what in read]
+    problems += [(line_of(lines, key), f"{key_text(key)}: {what}") for key, what in read]
     told = [f"{path}:{line}: {what}" for line, what in sorted(problems, key=lambda p: p[0])]
     if told or reader.elsewhere:
         raise ConfigError("\n".join(dict.fromkeys([*told, *reader.elsewhere])))
@@ -86,24 +94,24 @@ KEYS = {
     "table": ("kind", "file"),
 }
 BATCH = {
-    "step": SETTINGS["step"],
+    "step": SIMULATION_SETTINGS["step"],
     "tolerance": Parameter("tolerance", 1e-4, "-", (1e-9, 0.1), "change from cycle to cycle", "", BatchSettings),
     "max_cycles": Parameter("max_cycles", 16, "-", (3, 100_000), "cycles at most", "", BatchSettings),
 }
 
 
-class SweepReader(Gatherer):
+class SweepReader(ProblemList):
     """One pass over a sweep's mapping; what it has read is worth something only when there are no problems."""
 
     def __init__(self, data: Mapping[str, Any], path: Path):
         super().__init__([])
         self.elsewhere: list[str] = []  # problems of the base, which names its own file
         self._data, self._path = data, path
-        self.unknown((), data, TOP)
+        self.add_unknown_keys((), data, TOP)
         name = data.get("name") or ""
         self.name = str(name)
         if not isinstance(name, str):
-            self.add(("name",), f"a text belongs here, not {kind_name(name)}")
+            self.add(("name",), f"a text belongs here, not {yaml_type(name)}")
         self.machine, self._simulation = None, Simulation()
         self._base()
         self.settings = self._settings()
@@ -116,7 +124,7 @@ class SweepReader(Gatherer):
             self.add(("machine",) if base else ("base",), "give either `base: FILE.yaml` or `machine:`, one of them")
         elif base is not None:
             if not isinstance(base, str):
-                return self.add(("base",), f"the file of a machine belongs here, not {kind_name(base)}")
+                return self.add(("base",), f"the file of a machine belongs here, not {yaml_type(base)}")
             try:
                 config = read_config(self._path.parent / base)
                 self.machine, self._simulation = config.machine, config.simulation
@@ -124,9 +132,9 @@ class SweepReader(Gatherer):
                 self.elsewhere += str(error).splitlines()
         elif not isinstance(inline, Mapping):
             self.add(("machine",), f"a mapping such as `machine: {{rig: pump_bench}}` belongs here, not "
-                                    f"{kind_name(inline)}")  # fmt: skip
+                                    f"{yaml_type(inline)}")  # fmt: skip
         else:
-            reader = Reader(inline, self._path.parent, ())
+            reader = MachineReader(inline, self._path.parent, ())
             self.problems += [(("machine", *key), what) for key, what in reader.problems]
             if not reader.problems:
                 self.machine, self._simulation = reader.machine, reader.simulation
@@ -134,13 +142,13 @@ class SweepReader(Gatherer):
             if self.machine is not None:
                 self.machine = self._changed(self.machine, ("parameters", name), name, value)
 
-    def _changed(self, machine: Rig, key: Key, name: str, value: Any) -> Rig:
+    def _changed(self, machine: Rig, key: KeyPath, name: str, value: Any) -> Rig:
         try:
             p, path = find_parameter(machine, name)
         except ParameterError as error:
             self.add(key, str(error))
             return machine
-        number = self.quantity(key, p, value)
+        number = self.read_quantity(key, p, value)
         return machine if number is None else put(machine, path, p.name, number)
 
     def _settings(self) -> BatchSettings:
@@ -148,7 +156,7 @@ class SweepReader(Gatherer):
         base = self._simulation
         values: dict[str, Any] = {"precision": base.precision} | ({"step": base.step} if base.step else {})
         given = self._section("batch", "{step: 20 us}") or {}
-        self.unknown(("batch",), given, (*BATCH, "soft_start", "precision"))
+        self.add_unknown_keys(("batch",), given, (*BATCH, "soft_start", "precision"))
         for name, value in given.items():
             if name == "precision":
                 valid = [p.value for p in Precision]
@@ -160,9 +168,9 @@ class SweepReader(Gatherer):
                 if isinstance(value, bool):
                     values[name] = value
                 else:
-                    self.add(("batch", name), f"yes or no belongs here, not {kind_name(value)}")
+                    self.add(("batch", name), f"yes or no belongs here, not {yaml_type(value)}")
             elif name in BATCH:
-                number = self.quantity(("batch", name), BATCH[name], value)
+                number = self.read_quantity(("batch", name), BATCH[name], value)
                 if number is not None:
                     values[name] = int(number) if name == "max_cycles" else number
         return BatchSettings(**values)
@@ -171,7 +179,7 @@ class SweepReader(Gatherer):
         value = self._data.get(name)
         if value is None or isinstance(value, Mapping):
             return value
-        self.add((name,), f"a mapping belongs here, for example `{name}: {example}`, not {kind_name(value)}")
+        self.add((name,), f"a mapping belongs here, for example `{name}: {example}`, not {yaml_type(value)}")
         return None
 
     def _designs(self) -> dict[str, np.ndarray] | None:
@@ -185,11 +193,12 @@ class SweepReader(Gatherer):
             what = "missing" if kind is None else f"no kind `{kind}` of sweep"
             return self.add(("sweep", "kind"), f"{what}; one of {', '.join(KEYS)}")
         self.kind = kind
-        self.unknown(("sweep",), given, KEYS[kind])
+        self.add_unknown_keys(("sweep",), given, KEYS[kind])
         if kind == "table":
             return self._table(given.get("file"))
-        count = self.whole(("sweep", "count"), given.get("count"), 1, design_table.MOST) if kind != "grid" else 0
-        self.seed = self.whole(("sweep", "seed"), given.get("seed", "0"), 0, 2**32 - 1) if kind != "grid" else None
+        count = self.read_integer(("sweep", "count"), given.get("count"), 1, design_table.MOST) if kind != "grid" else 0
+        if kind != "grid":
+            self.seed = self.read_integer(("sweep", "seed"), given.get("seed", "0"), 0, 2**32 - 1)
         self.axes = AxesReader(self.machine, kind, self.problems).read(given.get("parameters"))
         if self.problems or self.elsewhere or self.machine is None:
             return None

@@ -17,8 +17,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from edhas_jax.config.run_folder import StoreError
-from edhas_jax.config.writer import dump_config, kind_of
+from edhas_jax.config.run_folder import ResultFileError
+from edhas_jax.config.writer import config_kind, dump_config
 from edhas_jax.core.atomic_file import PARTIAL, whole_file
 from edhas_jax.core.units import format_quantity
 from edhas_jax.design.batch.batch import Chunk
@@ -33,7 +33,7 @@ FORMAT = 1
 MANIFEST, DESIGNS, CHUNKS, LOCK = "manifest.json", "designs.parquet", "chunks", ".lock"
 
 
-class SweepError(StoreError):
+class SweepError(ResultFileError):
     """A sweep cannot be run, written or read."""
 
 
@@ -224,7 +224,7 @@ def describe(sweep: Sweep) -> dict[str, Any]:
     settings = dataclasses.asdict(sweep.settings)
     return {
         "rig": sweep.machine.name,
-        "kinds": {s: kind_of(s, getattr(sweep.machine, s)) for s in KINDS if hasattr(sweep.machine, s)},
+        "kinds": {s: config_kind(s, getattr(sweep.machine, s)) for s in KINDS if hasattr(sweep.machine, s)},
         "effects": effect_code(sweep.machine),
         "parameters": {
             f"{path}.{p.name}": [float(v), p.unit]

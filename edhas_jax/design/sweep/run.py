@@ -9,8 +9,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from edhas_jax.config.machine_config import build
-from edhas_jax.config.yaml_with_lines import read_yaml
+from edhas_jax.config.machine_config import build_config
+from edhas_jax.config.yaml_with_lines import parse_yaml
 from edhas_jax.design.batch.batch import plan_chunks
 from edhas_jax.design.sweep.chunk_task import Answer, Task, compute, versions
 from edhas_jax.design.sweep.config import Sweep
@@ -110,5 +110,5 @@ def open_sweep(folder: Path | str) -> SweepResult:
             rows = columns.pop("design")
             for name, column in columns.items():
                 metrics.setdefault(name, np.full(len(data), np.nan))[rows] = column
-    machine = build(read_yaml(manifest["machine"])[0]).machine
+    machine = build_config(parse_yaml(manifest["machine"])[0]).machine
     return result_of(table_of(machine, designs, metrics), manifest)

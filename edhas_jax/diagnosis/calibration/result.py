@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edhas_jax.config.run_folder import plain, write_json
+from edhas_jax.config.run_folder import replace_nonfinite, write_json
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.fit import Fit
@@ -159,7 +159,7 @@ def save_calibration(calibration: Calibration, folder: Path) -> None:
     comment = f"# {fit.problem.campaign.name}, calibrated by `edhas fit`; without the conditions of any run\n"
     text = comment + dump_config(fit.machine, Simulation(step=step, sample_rate=rate))
     (folder / CONFIG_FILE).write_text(text, encoding="utf-8")
-    write_json(folder / RESULT_FILE, plain(calibration_as_json(calibration)))
+    write_json(folder / RESULT_FILE, replace_nonfinite(calibration_as_json(calibration)))
 
 
 def estimates_as_json(fit: Fit) -> dict[str, dict]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edhas_jax.config.yaml_with_lines import YamlError, dotted, line_of, read_yaml
+from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.set_points import Sine
 from edhas_jax.machine.parameters import find_parameter, get_parameter
@@ -136,13 +136,13 @@ def read_planned(path: Path | str, rate: float) -> Campaign:
     path = Path(path)
     file = path / FILE if path.is_dir() else path
     try:
-        data, lines, problems = read_yaml(file.read_text(encoding="utf-8-sig"))
+        data, lines, problems = parse_yaml(file.read_text(encoding="utf-8-sig"))
     except YamlError as error:
         raise CampaignError(f"{file}:{error.line}: {error}" if error.line else f"{file}: {error}") from None
     except (OSError, UnicodeDecodeError):
         return read_campaign(path)  # which says what is wrong
     reader = PlanReader(data, file.parent)
-    problems += [(line_of(lines, key), f"{dotted(key)}: {what}") for key, what in reader.problems]
+    problems += [(line_of(lines, key), f"{key_text(key)}: {what}") for key, what in reader.problems]
     if problems:
         problems.sort(key=lambda problem: problem[0])
         raise CampaignError("\n".join(dict.fromkeys(f"{file}:{line}: {what}" for line, what in problems)))

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.config.run_folder import plain, write_json
+from edhas_jax.config.run_folder import replace_nonfinite, write_json
 from edhas_jax.config.writer import dump_config
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
@@ -30,7 +30,7 @@ def save_diagnosis(diagnosis: Diagnosis, folder: Path, next_experiment: dict[str
         head += f"# what is wrong with a sensor is not part of the machine: {names}\n"
     text = head + dump_config(final.machine, Simulation(sample_rate=rate))
     (folder / CONFIG_FILE).write_text(text, encoding="utf-8")
-    write_json(folder / RESULT, plain(as_json(diagnosis, next_experiment)))
+    write_json(folder / RESULT, replace_nonfinite(as_json(diagnosis, next_experiment)))
 
 
 def as_json(diagnosis: Diagnosis, next_experiment: dict[str, Any] | None = None) -> dict[str, Any]:
