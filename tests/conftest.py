@@ -6,6 +6,7 @@ import jax
 import pytest
 
 import edhas_jax  # noqa: F401  sets the compiler flags before JAX starts
+from tests.support.compilations import compilations as count_compilations
 from tests.support.reference import run_of
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -21,3 +22,12 @@ def pytest_configure(config):
 def run():
     """`run(name, step, precision)`: the run beside a trajectory, made once."""
     return functools.cache(run_of)
+
+
+@pytest.fixture
+def compilations(tmp_path, monkeypatch):
+    """`compilations()`: how many programs have been compiled so far; machine code is cached in an empty folder."""
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    monkeypatch.setenv("EDHAS_CACHE", str(cache))
+    return functools.partial(count_compilations, cache)

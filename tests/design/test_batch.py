@@ -140,18 +140,13 @@ def test_the_number_of_cores_changes_no_bit():
     assert len(digests) == 1
 
 
-def test_a_longer_table_compiles_nothing():
-    from edhas_jax.design.batch import cycle_loop, cycles
-    from edhas_jax.simulation import native_loop_cache
-
-    def compiled():
-        loops = native_loop_cache._made.cache_info().misses
-        return loops, cycle_loop._judged._cache_size(), cycles._verdict._cache_size()
-
+def test_a_longer_table_compiles_nothing(compilations):
     run_designs(PUMP, {"valve_mass": np.linspace(2e-3, 6e-3, 3)}, QUICK)
-    before = compiled()
+    before = compilations()
     run_designs(PUMP, {"valve_mass": np.linspace(2e-3, 6e-3, 300)}, QUICK)
-    assert compiled() == before
+    assert compilations() == before
+    run_designs(PUMP, {"valve_damping": np.linspace(0.5, 1.0, 3)}, QUICK)
+    assert compilations() > before
 
 
 def test_xla_and_machine_code_agree(monkeypatch):

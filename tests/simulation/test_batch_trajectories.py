@@ -1,6 +1,5 @@
 """Runs side by side: each lane is the single run, its slopes are derivatives, numbers compile nothing."""
 
-import jax
 import numpy as np
 import pytest
 
@@ -68,16 +67,20 @@ def test_a_lane_that_breaks_leaves_the_others_alone():
     assert np.isfinite(current[:, [0, 2]]).all() and not np.isfinite(current[-1, 1])
 
 
-def test_numbers_compile_nothing():
-    march({"coil_resistance": RESISTANCE})
-    with jax.log_compiles(), pytest.MonkeyPatch.context() as patch:
-        compiled = []
-        patch.setattr("jax._src.interpreters.pxla.logger.log", lambda *row, **_: compiled.append(row))
-        traces = march_lanes(
-            bench(), {"coil_resistance": 1.1 * RESISTANCE[:2]}, None, 0.5 * H, 2 * PER_SAMPLE, 350, WATCH
-        )
-    assert traces.values["current"].shape == (350, 2)
-    assert not [row for row in compiled if "_stretch" in str(row)]
+@pytest.mark.parametrize("engine", ["native", "xla"])
+def test_other_numbers_compile_nothing(engine, compilations, monkeypatch):
+    """Other values, steps and lengths run the program that is there; another signal to record compiles one."""
+    if engine == "xla":
+        monkeypatch.setenv("EDHAS_ENGINE", "xla")
+    watch = ("current", "piston_velocity")
+    march_lanes(bench(), {"coil_resistance": RESISTANCE}, None, H, PER_SAMPLE, 300, watch)
+    before = compilations()
+    other = edhas.change(bench(), mover_mass=0.15, ramp_time=0.07)
+    traces = march_lanes(other, {"coil_resistance": 1.1 * RESISTANCE[:2]}, None, 0.5 * H, 2 * PER_SAMPLE, 650, watch)
+    assert traces.values["current"].shape == (650, 2)
+    assert compilations() == before
+    march_lanes(bench(), {"coil_resistance": RESISTANCE}, None, H, PER_SAMPLE, 101, ("piston_velocity",))
+    assert compilations() > before
 
 
 def test_a_recorded_set_point_is_followed_alike_by_both_engines(monkeypatch):
