@@ -1,9 +1,9 @@
-"""The derivatives of a program of scalars along several directions at once, which share all that they can.
+"""Jacobian-vector products along several tangents at once, which share their common work.
 
-Pushing a direction through every operation of a program costs as much as the program again, for each direction. Here
-the program is linearised once. Its sparse graph is then made shorter for all directions: a vertex in between is joined
-into those that use it wherever the products this takes, once, are fewer than what every direction saves. What is left
-is a product and a sum for each edge.
+`jax.jvp` along each tangent costs about one evaluation of the function per tangent. Here the function is linearised
+once, and its sparse graph is reduced by partial vertex elimination: an intermediate vertex is eliminated where the
+products that this takes, once, cost less than the operations that it saves for every tangent. Each remaining edge then
+costs one product and one sum per tangent.
 
 Source: Griewank & Walther, Evaluating Derivatives, 2008, chapters 9 and 10, on vertex elimination and scarcity.
 """
@@ -13,70 +13,84 @@ from typing import Any
 
 import jax
 
-from edhas_jax.compiler.derivative_graph import Mask, Row, add, linearize, multiply
+from edhas_jax.compiler.derivative_graph import linearize
+from edhas_jax.compiler.partial_derivatives import Mask, Row, add, multiply
 
-SHARED = 0.25  # what an operation that several directions share takes beside one of each: measured
+# measured cost of an operation that is done once for all tangents, relative to one that is done for each
+SHARED_OPERATION_COST = 0.25
 
 
-def multi_jvp(f: Callable, primals: tuple, directions: Sequence[tuple]) -> tuple[Any, list]:
-    """`f(*primals)` and its derivative along each of the `directions`, as by `jax.jvp` for one.
+def multi_jvp(f: Callable, primals: tuple, tangents: Sequence[tuple]) -> tuple[Any, list]:
+    """Evaluate `f(*primals)` and its Jacobian-vector product with each of the `tangents`.
 
-    Primals, directions and results are pytrees of scalars; where a direction has the plain number 0.0 nothing is
-    computed. What `f` may do is said at `linearize`.
+    Args:
+        f: a function of pytrees of scalars to a pytree of scalars, with the operations that `linearize` allows.
+        primals: the arguments of `f`.
+        tangents: each of the structure of `primals`; a leaf that is the Python float 0.0 is known to be zero while
+            tracing, and nothing is computed for it.
+
+    Returns:
+        `f(*primals)`, and for each tangent the derivative of the result along it, of the structure of the result.
     """
-    values, rows, out = _linearized(f, primals)
-    moved = [{_name(i): v for i, v in enumerate(jax.tree.leaves(d)) if not _nothing(v)} for d in directions]
-    rows = _shortened(_moving(rows, {n for one in moved for n in one}), len(directions))
+    values, rows, structure = _linearized(f, primals)
+    derivatives = [
+        {_vertex_name(i): v for i, v in enumerate(jax.tree.leaves(t)) if not _is_known_zero(v)} for t in tangents
+    ]
+    rows = _eliminate_profitable(_active_part(rows, {n for d in derivatives for n in d}), len(tangents))
     for v, row in rows.items():
-        for one in moved:
-            _push(row, one, v)
-    names = range(out.num_leaves)
-    return values, [jax.tree.unflatten(out, [one.get(("d", _name(i)), 0.0) for i in names]) for one in moved]
+        for by_vertex in derivatives:
+            _propagate(row, by_vertex, v)
+    outputs = [("d", _vertex_name(i)) for i in range(structure.num_leaves)]
+    return values, [jax.tree.unflatten(structure, [d.get(output, 0.0) for output in outputs]) for d in derivatives]
 
 
 def _linearized(f: Callable, primals: tuple) -> tuple[Any, dict[Any, Row], Any]:
-    """`f(*primals)`, the graph of its partial derivatives by numbered inputs, and the structure of the result."""
-    leaves, structure = jax.tree.flatten(primals)
-    shape: list[Any] = []
+    """`f(*primals)`, the rows of its linearised graph with numbered inputs and outputs, and the result's structure."""
+    leaves, argument_structure = jax.tree.flatten(primals)
+    structures: list[Any] = []
 
-    def program(inputs):
-        out, of = jax.tree.flatten(f(*jax.tree.unflatten(structure, [inputs[_name(i)] for i in range(len(leaves))])))
-        shape[:] = [of]
-        return {_name(i): leaf for i, leaf in enumerate(out)}
+    def flat_function(inputs):
+        arguments = jax.tree.unflatten(argument_structure, [inputs[_vertex_name(i)] for i in range(len(leaves))])
+        out, structure = jax.tree.flatten(f(*arguments))
+        structures[:] = [structure]
+        return {_vertex_name(i): leaf for i, leaf in enumerate(out)}
 
-    graph = linearize(program, {_name(i): leaf for i, leaf in enumerate(leaves)})
-    return jax.tree.unflatten(shape[0], [graph.values[n] for n in sorted(graph.values)]), graph.rows, shape[0]
+    graph = linearize(flat_function, {_vertex_name(i): leaf for i, leaf in enumerate(leaves)})
+    values = [graph.values[n] for n in sorted(graph.values)]
+    return jax.tree.unflatten(structures[0], values), graph.rows, structures[0]
 
 
-def _nothing(leaf) -> bool:
+def _is_known_zero(leaf) -> bool:
+    """Whether a leaf of a tangent is zero at the time of tracing."""
     return isinstance(leaf, float) and leaf == 0.0
 
 
-def _name(i: int) -> str:
+def _vertex_name(i: int) -> str:
+    """The name of leaf i; names sort as the numbers do."""
     return f"{i:06d}"
 
 
-def _moving(rows: dict[Any, Row], inputs: set) -> dict[Any, Row]:
-    """The part of a graph that lies between `inputs` and the outputs, each vertex after those it depends on."""
-    out: dict[Any, Row] = {}
+def _active_part(rows: dict[Any, Row], inputs: set) -> dict[Any, Row]:
+    """The vertices between `inputs` and the outputs, each after its predecessors."""
+    active: dict[Any, Row] = {}
     seen = set()
     for root in [v for v in rows if isinstance(v, tuple)]:
         stack = [(root, False)]
         while stack:
             v, done = stack.pop()
             if done:
-                row = {u: a for u, a in rows[v].items() if u in out or u in inputs}
-                out |= {v: row} if row else {}
+                row = {u: a for u, a in rows[v].items() if u in active or u in inputs}
+                active |= {v: row} if row else {}
             elif v in rows and v not in seen:
                 seen.add(v)
                 stack.append((v, True))
                 stack.extend((u, False) for u in rows[v])
-    return out
+    return active
 
 
-def _shortened(rows: dict[Any, Row], directions: int) -> dict[Any, Row]:
-    """The graph with vertices in between taken out while that saves operations."""
-    weight = directions / SHARED if directions > 1 else 1.0
+def _eliminate_profitable(rows: dict[Any, Row], tangent_count: int) -> dict[Any, Row]:
+    """The graph after greedy elimination of intermediate vertices, as long as that saves operations."""
+    edge_cost = tangent_count / SHARED_OPERATION_COST if tangent_count > 1 else 1.0
     users: dict[Any, dict] = {v: {} for v in rows}
     for v, row in rows.items():
         for u in row:
@@ -84,44 +98,44 @@ def _shortened(rows: dict[Any, Row], directions: int) -> dict[Any, Row]:
                 users[u][v] = None
 
     def cost(v) -> float:
-        """The operations that come with taking out a vertex, less those that every direction saves."""
+        """The change of the number of operations by eliminating v, in units of shared operations."""
         row, edges, products = rows[v], -len(rows[v]) - len(users[v]), 0
         for w in users[v]:
             factor = rows[w][v]
             for u, a in row.items():
                 edges += u not in rows[w]
-                products += (u in rows[w]) + (not _free(a) and not _free(factor))
-        return edges * weight + products
+                products += (u in rows[w]) + (not _is_free_factor(a) and not _is_free_factor(factor))
+        return edges * edge_cost + products
 
     costs = {v: cost(v) for v in rows if not isinstance(v, tuple)}
     while costs:
         v = min(costs, key=costs.__getitem__)
         if costs.pop(v) >= 0:
             return rows
-        row, using = rows.pop(v), users.pop(v)
-        for w in using:
+        row, users_of_v = rows.pop(v), users.pop(v)
+        for w in users_of_v:
             factor = rows[w].pop(v)
             for u, a in row.items():
                 term = multiply(a, factor)
                 rows[w][u] = add(rows[w][u], term) if u in rows[w] else term
                 if u in users:
                     users[u][w] = None
-        touched = dict.fromkeys((*using, *(u for u in row if u in users)))
+        changed = dict.fromkeys((*users_of_v, *(u for u in row if u in users)))
         for u in row:
             users.get(u, {}).pop(v, None)
-        for w in list(touched):
-            touched |= dict.fromkeys((*users[w], *(u for u in rows[w] if u in users)))
-        costs |= {w: cost(w) for w in touched if w in costs}
+        for w in list(changed):
+            changed |= dict.fromkeys((*users[w], *(u for u in rows[w] if u in users)))
+        costs |= {w: cost(w) for w in changed if w in costs}
     return rows
 
 
-def _free(partial) -> bool:
-    """Whether a product with it is none: 1, −1, or what selects."""
+def _is_free_factor(partial) -> bool:
+    """Whether a product with it costs no multiplication: ±1 or a selection."""
     return isinstance(partial, Mask) or (isinstance(partial, float) and abs(partial) == 1.0)
 
 
-def _push(row: Row, moved: dict[Any, Any], v) -> None:
-    """Add what the vertex v changes by, from what those it depends on have `moved` by."""
-    terms = [multiply(moved[u], a) for u, a in row.items() if u in moved]
+def _propagate(row: Row, derivatives: dict[Any, Any], v) -> None:
+    """Set the derivative of vertex v from those of its predecessors, if any of them has one."""
+    terms = [multiply(derivatives[u], a) for u, a in row.items() if u in derivatives]
     if terms:
-        moved[v] = sum(terms[1:], terms[0])
+        derivatives[v] = sum(terms[1:], terms[0])
