@@ -175,7 +175,7 @@ F v load(const T* p) { v x; memcpy(&x, p, sizeof x); return x; }
 F void store(T* p, v x) { memcpy(p, &x, sizeof x); }
 """
 _CALLS = {
-    "sqrt": "root", "rsqrt": "inverse_root", "root4": "inverse_root4", "reciprocal": "inverse", "abs": "size",
+    "sqrt": "root", "rsqrt": "inverse_root", "inverse_root4": "inverse_root4", "reciprocal": "inverse", "abs": "size",
     "power_of_two": "power_of_two", "exponent": "exponent", "max": "greater", "min": "lesser",
     "gt": "gt", "ge": "ge", "eq": "eq", "ne": "ne", "select": "pick",
 }  # fmt: skip

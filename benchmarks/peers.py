@@ -241,7 +241,7 @@ def program_of(f, dtype: str = "float64", **more: Dependence) -> Program:
 
 _TEXT = {
     "add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "neg": "-{}", "reciprocal": "one / {}",
-    "sqrt": "math.sqrt({})", "rsqrt": "one / math.sqrt({})", "root4": "one / math.sqrt(math.sqrt({}))",
+    "sqrt": "math.sqrt({})", "rsqrt": "one / math.sqrt({})", "inverse_root4": "one / math.sqrt(math.sqrt({}))",
     "abs": "abs({})", "exp": "math.exp({})", "log1p": "math.log1p({})", "sin": "math.sin({})", "cos": "math.cos({})",
     "max": "{0} if {0} > {1} else {1}", "min": "{0} if {0} < {1} else {1}", "gt": "{} > {}", "ge": "{} >= {}",
     "eq": "{} == {}", "ne": "{} != {}", "not": "not {}", "and": "{} and {}", "select": "{1} if {0} else {2}",

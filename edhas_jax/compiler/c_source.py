@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 
-from edhas_jax.compiler.jaxpr_to_ir import Functions
+from edhas_jax.compiler.jaxpr_to_ir import FunctionTable
 from edhas_jax.compiler.scalar_ir import Dependence, Program
 
 
@@ -17,7 +17,7 @@ _ONE = (
     "asinh", "acosh", "atanh", "cbrt", "erf", "erfc", "floor", "ceil",
 )  # fmt: skip
 _NAMED = {"pow": "pow", "atan2": "atan2", "rem": "fmod"}
-C_LIBRARY: Functions = {
+C_LIBRARY: FunctionTable = {
     **{name: _library(name) for name in _ONE},
     **{name: _library(c_name) for name, c_name in _NAMED.items()},
     "logistic": lambda p, x: p.reciprocal(p.add(p.const(1.0), p.node("exp", p.neg(x)))),
@@ -36,7 +36,7 @@ _FORMS = {
     "sqrt": "sqrt({0})",
     "rsqrt": "1.0 / sqrt({0})",
     # a large number at 0, as its square times 0 must be 0
-    "root4": "1.0 / sqrt(sqrt({0} == 0.0 ? DBL_MIN : {0}))",
+    "inverse_root4": "1.0 / sqrt(sqrt({0} == 0.0 ? DBL_MIN : {0}))",
 }
 
 
@@ -60,10 +60,10 @@ def c_function_in_two(program: Program, name: str, parameters: str, inputs: Sequ
     used = {j for i in order if program.dependence[i] != Dependence.INVARIANT for j in program.operands(i)}
     used |= set(program.outputs.values())
     lines, names = _statements(program, fixed, dict(enumerate(inputs)), {})
-    kept = [i for i in fixed if i in used and program.nodes[i][0] not in ("input", "const", "truth")]
+    kept = [i for i in fixed if i in used and program.nodes[i][0] not in ("input", "const", "bool")]
     stores = [f"kept[{k}] = {names[i]};" for k, i in enumerate(kept)]
     first = _function(f"{name}_fixed", f"{parameters}, double *kept", lines, stores)
-    known = {i: names[i] for i in fixed if program.nodes[i][0] in ("input", "const", "truth")}
+    known = {i: names[i] for i in fixed if program.nodes[i][0] in ("input", "const", "bool")}
     known |= {i: f"kept[{k}]" for k, i in enumerate(kept)}
     rest = [i for i in order if program.dependence[i] != Dependence.INVARIANT]
     lines, names = _statements(program, rest, dict(enumerate(inputs)), known)
@@ -89,10 +89,10 @@ def _statements(program: Program, order, inputs: dict[int, str], known: dict[int
             names[i] = inputs[args[0]]
         elif op == "const":
             names[i] = c_number(args[0])
-        elif op == "truth":
+        elif op == "bool":
             names[i] = str(int(args[0]))
         else:
-            kind, letter = ("int", "b") if program.is_logical(i) else ("double", "v")
+            kind, letter = ("int", "b") if program.is_boolean(i) else ("double", "v")
             names[i] = f"{letter}{i}"
             lines.append(f"const {kind} {names[i]} = {_expression(op, [names[j] for j in args])};")
     return lines, names

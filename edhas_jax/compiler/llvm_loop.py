@@ -100,7 +100,7 @@ def loop_assembly(
             op, *args = program.nodes[i]
             if min(program.dependence[i], Dependence.CARRY) != level or op == "input" or i in within:
                 continue
-            if op in ("const", "truth"):
+            if op in ("const", "bool"):
                 names[i] = [code.number(args[0]) if op == "const" else code.truth(args[0])] * len(across)
             else:
                 each = [computed(i, j) for j in (across if apart[i] else (0,))]
@@ -199,6 +199,3 @@ def _joined(program: Program, order: Sequence[int], apart: dict[int, bool]) -> d
             products = [k for k in args if program.nodes[k][0] == "mul" and uses[k] == 1 and where[k] == where[i]]
             out.update((i, k) for k in products[:1])
     return out
-
-
-__all__ = ["Processor", "InputSource", "loop_assembly"]

@@ -210,5 +210,5 @@ class VectorCode:
             return self.line(f"and {self.mask} {a[0]}, {a[1]}")
         return {
             "select": self.select, "reciprocal": self.reciprocal, "sqrt": self.root, "rsqrt": self.inverse_root,
-            "root4": self.inverse_fourth_root, "power_of_two": self.power_of_two, "exponent": self.exponent,
+            "inverse_root4": self.inverse_fourth_root, "power_of_two": self.power_of_two, "exponent": self.exponent,
         }[op](*a)  # fmt: skip

@@ -1,4 +1,7 @@
-"""A program of scalars without control flow, simplified while it is built: no value twice, one reciprocal a divisor."""
+"""Intermediate representation of straight-line scalar programs in SSA form, simplified while they are built.
+
+Value numbering computes each common subexpression once, constants are folded, and each divisor has one reciprocal.
+"""
 
 import enum
 import math
@@ -23,8 +26,8 @@ class Dependence(enum.IntEnum):
     TANGENT = 4
 
 
-_LEAVES = ("input", "const", "truth")
-# operations with one operand that are left to the processor, with what they do to a constant
+_LEAVES = ("input", "const", "bool")
+# unary operations that the target computes, each with its constant folding
 UNARY = {
     "sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan,
     "rsqrt": lambda x: 1.0 / math.sqrt(x) if x > 0.0 else math.inf if x == 0.0 else math.nan,
@@ -37,10 +40,23 @@ BOOLEAN_OPERATIONS = (*COMPARISONS, "not", "and")
 
 
 class Program:
-    """`nodes[i]` is (operation, operands…), an operand being the number of another node; `outputs` names the results.
+    """A straight-line program of real and boolean scalars without control flow.
 
-    The methods build operations and return their node; they fold constants, share equal values and turn signs,
-    divisions and roots into the cheapest form. Arithmetic is that of reals: x · 0 is 0, x − x is 0.
+    The methods append operations and return the number of their node; they fold constants, reuse equal nodes and
+    rewrite signs, divisions and roots into the cheapest form. The rewriting assumes real arithmetic:
+
+    - x · 0 = 0 and x − x = 0, also where x is infinite or not a number; the sign of zero is not kept;
+    - a/b = a · (1/b), which rounds twice; 1/(1/x) = x; 1/√x is one operation;
+    - c₁ · (c₂ · x) = (c₁ · c₂) · x for constants, and xⁿ is computed by repeated squaring;
+    - addition, multiplication, maximum and minimum are commutative: which operand of max or min is returned where one
+      of them is not a number is unspecified.
+
+    Comparisons follow IEEE 754: with an operand that is not a number only `ne` holds.
+
+    Attributes:
+        nodes: `nodes[i]` is (operation, operands…), an operand being the number of an earlier node.
+        dependence: the `Dependence` of each node.
+        outputs: {name of a result: number of its node}.
     """
 
     def __init__(self, dtype):
@@ -51,7 +67,7 @@ class Program:
         self._number: dict[tuple, int] = {}
 
     def node(self, operation: str, *operands) -> int:
-        """The number of an operation as it stands, the same for the same one."""
+        """The node of an operation without simplification; equal operations share one node (value numbering)."""
         key = (operation, *operands)
         if key not in self._number:
             self._number[key] = len(self.nodes)
@@ -59,26 +75,26 @@ class Program:
             if operation == "input":
                 self.dependence.append(operands[1])
             else:
-                below = () if operation in _LEAVES else operands
-                self.dependence.append(max((self.dependence[i] for i in below), default=Dependence.INVARIANT))
+                nodes = () if operation in _LEAVES else operands
+                self.dependence.append(max((self.dependence[i] for i in nodes), default=Dependence.INVARIANT))
         return self._number[key]
 
     def input(self, name, dependence: Dependence) -> int:
-        """A value that comes from outside."""
+        """An input of the program."""
         return self.node("input", name, dependence)
 
     def const(self, value) -> int:
-        """A number, or a truth value."""
+        """A constant number, rounded to the precision of the program, or a constant boolean."""
         if isinstance(value, bool | np.bool_):
-            return self.node("truth", bool(value))
+            return self.node("bool", bool(value))
         return self.node("const", float(self.type(value)))
 
-    def value(self, i: int):
-        """The value of a constant, else None."""
-        return self.nodes[i][1] if self.nodes[i][0] in ("const", "truth") else None
+    def constant_value(self, i: int):
+        """The value of node i if it is a constant, else None."""
+        return self.nodes[i][1] if self.nodes[i][0] in ("const", "bool") else None
 
     def neg(self, a: int) -> int:
-        """−a"""
+        """−a."""
         op, *args = self.nodes[a]
         if op == "const":
             return self.const(-args[0])
@@ -89,8 +105,8 @@ class Program:
         return self.node("neg", a)
 
     def add(self, a: int, b: int) -> int:
-        """a + b"""
-        x, y = self.value(a), self.value(b)
+        """a + b."""
+        x, y = self.constant_value(a), self.constant_value(b)
         if x is not None and y is not None:
             return self.const(x + y)
         if x == 0.0 or y == 0.0:
@@ -102,8 +118,8 @@ class Program:
         return self.node("add", *sorted((a, b)))
 
     def sub(self, a: int, b: int) -> int:
-        """a − b"""
-        x, y = self.value(a), self.value(b)
+        """a − b."""
+        x, y = self.constant_value(a), self.constant_value(b)
         if x is not None and y is not None:
             return self.const(x - y)
         if y == 0.0:
@@ -119,8 +135,8 @@ class Program:
         return self.node("sub", a, b)
 
     def mul(self, a: int, b: int) -> int:
-        """a · b"""
-        x, y = self.value(a), self.value(b)
+        """a · b."""
+        x, y = self.constant_value(a), self.constant_value(b)
         if x is not None and y is not None:
             return self.const(x * y)
         if y is not None:
@@ -135,16 +151,16 @@ class Program:
         a, b = (self.nodes[i][1] if self.nodes[i][0] == "neg" else i for i in (a, b))
         if x is not None and x < 0.0:
             a, x, negative = self.const(-x), -x, not negative
-        if x is not None and self.nodes[b][0] == "mul":  # constants come together
-            for one, other in (self.nodes[b][1:], self.nodes[b][:0:-1]):
-                if self.value(one) is not None:
-                    a, b = self.const(x * self.value(one)), other
+        if x is not None and self.nodes[b][0] == "mul":  # c₁ · (c₂ · x) = (c₁ · c₂) · x
+            for factor, other in (self.nodes[b][1:], self.nodes[b][:0:-1]):
+                if self.constant_value(factor) is not None:
+                    a, b = self.const(x * self.constant_value(factor)), other
                     break
         out = self.node("mul", *sorted((a, b)))
         return self.neg(out) if negative else out
 
     def reciprocal(self, a: int) -> int:
-        """1/a"""
+        """1/a."""
         op, *args = self.nodes[a]
         if op == "const":
             return self.const(1.0 / args[0]) if args[0] else self.const(math.copysign(math.inf, args[0]))
@@ -154,119 +170,121 @@ class Program:
             return args[0]
         if op == "sqrt":
             return self.unary("rsqrt", args[0])
-        if op == "select" and all(self.value(i) for i in args[1:]):
+        if op == "select" and all(self.constant_value(i) for i in args[1:]):
             return self.select(args[0], *(self.reciprocal(i) for i in args[1:]))
         return self.node("reciprocal", a)
 
-    def power(self, a: int, n: int) -> int:
-        """aⁿ for a whole n"""
+    def integer_power(self, a: int, n: int) -> int:
+        """aⁿ for an integer n, by repeated squaring."""
         if n < 0:
-            return self.power(self.reciprocal(a), -n)
+            return self.integer_power(self.reciprocal(a), -n)
         if n == 0:
             return self.const(1.0)
-        half = self.power(a, n // 2)
+        half = self.integer_power(a, n // 2)
         square = self.mul(half, half) if n > 1 else self.const(1.0)
         return self.mul(square, a) if n % 2 else square
 
     def unary(self, op: str, a: int) -> int:
-        """An operation of `UNARY`."""
-        if self.value(a) is not None:
-            return self.const(UNARY[op](self.value(a)))
+        """The operation `op` of `UNARY`; nested roots are expressed by x^(−1/4), one operation of the target."""
+        if self.constant_value(a) is not None:
+            return self.const(UNARY[op](self.constant_value(a)))
         if op == "abs" and self.nodes[a][0] in ("neg", "abs"):
             return self.unary(op, self.nodes[a][1])
         if op in ("sqrt", "rsqrt") and self.nodes[a][0] in ("sqrt", "rsqrt"):
-            inside = self.nodes[a][1]
-            fourth = self.node("root4", inside)  # a^(−1/4)
-            return fourth if op != self.nodes[a][0] else self.mul(self.node("sqrt", inside), fourth)
+            radicand = self.nodes[a][1]
+            inverse_root4 = self.node("inverse_root4", radicand)  # x^(−1/4)
+            return inverse_root4 if op != self.nodes[a][0] else self.mul(self.node("sqrt", radicand), inverse_root4)
         return self.node(op, a)
 
-    def extreme(self, op: str, a: int, b: int) -> int:
-        """The `max` or `min` of a and b."""
-        x, y = self.value(a), self.value(b)
+    def min_or_max(self, op: str, a: int, b: int) -> int:
+        """The `min` or `max` of a and b, as `op` says."""
+        x, y = self.constant_value(a), self.constant_value(b)
         if x is not None and y is not None:
             return self.const(max(x, y) if op == "max" else min(x, y))
         return a if a == b else self.node(op, *sorted((a, b)))
 
     def compare(self, op: str, a: int, b: int) -> int:
-        """A truth value: a op b."""
-        x, y = self.value(a), self.value(b)
+        """The boolean a op b; op is one of gt, ge, lt, le, eq, ne."""
+        x, y = self.constant_value(a), self.constant_value(b)
         if x is not None and y is not None:
             return self.const({"gt": x > y, "lt": x < y, "ge": x >= y, "le": x <= y, "eq": x == y, "ne": x != y}[op])
         if op in ("lt", "le"):
             op, a, b = {"lt": "gt", "le": "ge"}[op], b, a
         return self.node(op, a, b)
 
-    def invert(self, a: int) -> int:
-        """not a"""
+    def logical_not(self, a: int) -> int:
+        """not a."""
         op, *args = self.nodes[a]
-        if op == "truth":
+        if op == "bool":
             return self.const(not args[0])
         return args[0] if op == "not" else self.node("not", a)
 
-    def both(self, a: int, b: int) -> int:
-        """a and b"""
-        for one, other in ((a, b), (b, a)):
-            if self.value(one) is not None:
-                return other if self.value(one) else one
+    def logical_and(self, a: int, b: int) -> int:
+        """a and b."""
+        for operand, other in ((a, b), (b, a)):
+            if self.constant_value(operand) is not None:
+                return other if self.constant_value(operand) else operand
         return a if a == b else self.node("and", *sorted((a, b)))
 
-    def select(self, which: int, yes: int, no: int) -> int:
-        """`yes` where `which` holds, else `no`; both numbers or both truth values."""
-        if self.value(which) is not None:
-            return yes if self.value(which) else no
-        if self.nodes[which][0] == "not":
-            which, yes, no = self.nodes[which][1], no, yes
-        if yes == no:
-            return yes
-        if self.is_logical(yes):
-            return self.invert(
-                self.both(self.invert(self.both(which, yes)), self.invert(self.both(self.invert(which), no)))
-            )
-        return self.node("select", which, yes, no)
+    def select(self, condition: int, if_true: int, if_false: int) -> int:
+        """`if_true` where `condition` holds, else `if_false`; both are numbers, or both are booleans."""
+        if self.constant_value(condition) is not None:
+            return if_true if self.constant_value(condition) else if_false
+        if self.nodes[condition][0] == "not":
+            condition, if_true, if_false = self.nodes[condition][1], if_false, if_true
+        if if_true == if_false:
+            return if_true
+        if self.is_boolean(if_true):
+            first = self.logical_not(self.logical_and(condition, if_true))
+            second = self.logical_not(self.logical_and(self.logical_not(condition), if_false))
+            return self.logical_not(self.logical_and(first, second))
+        return self.node("select", condition, if_true, if_false)
 
-    def is_logical(self, i: int) -> bool:
-        """Whether node i is a truth value."""
-        return self.nodes[i][0] in (*BOOLEAN_OPERATIONS, "truth")
+    def is_boolean(self, i: int) -> bool:
+        """Whether node i is a boolean."""
+        return self.nodes[i][0] in (*BOOLEAN_OPERATIONS, "bool")
 
     def with_shared_roots(self) -> "Program":
-        """The same program with √a and 1/√a taken from the a^(−1/4) or 1/√a that is computed anyway."""
+        """The same program, with √x and 1/√x computed from x^(−1/4) where that is computed anyway."""
         out = Program(self.type)
-        known = set(self.nodes)
-        moved: dict[int, int] = {}
+        existing = set(self.nodes)
+        new: dict[int, int] = {}
         for i in self.schedule():
             op, *args = self.nodes[i]
             if op in _LEAVES:
-                moved[i] = out.node(op, *args)
-            elif op in ("sqrt", "rsqrt") and ("root4", args[0]) in known:
-                fourth = out.node("root4", moved[args[0]])
-                inverse = out.mul(fourth, fourth)
-                moved[i] = inverse if op == "rsqrt" else out.mul(moved[args[0]], inverse)
+                new[i] = out.node(op, *args)
+            elif op in ("sqrt", "rsqrt") and ("inverse_root4", args[0]) in existing:
+                inverse_root4 = out.node("inverse_root4", new[args[0]])
+                inverse_root = out.mul(inverse_root4, inverse_root4)
+                new[i] = inverse_root if op == "rsqrt" else out.mul(new[args[0]], inverse_root)
             else:
-                moved[i] = out.node(op, *(moved[j] for j in args))
-        out.outputs = {n: moved[i] for n, i in self.outputs.items()}
+                new[i] = out.node(op, *(new[j] for j in args))
+        out.outputs = {n: new[i] for n, i in self.outputs.items()}
         return out
 
     def schedule(self) -> list[int]:
-        """The nodes the outputs need, operands first, each where it is needed first.
+        """The live nodes in an order of computation: operands first, each shortly before its first use.
 
-        Tangents stand in the order in which they were built: a factor is then at hand for all directions.
+        Nodes of `Dependence.TANGENT` keep the order in which they were built, so that a factor that several tangents
+        share is used for all of them while it is in a register.
         """
-        wanted = self._with_operands(self.outputs.values())
-        tangents = sorted(i for i in wanted if self.dependence[i] == Dependence.TANGENT)
-        return self._with_operands((*tangents, *self.outputs.values())) if tangents else wanted
+        live = self._postorder(self.outputs.values())
+        tangents = sorted(i for i in live if self.dependence[i] == Dependence.TANGENT)
+        return self._postorder((*tangents, *self.outputs.values())) if tangents else live
 
-    def _with_operands(self, roots: Iterable[int]) -> list[int]:
-        seen: dict[int, None] = {}
+    def _postorder(self, roots: Iterable[int]) -> list[int]:
+        """The nodes that `roots` depend on and the roots themselves, by depth-first search."""
+        visited: dict[int, None] = {}
         for root in roots:
             stack = [(root, False)]
             while stack:
-                i, done = stack.pop()
-                if done:
-                    seen[i] = None
-                elif i not in seen:
+                i, operands_visited = stack.pop()
+                if operands_visited:
+                    visited[i] = None
+                elif i not in visited:
                     stack.append((i, True))
-                    stack.extend((j, False) for j in self.operands(i)[::-1] if j not in seen)
-        return list(seen)
+                    stack.extend((j, False) for j in self.operands(i)[::-1] if j not in visited)
+        return list(visited)
 
     def operands(self, i: int) -> tuple:
         """The nodes that node i is computed from."""
@@ -274,9 +292,6 @@ class Program:
         return () if op in _LEAVES else tuple(args)
 
     def count_operations(self, dependence: Dependence) -> Counter:
-        """How often each operation occurs among the values of one level."""
-        return Counter(
-            self.nodes[i][0]
-            for i in self.schedule()
-            if self.dependence[i] == dependence and self.nodes[i][0] not in _LEAVES
-        )
+        """The number of operations of each kind among the live nodes of one `Dependence`."""
+        live = (i for i in self.schedule() if self.dependence[i] == dependence)
+        return Counter(self.nodes[i][0] for i in live if self.nodes[i][0] not in _LEAVES)
