@@ -27,32 +27,32 @@ def run(options) -> None:
     """
     from edhas_jax.config.run_folder import ResultFileError, require_new_folder, unused_folder
     from edhas_jax.core.units import to_si
-    from edhas_jax.diagnosis.planning.candidate_runs import read_planned
-    from edhas_jax.diagnosis.planning.detectability_plan import as_json, plan
-    from edhas_jax.diagnosis.planning.figures import draw_overlaps, draw_sizes
+    from edhas_jax.diagnosis.planning.detectability_plan import plan_as_json, plan_detectability
+    from edhas_jax.diagnosis.planning.figures import draw_similarity, draw_thresholds
+    from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign
     from edhas_jax.machine.effects.loading import load_effect
 
-    campaign = read_planned(options.campaign, to_si(options.rate, "Hz", "5 kHz"))
+    campaign = read_planned_campaign(options.campaign, to_si(options.rate, "Hz", "5 kHz"))
     folder = options.out or unused_folder(Path("plans"), campaign.name)
     require_new_folder(folder, options.overwrite)
     user_effects = [load_effect(spec) for spec in options.effects]
     out = console()
     with progress_bar(out) as bar:
         task = bar.add_task("compiling", total=1.0)
-        planned = plan(
+        planned = plan_detectability(
             campaign, more=user_effects,
             on_progress=lambda what, share: bar.update(task, completed=share, description=what),
         )  # fmt: skip
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(as_json(planned), indent=2, allow_nan=False)
+        text = json.dumps(plan_as_json(planned), indent=2, allow_nan=False)
         (folder / "plan.json").write_text(text + "\n", encoding="utf-8")
-        draw_sizes(planned).savefig(folder / "sizes.png", dpi=130)
-        draw_overlaps(planned).savefig(folder / "overlaps.png", dpi=130)
+        draw_thresholds(planned).savefig(folder / "sizes.png", dpi=130)
+        draw_similarity(planned).savefig(folder / "overlaps.png", dpi=130)
     except OSError as error:
         raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
     out.print(sizes_table(planned))
-    pairs = planned.pairs()
+    pairs = planned.indistinguishable_pairs()
     if pairs:
         rows = table("detectable, but not distinguishable", "one", "other", "cosine")
         for one, other, cosine in pairs[:MAX_PRINTED_PAIRS]:
@@ -68,7 +68,7 @@ def sizes_table(planned):
     """The smallest size of each suspect that the campaign would detect, as a rich table."""
     rows = table("smallest detectable size", "suspect", "where", "parameter", "detectable from", "plausible",
                    "share of the strongest")  # fmt: skip
-    for v in planned.visible:
-        share = f"{v.share:.2g}" if v.seen else "not detectable"
-        rows.add_row(v.suspect.name, v.suspect.where, v.parameter, v.threshold(), v.plausible(), share)
+    for s in planned.suspects:
+        share = f"{s.threshold_share:.2g}" if s.detectable else "not detectable"
+        rows.add_row(s.suspect.name, s.suspect.where, s.parameter, s.threshold_text(), s.plausible_text(), share)
     return rows

@@ -16,7 +16,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from edhas_jax.diagnosis.planning.detectability_plan import Plan
+from edhas_jax.diagnosis.planning.detectability_plan import DetectabilityPlan
 from edhas_jax.machine.effects import SuctionLineResistance
 from edhas_jax.machine.rigs import PumpBench
 from studies.flow_drop import diagnosis as fall_diagnosis
@@ -152,9 +152,9 @@ def diagnosed(base: PumpBench, causes: list[Sized], console: Console) -> None:
     console.print(table)
 
 
-def _seen(found: Plan) -> str:
-    line = next(v for v in found.visible if v.suspect.kind is SuctionLineResistance)
-    return line.threshold() or "none"
+def _seen(found: DetectabilityPlan) -> str:
+    line = next(v for v in found.suspects if v.suspect.kind is SuctionLineResistance)
+    return line.threshold_text() or "none"
 
 
 def last_line(guilty: list[Sized], partings: dict[str, Parting], best: Settling) -> dict[str, object]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.core.units import with_error
-from edhas_jax.diagnosis.planning.detectability_plan import Plan, plan
+from edhas_jax.diagnosis.planning.detectability_plan import DetectabilityPlan, plan_detectability
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.machine.effects import (
@@ -80,12 +80,12 @@ class Answer(NamedTuple):
     diagnosis: Diagnosis
 
 
-def before_any_test(base: PumpBench, channels: dict[str, Channel] = AS_THE_PAPER) -> Plan:
+def before_any_test(base: PumpBench, channels: dict[str, Channel] = AS_THE_PAPER) -> DetectabilityPlan:
     """What the runs at 10 Hz could reveal, and the next run that `plan` names."""
-    return plan(planned_campaign("fall", base, UNCERTAIN, channels, TEN_HZ[:-1], INTERVAL), LIBRARY)
+    return plan_detectability(planned_campaign("fall", base, UNCERTAIN, channels, TEN_HZ[:-1], INTERVAL), LIBRARY)
 
 
-def stages(first: Plan) -> tuple[Stage, ...]:
+def stages(first: DetectabilityPlan) -> tuple[Stage, ...]:
     """10 Hz alone, with the run that `plan` names, with a run at 20 or 35 Hz, and with a chamber pressure."""
     named = first.next.run.conditions
     more = a_run(Use.FIT, named["frequency"], named["amplitude"], named["load_orifice_area"])

@@ -1,1 +1,1 @@
-"""What runs can reveal, and the next experiment."""
+"""Experiment planning: which effects planned runs would reveal, and which run to make next."""

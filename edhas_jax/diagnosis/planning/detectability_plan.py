@@ -1,4 +1,4 @@
-"""What a campaign could find before it is made: smallest effects it would show, pairs it cannot part, the next run."""
+"""Detectability of effects by a planned campaign: thresholds, indistinguishable pairs, and the next run to add."""
 
 import dataclasses
 import math
@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.diagnosis.planning.candidate_runs import as_modelled, feasible_runs, texts
+from edhas_jax.diagnosis.planning.candidate_runs import feasible_runs, format_conditions
 from edhas_jax.diagnosis.planning.detection_threshold import (
-    SEEN,
-    Look,
-    Products,
-    Visible,
-    cosines,
-    ladder,
-    visible_from,
+    DETECTION_NORM,
+    Detectability,
+    detectability_of,
+    strength_points,
 )
+from edhas_jax.diagnosis.planning.planned_campaign import with_predicted_signals
+from edhas_jax.diagnosis.planning.signatures import SignatureGram, SuspectPoints, cosines
 from edhas_jax.diagnosis.search.candidates import problem_of, suspects_for, unknowns_of
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
@@ -24,150 +23,189 @@ from edhas_jax.measurements.measurement_chain import Instruments
 from edhas_jax.measurements.predicted_signals import Model
 from edhas_jax.measurements.step_selection import choose_resolution
 
-VERSION = 1  # of the file
-ALIKE = 0.95  # cosine above which two suspects are not told apart
+FILE_VERSION = 1
+INDISTINGUISHABLE_COSINE = 0.95  # of two unexplained signatures
+
+Pair = tuple[str, str, float]  # two suspects and the cosine of their signatures
 
 
 @dataclasses.dataclass(frozen=True)
 class NextRun:
-    """A run more, and what comes of it: `conditions` as text, pairs still alike, suspects newly seen."""
+    """The additional run with the largest benefit.
+
+    Attributes:
+        run: its conditions and sampling, without signals.
+        conditions: the conditions as text with units.
+        indistinguishable: the pairs that remain indistinguishable with this run.
+        newly_detectable: names of the suspects that only this run makes detectable.
+    """
 
     run: BenchRun
     conditions: dict[str, str]
-    alike: tuple[tuple[str, str, float], ...]
-    seen: tuple[str, ...]
+    indistinguishable: tuple[Pair, ...]
+    newly_detectable: tuple[str, ...]
 
 
 @dataclasses.dataclass(frozen=True)
-class Plan:
-    """What the runs of `campaign` that serve a fit could reveal.
+class DetectabilityPlan:
+    """What the runs of a campaign that serve a fit could reveal about k suspects.
 
-    `overlap` (k, k) are the cosines of what is left of the suspects of `visible`, in its order. `tried` counts the
-    feasible runs among which `next` was chosen; None where there are none.
+    Attributes:
+        campaign: the campaign with predicted signals.
+        suspects: thresholds of the suspects, the most easily detected first.
+        cosines: cosines of their unexplained signatures in the same order, shape (k, k).
+        candidate_count: number of feasible runs among which `next_run` was chosen.
+        next_run: the best additional run; None if no candidate is feasible.
     """
 
     campaign: Campaign
-    visible: tuple[Visible, ...]
-    overlap: np.ndarray
-    tried: int
-    next: NextRun | None
+    suspects: tuple[Detectability, ...]
+    cosines: np.ndarray
+    candidate_count: int
+    next_run: NextRun | None
 
-    def pairs(self) -> list[tuple[str, str, float]]:
-        """Pairs that are seen but not told apart, with their cosine, the worst first."""
-        return _pairs(self.visible, self.overlap)
+    def indistinguishable_pairs(self) -> list[Pair]:
+        """Pairs of detectable suspects that cannot be told apart, the largest cosine first."""
+        return _indistinguishable(self.suspects, self.cosines)
 
     def sentence(self) -> str:
-        """What would be seen, and the next run, in plain words."""
-        seen, pairs = sum(v.seen for v in self.visible), len(self.pairs())
-        told = f"{seen} of {len(self.visible)} suspects would be seen within their plausible range; "
-        alike = f"{pairs} {'pair' if pairs == 1 else 'pairs'} of them would not be told apart."
-        told += alike if pairs else "all of them would be told apart."
-        if self.next is None:
-            return f"{told} No run of the menu is feasible."
-        run = ", ".join(f"{n.replace('_', ' ')} {text}" for n, text in self.next.conditions.items())
-        gains = [f"parts {pairs - len(self.next.alike)} of these pairs"] if len(self.next.alike) < pairs else []
-        gains += [f"makes {', '.join(self.next.seen)} visible"] if self.next.seen else []
-        worth = " and ".join(gains) or "shows all suspects a little more clearly, but changes none of this"
-        return f"{told} The best next run of {self.tried} feasible ones: {run}; it {worth}."
+        """The result in words: how many suspects are detectable and distinguishable, and the best next run."""
+        detectable, pairs = sum(s.detectable for s in self.suspects), len(self.indistinguishable_pairs())
+        summary = f"{detectable} of {len(self.suspects)} suspects are detectable within their plausible range; "
+        if pairs:
+            summary += f"{pairs} {'pair' if pairs == 1 else 'pairs'} of them cannot be told apart."
+        else:
+            summary += "all of them can be told apart."
+        if self.next_run is None:
+            return f"{summary} No candidate run is feasible."
+        run = ", ".join(f"{n.replace('_', ' ')} {text}" for n, text in self.next_run.conditions.items())
+        remaining, new = len(self.next_run.indistinguishable), self.next_run.newly_detectable
+        benefits = [f"separates {pairs - remaining} of these pairs"] if remaining < pairs else []
+        benefits += [f"makes {', '.join(new)} detectable"] if new else []
+        benefit = " and ".join(benefits) or "lowers the thresholds slightly, but changes none of these counts"
+        return f"{summary} The best next run of {self.candidate_count} feasible ones: {run}; it {benefit}."
 
 
-def plan(
+def plan_detectability(
     campaign: Campaign,
     library: Iterable[type[Effect]] | None = None,
     more: Iterable[type[Effect]] = (),
     on_progress: Callable[[str, float], None] | None = None,
-) -> Plan:
-    """Say what the planned runs and sensors could reveal; nothing measured is looked at.
+) -> DetectabilityPlan:
+    """Predict what the runs and sensors of a campaign could reveal; measured signals are not used.
 
-    `library` restricts the effects that are suspected, `more` adds a user's own. `on_progress` is called with what is
-    being done and the share done.
+    Args:
+        campaign: runs, channels with their noise, uncertain parameters.
+        library: restricts the suspected effects to these; by default all that the machine has slots for.
+        more: further effects to suspect.
+        on_progress: called with the name of a stage and the share done.
+
+    Returns:
+        Thresholds and cosines of all suspects, and the best additional run.
     """
-    say = on_progress or (lambda what, share: None)
-    say("looking for the step that serves", 0.0)
+    report = on_progress or (lambda stage, share: None)
+    report("choosing the integration step", 0.0)
     known = problem_of(campaign, campaign.machine, Instruments(), ()).unknowns
     model = Model(campaign, campaign.machine, known, campaign.runs)
     steps = choose_resolution(model, np.zeros(len(known))).rough
-    campaign = as_modelled(campaign, steps)
+    campaign = with_predicted_signals(campaign, steps)
     runs = campaign.runs_for(Use.FIT) or campaign.runs
     suspects = suspects_for(campaign, campaign.machine, Instruments(), more)
     if library is not None:
         allowed = {kind.id for kind in (*library, *more)}
         suspects = [s for s in suspects if s.signal is not None or s.id in allowed]
-    ladders = [Look(suspect, ladder(unknowns_of(suspect, campaign))) for suspect in suspects]
-    first = Products(campaign, runs, ladders, steps, lambda what, share: say(what, 0.7 * share))
-    left = first.left()
-    lengths = np.where(first.failed, np.nan, np.sqrt(np.diag(left)))
-    parts = np.split(lengths, np.cumsum([len(look.points) for look in ladders])[:-1])
-    visible = [visible_from(look, length, campaign) for look, length in zip(ladders, parts, strict=True)]
-    chosen, at = [], 0
-    for look, one in zip(ladders, visible, strict=True):
-        chosen.append(at + int(np.argmax((look.points == one.x).all(axis=1))))
-        at += len(look.points)
-    overlap = cosines(left)[np.ix_(chosen, chosen)]
-    order = np.argsort([v.share for v in visible], kind="stable")
-    visible, overlap = [visible[k] for k in order], overlap[np.ix_(order, order)]
-    say("which runs are feasible", 0.7)
-    menu = feasible_runs(campaign, campaign.machine, steps)
-    looks = [Look(v.suspect, v.x[None]) for v in visible]
-    best = None
-    if menu:
-        every = Products(campaign, (*runs, *menu), looks, steps, lambda what, share: say(what, 0.7 + 0.3 * share))
-        best = _next(campaign, visible, every, len(runs), menu)
-    return Plan(campaign, tuple(visible), overlap, len(menu), best)
-
-
-def _pairs(visible, overlap: np.ndarray, among: np.ndarray | None = None) -> list[tuple[str, str, float]]:
-    seen = np.array([v.seen for v in visible]) if among is None else among
-    rows, columns = np.nonzero(np.triu((overlap > ALIKE) & np.outer(seen, seen), 1))
+    ladders = [SuspectPoints(suspect, strength_points(unknowns_of(suspect, campaign))) for suspect in suspects]
+    gram = SignatureGram(campaign, runs, ladders, steps, lambda stage, share: report(stage, 0.7 * share))
+    unexplained = gram.unexplained()
+    norms = np.where(gram.failed, np.nan, np.sqrt(np.diag(unexplained)))
+    ends = np.cumsum([len(one.points) for one in ladders])
     found = [
-        (visible[i].suspect.name, visible[j].suspect.name, float(overlap[i, j]))
+        detectability_of(one.suspect, one.points, norm, campaign)
+        for one, norm in zip(ladders, np.split(norms, ends[:-1]), strict=True)
+    ]
+    # the signature of each suspect at the point next to its threshold represents it
+    index = [
+        int(end) - len(one.points) + int(np.argmax((one.points == f.x).all(axis=1)))
+        for one, f, end in zip(ladders, found, ends, strict=True)
+    ]
+    overlap = cosines(unexplained)[np.ix_(index, index)]
+    order = np.argsort([f.threshold_share for f in found], kind="stable")
+    found, overlap = [found[k] for k in order], overlap[np.ix_(order, order)]
+    report("feasible candidate runs", 0.7)
+    candidates = feasible_runs(campaign, campaign.machine, steps)
+    next_run = None
+    if candidates:
+        points = [SuspectPoints(f.suspect, f.x[None]) for f in found]
+        gram = SignatureGram(
+            campaign, (*runs, *candidates), points, steps, lambda stage, share: report(stage, 0.7 + 0.3 * share)
+        )
+        next_run = _best_next_run(campaign, found, gram, len(runs), candidates)
+    return DetectabilityPlan(campaign, tuple(found), overlap, len(candidates), next_run)
+
+
+def _indistinguishable(suspects, overlap: np.ndarray, among: np.ndarray | None = None) -> list[Pair]:
+    """Pairs above the limit of the cosine, among the suspects marked in `among` or the detectable ones."""
+    among = np.array([s.detectable for s in suspects]) if among is None else among
+    rows, columns = np.nonzero(np.triu((overlap > INDISTINGUISHABLE_COSINE) & np.outer(among, among), 1))
+    pairs = [
+        (suspects[i].suspect.name, suspects[j].suspect.name, float(overlap[i, j]))
         for i, j in zip(rows, columns, strict=True)
     ]
-    return sorted(found, key=lambda pair: -pair[2])
+    return sorted(pairs, key=lambda pair: -pair[2])
 
 
-def _next(campaign: Campaign, visible, products: Products, made: int, menu: tuple[BenchRun, ...]) -> NextRun:
-    """The run of the menu after which fewest pairs are alike, and the alike ones least; then what is seen best."""
-    before = products.of[:made].sum(axis=0)
-    seen = np.array([v.seen for v in visible])
-    alike = np.triu(np.outer(seen, seen) & (cosines(products.left_of(before)) > ALIKE), 1)
-    best, worth = None, (math.inf, math.inf)
-    for k, run in enumerate(menu):
-        left = products.left_of(before + products.of[made + k])
-        length, overlap = np.sqrt(np.diag(left)), cosines(left)
-        still = overlap[alike]
-        unseen = ~seen & (length > 0.0)
+def _best_next_run(
+    campaign: Campaign, suspects, gram: SignatureGram, planned: int, candidates: tuple[BenchRun, ...]
+) -> NextRun:  # fmt: skip
+    """The candidate that leaves the fewest indistinguishable pairs and the smallest sum of their cosines.
+
+    Ties are broken by the number of newly detectable suspects and the mean logarithm of all norms. The first `planned`
+    runs of `gram` are those of the campaign, the others the candidates.
+    """
+    base = gram.per_run[:planned].sum(axis=0)
+    detectable = np.array([s.detectable for s in suspects])
+    similar = cosines(gram.project(base)) > INDISTINGUISHABLE_COSINE
+    similar = np.triu(np.outer(detectable, detectable) & similar, 1)
+    best, lowest_cost = None, (math.inf, math.inf)
+    for k, run in enumerate(candidates):
+        unexplained = gram.project(base + gram.per_run[planned + k])
+        norm, overlap = np.sqrt(np.diag(unexplained)), cosines(unexplained)
+        remaining = overlap[similar]
+        undetected = ~detectable & (norm > 0.0)
         cost = (
-            float((still > ALIKE).sum() + still.sum()),
-            -float((length[unseen] > SEEN).sum()) - float(np.log(np.maximum(length, 1e-9)).mean()),
+            float((remaining > INDISTINGUISHABLE_COSINE).sum() + remaining.sum()),
+            -float((norm[undetected] > DETECTION_NORM).sum()) - float(np.log(np.maximum(norm, 1e-9)).mean()),
         )
-        if cost < worth:
-            gained = tuple(v.suspect.name for v, new in zip(visible, unseen & (length > SEEN), strict=True) if new)
-            rest = tuple(_pairs(visible, np.where(alike, overlap, 0.0), seen))
-            best, worth = NextRun(run, texts(campaign, run.conditions), rest, gained), cost
+        if cost < lowest_cost:
+            new = undetected & (norm > DETECTION_NORM)
+            names = tuple(s.suspect.name for s, is_new in zip(suspects, new, strict=True) if is_new)
+            pairs = tuple(_indistinguishable(suspects, np.where(similar, overlap, 0.0), detectable))
+            best, lowest_cost = NextRun(run, format_conditions(campaign, run.conditions), pairs, names), cost
     return best
 
 
-def as_json(found: Plan) -> dict[str, Any]:
-    """The plan as plain data; sizes in SI."""
+def plan_as_json(plan: DetectabilityPlan) -> dict[str, Any]:
+    """The content of `plan.json`; sizes in SI."""
     visible = [
         {
-            "effect": v.suspect.id, "signal": v.suspect.signal, "slot": v.suspect.where, "parameter": v.parameter,
-            "seen": v.seen, "size": v.size if math.isfinite(v.size) else None,
-            "absent": v.absent if math.isfinite(v.absent) else None,
-            "unit": v.unit if v.unknown else "", "share_of_strongest": v.share if math.isfinite(v.share) else None,
+            "effect": s.suspect.id, "signal": s.suspect.signal, "slot": s.suspect.where, "parameter": s.parameter,
+            "seen": s.detectable, "size": s.threshold if math.isfinite(s.threshold) else None,
+            "absent": s.absent_value if math.isfinite(s.absent_value) else None,
+            "unit": s.unit if s.unknown else "",
+            "share_of_strongest": s.threshold_share if math.isfinite(s.threshold_share) else None,
         }
-        for v in found.visible
+        for s in plan.suspects
     ]  # fmt: skip
-    best = found.next
+    next_run = plan.next_run
     return {
-        "version": VERSION,
-        "campaign": found.campaign.name,
+        "version": FILE_VERSION,
+        "campaign": plan.campaign.name,
         "visible": visible,
-        "not_told_apart": [list(pair) for pair in found.pairs()],
-        "next_run": None if best is None else {
-            "conditions": best.conditions, "chosen_from": found.tried, "becomes_visible": list(best.seen),
-            "not_told_apart": [list(pair) for pair in best.alike],
+        "not_told_apart": [list(pair) for pair in plan.indistinguishable_pairs()],
+        "next_run": None if next_run is None else {
+            "conditions": next_run.conditions, "chosen_from": plan.candidate_count,
+            "becomes_visible": list(next_run.newly_detectable),
+            "not_told_apart": [list(pair) for pair in next_run.indistinguishable],
         },
-        "sentence": found.sentence(),
+        "sentence": plan.sentence(),
     }  # fmt: skip

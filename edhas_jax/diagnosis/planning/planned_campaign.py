@@ -1,0 +1,95 @@
+"""Campaigns that are planned but not measured: their description is read, their signals are predicted."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml
+from edhas_jax.core.units import format_quantity
+from edhas_jax.diagnosis.planning.candidate_runs import periodic_duration
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
+from edhas_jax.measurements.campaign_reader import FILE, CampaignReader, read_campaign
+from edhas_jax.measurements.predicted_signals import Case, Model
+
+APERIODIC_DURATION = 0.6  # s, of a run whose set point is not periodic
+MIN_SAMPLES = 100  # of a run
+
+
+class PlannedCampaignReader(CampaignReader):
+    """Reads the description of a campaign whose runs need not have data files."""
+
+    def planned_runs(self, rate: float) -> tuple[BenchRun, ...]:
+        """The runs without signals, sampled at `rate` [Hz] for some cycles of their set point.
+
+        Raises:
+            CampaignError: the set point is a recording, or a run would have too few samples.
+        """
+        if self._set_point:
+            raise CampaignError(
+                f"{self._folder / FILE}: `reference: {self._set_point}` is recorded with the runs, so they cannot be "
+                "planned before they are made; describe the set point instead"
+            )
+        return tuple(self._planned_run(*row, rate) for row in self._runs)
+
+    def _planned_run(self, name, file, use, conditions, rate: float) -> BenchRun:
+        duration = periodic_duration(self.machine, conditions) or APERIODIC_DURATION
+        if duration * rate < MIN_SAMPLES:
+            raise CampaignError(f"{file}: has {duration * rate:.0f} samples at {format_quantity(rate, 'Hz')}, at least "
+                                f"{MIN_SAMPLES} are needed; raise the sampling rate")  # fmt: skip
+        time = np.arange(round(duration * rate) + 1) / rate
+        return BenchRun(name, file, use, conditions, time, {}, np.arange(len(time)) + 2)
+
+
+def read_planned_campaign(path: Path | str, rate: float) -> Campaign:
+    """Read the campaign in a folder, with planned runs in place of those that have no data file yet.
+
+    Args:
+        path: the folder, or its `campaign.yaml`.
+        rate: sampling rate [Hz] of the planned runs.
+
+    Returns:
+        The campaign: with its measured runs if all data files exist, else with planned runs only.
+
+    Raises:
+        CampaignError: `campaign.yaml` is invalid (every problem, one line each), its set point is a recording, or
+            `rate` leaves a run with too few samples.
+    """
+    path = Path(path)
+    file = path / FILE if path.is_dir() else path
+    try:
+        data, lines, problems = parse_yaml(file.read_text(encoding="utf-8-sig"))
+    except YamlError as error:
+        raise CampaignError(f"{file}:{error.line}: {error}" if error.line else f"{file}: {error}") from None
+    except (OSError, UnicodeDecodeError):
+        return read_campaign(path)  # raises the precise error
+    reader = PlannedCampaignReader(data, file.parent)
+    problems += [(line_of(lines, key), f"{key_text(key)}: {what}") for key, what in reader.problems]
+    if problems:
+        problems.sort(key=lambda problem: problem[0])
+        raise CampaignError("\n".join(dict.fromkeys(f"{file}:{line}: {what}" for line, what in problems)))
+    planned = reader.planned_runs(rate)
+    measured = {}
+    if all(run.file.exists() for run in planned):
+        measured = {run.name: run for run in read_campaign(path).runs}
+    runs = tuple(measured.get(run.name, run) for run in planned)
+    return Campaign(reader.name, file.parent, reader.machine, reader.uncertain, reader.channels, runs, ())
+
+
+def with_predicted_signals(campaign: Campaign, per_sample: int) -> Campaign:
+    """Replace the signals of every run by those that the campaign's own model predicts.
+
+    Args:
+        campaign: runs with or without signals.
+        per_sample: integration steps per sample.
+
+    Returns:
+        The campaign with predictions for the signals that a run has, or for all channels where it has none.
+    """
+    model = Model(campaign, campaign.machine, (), campaign.runs)
+    outcomes = model.outcomes([Case(np.zeros(0), tuple(range(len(campaign.runs))))], per_sample, derive=False)[0]
+    runs = tuple(
+        dataclasses.replace(run, signals={n: outcomes[r].values[n] for n in run.signals or campaign.channels})
+        for r, run in enumerate(campaign.runs)
+    )
+    return dataclasses.replace(campaign, runs=runs)
