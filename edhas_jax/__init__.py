@@ -28,7 +28,7 @@ _PUBLIC = {
     "read_campaign": ("measurements.campaign_reader", "read_campaign"),
     "compare": ("measurements.comparison", "compare"),
     "find_patterns": ("measurements.residual_patterns", "find_patterns"),
-    "uncertain_unknowns": ("measurements.prior", "uncertain_unknowns"),
+    "uncertain_unknowns": ("measurements.unknown_parameters", "uncertain_unknowns"),
     "FitProblem": ("diagnosis.calibration.fit", "FitProblem"),
     "calibrate": ("diagnosis.calibration.fit", "fit"),
     "gradient": ("design.gradient.table", "gradient"),

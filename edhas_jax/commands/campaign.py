@@ -26,8 +26,8 @@ def run_check(options) -> int:
     from rich.markup import escape
 
     from edhas_jax.measurements.campaign import Severity
+    from edhas_jax.measurements.campaign_checks import check_campaign
     from edhas_jax.measurements.campaign_reader import read_campaign
-    from edhas_jax.measurements.data_checks import check_campaign
 
     out = console()
     campaign = read_campaign(options.campaign)
@@ -57,7 +57,7 @@ def run_check(options) -> int:
 
 def run_new(options) -> None:
     """Write a commented template of a campaign that passes `edhas campaign check`."""
-    from edhas_jax.measurements.campaign_writer import write_template
+    from edhas_jax.measurements.campaign_template import write_template
 
     out = console()
     with progress_bar(out, time_remaining=True) as bar:

@@ -26,8 +26,9 @@ def run(options) -> None:
     from edhas_jax.config.machine_config import read_config
     from edhas_jax.config.run_folder import ResultFileError, require_new_folder, unused_folder
     from edhas_jax.measurements.campaign_reader import read_campaign
-    from edhas_jax.measurements.comparison import compare, figures_of_merit
+    from edhas_jax.measurements.comparison import compare
     from edhas_jax.measurements.comparison_report import comparison_report, sentences
+    from edhas_jax.measurements.figures_of_merit import figures_of_merit
     from edhas_jax.measurements.replay import Replay
     from edhas_jax.measurements.residual_patterns import find_patterns
 
@@ -60,7 +61,7 @@ def run(options) -> None:
 def residual_table(comparison):
     """Residual over noise of each run and signal as a rich table: green below 1.15, yellow below 3, else red."""
     rows = table("residual over noise", "run", *comparison.signals)
-    for run, row in comparison.matrix().items():
+    for run, row in comparison.rms_over_noise().items():
         cells = [row.get(n) for n in comparison.signals]
         rows.add_row(run, *("" if value is None else f"[{_colour(value)}]{value:.2f}[/]" for value in cells))
     return rows

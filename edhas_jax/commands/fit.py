@@ -36,8 +36,8 @@ def run(options) -> None:
     from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
     from edhas_jax.measurements.campaign import CampaignError
     from edhas_jax.measurements.campaign_reader import read_campaign
-    from edhas_jax.measurements.measurement_chain import Instruments
-    from edhas_jax.measurements.prior import uncertain_unknowns
+    from edhas_jax.measurements.instruments import Instruments
+    from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 
     began = time.perf_counter()
     campaign = read_campaign(options.campaign)

@@ -1,4 +1,4 @@
-"""A campaign of measurements: what was run on a bench, what was measured, and what the engineer is unsure of."""
+"""Data model of a measurement campaign: the runs of a test bench, the sensors, and the engineer's present model."""
 
 import dataclasses
 import enum
@@ -17,23 +17,23 @@ class CampaignError(ValueError):
 
 
 class Use(enum.Enum):
-    """What a run is for: to calibrate with, or to judge by."""
+    """What a run is used for: to estimate parameters, or to validate the estimated model."""
 
     FIT = "fit"
     HOLDOUT = "holdout"
 
 
 class Severity(enum.Enum):
-    """How much a remark matters."""
+    """How serious a remark is."""
 
-    ERROR = "error"  # something is left out
-    WARNING = "warning"  # it is used as it is, but looks wrong
-    NOTE = "note"  # worth knowing, nothing is wrong
+    ERROR = "error"  # some data are left out
+    WARNING = "warning"  # the data are used as they are, but look wrong
+    NOTE = "note"  # information, nothing is wrong
 
 
 @dataclasses.dataclass(frozen=True)
 class Remark:
-    """What was noticed in a file: `line` is 0 when no single line is to blame, and the row where there are no lines."""
+    """A message about a file; `line` is the line (or row) that it refers to, 0 for the file as a whole."""
 
     severity: Severity
     file: Path
@@ -55,11 +55,17 @@ class Channel:
 
 @dataclasses.dataclass(frozen=True)
 class BenchRun:
-    """A run of the bench in SI: `time` (n,) strictly increasing, from the start at rest; `signals` (n,) each.
+    """A run of the test bench in SI units, starting from rest at time 0.
 
-    A hole in a signal is NaN; a signal that the run lacks is not in `signals`. `conditions` are parameters of the
-    machine by name; `reference` is the recorded set point where the campaign has one. `lines` (n,) says in which line
-    (or row) of the file each sample stands.
+    Args:
+        name: unique name of the run.
+        file: the file that it was read from.
+        use: fit or holdout.
+        conditions: parameters of the machine that hold in this run, by name (SI).
+        time: time stamps (samples,) [s], strictly increasing.
+        signals: measured signals (samples,) by name (SI); NaN where a sample is missing, absent if not measured.
+        lines: line (or row) of the file for each sample (samples,).
+        reference: the recorded set point, where the campaign has one.
     """
 
     name: str
@@ -73,17 +79,23 @@ class BenchRun:
 
     @property
     def interval(self) -> float:
-        """The usual time from sample to sample [s]."""
+        """The sample interval [s]: the median difference of the time stamps."""
         return float(np.median(np.diff(self.time)))
 
 
 @dataclasses.dataclass(frozen=True)
 class Campaign:
-    """Runs of a bench beside the engineer's present model of it.
+    """Runs of a test bench, and the engineer's present model of it.
 
-    `machine` is that model before any run's conditions are set. `uncertain` gives, by parameter, the relative standard
-    deviation σ of the true value: true = known · exp(σ n), n standard normal; it may name parameters of effects that
-    `machine` lacks. `remarks` say what the reader noticed and what it left out.
+    Args:
+        name: name of the campaign.
+        folder: the folder that it was read from.
+        machine: the present model, before the conditions of a run are set.
+        uncertain: relative standard deviation σ of the true value by parameter: true = known · exp(σ n), n standard
+            normal; it may name parameters of effects that `machine` lacks.
+        channels: the measured signals by name.
+        runs: the runs that can be used.
+        remarks: what the reader noticed in the files and what it left out.
     """
 
     name: str
@@ -95,10 +107,14 @@ class Campaign:
     remarks: tuple[Remark, ...]
 
     def machine_of(self, run: BenchRun, machine: Rig | None = None) -> Rig:
-        """`machine` (default: the campaign's) under the conditions of a run.
+        """A machine under the conditions of a run.
 
-        Where a run sets an uncertain parameter itself, what `machine` has is taken as a factor on all runs:
-        value = condition × machine's value / campaign's value. Traced values pass through.
+        Where a run sets an uncertain parameter itself, the deviation of `machine` from the campaign's machine is taken
+        as a factor common to all runs: value = condition × machine's value / campaign's value. Traced values pass.
+
+        Args:
+            run: gives the conditions and the recorded set point.
+            machine: the campaign's machine by default.
 
         Raises:
             ParameterError: the machine lacks a parameter that the run sets, or a value lies outside its span.
@@ -114,15 +130,16 @@ class Campaign:
         return set_parameters(machine, values)
 
     def uncertain_in(self, machine: Rig) -> dict[str, float]:
-        """The uncertain parameters that a machine has, with their relative standard deviations."""
-        return {name: spread for name, spread in self.uncertain.items() if _has(machine, name)}
+        """Relative standard deviations of the uncertain parameters that a machine has, by name."""
+        return {name: spread for name, spread in self.uncertain.items() if has_parameter(machine, name)}
 
     def runs_for(self, use: Use) -> tuple[BenchRun, ...]:
-        """The runs that serve one purpose."""
+        """The runs of one use, in the order of the campaign."""
         return tuple(run for run in self.runs if run.use is use)
 
 
-def _has(machine: Rig, name: str) -> bool:
+def has_parameter(machine: Rig, name: str) -> bool:
+    """Whether a machine has a parameter of that name."""
     try:
         find_parameter(machine, name)
     except ParameterError:

@@ -28,11 +28,11 @@ from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import KINDS, ParameterError, find_parameter, list_parameters
 from edhas_jax.machine.rigs import RIGS, Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Remark, Severity, Use
-from edhas_jax.measurements.run_reader import RunReader, Source
+from edhas_jax.measurements.run_reader import ColumnSource, RunReader
 from edhas_jax.simulation.integrator import observe
 
-FILE = "campaign.yaml"
-REFINED = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)
+CAMPAIGN_FILE = "campaign.yaml"
+DEFAULT_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)
 TOP = (
     "name", "rig", "parameters", "without", "uncertain", "amplifier", "controller", "reference", "time", "signals",
     "runs",
@@ -59,7 +59,7 @@ def read_campaign(path: Path | str) -> Campaign:
         CampaignError: `campaign.yaml` is wrong (every problem, one line each), or no run can be used.
     """
     path = Path(path)
-    path = path / FILE if path.is_dir() else path
+    path = path / CAMPAIGN_FILE if path.is_dir() else path
     try:
         data, lines, problems = parse_yaml(read_text_file(path, CampaignError))
     except YamlError as error:
@@ -97,7 +97,7 @@ class CampaignReader(ProblemList):
         self.machine = self._machine()
         self.uncertain: dict[str, float] = {}
         self.channels: dict[str, Channel] = {}
-        self._sources: dict[str, Source] = {}
+        self._sources: dict[str, ColumnSource] = {}
         self._time = self._clock()
         self._runs: list[tuple[str, Path, Use, dict[str, float]]] = []
         if self.machine is not None:
@@ -129,7 +129,7 @@ class CampaignReader(ProblemList):
             stand_in = Recorded(values=jnp.zeros(2), interval=1.0)
             config["reference"] = {"kind": "recorded", **encode_samples(stand_in)}
         rig = RIGS.get(str(data.get("rig")))
-        fitting = [effect.id for effect in REFINED if rig is None or set(effect.slots) <= set(rig.slots)]
+        fitting = [effect.id for effect in DEFAULT_EFFECTS if rig is None or set(effect.slots) <= set(rig.slots)]
         without = data.get("without") or []
         if not isinstance(without, list):
             self.add(("without",), f"a list belongs here, for example `[lugre_friction]`, not {yaml_type(without)}")
@@ -152,7 +152,7 @@ class CampaignReader(ProblemList):
         return p.name if sum(q.name == p.name for q, _, _ in list_parameters(self.machine)) == 1 else f"{path}.{p.name}"
 
     def _read_uncertain(self) -> None:
-        lacking = {p.name: effect.id for effect in REFINED for p in structs.parameters(effect)}
+        lacking = {p.name: effect.id for effect in DEFAULT_EFFECTS for p in structs.parameters(effect)}
         mounted = {effect.id for effect in self.machine.effects}
         for name, text in self._mapping(self._data.get("uncertain"), ("uncertain",), "coil_resistance: 0.02").items():
             key = ("uncertain", name)
@@ -178,10 +178,10 @@ class CampaignReader(ProblemList):
             return None
         return value
 
-    def _clock(self) -> Source:
+    def _clock(self) -> ColumnSource:
         given = self._mapping(self._data.get("time"), ("time",), "{column: t, unit: ms}")
         self.add_unknown_keys(("time",), given, ("column", "unit"))
-        return Source(str(given.get("column", "time")), str(given.get("unit", "")))
+        return ColumnSource(str(given.get("column", "time")), str(given.get("unit", "")))
 
     def _read_signals(self) -> None:
         given = self._mapping(self._data.get("signals"), ("signals",), "current: {unit: A, noise: 0.02}")
@@ -212,7 +212,7 @@ class CampaignReader(ProblemList):
                 self._leave_out((*key, "noise"), f"the sensor's standard deviation in {unit} must be above 0; {got}")
                 continue
             self.channels[name] = Channel(unit, noise * size)
-            self._sources[name] = Source(str(spec.get("column", name)), unit)
+            self._sources[name] = ColumnSource(str(spec.get("column", name)), unit)
         if given and not self.channels and not self.problems:
             self.problems += [(key, what) for _, key, what in self.remarks if key[0] == "signals"]
 

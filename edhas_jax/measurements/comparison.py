@@ -1,71 +1,84 @@
-"""A model beside the measurements of a campaign, run by run."""
-
+"""Simulate a model as the runs of a campaign were made, and compare it with the measurements."""
 
 import dataclasses
 from collections.abc import Callable
 
 import jax
 import numpy as np
-import pandas as pd
 
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig, Sine
-from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.predicted_signals import Case, Model, level, whitened
-from edhas_jax.measurements.replay import GIVEN, Replay, has_parameter, mount
-from edhas_jax.measurements.step_selection import SHARE, Resolution, choose_resolution
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity, has_parameter
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.replay import EXCLUDED_SIGNALS, Replay, machine_with_replay
+from edhas_jax.measurements.residuals import normalised_residuals, rms_over_noise
+from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
 from edhas_jax.simulation.integrator import observe
 
-# what a residual is looked at against, beside what was measured
-SEEN = (
+# signals of the model against which residuals are plotted and searched for patterns, beside the measured ones
+EXPLANATORY_SIGNALS = (
     "reference", "voltage", "current", "piston_position", "piston_velocity", "chamber_pressure_a", "outlet_pressure",
 )  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
-class RunView:
-    """One run: the model's signals (n,) at the measured instants, SI, and (measured − model)/noise by signal.
+class RunComparison:
+    """The model beside the measurements of one run.
 
-    `frequency` [Hz] is that of a sine that drives it, NaN for any other drive; `steady` [s] is when its ramp is over.
+    Args:
+        run: the run.
+        model: signals of the model (samples,) by name at the measured time stamps, SI.
+        residuals: normalised residuals (measured − model)/noise (samples,) by signal.
+        frequency: frequency of a sine set point [Hz], NaN for any other set point.
+        ramp_time: time at which the ramp of that sine is over [s].
     """
 
     run: BenchRun
     model: dict[str, np.ndarray]
     residuals: dict[str, np.ndarray]
     frequency: float
-    steady: float
+    ramp_time: float
 
     @property
     def phase(self) -> np.ndarray:
-        """Where in the cycle each sample lies, 0 … 1."""
+        """Position of each sample within its cycle (samples,), 0 … 1."""
         return (self.run.time * self.frequency) % 1.0
 
     @property
-    def levels(self) -> dict[str, float]:
-        """Residual over noise by signal."""
-        return {name: level([values]) for name, values in self.residuals.items()}
+    def rms_over_noise(self) -> dict[str, float]:
+        """Rms of the normalised residuals by signal."""
+        return {name: rms_over_noise([values]) for name, values in self.residuals.items()}
 
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """A machine beside a campaign; `views` by run. `remarks` say which runs were left out and why."""
+    """A model beside the measurements of a campaign.
+
+    Args:
+        campaign: the campaign.
+        machine: the model.
+        replay: the input that drove the model.
+        resolution: time steps per sample, and their error.
+        runs: the comparison of each run that could be simulated.
+        remarks: which runs were left out, and why.
+    """
 
     campaign: Campaign
     machine: Rig
     replay: Replay
-    resolution: Resolution
-    views: tuple[RunView, ...]
+    resolution: TimeResolution
+    runs: tuple[RunComparison, ...]
     remarks: tuple[Remark, ...]
 
-    def matrix(self) -> dict[str, dict[str, float]]:
-        """Residual over noise by run and signal."""
-        return {view.run.name: view.levels for view in self.views}
+    def rms_over_noise(self) -> dict[str, dict[str, float]]:
+        """Rms of the normalised residuals by run and signal."""
+        return {compared.run.name: compared.rms_over_noise for compared in self.runs}
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """The signals that are judged."""
-        return tuple(n for n in self.campaign.channels if any(n in view.residuals for view in self.views))
+        """The signals that have residuals in some run."""
+        return tuple(n for n in self.campaign.channels if any(n in compared.residuals for compared in self.runs))
 
 
 def compare(
@@ -75,115 +88,52 @@ def compare(
     replay: Replay = Replay.SET_POINT,
     on_progress: Callable[[str], None] | None = None,
 ) -> Comparison:
-    """Run a machine (default: the campaign's) as the bench was run, at a step whose error is far below the noise.
+    """Simulate a model as the bench was run, with a time step whose error is far below the noise.
+
+    Args:
+        campaign: the measurements.
+        machine: the model; the campaign's machine by default.
+        instruments: measurement chains through which the signals of the model are seen.
+        replay: the input that drives the model.
+        on_progress: called with a sentence before each stage of the work.
+
+    Returns:
+        The signals of the model and the residuals of each run; runs that cannot be driven by this input are left out.
 
     Raises:
-        CampaignError: no run can be driven so.
-        ParameterError: the machine lacks what the campaign's runs set.
+        CampaignError: no run can be driven by this input.
+        ParameterError: the machine lacks a parameter that the runs set.
     """
-    say = on_progress or (lambda sentence: None)
+    report_progress = on_progress or (lambda sentence: None)
     machine = campaign.machine if machine is None else machine
     runs, remarks = [], []
     for run in campaign.runs:
         try:
-            mount(campaign, run, machine, replay)
+            machine_with_replay(campaign, run, machine, replay)
             runs.append(run)
         except CampaignError as error:
-            what = str(error).removeprefix(f"{run.file}: ")
-            remarks.append(Remark(Severity.ERROR, run.file, 0, f"{what}; the run is left out"))
+            problem = str(error).removeprefix(f"{run.file}: ")
+            remarks.append(Remark(Severity.ERROR, run.file, 0, f"{problem}; the run is left out"))
     if not runs:
         raise CampaignError("\n".join(map(str, remarks)))
-    here = jax.eval_shape(lambda m: observe(m, m.start(), 0.0, 1.0), machine)
-    watch = tuple(dict.fromkeys([*campaign.channels, *(n for n in SEEN if n in here)]))
-    model = Model(campaign, machine, (), runs, instruments, watch, replay)
-    say("looking for the step that serves")
-    resolution = choose_resolution(model, np.zeros(0), SHARE)
-    say("simulating the runs")
-    outcomes = model.outcomes([Case(np.zeros(0), tuple(range(len(runs))))], resolution.fine, derive=False)[0]
-    views = []
+    available = jax.eval_shape(lambda m: observe(m, m.start(), 0.0, 1.0), machine)
+    signals = tuple(dict.fromkeys([*campaign.channels, *(n for n in EXPLANATORY_SIGNALS if n in available)]))
+    model = MeasurementModel(campaign, machine, (), runs, instruments, signals, replay)
+    report_progress("choosing the time step")
+    resolution = choose_time_resolution(model, np.zeros(0))
+    report_progress("simulating the runs")
+    predicted = model.predict_all_runs(np.zeros(0), resolution.fine)
+    compared = []
     for r, run in enumerate(runs):
-        residuals = whitened(campaign, run, outcomes[r])
-        residuals = {n: v for n, v in residuals.items() if n not in GIVEN[replay]}
-        views.append(RunView(run, outcomes[r].values, residuals, *_drive(campaign.machine_of(run, machine))))
-    return Comparison(campaign, machine, replay, resolution, tuple(views), tuple(remarks))
+        residuals = normalised_residuals(campaign, run, predicted[r])
+        residuals = {n: v for n, v in residuals.items() if n not in EXCLUDED_SIGNALS[replay]}
+        frequency, ramp_time = _sine_set_point(campaign.machine_of(run, machine))
+        compared.append(RunComparison(run, predicted[r].values, residuals, frequency, ramp_time))
+    return Comparison(campaign, machine, replay, resolution, tuple(compared), tuple(remarks))
 
 
-def _drive(machine: Rig) -> tuple[float, float]:
+def _sine_set_point(machine: Rig) -> tuple[float, float]:
+    """Frequency [Hz] and ramp time [s] of a sine set point; NaN and 0 for any other."""
     if isinstance(machine.reference, Sine) and has_parameter(machine, "reference.frequency"):
         return float(get_parameter(machine, "reference.frequency")), float(machine.reference.ramp_time)
     return float("nan"), 0.0
-
-
-
-COLUMNS = {
-    "residual_over_noise": "rms of (measured − model), in standard deviations of the sensor's noise",
-    "nrmse": "the same over the range of what was measured",
-    "peak": "largest value: measured − model",
-    "mean": "mean value: measured − model",
-    "amplitude": "first harmonic: measured over model",
-    "phase": "first harmonic: measured after model, rad",
-    "delay": "measured after model, s, from the slope of the residual along the model's rate",
-    "memory": "correlation of residuals one sample apart: 0 for noise",
-    "white": "whether the residuals pass for white noise (portmanteau test over 20 samples, 1 %)",
-}
-LAGS, CRITICAL = 20, 37.57  # χ² with 20 degrees of freedom, 1 %
-
-
-def figures_of_merit(comparison: Comparison) -> pd.DataFrame:
-    """A table indexed by run and signal with the columns of `COLUMNS`, SI."""
-    rows = {
-        (view.run.name, signal): _row(view, signal) for view in comparison.views for signal in view.residuals
-    }  # fmt: skip
-    index = pd.MultiIndex.from_tuples(rows, names=["run", "signal"])
-    return pd.DataFrame(list(rows.values()), index=index, columns=list(COLUMNS))
-
-
-def _row(view: RunView, signal: str) -> dict[str, float]:
-    measured, model, white = view.run.signals[signal], view.model[signal], view.residuals[signal]
-    ok = np.isfinite(measured) & np.isfinite(model)
-    if ok.sum() < 2:
-        return dict.fromkeys(COLUMNS, np.nan) | {"residual_over_noise": np.inf, "white": False}
-    off = np.where(ok, measured - model, np.nan)
-    rate = np.gradient(model, view.run.time)[ok]
-    slow = float(rate @ rate)
-    memory, portmanteau = whiteness(white)
-    harmonic = _harmonics(view, measured, model, ok)
-    return {
-        "residual_over_noise": level([white]),
-        "nrmse": float(np.sqrt(np.nanmean(off**2)) / (np.ptp(measured[ok]) or np.nan)),
-        "peak": float(measured[ok].max() - model[ok].max()),
-        "mean": float(np.nanmean(off)),
-        "amplitude": abs(harmonic),
-        "phase": float(-np.angle(harmonic)) if np.isfinite(harmonic) else np.nan,
-        "delay": -float(off[ok] @ rate) / slow if slow > 0.0 else np.nan,
-        "memory": memory,
-        "white": bool(portmanteau < CRITICAL),
-    }
-
-
-def _harmonics(view: RunView, measured: np.ndarray, model: np.ndarray, ok: np.ndarray) -> complex:
-    """The first harmonic of what was measured over that of the model, over whole cycles after the ramp."""
-    if not np.isfinite(view.frequency):
-        return complex(np.nan)
-    time = view.run.time
-    cycles = np.floor((time[-1] - view.steady) * view.frequency)
-    inside = ok & (time > time[-1] - cycles / view.frequency)
-    if cycles < 1 or not inside.any():
-        return complex(np.nan)
-    turn = np.exp(-2j * np.pi * view.frequency * time[inside])
-    below = np.mean((model[inside] - model[inside].mean()) * turn)
-    above = np.mean((measured[inside] - measured[inside].mean()) * turn)
-    return complex(above / below) if abs(below) > 0.0 else complex(np.nan)
-
-
-def whiteness(residuals: np.ndarray) -> tuple[float, float]:
-    """Correlation one sample apart, and Ljung and Box's statistic over `LAGS` samples; holes are taken as 0.
-
-    Source: Ljung, Box, Biometrika 65 (1978) 297.
-    """
-    values = np.nan_to_num(residuals - np.nanmean(residuals))
-    n, power = len(values), float(values @ values)
-    if power == 0.0 or n <= LAGS:
-        return 0.0, 0.0
-    memory = np.array([float(values[lag:] @ values[:-lag]) / power for lag in range(1, LAGS + 1)])
-    return float(memory[0]), float(n * (n + 2) * np.sum(memory**2 / (n - np.arange(1, LAGS + 1))))

@@ -5,17 +5,17 @@ import numpy as np
 from edhas_jax.core import html_page
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.measurements.comparison import COLUMNS, Comparison, figures_of_merit
+from edhas_jax.measurements.comparison import Comparison
 from edhas_jax.measurements.comparison_figures import (
-    draw_conditions,
-    draw_matrix,
+    draw_binned_residuals,
     draw_pattern,
+    draw_residuals_over_conditions,
     draw_spectra,
     draw_traces,
-    draw_where,
-    notes_of,
 )
+from edhas_jax.measurements.figures_of_merit import COLUMNS, figures_of_merit
 from edhas_jax.measurements.replay import Replay
+from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
 from edhas_jax.measurements.residual_patterns import Pattern
 
 DRAWN = 4  # patterns with a picture of their own
@@ -28,7 +28,7 @@ def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
     step = campaign.runs[0].interval / comparison.resolution.fine
     replayed = comparison.replay is not Replay.SET_POINT
     driven = f"the measured {comparison.replay.value}" if replayed else "set point and controller"
-    notes = {run: text for run, text in notes_of(campaign).items() if run in comparison.matrix()}
+    notes = {run: text for run, text in run_descriptions(campaign).items() if run in comparison.rms_over_noise()}
     parts = [
         html_page.heading(f"{campaign.name}: model beside measurements", 1),
         html_page.paragraph(
@@ -36,7 +36,9 @@ def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
             f"{format_quantity(step, 's')}, whose error is {comparison.resolution.error:.2f} of the noise at most. "
             "1 means that only the sensor's noise is left."
         ),
-        html_page.picture(draw_matrix({"residual over noise": comparison.matrix()}, notes), "residual over noise"),
+        html_page.picture(
+            draw_residual_matrix({"residual over noise": comparison.rms_over_noise()}, notes), "residual over noise"
+        ),
         html_page.heading("Where the model fails"),
         html_page.listing(sentences(patterns) or ["Nowhere: what is left is the sensors' noise."]),
         *(
@@ -45,7 +47,7 @@ def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
             if np.isfinite(p.weight)
         ),
         html_page.heading("What is left, against cycle, position, speed, current and pressure"),
-        html_page.picture(draw_where(comparison), "mean residual in bins"),
+        html_page.picture(draw_binned_residuals(comparison), "mean residual in bins"),
         *_over_conditions(comparison),
         html_page.heading("Spectra of what is left"),
         html_page.picture(draw_spectra(comparison), "spectra of the residuals"),
@@ -65,7 +67,7 @@ def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
 
 
 def _over_conditions(comparison: Comparison) -> list[str]:
-    figure = draw_conditions(comparison)
+    figure = draw_residuals_over_conditions(comparison)
     if figure is None:
         return []
     drawn = html_page.picture(figure, "residual over noise over the conditions")

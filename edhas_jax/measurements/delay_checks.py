@@ -33,7 +33,7 @@ class Shift(NamedTuple):
     left: float
 
 
-class Shifts:
+class DelayCheck:
     """The shifts of all signals of all runs against `models`: by run, the model's signals at the samples."""
 
     def __init__(self, campaign: Campaign, models: Mapping[str, Mapping[str, np.ndarray]]):

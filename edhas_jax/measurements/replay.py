@@ -9,7 +9,6 @@ from edhas_jax.core import structs
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.controller_sampling import Continuous
 from edhas_jax.machine.components.controllers import OpenLoop, PositionController, Supply
-from edhas_jax.machine.parameters import ParameterError, find_parameter
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
 
@@ -28,7 +27,7 @@ class Replay(enum.Enum):
 
 
 # the signals that say nothing of the model because they are given, or because what made them is replaced
-GIVEN = {
+EXCLUDED_SIGNALS = {
     Replay.SET_POINT: (),
     Replay.VOLTAGE: ("voltage",),
     Replay.CURRENT: ("voltage", "current"),
@@ -37,7 +36,7 @@ GIVEN = {
 }
 
 
-def mount(campaign: Campaign, run: BenchRun, machine: Rig, replay: Replay) -> Rig:
+def machine_with_replay(campaign: Campaign, run: BenchRun, machine: Rig, replay: Replay) -> Rig:
     """`machine` under the conditions of a run, driven as `replay` says.
 
     Raises:
@@ -84,12 +83,3 @@ def _smooth(time: np.ndarray, values: np.ndarray, noise: float) -> np.ndarray:
     if not np.isfinite(values).all():
         raise RecordingError("file", f"sample {int(np.argmax(~np.isfinite(values))) + 1} is missing")
     return UnivariateSpline(time, values, w=np.full(len(time), 1.0 / noise), k=5, s=len(time))(time)
-
-
-def has_parameter(machine: Rig, name: str) -> bool:
-    """Whether a machine has a parameter of that name."""
-    try:
-        find_parameter(machine, name)
-    except ParameterError:
-        return False
-    return True

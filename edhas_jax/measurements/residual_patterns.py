@@ -7,7 +7,7 @@ import numpy as np
 
 from edhas_jax.core.units import format_number, format_quantity
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.measurements.comparison import Comparison, RunView
+from edhas_jax.measurements.comparison import Comparison, RunComparison
 
 WORTH = 0.15  # share of the excess over the noise that a pattern must explain to be told
 MOST = 3  # patterns told of one signal
@@ -48,7 +48,7 @@ def find_patterns(comparison: Comparison) -> list[Pattern]:
 
 
 def _patterns_of(comparison: Comparison, signal: str) -> list[Pattern]:
-    views = [view for view in comparison.views if signal in view.residuals]
+    views = [view for view in comparison.runs if signal in view.residuals]
     rows = [view.residuals[signal] for view in views]
     if not all(np.isfinite(view.model[signal]).all() for view in views):
         return [Pattern(signal, "phase", 1.0, math.inf, f"the model fails before it gives {_name(signal)} in some run")]
@@ -79,7 +79,7 @@ def _patterns_of(comparison: Comparison, signal: str) -> list[Pattern]:
     return out or [_scattered(signal, left, noise, excess)]
 
 
-def _shapes(views: list[RunView], signal: str) -> list[_Shape]:
+def _shapes(views: list[RunComparison], signal: str) -> list[_Shape]:
     """What is tried: zero, scale, delay, steps and proportions against every quantity, regions of the cycle."""
     name = _name(signal)
     ones = [np.ones(len(view.run.time)) for view in views]
@@ -107,7 +107,7 @@ def _shapes(views: list[RunView], signal: str) -> list[_Shape]:
     return shapes + _regions(views, name)
 
 
-def _regions(views: list[RunView], name: str) -> list[_Shape]:
+def _regions(views: list[RunComparison], name: str) -> list[_Shape]:
     """Tenths of each stroke, and the samples just after the piston has turned."""
     if not all(np.isfinite(view.frequency) and "piston_velocity" in view.model for view in views):
         return []
@@ -119,7 +119,7 @@ def _regions(views: list[RunView], name: str) -> list[_Shape]:
     return shapes
 
 
-def _stroke_share(view: RunView, sign: float) -> np.ndarray:
+def _stroke_share(view: RunComparison, sign: float) -> np.ndarray:
     """How much of a stroke in this direction is behind, 0 … 1 in time; −1 during the other one."""
     moving = np.sign(view.model["piston_velocity"]) == sign
     out = np.full(len(moving), -1.0)
@@ -138,7 +138,7 @@ def _told(shape: _Shape, signal: str, size: float) -> str:
     )  # fmt: skip
 
 
-def _growth(views: list[RunView], left: np.ndarray, column: np.ndarray, run_of: np.ndarray) -> str:
+def _growth(views: list[RunComparison], left: np.ndarray, column: np.ndarray, run_of: np.ndarray) -> str:
     """Whether the size of a pattern changes with a condition of the runs, as a clause."""
     sizes = np.array([
         float(left[run_of == k] @ column[run_of == k]) / max(float(column[run_of == k] @ column[run_of == k]), 1e-30)

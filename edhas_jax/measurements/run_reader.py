@@ -15,13 +15,13 @@ from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Use
-from edhas_jax.measurements.signal_checks import stretches
-from edhas_jax.measurements.table_file import Column, Table, TableError, read_table
+from edhas_jax.measurements.signal_checks import true_intervals
+from edhas_jax.measurements.table_reader import Column, Table, TableError, read_table
 
 DISORDER = 0.05  # share of samples out of order above which no time axis can be trusted
 
 
-class Source(NamedTuple):
+class ColumnSource(NamedTuple):
     """Where a quantity stands in the files: the name of its column, and its unit where a header gives none."""
 
     column: str
@@ -31,7 +31,7 @@ class Source(NamedTuple):
 class RunReader:
     """Reads the files of a campaign; what it leaves out and why is in `remarks`."""
 
-    def __init__(self, machine: Rig, time: Source, sources: Mapping[str, Source], set_point: str | None):
+    def __init__(self, machine: Rig, time: ColumnSource, sources: Mapping[str, ColumnSource], set_point: str | None):
         self.remarks: list[Remark] = []
         self._machine, self._time, self._sources, self._set_point = machine, time, sources, set_point
 
@@ -66,7 +66,7 @@ class RunReader:
             self._tell(self._head, f"column `{column}` is not named in the campaign; it is not used", Severity.NOTE)
         lines = table.lines[order]
         for signal, values in signals.items():
-            for first, last in stretches(~np.isfinite(values)):
+            for first, last in true_intervals(~np.isfinite(values)):
                 until = "" if first == last else f" up to line {lines[last]}"
                 self._tell(int(lines[first]), f"{signal}: a hole of {last - first + 1} samples{until}; left out")
         if not signals:
@@ -77,7 +77,7 @@ class RunReader:
     def _tell(self, line: int, sentence: str, severity: Severity = Severity.ERROR) -> None:
         self.remarks.append(Remark(severity, self._file, line, sentence))
 
-    def _si(self, source: Source, column: Column, unit: str) -> np.ndarray:
+    def _si(self, source: ColumnSource, column: Column, unit: str) -> np.ndarray:
         """A column in SI; the header's unit counts, and where it gives none the campaign's."""
         given = column.unit or source.unit
         zero = to_si(f"0 {given}", unit, f"1 {shown_unit(unit)}")
@@ -118,7 +118,7 @@ class RunReader:
         name, machine = self._set_point, self._machine
         if name not in table.columns:
             raise TableError(self._head, f"no column `{name}` with the set point ({nearest(name, table.columns)})")
-        column, source = table.columns[name], Source(name, "")
+        column, source = table.columns[name], ColumnSource(name, "")
         if not column.unit:
             raise TableError(self._head, f"column `{name}`: a unit is missing; write for example `{name} [mm]`")
         replay = isinstance(machine.controller, OpenLoop)

@@ -142,13 +142,13 @@ class Quantisation:
         return self.resolution * steps + (values - jax.lax.stop_gradient(values))
 
 
-Link = SensorLag | SensorDelay | SensorGain | SensorOffset | AntiAliasFilter | Sampling | Quantisation
-LINKS: tuple[type[Link], ...] = (
+SensorModel = SensorLag | SensorDelay | SensorGain | SensorOffset | AntiAliasFilter | Sampling | Quantisation
+SENSOR_MODELS: tuple[type[SensorModel], ...] = (
     SensorLag, SensorDelay, SensorGain, SensorOffset, AntiAliasFilter, Sampling, Quantisation,
 )  # fmt: skip
 
 
-def record(chain: tuple[Link, ...], time, values) -> Any:
+def record(chain: tuple[SensorModel, ...], time, values) -> Any:
     """What a chain makes of a trace: `time` (n,) [s], `values` (n, …) in SI; the first link is next to the process."""
     for link in chain:
         values = link.record(time, values)

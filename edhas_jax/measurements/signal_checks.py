@@ -7,7 +7,7 @@ import numpy as np
 from edhas_jax.core.units import format_quantity, to_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
-from edhas_jax.measurements.clock_checks import GAP, JITTER, jitter
+from edhas_jax.measurements.time_axis_checks import GAP_IN_INTERVALS, MAX_JITTER, jitter
 
 STUCK = 10  # equal samples in a row below which nothing is called stuck
 OFTEN = 5  # how much more often a clipped signal has its extreme value than any other
@@ -46,7 +46,7 @@ def check_quality(campaign: Campaign, run: BenchRun, name: str) -> Iterator[Rema
     """Outliers, sampling too slow, noise: how well a sample agrees with the curve through its neighbours."""
     values, channel, unit = run.signals[name], campaign.channels[name], SIGNALS[name].unit
     off = _misfit(run, values)
-    if jitter(run) > JITTER or np.isfinite(off).sum() < 2 * STUCK:
+    if jitter(run) > MAX_JITTER or np.isfinite(off).sum() < 2 * STUCK:
         return
     extent, strength = float(np.subtract(*np.nanpercentile(values, [99, 1]))), float(np.nanstd(values))
     ratio = noise_ratio(campaign, run, name)
@@ -94,11 +94,11 @@ def _misfit(run: BenchRun, values: np.ndarray) -> np.ndarray:
     """How far samples 3 … n−4 are off the cubic through every other sample around them; NaN beside gaps."""
     v = values
     off = v[3:-3] - (9.0 * (v[2:-4] + v[4:-2]) - v[:-6] - v[6:]) / 16.0
-    even = np.diff(run.time) <= GAP * run.interval
+    even = np.diff(run.time) <= GAP_IN_INTERVALS * run.interval
     return np.where(np.convolve(even, np.ones(6), "valid") > 5.5, off, np.nan)
 
 
-def stretches(mask: np.ndarray) -> list[tuple[int, int]]:
+def true_intervals(mask: np.ndarray) -> list[tuple[int, int]]:
     """First and last index of every row of true entries."""
     edges = np.diff(np.concatenate([[0], mask.astype(int), [0]]))
     return list(zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1, strict=True))
@@ -106,7 +106,7 @@ def stretches(mask: np.ndarray) -> list[tuple[int, int]]:
 
 def _rows(values: np.ndarray) -> list[tuple[int, int]]:
     """First and last index of every row of equal samples."""
-    return [(first, last + 1) for first, last in stretches(np.diff(values) == 0.0)]
+    return [(first, last + 1) for first, last in true_intervals(np.diff(values) == 0.0)]
 
 
 def _frozen(values: np.ndarray) -> list[tuple[int, int]]:
@@ -123,7 +123,7 @@ def _frozen(values: np.ndarray) -> list[tuple[int, int]]:
 
 def _clips(values: np.ndarray, end: float) -> bool:
     """Whether a signal stops at a value: it comes back to exactly that one far more often than to any other."""
-    if len(stretches(values == end)) < 2:
+    if len(true_intervals(values == end)) < 2:
         return False
     moving = np.isfinite(values)
     for first, last in _rows(values):

@@ -15,7 +15,7 @@ import numpy as np
 from edhas_jax.machine.parameters import get_parameter, set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Use
-from edhas_jax.measurements.sensor_models import Link, record
+from edhas_jax.measurements.sensor_models import SensorModel, record
 from edhas_jax.simulation.rk4_reference import trajectories
 
 FINER = 5  # instants at which a front end is followed for one that is sampled
@@ -49,7 +49,7 @@ def planned_campaign(
     return Campaign(name, Path(name), machine, dict(uncertain), dict(channels), tuple(made), ())
 
 
-def drawn(campaign: Campaign, machine: Rig, rng: np.random.Generator) -> Rig:
+def draw_parameters(campaign: Campaign, machine: Rig, rng: np.random.Generator) -> Rig:
     """`machine` with every uncertain parameter that it has drawn: known · exp(σ n), n normal, within ±2."""
     spreads = campaign.uncertain_in(machine)
     n = np.clip(rng.standard_normal(len(spreads)), -CLIP, CLIP)
@@ -61,9 +61,12 @@ def drawn(campaign: Campaign, machine: Rig, rng: np.random.Generator) -> Rig:
 
 
 def synthesise(
-    campaign: Campaign, truth: Rig, rng: np.random.Generator, faults: Mapping[str, tuple[Link, ...]] | None = None,
-    front_ends: Mapping[str, tuple[Link, ...]] | None = None,
-) -> Campaign:  # fmt: skip
+    campaign: Campaign,
+    truth: Rig,
+    rng: np.random.Generator,
+    faults: Mapping[str, tuple[SensorModel, ...]] | None = None,
+    front_ends: Mapping[str, tuple[SensorModel, ...]] | None = None,
+) -> Campaign:
     """The campaign as it would have been measured on the machine `truth`.
 
     Times, conditions and noise are those of the campaign; its signals, if it has any, are not looked at. By signal,
@@ -91,7 +94,7 @@ def synthesise(
 
 
 def _through(
-    chains: Mapping[str, tuple[Link, ...]], interval: float, traces: dict[str, np.ndarray]
+    chains: Mapping[str, tuple[SensorModel, ...]], interval: float, traces: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """The traces (samples, runs) after the chains of their signals."""
     out = dict(traces)

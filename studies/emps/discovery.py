@@ -35,7 +35,7 @@ from edhas_jax.diagnosis.search.trial import Trial, try_suspect
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.measurements.step_selection import choose_resolution
+from edhas_jax.measurements.time_resolution import choose_time_resolution
 from studies.emps.published_comparison import FORCE_CUTOFF, SETTLED
 
 STEPS = 12
@@ -89,7 +89,7 @@ def with_period(found: Diagnosis) -> Trial:
     """The model that the diagnosis ends with, with the periodic force fitted besides."""
     after, accepted = found.after, [t.suspect for t in found.accepted]
     score = Screen(after.fit, accepted).score(Suspect(PeriodicForce))
-    resolution = choose_resolution(after.fit.problem.model(), after.fit.x)
+    resolution = choose_time_resolution(after.fit.problem.model(), after.fit.x)
     return try_suspect(after, accepted, score, resolution, STEPS, finish=after.near_noise, grow=False)
 
 

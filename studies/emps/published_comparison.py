@@ -28,7 +28,12 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.parameters import find_parameter, get_parameter
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.measurements.prior import Law, Unknown, uncertain_unknowns, unknown_of
+from edhas_jax.measurements.unknown_parameters import (
+    ParameterScale,
+    UnknownParameter,
+    relative_unknown,
+    uncertain_unknowns,
+)
 
 SETTLED = 0.1  # s
 POSITION_CUTOFF, FORCE_CUTOFF = 50.0, 20.0  # Hz, zero-phase; the second on both sides of the regression
@@ -102,9 +107,9 @@ def fit_loop(campaign: Campaign, names: tuple[str, ...], gains: tuple[str, ...] 
     unknowns = list(uncertain_unknowns(campaign, machine))
     for name in names:
         p, _ = find_parameter(machine, name)
-        law = Law.SHIFT if name in SHIFTS else Law.FACTOR
-        unknowns.append(Unknown(name, p.default, SHIFTS.get(name, 0.3), p.unit, p.span, law))
-    unknowns += [unknown_of(machine, name, GAIN_SPREAD) for name in gains]
+        law = ParameterScale.LINEAR if name in SHIFTS else ParameterScale.LOGARITHMIC
+        unknowns.append(UnknownParameter(name, p.default, SHIFTS.get(name, 0.3), p.unit, p.span, law))
+    unknowns += [relative_unknown(machine, name, GAIN_SPREAD) for name in gains]
     return fit(FitProblem(campaign, machine, tuple(unknowns)), starts=1)
 
 

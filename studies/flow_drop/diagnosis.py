@@ -25,7 +25,7 @@ from edhas_jax.machine.effects import (
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.measurements.campaign import Campaign, Channel, Use
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, drawn, planned_campaign, synthesise
+from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 from studies.flow_drop.causes import Sized
 from studies.hidden_effects.cases import CHANNELS
 from studies.hidden_effects.cases import UNCERTAIN as USUAL
@@ -103,7 +103,7 @@ def measured(base: PumpBench, sized: Sized, stage: Stage, seed: int) -> tuple[Ca
     made = planned_campaign("fall", base, UNCERTAIN, stage.channels, stage.runs, INTERVAL)
     rng = np.random.default_rng([20221011, seed])
     spreads = {n: min(s, TRUE_SPREAD) if n.startswith("valve") else s for n, s in UNCERTAIN.items()}
-    truth = drawn(dataclasses.replace(made, uncertain=spreads), sized.cause.at(base, sized.size), rng)
+    truth = draw_parameters(dataclasses.replace(made, uncertain=spreads), sized.cause.at(base, sized.size), rng)
     return synthesise(made, truth, rng), truth
 
 

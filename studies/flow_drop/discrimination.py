@@ -19,7 +19,7 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.diagnosis.search.candidates import believable
 from edhas_jax.machine.rigs import PumpBench
-from edhas_jax.measurements.prior import unknown_of
+from edhas_jax.measurements.unknown_parameters import relative_unknown
 from edhas_jax.simulation.batch_trajectories import march_lanes
 from studies.flow_drop.causes import Sized
 from studies.paper.readings import RUN_IN, STEP
@@ -68,8 +68,8 @@ class Suspected:
     def __init__(self, base: PumpBench, sized: Sized):
         self.title, self.machine = sized.cause.title, sized.cause.machine(base)
         name = sized.cause.name
-        size = dataclasses.replace(unknown_of(self.machine, name, SIZE), centre=sized.size)
-        known = [unknown_of(self.machine, n, spread) for n, spread in UNCERTAIN.items() if n != name]
+        size = dataclasses.replace(relative_unknown(self.machine, name, SIZE), centre=sized.size)
+        known = [relative_unknown(self.machine, n, spread) for n, spread in UNCERTAIN.items() if n != name]
         self.unknowns = [believable(u) for u in (size, *known)]
 
     def read(self, x: np.ndarray, runs: Sequence[Run], derive: bool) -> Rows:
@@ -79,7 +79,7 @@ class Suspected:
         seeds = {n: np.zeros(len(x) * many) for n in columns} if derive else None
         if derive:
             for j, u in enumerate(self.unknowns):
-                seeds[u.name][j::many] = u.slope(x[:, j])
+                seeds[u.name][j::many] = u.derivative(x[:, j])
         found = [_cycle(self.machine, columns, seeds, run) for run in runs]
         values = {n: np.stack([v[n][:, ::many].T for v, _ in found], axis=1) for n in READINGS}
         if not derive:

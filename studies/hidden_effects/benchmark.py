@@ -92,7 +92,7 @@ def rivals(case: HiddenCase, found: Diagnosis, library: list[type]) -> dict[str,
     problem = fitted.problem
     suspects = suspects_for(case.campaign, problem.machine, problem.instruments)
     suspects = [s for s in suspects if s.signal is not None or s.kind in library]
-    per_sample = fitted.resolution.rough
+    per_sample = fitted.resolution.coarse
     residual, signs = signatures(fitted, suspects, per_sample)
     out = {
         "forward selection by BIC": forward_bic(residual, signs, suspects),

@@ -15,12 +15,11 @@ from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, SINGLE, Suspect
 from edhas_jax.machine.effects import LIBRARY, EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.machine.rigs import PumpBench, Rig
 from edhas_jax.measurements.campaign import Campaign, Channel, Use
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.predicted_signals import Case as Point
-from edhas_jax.measurements.predicted_signals import Model
-from edhas_jax.measurements.prior import uncertain_unknowns
-from edhas_jax.measurements.sensor_models import Link, SensorLag, record
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, drawn, planned_campaign, synthesise
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.sensor_models import SensorLag, SensorModel, record
+from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
+from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 from edhas_jax.simulation.rk4_reference import Unstable
 
 SEALED = 11000
@@ -107,7 +106,7 @@ def draw_case(number: int, crumbs: bool = False) -> HiddenCase:
         refined = [kind for kind in REFINED if kind not in kinds]
         machine = PumpBench(effects=tuple(kind() for kind in refined))
         plan = planned_campaign(f"hidden{number:04d}", machine, UNCERTAIN, channels, RUNS, INTERVAL)
-        base = drawn(plan, machine, rng)
+        base = draw_parameters(plan, machine, rng)
         hidden = [h for suspect in _suspects(kinds, rng) if (h := _visible(plan, base, suspect, rng)) is not None]
         if len(hidden) < len(kinds):
             continue
@@ -152,10 +151,10 @@ def _suspects(kinds: list[type], rng: np.random.Generator) -> list[Suspect]:
 
 def _visible(plan: Campaign, base: Rig, suspect: Suspect, rng: np.random.Generator) -> Hidden | None:
     """The suspect at a size from its plausible range at which it is visible; None if no draw was."""
-    model = Model(plan, base, uncertain_unknowns(plan, base), plan.runs_for(Use.FIT))
+    model = MeasurementModel(plan, base, uncertain_unknowns(plan, base), plan.runs_for(Use.FIT))
     every = tuple(range(len(model.runs)))
-    known = model.outcomes([Point(np.zeros(len(model.unknowns)), every)], PER_SAMPLE, derive=True)[0]
-    slopes = _whole(plan, [known[r].slopes for r in every])
+    known = model.predict_all_runs(np.zeros(len(model.unknowns)), PER_SAMPLE, with_sensitivities=True)
+    slopes = _whole(plan, [known[r].sensitivities for r in every])
     before = [known[r].values for r in every]
     for _ in range(TRIES):
         values = _size(suspect, before, rng)
@@ -163,8 +162,8 @@ def _visible(plan: Campaign, base: Rig, suspect: Suspect, rng: np.random.Generat
         if faults:
             after = [_recorded(run.time, seen, faults) for run, seen in zip(model.runs, before, strict=True)]
         else:
-            found = Model(plan, truth, (), model.runs).outcomes([Point(np.zeros(0), every)], PER_SAMPLE, derive=False)
-            after = [found[0][r].values for r in every]
+            found = MeasurementModel(plan, truth, (), model.runs).predict_all_runs(np.zeros(0), PER_SAMPLE)
+            after = [found[r].values for r in every]
         change = _whole(plan, after) - _whole(plan, before)
         taken = np.linalg.solve(slopes.T @ slopes + np.eye(slopes.shape[1]), slopes.T @ change)
         visible = float(change @ (change - slopes @ taken))
@@ -191,7 +190,7 @@ def _size(suspect: Suspect, before: list[dict], rng: np.random.Generator) -> dic
     return out
 
 
-def _mount(suspect: Suspect, values: dict[str, float], machine: Rig) -> tuple[Rig, dict[str, tuple[Link, ...]]]:
+def _mount(suspect: Suspect, values: dict[str, float], machine: Rig) -> tuple[Rig, dict[str, tuple[SensorModel, ...]]]:
     """The machine with an effect in place, or the chain of the sensor that has a fault."""
     if suspect.signal is not None:
         return machine, {suspect.signal: (suspect.kind(**values),)}

@@ -24,7 +24,7 @@ from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import find_parameter, get_parameter, put, set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign
-from edhas_jax.measurements.predicted_signals import Case, Model
+from edhas_jax.measurements.measurement_model import MeasurementModel
 
 ALIKE = 0.1  # cosine between signature and residual below which correlation names nothing: chance gives 0.01
 SPARSE = 0.03  # STLSQ: share of a rate's discrepancy below which a term is dropped
@@ -41,7 +41,7 @@ def signatures(fitted: Fit, suspects: list[Suspect], per_sample: int) -> tuple[n
     every = tuple(range(len(runs)))
 
     def seen(problem: FitProblem, x: np.ndarray) -> list[dict[str, np.ndarray]]:
-        found = problem.model().outcomes([Case(x, every)], per_sample, derive=False)[0]
+        found = problem.model().predict_all_runs(x, per_sample)
         return [found[r].values for r in every]
 
     def flat(rows: list[dict[str, np.ndarray]]) -> np.ndarray:
@@ -114,8 +114,8 @@ def sparse_discrepancy(fitted: Fit, suspects: list[Suspect], per_sample: int) ->
     campaign, runs = fitted.problem.campaign, fitted.problem.model().runs
     able = [s for s in suspects if s.signal is None]
     watch = tuple(dict.fromkeys((*(n for n in fitted.machine.start() if n in SIGNALS), "gas_volume", *MEASURED)))
-    model = Model(campaign, fitted.machine, (), runs, watch=watch)
-    found = model.outcomes([Case(np.zeros(0), tuple(range(len(runs))))], per_sample, derive=False)[0]
+    model = MeasurementModel(campaign, fitted.machine, (), runs, signals=watch)
+    found = model.predict_all_runs(np.zeros(0), per_sample)
     modelled = {n: np.concatenate([found[r].values[n] for r in range(len(runs))]) for n in watch}
     modelled["gas_volume_change"] = modelled["gas_volume"] - float(fitted.machine.accumulator.accumulator_gas_volume)
     measured = modelled | _smooth(runs, [run.signals for run in runs], 0)

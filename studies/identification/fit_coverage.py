@@ -17,19 +17,23 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.fit import FitProblem, fit
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.measurements.predicted_signals import Case, Model
-from edhas_jax.measurements.prior import Unknown, uncertain_unknowns
-from edhas_jax.measurements.step_selection import Resolution, choose_resolution
+from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
+from edhas_jax.measurements.unknown_parameters import UnknownParameter, uncertain_unknowns
 
 MADE_FINER = 9  # steps of the synthetic bench for one of the fit
 
 
 def synthesise(
-    campaign: Campaign, unknowns: tuple[Unknown, ...], truth: np.ndarray, per_sample: int, rng: np.random.Generator
+    campaign: Campaign,
+    unknowns: tuple[UnknownParameter, ...],
+    truth: np.ndarray,
+    per_sample: int,
+    rng: np.random.Generator,
 ) -> Campaign:
     """The campaign as it would have been measured on a machine with the coordinates `truth`."""
-    model = Model(campaign, campaign.machine, unknowns, campaign.runs)
-    outcomes = model.outcomes([Case(truth, tuple(range(len(campaign.runs))))], per_sample, derive=False)[0]
+    model = MeasurementModel(campaign, campaign.machine, unknowns, campaign.runs)
+    outcomes = model.predict_all_runs(truth, per_sample)
 
     def measured(r: int, run: BenchRun) -> BenchRun:
         signals = {
@@ -45,15 +49,15 @@ def study(campaign: Campaign, count: int, seed: int = 1) -> np.ndarray:
     """Distance of the estimates from the truth in standard errors (count, unknowns)."""
     unknowns = uncertain_unknowns(campaign)
     rng = np.random.default_rng(seed)
-    model = Model(campaign, campaign.machine, unknowns, campaign.runs_for(Use.FIT))
-    chosen = choose_resolution(model, np.zeros(len(unknowns)))
+    model = MeasurementModel(campaign, campaign.machine, unknowns, campaign.runs_for(Use.FIT))
+    chosen = choose_time_resolution(model, np.zeros(len(unknowns)))
     out = np.empty((count, len(unknowns)))
     for k in range(count):
         truth = np.clip(rng.standard_normal(len(unknowns)), -2.0, 2.0)
         made = synthesise(campaign, unknowns, truth, MADE_FINER * chosen.fine, rng)
         began = time.perf_counter()
         problem = FitProblem(made, made.machine, unknowns)
-        found = fit(problem, starts=1, resolution=Resolution(*chosen[:2], chosen.error))
+        found = fit(problem, starts=1, resolution=TimeResolution(*chosen[:2], chosen.error))
         out[k] = (found.x - truth) / found.std
         inside = int((np.abs(out[k]) <= 1.96).sum())
         print(f"campaign {k + 1}: {inside} of {len(unknowns)} inside, {time.perf_counter() - began:.1f} s", flush=True)

@@ -21,8 +21,8 @@ from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects import LugreFriction
 from edhas_jax.machine.parameters import find_parameter, get_parameter
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
-from edhas_jax.measurements.predicted_signals import Case, Model
-from edhas_jax.measurements.prior import Unknown
+from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 TRUTH = {
     "coulomb_friction": 4.0, "static_friction": 6.0, "stribeck_velocity": 0.02, "bristle_stiffness": 1e5,
@@ -67,8 +67,8 @@ def experiments() -> Campaign:
 def measure(campaign: Campaign, seed: int = 0) -> Campaign:
     """The runs as the true bench gives them, with noise, at a step that the fit does not use."""
     rng = np.random.default_rng(seed)
-    model = Model(campaign, bench(TRUTH), (), campaign.runs)
-    outcomes = model.outcomes([Case(np.zeros(0), tuple(range(len(campaign.runs))))], 100, derive=False)[0]
+    model = MeasurementModel(campaign, bench(TRUTH), (), campaign.runs)
+    outcomes = model.predict_all_runs(np.zeros(0), 100)
     runs = []
     for r, run in enumerate(campaign.runs):
         noisy = {n: v + CHANNELS[n].noise * rng.standard_normal(SAMPLES) for n, v in outcomes[r].values.items()}
@@ -82,7 +82,9 @@ def identify(campaign: Campaign) -> Fit:
     unknowns = []
     for name in TRUTH:
         p, _ = find_parameter(machine, name)
-        unknowns.append(Unknown(name, float(get_parameter(machine, name)), 0.5, p.unit, p.span, prior=False))
+        unknowns.append(
+            UnknownParameter(name, float(get_parameter(machine, name)), 0.5, p.unit, p.span, has_prior=False)
+        )
     return fit(FitProblem(campaign, machine, tuple(unknowns)), starts=np.zeros((1, len(unknowns))))
 
 
@@ -94,8 +96,10 @@ def draw(found: Fit):
     machine, true = found.machine, bench(TRUTH)
     figure = Figure(figsize=(10.5, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2)
-    model = Model(campaign, machine, (), runs, watch=("friction_force", "piston_velocity", "piston_position"))
-    seen = model.outcomes([Case(np.zeros(0), tuple(range(len(runs))))], 20, derive=False)[0]
+    model = MeasurementModel(
+        campaign, machine, (), runs, signals=("friction_force", "piston_velocity", "piston_position")
+    )
+    seen = model.predict_all_runs(np.zeros(0), 20)
     for r, speed in enumerate(SPEEDS):
         velocity = seen[r].values["piston_velocity"]
         steady = (np.abs(np.abs(velocity) / speed - 1.0) < 0.03) & (runs[r].time > 0.1)

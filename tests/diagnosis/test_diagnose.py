@@ -31,7 +31,7 @@ from edhas_jax.machine.effects import (
 )
 from edhas_jax.measurements.campaign import Channel, Use
 from edhas_jax.measurements.sensor_models import SensorLag
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, drawn, planned_campaign, synthesise
+from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 
 LIBRARY = (
     AsymmetricFriction, CoggingForce, ForceConstantDroop, InverterDeadTime, MagneticSaturation, ParasiticSpring
@@ -61,7 +61,7 @@ def diagnosed(*hidden: Effect, chains=None, seed: int, on_progress=None) -> Diag
     bench = edhas.ActuatorBench(reference=edhas.Sine(ramp_time=0.05), effects=(LugreFriction(),))
     plan = planned_campaign("bench", bench, UNCERTAIN, CHANNELS, RUNS, 5e-4)
     rng = np.random.default_rng(seed)
-    truth = drawn(plan, bench, rng)
+    truth = draw_parameters(plan, bench, rng)
     truth = structs.replace(truth, effects=(*truth.effects, *hidden))
     return diagnose(synthesise(plan, truth, rng, chains), LIBRARY, on_progress=on_progress)
 
@@ -98,7 +98,7 @@ def test_a_calibration_that_was_stuck_is_no_effect(monkeypatch):
 
     def stuck(campaign, say):
         null, resolution = calibrated(campaign, say)
-        return search(null.fit.problem, null.fit.x + 1.5, resolution.rough, 0), resolution
+        return search(null.fit.problem, null.fit.x + 1.5, resolution.coarse, 0), resolution
 
     calibrated = package._calibrated
     monkeypatch.setattr(package, "_calibrated", stuck)

@@ -22,8 +22,8 @@ from edhas_jax.diagnosis.search.result import Verdict
 from edhas_jax.machine.effects import ConstantBiasForce, ForceConstantDroop, InverterDeadTime
 from edhas_jax.machine.rigs import RIGS
 from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.predicted_signals import level
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.sensor_models import SensorLag
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
@@ -101,7 +101,7 @@ def test_the_waterfall_ends_at_the_noise(diagnosis):
     table = stages(diagnosis)
     assert list(table) == ["present model", "calibrated", "+ inverter_dead_time"]
     before = [v for run in diagnosis.campaign.runs_for(Use.HOLDOUT) for v in diagnosis.before[run.name].values()]
-    assert table["present model"][Use.HOLDOUT] == pytest.approx(level(before))
+    assert table["present model"][Use.HOLDOUT] == pytest.approx(rms_over_noise(before))
     held_out = [row[Use.HOLDOUT] for row in table.values()]
     assert held_out[0] > held_out[1] > held_out[2] and held_out[2] < 1.1
     assert len(draw_waterfall(diagnosis).axes) == 2

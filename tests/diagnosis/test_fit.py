@@ -15,11 +15,17 @@ from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residua
 from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
 from edhas_jax.machine.parameters import ParameterError, get_parameter
 from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.predicted_signals import Case, Model, level, levels
-from edhas_jax.measurements.prior import Law, Unknown, uncertain_unknowns, unknown_of
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
+from edhas_jax.measurements.residuals import rms_by_signal, rms_over_noise
 from edhas_jax.measurements.sensor_models import SensorLag, SensorOffset
-from edhas_jax.measurements.step_selection import choose_resolution
+from edhas_jax.measurements.time_resolution import choose_time_resolution
+from edhas_jax.measurements.unknown_parameters import (
+    ParameterScale,
+    UnknownParameter,
+    relative_unknown,
+    uncertain_unknowns,
+)
 from tests.support.synthetic_campaign import CONDITIONS, PER_SAMPLE, bench, empty_campaign, measured
 
 TRUTH = {"coil_resistance": 1.45, "force_constant": 24.2, "mover_damping": 25.0, "coulomb_friction": 3.2}
@@ -50,31 +56,32 @@ def test_true_values_lie_within_three_standard_errors(found):
 def test_residuals_of_all_runs_are_noise_after_the_fit(campaign, found):
     after = campaign_residuals(campaign, found.machine, found.instruments, PER_SAMPLE)
     for use in Use:
-        assert all(value == pytest.approx(1.0, abs=0.12) for value in levels(campaign, after, use).values())
+        assert all(value == pytest.approx(1.0, abs=0.12) for value in rms_by_signal(campaign, after, use).values())
     before = campaign_residuals(campaign, campaign.machine, Instruments(), PER_SAMPLE)
-    assert level(before["run3"].values()) > 1.4
+    assert rms_over_noise(before["run3"].values()) > 1.4
 
 
 def test_derivatives_of_the_signals_match_finite_differences(campaign):
     unknowns = uncertain_unknowns(campaign)
     chains = Instruments({"current": (SensorLag(lag_time=1e-3), SensorOffset(offset=0.1))})
-    lag = Unknown("current.sensor_lag.lag_time", 1e-3, 0.5, "s", (1e-5, 1.0))
-    offset = Unknown("current.sensor_offset.offset", 0.0, 0.2, "A", (-5.0, 5.0), Law.SHIFT)
-    model = Model(campaign, campaign.machine, (*unknowns, lag, offset), campaign.runs, chains)
+    lag = UnknownParameter("current.sensor_lag.lag_time", 1e-3, 0.5, "s", (1e-5, 1.0))
+    offset = UnknownParameter("current.sensor_offset.offset", 0.0, 0.2, "A", (-5.0, 5.0), ParameterScale.LINEAR)
+    model = MeasurementModel(campaign, campaign.machine, (*unknowns, lag, offset), campaign.runs, chains)
     x = np.array([0.3, -0.5, 0.2, 0.1, 0.4, -0.3])
-    (at,) = model.outcomes([Case(x, (1,))], PER_SAMPLE, derive=True)
+    (at,) = model.predict([EvaluationPoint(x, (1,))], PER_SAMPLE, with_sensitivities=True)
     e = 1e-4
     for k in range(len(x)):
         moved = [x + sign * e * np.eye(len(x))[k] for sign in (1.0, -1.0)]
-        ahead, behind = (row[1].values for row in model.outcomes([Case(m, (1,)) for m in moved], PER_SAMPLE, False))
-        for name, slopes in at[1].slopes.items():
+        points = [EvaluationPoint(m, (1,)) for m in moved]
+        ahead, behind = (row[1].values for row in model.predict(points, PER_SAMPLE, False))
+        for name, slopes in at[1].sensitivities.items():
             expected = (ahead[name] - behind[name]) / (2.0 * e)
             np.testing.assert_allclose(slopes[:, k], expected, atol=1e-3 * max(np.abs(slopes).max(), 1e-12))
 
 
 def test_an_uninformed_unknown_keeps_its_prior(campaign):
     problem = problem_of(campaign)
-    uninformed = unknown_of(campaign.machine, "stop_stiffness", 0.2)
+    uninformed = relative_unknown(campaign.machine, "stop_stiffness", 0.2)
     result = fit(dataclasses.replace(problem, unknowns=(*problem.unknowns, uninformed)), starts=1)
     assert result.std[-1] == pytest.approx(1.0, abs=1e-6) and result.x[-1] == pytest.approx(0.0, abs=1e-6)
     assert Calibration(result, None, (), {}, {}, 0.0).unidentified() == ["stop_stiffness"]
@@ -92,7 +99,7 @@ def test_an_uncertain_condition_is_scaled_by_a_common_factor():
     conditions = tuple(given | {"coil_resistance": value} for given, value in zip(CONDITIONS, set_to, strict=True))
     campaign = empty_campaign(conditions=conditions)
     campaign = measured(campaign, edhas.change(bench(), coil_resistance=1.41 * 1.03))
-    factor = unknown_of(campaign.machine, "coil_resistance", 0.02)
+    factor = relative_unknown(campaign.machine, "coil_resistance", 0.02)
     result = fit(FitProblem(campaign, campaign.machine, (factor,)), starts=1)
     low, high = result.interval("coil_resistance", 3.0)
     assert low < 1.41 * 1.03 < high and high - low < 0.02
@@ -100,15 +107,15 @@ def test_an_uncertain_condition_is_scaled_by_a_common_factor():
 
 def test_a_certain_condition_cannot_be_estimated(campaign):
     with pytest.raises(ParameterError, match="frequency: is set by the runs"):
-        fit(FitProblem(campaign, campaign.machine, (unknown_of(campaign.machine, "frequency", 0.1),)))
+        fit(FitProblem(campaign, campaign.machine, (relative_unknown(campaign.machine, "frequency", 0.1),)))
 
 
 def test_the_lag_of_a_sensor_is_estimated():
     chain = Instruments({"current": (SensorLag(lag_time=1.5e-3),)})
     campaign = measured(empty_campaign(), bench(), chain)
     unknowns = (
-        unknown_of(campaign.machine, "coil_resistance", 0.02),
-        Unknown("current.sensor_lag.lag_time", 3e-3, 1.0, "s", (1e-5, 0.05), prior=False),
+        relative_unknown(campaign.machine, "coil_resistance", 0.02),
+        UnknownParameter("current.sensor_lag.lag_time", 3e-3, 1.0, "s", (1e-5, 0.05), has_prior=False),
     )
     guess = Instruments({"current": (SensorLag(lag_time=3e-3),)})
     result = fit(FitProblem(campaign, campaign.machine, unknowns, guess), starts=2)
@@ -135,8 +142,8 @@ def test_uneven_time_stamps_are_interpolated(campaign):
     jittered = np.sort(run.time + 5e-5 * rng.uniform(-1.0, 1.0, len(run.time)).clip(-0.9, 0.9))
     jittered[0] = 0.0
     other = dataclasses.replace(run, time=jittered)
-    model = Model(campaign, campaign.machine, (), (run, other))
-    (out,) = model.outcomes([Case(np.zeros(0), (0, 1))], PER_SAMPLE, derive=False)
+    model = MeasurementModel(campaign, campaign.machine, (), (run, other))
+    (out,) = model.predict([EvaluationPoint(np.zeros(0), (0, 1))], PER_SAMPLE, with_sensitivities=False)
     for name, values in out[0].values.items():
         expected = np.interp(jittered, run.time, values)
         np.testing.assert_allclose(out[1].values[name], expected, atol=5e-3 * np.ptp(values))
@@ -162,10 +169,10 @@ def test_the_profile_of_a_nearly_linear_unknown_is_a_parabola(found):
 
 
 def test_the_step_follows_the_allowed_error_over_noise(campaign):
-    model = Model(campaign, campaign.machine, (), campaign.runs)
-    chosen = choose_resolution(model, np.zeros(0), share=0.1)
-    assert chosen.error < 0.1 and chosen.rough <= chosen.fine
-    strict = choose_resolution(model, np.zeros(0), share=1e-3)
+    model = MeasurementModel(campaign, campaign.machine, (), campaign.runs)
+    chosen = choose_time_resolution(model, np.zeros(0), share=0.1)
+    assert chosen.error < 0.1 and chosen.coarse <= chosen.fine
+    strict = choose_time_resolution(model, np.zeros(0), share=1e-3)
     assert strict.fine > chosen.fine
 
 

@@ -20,8 +20,8 @@ from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.trial import try_suspect
 from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime, MagneticSaturation
 from edhas_jax.measurements.campaign import CampaignError, Use
-from edhas_jax.measurements.predicted_signals import Case, Model
-from edhas_jax.measurements.step_selection import Resolution
+from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.time_resolution import TimeResolution
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 EFFECTS = InverterDeadTime, ConstantBiasForce, MagneticSaturation
@@ -110,8 +110,8 @@ def test_feasible_runs_stay_within_stroke_and_supply_voltage(campaign):
     machine = structs.replace(campaign.machine, supply=structs.replace(campaign.machine.supply, supply_voltage=14.0))
     candidates, feasible = candidate_runs(campaign), feasible_runs(campaign, machine, 8)
     assert 0 < len(feasible) < len(candidates)
-    model = Model(campaign, machine, (), feasible, watch=("piston_position", "voltage"))
-    for outcome in model.outcomes([Case(np.zeros(0), tuple(range(len(feasible))))], 8, derive=False)[0].values():
+    model = MeasurementModel(campaign, machine, (), feasible, signals=("piston_position", "voltage"))
+    for outcome in model.predict_all_runs(np.zeros(0), 8).values():
         assert np.abs(outcome.values["piston_position"]).max() < 5e-3
         assert np.abs(outcome.values["voltage"]).max() < 14.0
 
@@ -172,7 +172,7 @@ def test_the_next_experiment_discriminates_two_rivals():
     diagnosis = diagnose(measured(empty_campaign(), truth), library=(InverterDeadTime,))
     first = diagnosis.rounds[0]
     score = next(s for s in first.scores if s.suspect != first.accepted.suspect and s.fall > 0.0)
-    other = try_suspect(first.before, (), score, Resolution(8, 8, 0.0), 6, finish=False)
+    other = try_suspect(first.before, (), score, TimeResolution(8, 8, 0.0), 6, finish=False)
 
     def with_trials(*trials):
         return dataclasses.replace(diagnosis, rounds=(dataclasses.replace(first, trials=trials),))

@@ -12,8 +12,8 @@ from edhas_jax.diagnosis.search.evaluated_fit import search
 from edhas_jax.diagnosis.search.progressive_fit import STRETCHES, grown
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage, SuctionLineInertance
 from edhas_jax.measurements.campaign import Channel, Use
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, drawn, planned_campaign, synthesise
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 
 CHANNELS = {
     "current": Channel("A", 0.02), "outlet_pressure": Channel("MPa", 1.5e3), "outlet_flow": Channel("L/min", 2e-7)
@@ -32,7 +32,7 @@ def problem():
     bench = edhas.PumpBench(effects=(LugreFriction(), PistonLeakage(), EntrainedAir()))
     plan = planned_campaign("line", bench, UNCERTAIN, CHANNELS, RUNS, 2e-4)
     rng = np.random.default_rng(1)
-    truth = drawn(plan, bench, rng)
+    truth = draw_parameters(plan, bench, rng)
     truth = structs.replace(truth, effects=(*truth.effects, SuctionLineInertance(line_inertance=1.44e7)))
     return problem_of(synthesise(plan, truth, rng), bench, Instruments(), (), Suspect(SuctionLineInertance))
 

@@ -10,9 +10,10 @@ from edhas_jax.commands.cli import main
 from edhas_jax.core import structs
 from edhas_jax.machine.effects import InverterDeadTime
 from edhas_jax.measurements.campaign import CampaignError
-from edhas_jax.measurements.comparison import COLUMNS, compare, figures_of_merit, whiteness
+from edhas_jax.measurements.comparison import compare
 from edhas_jax.measurements.comparison_report import comparison_report, sentences
-from edhas_jax.measurements.measurement_chain import Instruments
+from edhas_jax.measurements.figures_of_merit import COLUMNS, figures_of_merit, ljung_box
+from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_patterns import find_patterns
 from edhas_jax.measurements.sensor_models import SensorGain, SensorLag, SensorOffset
@@ -35,7 +36,9 @@ def through(chain):
 
 def test_the_true_model_leaves_noise(campaign):
     found = compare(campaign)
-    assert all(value == pytest.approx(1.0, abs=QUIET) for row in found.matrix().values() for value in row.values())
+    assert all(
+        value == pytest.approx(1.0, abs=QUIET) for row in found.rms_over_noise().values() for value in row.values()
+    )
     assert find_patterns(found) == []
     table = figures_of_merit(found)
     assert list(table.columns) == list(COLUMNS) and table["white"].sum() >= len(table) - 1
@@ -49,16 +52,16 @@ def test_a_replayed_signal_drives_what_lies_behind_it(campaign, replay):
     judged = {"voltage": ("current", "piston_position"), "current": ("piston_position",)}[replay.value]
     assert found.signals == judged
     if replay is Replay.VOLTAGE:
-        assert max(row["current"] for row in found.matrix().values()) < 1.5
+        assert max(row["current"] for row in found.rms_over_noise().values()) < 1.5
 
 
 def test_a_replay_blames_only_what_lies_behind_it():
     """With a wrong inductance, what belongs to the voltage is off; what belongs to the current is not."""
     campaign = measured(empty_campaign(), edhas.change(bench(), coil_inductance=5e-3))
-    true = compare(campaign, edhas.change(bench(), coil_inductance=5e-3), replay=Replay.CURRENT).matrix()
-    by_current = compare(campaign, replay=Replay.CURRENT).matrix()
+    true = compare(campaign, edhas.change(bench(), coil_inductance=5e-3), replay=Replay.CURRENT).rms_over_noise()
+    by_current = compare(campaign, replay=Replay.CURRENT).rms_over_noise()
     assert by_current == true
-    by_voltage = compare(campaign, replay=Replay.VOLTAGE).matrix()
+    by_voltage = compare(campaign, replay=Replay.VOLTAGE).rms_over_noise()
     assert max(row["current"] for row in by_voltage.values()) > 1.5
 
 
@@ -69,7 +72,7 @@ def test_a_replay_needs_its_signal(campaign):
         compare(dataclasses.replace(campaign, runs=runs), replay=Replay.VOLTAGE)
     holed = dataclasses.replace(campaign.runs[0], signals=dict(campaign.runs[0].signals, voltage=np.full(401, np.nan)))
     found = compare(dataclasses.replace(campaign, runs=(holed, *campaign.runs[1:])), replay=Replay.VOLTAGE)
-    assert len(found.views) == 2 and "run is left out" in str(found.remarks[0])
+    assert len(found.runs) == 2 and "run is left out" in str(found.remarks[0])
 
 
 def test_dead_time_is_pointed_at():
@@ -103,9 +106,9 @@ def test_a_lag_is_called_a_delay():
 def test_whiteness():
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(4000)
-    memory, statistic = whiteness(noise)
+    memory, statistic = ljung_box(noise)
     assert abs(memory) < 0.05 and statistic < 45.0
-    memory, statistic = whiteness(np.convolve(noise, np.ones(3) / 3.0))
+    memory, statistic = ljung_box(np.convolve(noise, np.ones(3) / 3.0))
     assert memory == pytest.approx(2.0 / 3.0, abs=0.05) and statistic > 1000.0
 
 

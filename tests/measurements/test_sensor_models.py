@@ -7,7 +7,7 @@ import pytest
 
 from edhas_jax.core.structs import owner_id, parameters, replace
 from edhas_jax.measurements.sensor_models import (
-    LINKS,
+    SENSOR_MODELS,
     AntiAliasFilter,
     Quantisation,
     Sampling,
@@ -117,7 +117,7 @@ def test_derivatives_agree_with_finite_differences(link):
     assert np.allclose(slope, near, rtol=1e-5, atol=1e-5 * np.abs(near).max())
 
 
-@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("link", SENSOR_MODELS)
 def test_traces_side_by_side_are_traces_alone(link):
     both = np.stack([SINE, 2.0 + SINE**2], axis=1).reshape(501, 1, 2)
     together = jax.jit(lambda one, v: one.record(TIME, v))(link(), both)
@@ -126,15 +126,20 @@ def test_traces_side_by_side_are_traces_alone(link):
         assert np.allclose(together[:, 0, k], link().record(TIME, both[:, 0, k]), rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("link", SENSOR_MODELS)
 def test_the_precision_of_a_trace_is_kept(link):
     single = jax.tree.map(jnp.float32, link())
     assert single.record(jnp.asarray(TIME, jnp.float32), jnp.asarray(SINE, jnp.float32)).dtype == jnp.float32
 
 
 def test_links_declare_what_a_diagnosis_asks_for():
-    assert [owner_id(link) for link in LINKS[:4]] == ["sensor_lag", "sensor_delay", "sensor_gain", "sensor_offset"]
-    for link in LINKS:
+    assert [owner_id(link) for link in SENSOR_MODELS[:4]] == [
+        "sensor_lag",
+        "sensor_delay",
+        "sensor_gain",
+        "sensor_offset",
+    ]
+    for link in SENSOR_MODELS:
         (p,) = parameters(link)
         assert p.span[0] <= p.default <= p.span[1] and link.looks_like
         if p.plausible:

@@ -18,7 +18,7 @@ from edhas_jax.measurements.campaign import CampaignError, Channel, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.campaign_writer import write_campaign
 from edhas_jax.measurements.sensor_models import SensorGain, SensorLag
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, drawn, planned_campaign, synthesise
+from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 from edhas_jax.simulation.rk4_reference import Unstable, trajectories
 from tests.support import DATA
 from tests.support.reference import nominal
@@ -81,7 +81,10 @@ def test_a_step_that_does_not_hold_is_halved_or_refused():
 def test_draws_factors_within_two_deviations():
     campaign, rng = planned(), np.random.default_rng(3)
     draws = np.array(
-        [[float(get_parameter(drawn(campaign, campaign.machine, rng), n)) for n in UNCERTAIN] for _ in range(300)]
+        [
+            [float(get_parameter(draw_parameters(campaign, campaign.machine, rng), n)) for n in UNCERTAIN]
+            for _ in range(300)
+        ]
     )
     known = [float(get_parameter(campaign.machine, n)) for n in UNCERTAIN]
     sizes = np.log(draws / known) / list(UNCERTAIN.values())

@@ -8,7 +8,7 @@ import pytest
 
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.prior import uncertain_unknowns
+from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 from tests.support.synthetic_campaign import bench, empty_campaign
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import edhas_jax as edhas
 from edhas_jax.machine.effects import LugreFriction
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.predicted_signals import Case, Model
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
 
 CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
 UNCERTAIN = {"coil_resistance": 0.02, "force_constant": 0.02, "mover_damping": 0.25, "coulomb_friction": 0.25}
@@ -41,8 +41,8 @@ def measured(campaign: Campaign, truth, instruments=Instruments(), seed=0, each=
     rng, runs = np.random.default_rng(seed), []
     for k, run in enumerate(campaign.runs):
         machine = truth if each is None else each[k]
-        model = Model(campaign, machine, (), (run,), instruments)
-        outcome = model.outcomes([Case(np.zeros(0), (0,))], PER_SAMPLE, derive=False)[0][0]
+        model = MeasurementModel(campaign, machine, (), (run,), instruments)
+        outcome = model.predict([EvaluationPoint(np.zeros(0), (0,))], PER_SAMPLE, with_sensitivities=False)[0][0]
         signals = {
             n: values + campaign.channels[n].noise * rng.standard_normal(len(values))
             for n, values in outcome.values.items()

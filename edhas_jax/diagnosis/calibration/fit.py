@@ -10,10 +10,11 @@ from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenb
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.predicted_signals import Case, Model, Outcome, whitened
-from edhas_jax.measurements.prior import Unknown
-from edhas_jax.measurements.step_selection import Resolution, choose_resolution
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel, PredictedSignals
+from edhas_jax.measurements.residuals import normalised_residuals
+from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
+from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 START_STD = 0.7  # spread of the random starts around the prior mean, in prior standard deviations
 CORRECTION_REFINEMENT = 4  # steps of the final corrections per fine step
@@ -39,11 +40,11 @@ class FitProblem:
 
     campaign: Campaign
     machine: Rig
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[UnknownParameter, ...]
     instruments: Instruments = Instruments()
     runs: tuple[BenchRun, ...] | None = None
 
-    def model(self) -> Model:
+    def model(self) -> MeasurementModel:
         """Build the model that predicts the signals of the runs.
 
         Raises:
@@ -54,7 +55,7 @@ class FitProblem:
             raise FitError(f"{self.campaign.folder}: no run has `use: fit`")
         if not self.unknowns:
             raise FitError(f"{self.campaign.folder}: nothing is named under `uncertain`, so there is nothing to fit")
-        return Model(self.campaign, self.machine, self.unknowns, runs, self.instruments)
+        return MeasurementModel(self.campaign, self.machine, self.unknowns, runs, self.instruments)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,8 +81,8 @@ class Fit:
     uncorrected: np.ndarray
     covariance: np.ndarray
     cost: float
-    outcomes: tuple[Outcome, ...]
-    resolution: Resolution
+    outcomes: tuple[PredictedSignals, ...]
+    resolution: TimeResolution
     converged: bool
     costs: np.ndarray
 
@@ -104,7 +105,7 @@ class Fit:
     def standard_errors(self) -> dict[str, float]:
         """The standard errors by name, SI, linearised at the estimate."""
         rows = zip(self.problem.unknowns, self.x, self.std, strict=True)
-        return {u.name: float(u.slope(x) * std) for u, x, std in rows}
+        return {u.name: float(u.derivative(x) * std) for u, x, std in rows}
 
     def interval(self, name: str, sigmas: float = 1.96) -> tuple[float, float]:
         """Confidence interval (SI) of an unknown: `sigmas` standard errors to either side, symmetric in coordinates."""
@@ -134,7 +135,8 @@ class Fit:
         """(measured − model)/noise by run and signal, shape (samples,) each."""
         runs = self.problem.model().runs
         return {
-            run.name: whitened(self.problem.campaign, run, out) for run, out in zip(runs, self.outcomes, strict=True)
+            run.name: normalised_residuals(self.problem.campaign, run, out)
+            for run, out in zip(runs, self.outcomes, strict=True)
         }
 
 
@@ -142,7 +144,7 @@ def fit(
     problem: FitProblem,
     starts: int | np.ndarray = 4,
     seed: int = 0,
-    resolution: Resolution | None = None,
+    resolution: TimeResolution | None = None,
     max_steps: int = 30,
     search: bool = True,
     on_progress: Callable[[str], None] | None = None,
@@ -175,7 +177,7 @@ def fit(
     points = sample_starts(problem.unknowns, starts, seed) if isinstance(starts, int) else np.atleast_2d(starts)
     if resolution is None:
         report("choosing the integration step")
-        resolution = choose_resolution(model, points[0])
+        resolution = choose_time_resolution(model, points[0])
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
 
     def report_step(stage):
@@ -184,9 +186,9 @@ def fit(
         )
 
     costs = np.zeros(0)
-    if search and (len(points) > 1 or resolution.rough != resolution.fine):
+    if search and (len(points) > 1 or resolution.coarse != resolution.fine):
         rough = levenberg_marquardt(
-            _evaluator(model, resolution.rough), points, low, high,
+            _evaluator(model, resolution.coarse), points, low, high,
             tolerance=ROUGH_COST_TOLERANCE, max_steps=max_steps, merge=ROUGH_COST_TOLERANCE,
             on_step=report_step("rough search"),
         )  # fmt: skip
@@ -205,18 +207,18 @@ def fit(
 
 
 def _correct_discretisation(
-    model: Model, x: np.ndarray, covariance, per_sample: int, bounds
-) -> tuple[np.ndarray, tuple[Outcome, ...]]:
+    model: MeasurementModel, x: np.ndarray, covariance, per_sample: int, bounds
+) -> tuple[np.ndarray, tuple[PredictedSignals, ...]]:
     """Gauss-Newton steps with signals from finer steps and unchanged derivatives; the estimate and its signals.
 
     A step that does not lower the cost is rejected: the residuals of a wrong model are not discretisation errors.
     """
     all_runs = tuple(range(len(model.runs)))
-    slopes = model.outcomes([Case(x, all_runs)], per_sample, derive=True)[0]
+    slopes = model.predict_all_runs(x, per_sample, with_sensitivities=True)
 
     def evaluate(x):
-        exact = model.outcomes([Case(x, all_runs)], CORRECTION_REFINEMENT * per_sample, derive=False)[0]
-        outcomes = tuple(Outcome(exact[r].values, slopes[r].slopes) for r in all_runs)
+        exact = model.predict_all_runs(x, CORRECTION_REFINEMENT * per_sample)
+        outcomes = tuple(PredictedSignals(exact[r].values, slopes[r].sensitivities) for r in all_runs)
         return outcomes, _quadratic_model(model, x, dict(enumerate(outcomes)))
 
     outcomes, quadratic = evaluate(x)
@@ -231,7 +233,7 @@ def _correct_discretisation(
     return x, outcomes
 
 
-def sample_starts(unknowns: Sequence[Unknown], count: int, seed: int) -> np.ndarray:
+def sample_starts(unknowns: Sequence[UnknownParameter], count: int, seed: int) -> np.ndarray:
     """Draw starting points in coordinates, shape (count, n).
 
     The first is the prior mean. The others are normal around it, with `START_STD` and clipped at two standard
@@ -241,7 +243,7 @@ def sample_starts(unknowns: Sequence[Unknown], count: int, seed: int) -> np.ndar
     rows = np.zeros((count, len(unknowns)))
     for k, u in enumerate(unknowns):
         low, high = u.bounds()
-        if u.prior or not np.isfinite(high - low):
+        if u.has_prior or not np.isfinite(high - low):
             rows[1:, k] = np.clip(START_STD * rng.standard_normal(count - 1), -2.0, 2.0)
         else:
             rows[1:, k] = rng.uniform(low, high, count - 1)
@@ -249,12 +251,12 @@ def sample_starts(unknowns: Sequence[Unknown], count: int, seed: int) -> np.ndar
     return rows
 
 
-def _evaluator(model: Model, per_sample: int) -> Callable[[np.ndarray, np.ndarray], QuadraticModel]:
+def _evaluator(model: MeasurementModel, per_sample: int) -> Callable[[np.ndarray, np.ndarray], QuadraticModel]:
     all_runs = tuple(range(len(model.runs)))
-    return lambda x, starts: gauss_newton_model(model, [Case(row, all_runs) for row in x], per_sample)
+    return lambda x, starts: gauss_newton_model(model, [EvaluationPoint(row, all_runs) for row in x], per_sample)
 
 
-def gauss_newton_model(model: Model, cases: Sequence[Case], per_sample: int) -> QuadraticModel:
+def gauss_newton_model(model: MeasurementModel, cases: Sequence[EvaluationPoint], per_sample: int) -> QuadraticModel:
     """½χ² of residuals and prior for each case, with its gradient and Gauss-Newton curvature.
 
     Args:
@@ -265,20 +267,20 @@ def gauss_newton_model(model: Model, cases: Sequence[Case], per_sample: int) -> 
     Returns:
         The sums of squares of the k cases; the cost is infinite where a signal or a derivative is not finite.
     """
-    outcomes = model.outcomes(cases, per_sample, derive=True)
+    outcomes = model.predict(cases, per_sample, with_sensitivities=True)
     rows = [_quadratic_model(model, case.x, by_run) for case, by_run in zip(cases, outcomes, strict=True)]
     fields = QuadraticModel.__dataclass_fields__
     return QuadraticModel(*(np.concatenate([getattr(row, field) for row in rows]) for field in fields))
 
 
-def _quadratic_model(model: Model, x: np.ndarray, outcomes: dict[int, Outcome]) -> QuadraticModel:
+def _quadratic_model(model: MeasurementModel, x: np.ndarray, outcomes: dict[int, PredictedSignals]) -> QuadraticModel:
     """The sums of squares at one point, from the outcomes by run."""
-    prior = np.array([float(u.prior) for u in model.unknowns])
+    prior = np.array([float(u.has_prior) for u in model.unknowns])
     cost, gradient, curvature = 0.5 * prior @ np.square(x), prior * x, np.diag(prior)
     for r, outcome in outcomes.items():
-        for name, residual in whitened(model.campaign, model.runs[r], outcome).items():
+        for name, residual in normalised_residuals(model.campaign, model.runs[r], outcome).items():
             measured = np.isfinite(model.runs[r].signals[name])
-            jacobian = -outcome.slopes[name][measured] / model.campaign.channels[name].noise
+            jacobian = -outcome.sensitivities[name][measured] / model.campaign.channels[name].noise
             residual = residual[measured]
             with np.errstate(over="ignore", invalid="ignore"):  # the search rejects such a point
                 cost = cost + 0.5 * residual @ residual
@@ -288,7 +290,7 @@ def _quadratic_model(model: Model, x: np.ndarray, outcomes: dict[int, Outcome]) 
     return QuadraticModel(np.array([cost if finite else np.inf]), gradient[None], curvature[None])
 
 
-def _rms_over_noise(model: Model, cost: float) -> float:
+def _rms_over_noise(model: MeasurementModel, cost: float) -> float:
     """The root mean square of the residuals over noise that a cost corresponds to, the prior's share neglected."""
     count = sum(np.isfinite(values).sum() for run in model.runs for values in run.signals.values())
     return float(np.sqrt(2.0 * cost / count))

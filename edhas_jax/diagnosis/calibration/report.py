@@ -5,8 +5,8 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
 from edhas_jax.diagnosis.calibration.result import Calibration
 from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.comparison_figures import draw_matrix, notes_of
-from edhas_jax.measurements.predicted_signals import level
+from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
+from edhas_jax.measurements.residuals import rms_over_noise
 
 
 def fit_report(calibration: Calibration) -> str:
@@ -44,10 +44,10 @@ def fit_report(calibration: Calibration) -> str:
 def draw_before_after(calibration: Calibration):
     """A matplotlib figure: residual over noise by run and signal, before and after the fit."""
     panels = {
-        title: {run: {n: level([v]) for n, v in signals.items()} for run, signals in residuals.items()}
+        title: {run: {n: rms_over_noise([v]) for n, v in signals.items()} for run, signals in residuals.items()}
         for title, residuals in (("before", calibration.before), ("calibrated", calibration.after))
     }
-    return draw_matrix(panels, notes_of(calibration.fit.problem.campaign))
+    return draw_residual_matrix(panels, run_descriptions(calibration.fit.problem.campaign))
 
 
 def estimates_table(calibration: Calibration) -> str:

@@ -12,8 +12,9 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.uncertainty import Drift, ProfileLikelihood
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.predicted_signals import Case, Model, Outcome, levels, whitened
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import MeasurementModel, PredictedSignals
+from edhas_jax.measurements.residuals import normalised_residuals, rms_by_signal
 from edhas_jax.simulation.integrator import LARGEST_STEP
 from edhas_jax.simulation.run import Simulation
 
@@ -49,13 +50,14 @@ class Calibration:
         campaign = self.fit.problem.campaign
         states = {"before": self.before, "calibrated": self.after}
         return {
-            state: {use.value: levels(campaign, residuals, use) for use in Use} for state, residuals in states.items()
+            state: {use.value: rms_by_signal(campaign, residuals, use) for use in Use}
+            for state, residuals in states.items()
         }
 
     def unidentified(self) -> list[str]:
         """The unknowns about which the measurements contain next to no information."""
         rows = zip(self.fit.problem.unknowns, self.fit.std, strict=True)
-        return [u.name for u, std in rows if u.prior and std > UNIDENTIFIED_STD]
+        return [u.name for u, std in rows if u.has_prior and std > UNIDENTIFIED_STD]
 
     def confounded_pairs(self) -> list[tuple[str, str, float]]:
         """Pairs of unknowns that the measurements cannot separate, with the correlation of their estimates."""
@@ -66,7 +68,7 @@ class Calibration:
     def implausible(self) -> list[str]:
         """The unknowns whose estimates lie far from their prior means."""
         rows = zip(self.fit.problem.unknowns, self.fit.x, strict=True)
-        return [u.name for u, x in rows if u.prior and abs(x) > IMPLAUSIBLE_DISTANCE]
+        return [u.name for u, x in rows if u.has_prior and abs(x) > IMPLAUSIBLE_DISTANCE]
 
     def drifting(self) -> list[str]:
         """The unknowns whose estimates differ from run to run, the largest difference first."""
@@ -131,12 +133,12 @@ def campaign_residuals(
         By run and signal, shape (samples,) each; NaN where a sample is missing.
     """
     outcomes = simulate_campaign(campaign, machine, instruments, per_sample)
-    return {run.name: whitened(campaign, run, outcomes[run.name]) for run in campaign.runs}
+    return {run.name: normalised_residuals(campaign, run, outcomes[run.name]) for run in campaign.runs}
 
 
 def simulate_campaign(
     campaign: Campaign, machine: Rig, instruments: Instruments, per_sample: int
-) -> dict[str, Outcome]:
+) -> dict[str, PredictedSignals]:
     """The sensor signals (SI) that a machine predicts for all runs of a campaign, by run.
 
     Args:
@@ -145,9 +147,8 @@ def simulate_campaign(
         instruments: its measurement chains.
         per_sample: integration steps per sample.
     """
-    model = Model(campaign, machine, (), campaign.runs, instruments)
-    all_runs = tuple(range(len(campaign.runs)))
-    outcomes = model.outcomes([Case(np.zeros(0), all_runs)], per_sample, derive=False)[0]
+    model = MeasurementModel(campaign, machine, (), campaign.runs, instruments)
+    outcomes = model.predict_all_runs(np.zeros(0), per_sample)
     return {run.name: outcomes[r] for r, run in enumerate(campaign.runs)}
 
 

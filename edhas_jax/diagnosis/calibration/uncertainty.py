@@ -7,7 +7,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit, gauss_newton_model
 from edhas_jax.diagnosis.calibration.least_squares import levenberg_marquardt
-from edhas_jax.measurements.predicted_signals import Case
+from edhas_jax.measurements.measurement_model import EvaluationPoint
 
 COST_TOLERANCE = 0.02  # in ½χ², of the fits of single runs and of the profiles
 MIN_DIFFERENCE_VARIANCE = 0.05  # share of a run's own variance; below it the search's tolerance would dominate
@@ -77,7 +77,7 @@ def fit_each_run(fit: Fit, on_progress: Callable[[str], None] | None = None) -> 
     count, n = len(model.runs), len(model.unknowns)
 
     def evaluate(x, runs):
-        cases = [Case(row, (int(r),)) for row, r in zip(x, runs, strict=True)]
+        cases = [EvaluationPoint(row, (int(r),)) for row, r in zip(x, runs, strict=True)]
         return gauss_newton_model(model, cases, fit.resolution.fine)
 
     low, high = np.array([u.bounds() for u in model.unknowns]).T
@@ -119,7 +119,7 @@ def profile_likelihood(fit: Fit, name: str, on_progress: Callable[[str], None] |
     starts[:, k] = np.clip(starts[:, k], low[k], high[k])
     free = np.arange(len(names)) != k
     found = levenberg_marquardt(
-        lambda x, starts: gauss_newton_model(model, [Case(row, all_runs) for row in x], fit.resolution.fine),
+        lambda x, starts: gauss_newton_model(model, [EvaluationPoint(row, all_runs) for row in x], fit.resolution.fine),
         starts, low, high, free=free, tolerance=COST_TOLERANCE, on_step=_step_reporter(on_progress),
     )  # fmt: skip
     # the correction of the discretisation error shifts the whole curve

@@ -10,9 +10,8 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.set_points import Sine
 from edhas_jax.machine.parameters import find_parameter, get_parameter
 from edhas_jax.machine.rigs import ActuatorSystem, Rig
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
-from edhas_jax.measurements.predicted_signals import Case, Model
-from edhas_jax.measurements.replay import has_parameter
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Use, has_parameter
+from edhas_jax.measurements.measurement_model import MeasurementModel
 
 CYCLES_PER_RUN = 4.0  # of a periodic set point, after its soft start
 # number of grid values of a condition, and the factors by which they extend below and above those of the campaign
@@ -46,8 +45,8 @@ def feasible_runs(campaign: Campaign, machine: Rig, per_sample: int) -> tuple[Be
     }  # fmt: skip
     if isinstance(machine, ActuatorSystem):  # the pump of a system may saturate while it is far from the set point
         del limits["voltage"]
-    model = Model(campaign, machine, (), candidates, watch=tuple(limits))
-    outcomes = model.outcomes([Case(np.zeros(0), tuple(range(len(candidates))))], per_sample, derive=False)[0]
+    model = MeasurementModel(campaign, machine, (), candidates, signals=tuple(limits))
+    outcomes = model.predict_all_runs(np.zeros(0), per_sample)
     return tuple(
         run
         for r, run in enumerate(candidates)

@@ -19,9 +19,9 @@ from edhas_jax.diagnosis.planning.signatures import SignatureGram, SuspectPoints
 from edhas_jax.diagnosis.search.candidates import problem_of, suspects_for, unknowns_of
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.predicted_signals import Model
-from edhas_jax.measurements.step_selection import choose_resolution
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.time_resolution import choose_time_resolution
 
 FILE_VERSION = 1
 INDISTINGUISHABLE_COSINE = 0.95  # of two unexplained signatures
@@ -106,8 +106,8 @@ def plan_detectability(
     report = on_progress or (lambda stage, share: None)
     report("choosing the integration step", 0.0)
     known = problem_of(campaign, campaign.machine, Instruments(), ()).unknowns
-    model = Model(campaign, campaign.machine, known, campaign.runs)
-    steps = choose_resolution(model, np.zeros(len(known))).rough
+    model = MeasurementModel(campaign, campaign.machine, known, campaign.runs)
+    steps = choose_time_resolution(model, np.zeros(len(known))).coarse
     campaign = with_predicted_signals(campaign, steps)
     runs = campaign.runs_for(Use.FIT) or campaign.runs
     suspects = suspects_for(campaign, campaign.machine, Instruments(), more)

@@ -9,11 +9,14 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.search.candidates import Suspect, unknowns_of
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import Campaign
-from edhas_jax.measurements.prior import Law, Unknown
+from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
 DETECTION_NORM = math.sqrt(30.0)  # norm over noise from which a signature is significant among forty suspects
 # coordinates of the first parameter at which a suspect is simulated, from weak to strong
-STRENGTH_LEVELS = {Law.FACTOR: (-2.0, -1.0, 0.0, 1.0, 2.0), Law.SHIFT: (0.02, 0.1, 0.4, 1.0, 2.0)}
+STRENGTH_LEVELS = {
+    ParameterScale.LOGARITHMIC: (-2.0, -1.0, 0.0, 1.0, 2.0),
+    ParameterScale.LINEAR: (0.02, 0.1, 0.4, 1.0, 2.0),
+}
 MAX_EXTRAPOLATION = 100.0  # times the strongest simulated effect
 
 
@@ -31,7 +34,7 @@ class Detectability:
     """
 
     suspect: Suspect
-    unknown: Unknown | None
+    unknown: UnknownParameter | None
     absent_value: float
     threshold: float
     threshold_share: float
@@ -71,11 +74,11 @@ class Detectability:
         return SIGNALS[self.suspect.signal].unit if is_offset else self.unknown.unit
 
 
-def strength_points(unknowns: list[Unknown]) -> np.ndarray:
+def strength_points(unknowns: list[UnknownParameter]) -> np.ndarray:
     """Coordinates (points, n) from a weak to a strong first parameter, all other parameters at their prior means."""
     if not unknowns:
         return np.zeros((1, 0))
-    levels = STRENGTH_LEVELS[unknowns[0].law]
+    levels = STRENGTH_LEVELS[unknowns[0].scale]
     points = np.zeros((len(levels), len(unknowns)))
     points[:, 0] = levels
     return points
@@ -123,9 +126,9 @@ def detectability_of(suspect: Suspect, points: np.ndarray, norms: np.ndarray, ca
     return Detectability(suspect, u, absent, value, share, points[nearest])
 
 
-def _absent_value(u: Unknown, values: np.ndarray, norms: np.ndarray) -> float:
+def _absent_value(u: UnknownParameter, values: np.ndarray, norms: np.ndarray) -> float:
     """The value at which an effect vanishes; infinite where it fades as the value grows."""
-    if u.law is Law.SHIFT:
+    if u.scale is ParameterScale.LINEAR:
         return u.centre
     finite = norms[np.isfinite(norms)]
     if len(finite) > 2 and finite.argmin() not in (0, len(finite) - 1):  # vanishes inside the range, e.g. a gain of 1

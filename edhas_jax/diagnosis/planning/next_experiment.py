@@ -11,7 +11,7 @@ from edhas_jax.diagnosis.planning.candidate_runs import feasible_runs, format_co
 from edhas_jax.diagnosis.search.result import Diagnosis, Round, Verdict
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import BenchRun, Campaign
-from edhas_jax.measurements.predicted_signals import Case, Model
+from edhas_jax.measurements.measurement_model import MeasurementModel
 
 MAX_RIVALS = 3
 MAX_LINEARISED_RUNS = 4  # candidates, largest difference at fixed parameters first, whose derivatives are computed
@@ -66,7 +66,7 @@ def next_experiment(diagnosis: Diagnosis) -> Experiment | None:
     if len(rivals) < 2:
         return None
     campaign = diagnosis.campaign
-    steps = rivals[0].judged.fit.resolution.rough
+    steps = rivals[0].judged.fit.resolution.coarse
     candidates = feasible_runs(campaign, rivals[0].judged.fit.machine, steps)
     if not candidates:
         return None
@@ -125,18 +125,18 @@ def _predictions(
 ) -> list[dict[str, np.ndarray]]:  # fmt: skip
     """Sensor signals of a trial's fitted machine over noise, by run and signal."""
     fit = trial.judged.fit
-    model = Model(campaign, fit.machine, (), runs, fit.instruments)
-    outcomes = model.outcomes([Case(np.zeros(0), tuple(range(len(runs))))], steps, derive=False)[0]
+    model = MeasurementModel(campaign, fit.machine, (), runs, fit.instruments)
+    outcomes = model.predict_all_runs(np.zeros(0), steps)
     return [{n: v / campaign.channels[n].noise for n, v in outcomes[r].values.items()} for r in range(len(runs))]
 
 
 def _jacobians(campaign: Campaign, trial: Trial, runs: tuple[BenchRun, ...], steps: int) -> list[np.ndarray]:
     """Derivatives (samples of all signals, unknowns) of these predictions by the trial's coordinates, by run."""
     fit = trial.judged.fit
-    model = Model(campaign, fit.problem.machine, fit.problem.unknowns, runs, fit.problem.instruments)
-    outcomes = model.outcomes([Case(fit.x, tuple(range(len(runs))))], steps, derive=True)[0]
+    model = MeasurementModel(campaign, fit.problem.machine, fit.problem.unknowns, runs, fit.problem.instruments)
+    outcomes = model.predict_all_runs(fit.x, steps, with_sensitivities=True)
     return [
-        np.concatenate([v / campaign.channels[n].noise for n, v in outcomes[r].slopes.items()])
+        np.concatenate([v / campaign.channels[n].noise for n, v in outcomes[r].sensitivities.items()])
         for r in range(len(runs))
     ]
 

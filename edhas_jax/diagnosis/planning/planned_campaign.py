@@ -9,8 +9,8 @@ from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.planning.candidate_runs import periodic_duration
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
-from edhas_jax.measurements.campaign_reader import FILE, CampaignReader, read_campaign
-from edhas_jax.measurements.predicted_signals import Case, Model
+from edhas_jax.measurements.campaign_reader import CAMPAIGN_FILE, CampaignReader, read_campaign
+from edhas_jax.measurements.measurement_model import MeasurementModel
 
 APERIODIC_DURATION = 0.6  # s, of a run whose set point is not periodic
 MIN_SAMPLES = 100  # of a run
@@ -27,8 +27,8 @@ class PlannedCampaignReader(CampaignReader):
         """
         if self._set_point:
             raise CampaignError(
-                f"{self._folder / FILE}: `reference: {self._set_point}` is recorded with the runs, so they cannot be "
-                "planned before they are made; describe the set point instead"
+                f"{self._folder / CAMPAIGN_FILE}: `reference: {self._set_point}` is recorded with the runs, so they "
+                "cannot be planned before they are made; describe the set point instead"
             )
         return tuple(self._planned_run(*row, rate) for row in self._runs)
 
@@ -56,7 +56,7 @@ def read_planned_campaign(path: Path | str, rate: float) -> Campaign:
             `rate` leaves a run with too few samples.
     """
     path = Path(path)
-    file = path / FILE if path.is_dir() else path
+    file = path / CAMPAIGN_FILE if path.is_dir() else path
     try:
         data, lines, problems = parse_yaml(file.read_text(encoding="utf-8-sig"))
     except YamlError as error:
@@ -86,8 +86,8 @@ def with_predicted_signals(campaign: Campaign, per_sample: int) -> Campaign:
     Returns:
         The campaign with predictions for the signals that a run has, or for all channels where it has none.
     """
-    model = Model(campaign, campaign.machine, (), campaign.runs)
-    outcomes = model.outcomes([Case(np.zeros(0), tuple(range(len(campaign.runs))))], per_sample, derive=False)[0]
+    model = MeasurementModel(campaign, campaign.machine, (), campaign.runs)
+    outcomes = model.predict_all_runs(np.zeros(0), per_sample)
     runs = tuple(
         dataclasses.replace(run, signals={n: outcomes[r].values[n] for n in run.signals or campaign.channels})
         for r, run in enumerate(campaign.runs)

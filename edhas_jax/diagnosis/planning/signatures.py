@@ -17,8 +17,8 @@ import numpy as np
 
 from edhas_jax.diagnosis.search.candidates import Suspect, problem_of, unknowns_of
 from edhas_jax.measurements.campaign import BenchRun, Campaign
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.predicted_signals import Case, Model
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
 
 ROUNDING_SHARE = 1e-12  # share of the squared norm of a signature below which a projection is rounding
 
@@ -53,14 +53,14 @@ class SignatureGram:
         """
         self._campaign, self._runs, self._steps = campaign, tuple(runs), per_sample
         known = problem_of(campaign, campaign.machine, Instruments(), ()).unknowns
-        self._prior = np.array([float(u.prior) for u in known])
+        self._prior = np.array([float(u.has_prior) for u in known])
         all_runs = tuple(range(len(self._runs)))
         on_progress("derivatives by the uncertain parameters", 0.0)
-        model = Model(campaign, campaign.machine, known, self._runs)
-        outcomes = model.outcomes([Case(np.zeros(len(known)), all_runs)], per_sample, derive=bool(known))[0]
+        model = MeasurementModel(campaign, campaign.machine, known, self._runs)
+        outcomes = model.predict_all_runs(np.zeros(len(known)), per_sample, with_sensitivities=bool(known))
         self._nominal = [outcomes[r].values for r in all_runs]
         slopes = [
-            outcomes[r].slopes or {n: v[:, None][:, :0] for n, v in outcomes[r].values.items()} for r in all_runs
+            outcomes[r].sensitivities or {n: v[:, None][:, :0] for n, v in outcomes[r].values.items()} for r in all_runs
         ]
         columns = [[self._over_noise(r, slopes[r])] for r in all_runs]
         for k, one in enumerate(suspects):
@@ -98,12 +98,13 @@ class SignatureGram:
     def _with_effect(self, one: SuspectPoints) -> list[list[dict[str, np.ndarray]]]:
         """The signals of every run with an effect in the model, for each of its points."""
         problem = problem_of(self._campaign, self._campaign.machine, Instruments(), (), one.suspect)
-        model = Model(self._campaign, problem.machine, problem.unknowns, self._runs, problem.instruments)
+        model = MeasurementModel(self._campaign, problem.machine, problem.unknowns, self._runs, problem.instruments)
         all_runs = tuple(range(len(self._runs)))
         nominal = np.zeros(len(problem.unknowns) - one.points.shape[1])
-        cases = [Case(np.concatenate([nominal, x]), all_runs) for x in one.points]
+        cases = [EvaluationPoint(np.concatenate([nominal, x]), all_runs) for x in one.points]
         return [
-            [outcomes[r].values for r in all_runs] for outcomes in model.outcomes(cases, self._steps, derive=False)
+            [outcomes[r].values for r in all_runs]
+            for outcomes in model.predict(cases, self._steps, with_sensitivities=False)
         ]
 
     def _with_sensor_fault(self, one: SuspectPoints) -> list[list[dict[str, np.ndarray]]]:

@@ -13,7 +13,7 @@ from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.interface.slots import Rule
 from edhas_jax.measurements.campaign import Campaign, Use
-from edhas_jax.measurements.predicted_signals import OVERALL, levels
+from edhas_jax.measurements.residuals import OVERALL, rms_by_signal
 
 BINS = 60
 
@@ -147,7 +147,7 @@ def stages(diagnosis: Diagnosis) -> dict[str, dict[Use, float]]:
 
 
 def _levels(campaign: Campaign, residuals) -> dict[Use, float]:
-    found = {use: levels(campaign, residuals, use) for use in Use}
+    found = {use: rms_by_signal(campaign, residuals, use) for use in Use}
     return {use: row[OVERALL] for use, row in found.items() if OVERALL in row}
 
 

@@ -16,8 +16,8 @@ from edhas_jax.diagnosis.search.candidates import Suspect
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.interface.slots import Rule, Slot
-from edhas_jax.measurements.predicted_signals import Case, Model
-from edhas_jax.measurements.prior import Law, Unknown
+from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 from edhas_jax.simulation.integrator import step
 
 NODES = 11
@@ -127,16 +127,17 @@ def _estimated(fitted: Fit, slot: Slot, local: str, nodes: np.ndarray, spread: f
     curve = _curve(slot, local)(**{f"at_{k}": float(q) for k, q in enumerate(nodes)})
     machine = structs.replace(fitted.machine, effects=(*fitted.machine.effects, curve))
     free = tuple(
-        Unknown(f"{curve.id}.value_{k}", 0.0, spread, slot.unit, (-math.inf, math.inf), Law.SHIFT) for k in range(NODES)
+        UnknownParameter(f"{curve.id}.value_{k}", 0.0, spread, slot.unit, (-math.inf, math.inf), ParameterScale.LINEAR)
+        for k in range(NODES)
     )
     base = fitted.problem.model()
-    model = Model(base.campaign, machine, free, base.runs, fitted.instruments)
-    found = model.outcomes([Case(np.zeros(NODES), tuple(range(len(base.runs))))], fitted.resolution.rough, derive=True)
+    model = MeasurementModel(base.campaign, machine, free, base.runs, fitted.instruments)
+    found = model.predict_all_runs(np.zeros(NODES), fitted.resolution.coarse, with_sensitivities=True)
     curvature, downhill = np.eye(NODES), np.zeros(NODES)
     for r, (run, outcome) in enumerate(zip(base.runs, fitted.outcomes, strict=True)):
         for n, measured in run.signals.items():
             noise, there = base.campaign.channels[n].noise, np.isfinite(measured)
-            slopes = found[0][r].slopes[n][there] / noise
+            slopes = found[r].sensitivities[n][there] / noise
             curvature = curvature + slopes.T @ slopes
             downhill = downhill + slopes.T @ (measured - outcome.values[n])[there] / noise
     covariance = regularised_inverse(curvature)
@@ -167,7 +168,7 @@ def _trajectory(fitted: Fit, r: int, slot: Slot, effect: str) -> dict[str, np.nd
     base = fitted.problem.model()
     run = base.runs[r]
     machine = jax.tree.map(np.asarray, base.campaign.machine_of(run, fitted.machine))
-    steps, interval = fitted.resolution.rough, run.interval
+    steps, interval = fitted.resolution.coarse, run.interval
     h, samples = interval / steps, math.ceil(run.time[-1] / interval - 1e-4) + 1
     y = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
     stretches = []

@@ -17,7 +17,7 @@ from edhas_jax.diagnosis.search.candidates import Suspect
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.prior import Unknown
+from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 LISTED = 14  # suspects in the table
 LAWLESS = (
@@ -158,6 +158,6 @@ def sizes_of(suspect: Suspect, fitted: Fit) -> list[str]:
     ]
 
 
-def _unit(suspect: Suspect, u: Unknown) -> str:
+def _unit(suspect: Suspect, u: UnknownParameter) -> str:
     """The SI unit of an unknown; an offset has that of its signal."""
     return SIGNALS[suspect.signal].unit if suspect.signal and u.name.endswith(".offset") else u.unit

@@ -11,7 +11,7 @@ from edhas_jax.diagnosis.search.candidates import Suspect
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.predicted_signals import levels
+from edhas_jax.measurements.residuals import rms_by_signal
 from edhas_jax.simulation.run import Simulation
 
 RESULT = "diagnosis.json"
@@ -94,5 +94,5 @@ def _form(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "formula": f"c · {best.suspect.kind.text}",
         "parameters": _own(best.judged.fit, best.suspect),
         "holdout_error": best.judged.level(Use.HOLDOUT),
-        "error": levels(diagnosis.campaign, best.judged.residuals, Use.HOLDOUT),
+        "error": rms_by_signal(diagnosis.campaign, best.judged.residuals, Use.HOLDOUT),
     }

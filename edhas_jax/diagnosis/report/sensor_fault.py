@@ -6,8 +6,8 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.search.candidates import Suspect
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.predicted_signals import Case, Model
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.sensor_models import SensorGain, SensorOffset
 
 BINS = 24
@@ -33,8 +33,8 @@ def sensor_fault(fitted: Fit, suspect: Suspect) -> SensorFault:
     signal, base = suspect.signal, fitted.problem.model()
     chain = tuple(link for link in fitted.instruments.chains[signal] if not isinstance(link, suspect.kind))
     instruments = Instruments({**fitted.instruments.chains, signal: chain})
-    model = Model(base.campaign, fitted.machine, (), base.runs, instruments)
-    found = model.outcomes([Case(np.zeros(0), tuple(range(len(base.runs))))], fitted.resolution.fine, derive=False)[0]
+    model = MeasurementModel(base.campaign, fitted.machine, (), base.runs, instruments)
+    found = model.predict_all_runs(np.zeros(0), fitted.resolution.fine)
     over_rate = suspect.kind not in (SensorGain, SensorOffset)
     rows = []
     for r, run in enumerate(base.runs):

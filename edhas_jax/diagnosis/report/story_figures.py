@@ -11,7 +11,7 @@ from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import ActuatorSystem
 from edhas_jax.measurements.campaign import BenchRun, Use
-from edhas_jax.measurements.predicted_signals import level
+from edhas_jax.measurements.residuals import rms_over_noise
 
 SUSPECTS = 9
 CYCLES = 1.5
@@ -25,7 +25,8 @@ def draw_story(diagnosis: Diagnosis):
     runs = campaign.runs_for(Use.HOLDOUT) or campaign.runs
     residuals = diagnosis.calibrated.residuals
     run, signal = max(
-        ((run, n) for run in runs for n in run.signals), key=lambda row: level([residuals[row[0].name][row[1]]])
+        ((run, n) for run in runs for n in run.signals),
+        key=lambda row: rms_over_noise([residuals[row[0].name][row[1]]]),
     )
     figure = Figure(figsize=(12.5, 7.2), layout="constrained")
     grid = figure.add_gridspec(6, 2, width_ratios=[1.35, 1.0])
@@ -60,7 +61,8 @@ def _traces(axes, below, diagnosis: Diagnosis, run: BenchRun, signal: str, resid
     axes.fill_between(time, model - half, model + half, color=COLOURS[1], alpha=0.25, lw=0)
     axes.plot(time, model, color=COLOURS[1], lw=1.2, label="model ± 2 noise")
     use = ", held out" if run.use is Use.HOLDOUT else ""
-    axes.set_title(f"{title}: {run.name}{use}, {level([left]):.2f} × noise", fontsize=10, loc="left", color=INK)
+    heading = f"{title}: {run.name}{use}, {rms_over_noise([left]):.2f} × noise"
+    axes.set_title(heading, fontsize=10, loc="left", color=INK)
     axes.set_ylabel(f"{signal.replace('_', ' ')}, {about.shown}", fontsize=9, color=INK)
     axes.tick_params(labelbottom=False)
     axes.legend(fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, markerscale=2.0,

@@ -16,8 +16,8 @@ from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import ActuatorSystem
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
-from edhas_jax.measurements.comparison_figures import notes_of
-from edhas_jax.measurements.predicted_signals import level
+from edhas_jax.measurements.residual_matrix import run_descriptions
+from edhas_jax.measurements.residuals import rms_over_noise
 
 SHADES = {"before": QUIET, "calibrated": "#9a6700", "after": COLOURS[1], "formula": COLOURS[3]}
 MOST = 6000  # samples of a run that go into the page
@@ -40,7 +40,9 @@ def trace_view(campaign: Campaign, states: Mapping[str, Mapping[str, Mapping[str
     runs = [run for run in campaign.runs if run.signals]
     wanted = [r for r, run in enumerate(runs) if run.use is Use.HOLDOUT] or range(len(runs))
     worst = states.get("calibrated", next(iter(states.values())))
-    opened = max(((level([v]), r, n) for r in wanted for n, v in worst[runs[r].name].items()), default=(0.0, 0, ""))
+    opened = max(
+        ((rms_over_noise([v]), r, n) for r in wanted for n, v in worst[runs[r].name].items()), default=(0.0, 0, "")
+    )
     signals = [n for n in campaign.channels if any(n in run.signals for run in runs)]
     data = {
         "runs": [_run(campaign, run, states) for run in runs],
@@ -76,14 +78,15 @@ def _run(campaign: Campaign, run: BenchRun, states) -> dict[str, Any]:
         start = max(start, time[-1] - CYCLES * 1e3 / float(get_parameter(machine, "frequency")))
     out = {
         "count": len(time), "first": float(time[0]), "step": float((time[-1] - time[0]) / max(1, len(time) - 1)),
-        "shown": [float(start), float(time[-1])], "says": notes_of(campaign)[run.name], "signals": {}, "levels": {},
+        "shown": [float(start), float(time[-1])], "says": run_descriptions(campaign)[run.name],
+        "signals": {}, "levels": {},
     }  # fmt: skip
     for name, measured in run.signals.items():
         left = {state: rows[run.name][name] for state, rows in states.items()}
         noise = campaign.channels[name].noise
         rows = {"measured": measured, **{state: measured - noise * v for state, v in left.items()}}
         out["signals"][name] = {state: _packed(_in(name, v[::thin])) for state, v in rows.items()}
-        out["levels"][name] = {state: f"{level([v]):.2f} × noise" for state, v in left.items()}
+        out["levels"][name] = {state: f"{rms_over_noise([v]):.2f} × noise" for state, v in left.items()}
     return out
 
 

@@ -16,11 +16,11 @@ from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.interface.slots import taken
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.prior import Law, Unknown, unknown_of
-from edhas_jax.measurements.sensor_models import Link, SensorDelay, SensorGain, SensorLag, SensorOffset
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.sensor_models import SensorDelay, SensorGain, SensorLag, SensorModel, SensorOffset
+from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter, relative_unknown
 
-SENSOR_FAULTS: tuple[type[Link], ...] = (SensorLag, SensorDelay, SensorGain, SensorOffset)
+SENSOR_FAULTS: tuple[type[SensorModel], ...] = (SensorLag, SensorDelay, SensorGain, SensorOffset)
 WIDTHS = 4.0  # a plausible range is that many standard deviations of the prior wide: ±2
 BEYOND = 3.0  # standard deviations at which a value is no longer believed, of suspects and of known parameters alike
 HELD = 0.05  # standard deviations from where belief ends: a value as near to it is held by it
@@ -32,7 +32,7 @@ SENSOR = "sensor"
 class Suspect:
     """One thing that may be missing: an effect, or a link in the measurement chain of `signal`."""
 
-    kind: type[Effect] | type[Link]
+    kind: type[Effect] | type[SensorModel]
     signal: str | None = None
 
     @property
@@ -55,7 +55,7 @@ class Suspect:
         """What stands before the names of its parameters where they are sought."""
         return f"{self.id}." if self.signal is None else f"{self.signal}.{self.id}."
 
-    def own(self, unknowns: Iterable[Unknown]) -> dict[str, Unknown]:
+    def own(self, unknowns: Iterable[UnknownParameter]) -> dict[str, UnknownParameter]:
         """Those of the unknowns of a fit that are its parameters, by their bare names."""
         return {u.name.removeprefix(self.prefix): u for u in unknowns if u.name.startswith(self.prefix)}
 
@@ -124,21 +124,21 @@ def problem_of(
     own = [u for s in accepted for u in unknowns_of(s, campaign)]
     of_effects = {u.name.removeprefix(s.prefix) for s in accepted if s.signal is None for u in unknowns_of(s, campaign)}
     known = [
-        believable(unknown_of(machine, name, spread))
+        believable(relative_unknown(machine, name, spread))
         for name, spread in campaign.uncertain_in(machine).items()
         if name not in of_effects
     ]
     return FitProblem(campaign, machine, (*known, *own), instruments)
 
 
-def believable(unknown: Unknown) -> Unknown:
+def believable(unknown: UnknownParameter) -> UnknownParameter:
     """The unknown kept within what is believed of it, so that a parameter cannot stand in for physics."""
     low, high = (float(unknown.value(x)) for x in (-BEYOND, BEYOND))
     span = max(unknown.span[0], low), min(unknown.span[1], high)
     return dataclasses.replace(unknown, span=span)
 
 
-def unknowns_of(suspect: Suspect, campaign: Campaign) -> list[Unknown]:
+def unknowns_of(suspect: Suspect, campaign: Campaign) -> list[UnknownParameter]:
     """A suspect's own parameters as unknowns: within the plausible range most of the time, never far beyond it.
 
     What the campaign itself says of a parameter goes before the range of the library.
@@ -147,17 +147,17 @@ def unknowns_of(suspect: Suspect, campaign: Campaign) -> list[Unknown]:
     for p in suspect.searched():
         name = suspect.prefix + p.name
         if suspect.signal is None and p.name in campaign.uncertain:
-            u = Unknown(name, p.default, campaign.uncertain[p.name], p.unit, p.span)
+            u = UnknownParameter(name, p.default, campaign.uncertain[p.name], p.unit, p.span)
         elif p.plausible is None:
             seen = [run.signals[suspect.signal] for run in campaign.runs if suspect.signal in run.signals]
             spread = OFFSET_SHARE * float(np.ptp(np.concatenate([v[np.isfinite(v)] for v in seen])))
-            u = Unknown(name, 0.0, spread, p.unit, p.span, Law.SHIFT)
+            u = UnknownParameter(name, 0.0, spread, p.unit, p.span, ParameterScale.LINEAR)
         elif p.plausible[0] > 0.0:
             low, high = p.plausible
-            u = Unknown(name, math.sqrt(low * high), math.log(high / low) / WIDTHS, p.unit, p.span)
+            u = UnknownParameter(name, math.sqrt(low * high), math.log(high / low) / WIDTHS, p.unit, p.span)
         else:
             low, high = p.plausible
-            u = Unknown(name, 0.5 * (low + high), (high - low) / WIDTHS, p.unit, p.span, Law.SHIFT)
+            u = UnknownParameter(name, 0.5 * (low + high), (high - low) / WIDTHS, p.unit, p.span, ParameterScale.LINEAR)
         out.append(believable(u))
     return out
 
@@ -166,10 +166,10 @@ def held_by_belief(suspect: Suspect, fit: Fit) -> list[str]:
     """The parameters of a suspect that would go beyond all belief in a fit: it then only stands in for something."""
     at = {u.name: x for u, x in zip(fit.problem.unknowns, fit.x, strict=True)}
     own = suspect.own(fit.problem.unknowns)
-    return [name for name, u in own.items() if u.prior and abs(at[u.name]) > BEYOND - HELD]
+    return [name for name, u in own.items() if u.has_prior and abs(at[u.name]) > BEYOND - HELD]
 
 
-def grid(suspect: Suspect, unknowns: list[Unknown]) -> np.ndarray:
+def grid(suspect: Suspect, unknowns: list[UnknownParameter]) -> np.ndarray:
     """Coordinates (k, n) that cover what a suspect may look like; the first unknown is its size, the rest its shape."""
     if len(unknowns) > 3:  # a law of its own, such as LuGre's: its typical form
         return np.zeros((1, len(unknowns)))

@@ -17,8 +17,9 @@ from edhas_jax.diagnosis.calibration.fit import (
 from edhas_jax.diagnosis.calibration.least_squares import Minima, levenberg_marquardt, regularised_inverse
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.measurements.campaign import BenchRun, Use
-from edhas_jax.measurements.predicted_signals import Case, level
-from edhas_jax.measurements.step_selection import Resolution
+from edhas_jax.measurements.measurement_model import EvaluationPoint
+from edhas_jax.measurements.residuals import rms_over_noise
+from edhas_jax.measurements.time_resolution import TimeResolution
 
 NEAR_NOISE = 1.3  # residual over noise below which fits are finished at the fine step before they are compared
 
@@ -33,7 +34,7 @@ class Judged:
     @property
     def cost(self) -> float:
         """½χ² of residuals and prior of the runs that were fitted."""
-        prior = sum(x * x for u, x in zip(self.fit.problem.unknowns, self.fit.x, strict=True) if u.prior)
+        prior = sum(x * x for u, x in zip(self.fit.problem.unknowns, self.fit.x, strict=True) if u.has_prior)
         squares = sum(np.nansum(v * v) for signals in self.fit.residuals.values() for v in signals.values())
         return 0.5 * float(prior + squares)
 
@@ -49,7 +50,7 @@ class Judged:
     def level(self, use: Use) -> float:
         """Residual over noise of the runs of one use; NaN where there are none."""
         rows = self.rows(self.fit.problem.campaign.runs_for(use))
-        return level(rows) if rows else math.nan
+        return rms_over_noise(rows) if rows else math.nan
 
     @property
     def near_noise(self) -> bool:
@@ -76,10 +77,10 @@ def search(problem: FitProblem, starts: np.ndarray, per_sample: int, most_steps:
         raise FitError("the model fails (it is not finite, or leaves its physical range) wherever the fit has looked")
     model = problem.model()
     every = tuple(range(len(model.runs)))
-    outcomes = model.outcomes([Case(x, every)], per_sample, derive=True)[0]
+    outcomes = model.predict_all_runs(x, per_sample, with_sensitivities=True)
     done = Fit(
         problem, x, x, regularised_inverse(found.model.curvature[best]), cost, tuple(outcomes[r] for r in every),
-        Resolution(per_sample, per_sample, math.nan), bool(found.converged[best]), found.model.cost,
+        TimeResolution(per_sample, per_sample, math.nan), bool(found.converged[best]), found.model.cost,
     )  # fmt: skip
     return judge(done, per_sample)
 
@@ -90,7 +91,7 @@ def minima(problem: FitProblem, starts: np.ndarray, per_sample: int, most_steps:
     every = tuple(range(len(model.runs)))
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
     return levenberg_marquardt(
-        lambda x, which: gauss_newton_model(model, [Case(row, every) for row in x], per_sample),
+        lambda x, which: gauss_newton_model(model, [EvaluationPoint(row, every) for row in x], per_sample),
         np.atleast_2d(starts), low, high, tolerance=0.5, max_steps=most_steps, merge=0.5,
     )  # fmt: skip
 
@@ -105,7 +106,7 @@ def start_from(problem: FitProblem, values: dict[str, float]) -> np.ndarray:
     return np.array([u.coordinate(values[u.name]) if u.name in values else 0.0 for u in problem.unknowns])
 
 
-def refined(judged: Judged, resolution: Resolution, most_steps: int) -> Judged:
+def refined(judged: Judged, resolution: TimeResolution, most_steps: int) -> Judged:
     """A fit finished at the fine step and freed of the solver's error."""
     fitted = judged.fit
     try:

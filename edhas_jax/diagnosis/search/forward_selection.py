@@ -20,8 +20,8 @@ from edhas_jax.diagnosis.search.trials import PROMISE, TRIAL_STEPS, best_reached
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.step_selection import Resolution, choose_resolution
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
 
 MOST_EFFECTS = 3
 CALIBRATION_STEPS, FINAL_STEPS = 25, 12
@@ -71,22 +71,22 @@ def diagnose(
     return Diagnosis(campaign, verdict, tuple(rounds), as_it_was, null, after, seconds, parts)
 
 
-def _calibrated(campaign: Campaign, say) -> tuple[Judged, Resolution]:
+def _calibrated(campaign: Campaign, say) -> tuple[Judged, TimeResolution]:
     """The campaign's model with what is uncertain fitted at a rough step, and the steps that serve."""
     problem = problem_of(campaign, campaign.machine, Instruments(), ())
     centre = start_from(problem, {})
     say("looking for the step that serves")
-    resolution = choose_resolution(problem.model(), centre)
+    resolution = choose_time_resolution(problem.model(), centre)
     say("fitting what is uncertain")
     try:
-        return search(problem, centre, resolution.rough, CALIBRATION_STEPS), resolution
+        return search(problem, centre, resolution.coarse, CALIBRATION_STEPS), resolution
     except FitError:  # derivatives ask for a finer step than signals do where valves bounce
-        resolution = Resolution(resolution.fine, resolution.fine, resolution.error)
-        return search(problem, centre, resolution.rough, CALIBRATION_STEPS), resolution
+        resolution = TimeResolution(resolution.fine, resolution.fine, resolution.error)
+        return search(problem, centre, resolution.coarse, CALIBRATION_STEPS), resolution
 
 
 def _rounds(
-    campaign: Campaign, null: Judged, resolution: Resolution, more, allowed: set[str] | None, say,
+    campaign: Campaign, null: Judged, resolution: TimeResolution, more, allowed: set[str] | None, say,
     begun: Round | None = None,
 ) -> list[Round]:  # fmt: skip
     """One effect after another, until nothing that is left to suspect is confirmed by new runs.
@@ -117,14 +117,14 @@ def _rounds(
         before, resolution = found.judged if done else _finished(found.judged, finer, say), finer
 
 
-def _without(before: Judged, found: Trial, resolution: Resolution, say) -> Judged | None:
+def _without(before: Judged, found: Trial, resolution: TimeResolution, say) -> Judged | None:
     """The model without an effect, fitted from where the fit with it has led; None where that is no better.
 
     A fit that has ended in a pit may be led out of it by any effect, which then seems to explain what was not missing.
     """
     problem = before.fit.problem
     try:
-        there = search(problem, start_from(problem, found.judged.fit.values), resolution.rough, CALIBRATION_STEPS)
+        there = search(problem, start_from(problem, found.judged.fit.values), resolution.coarse, CALIBRATION_STEPS)
     except FitError:
         return None
     there = _finished(there, resolution, say)
@@ -132,8 +132,13 @@ def _without(before: Judged, found: Trial, resolution: Resolution, say) -> Judge
 
 
 def _round(
-    before: Judged, accepted: Sequence[Suspect], suspects: Sequence[Suspect], resolution: Resolution, say, last: bool
-) -> tuple[Round, Resolution]:
+    before: Judged,
+    accepted: Sequence[Suspect],
+    suspects: Sequence[Suspect],
+    resolution: TimeResolution,
+    say,
+    last: bool,
+) -> tuple[Round, TimeResolution]:
     """The search for one more effect, and the steps that serve after it.
 
     Formulas are asked where no effect promises to account for what is left over.
@@ -169,7 +174,7 @@ def _formulas(machine: Rig) -> list[Suspect]:
     return [Suspect(kind) for kind in FORMS if can_have(machine, kind)]
 
 
-def _asked(rounds: Sequence[Round], resolution: Resolution, say) -> tuple[dict[str, float], list[Trial]]:
+def _asked(rounds: Sequence[Round], resolution: TimeResolution, say) -> tuple[dict[str, float], list[Trial]]:
     """What each part of the machine accounts for, and what was fitted to find out, the best first."""
     say("asking each part of the machine what it could account for")
     first, null = rounds[0], rounds[0].before
@@ -204,7 +209,9 @@ def _screened(screen: Screen, suspects: Sequence[Suspect], say) -> list[Score]:
     return sorted(scores, key=lambda score: -score.fall)
 
 
-def _looked_closer(before: Judged, trials: list[Trial], resolution: Resolution, say) -> tuple[list[Trial], Resolution]:
+def _looked_closer(
+    before: Judged, trials: list[Trial], resolution: TimeResolution, say
+) -> tuple[list[Trial], TimeResolution]:
     """The trials, the best fitted again where it is confirmed and yet leaves much over; and the steps that serve then.
 
     What is left may be the step's doing, as the effect may ask for a finer one, or that of a pit on the way down.
@@ -213,24 +220,24 @@ def _looked_closer(before: Judged, trials: list[Trial], resolution: Resolution, 
     if best is None or not confirmed(before, best):
         return trials, resolution
     closer, finer = best, _serving(best, resolution)
-    if not best.judged.near_noise and finer.rough > resolution.rough:
+    if not best.judged.near_noise and finer.coarse > resolution.coarse:
         say(f"a finer step for {best.suspect.name}")
         fitted = best.judged.fit
-        closer = again(before, best, search(fitted.problem, fitted.x, finer.rough, TRIAL_STEPS))
+        closer = again(before, best, search(fitted.problem, fitted.x, finer.coarse, TRIAL_STEPS))
     if not closer.judged.near_noise:
         say(f"{best.suspect.name}: first without the runs that fit worst")
-        closer = second_look(before, closer, finer.rough, CALIBRATION_STEPS)
+        closer = second_look(before, closer, finer.coarse, CALIBRATION_STEPS)
         finer = _serving(closer, finer)
     return [closer if t is best else t for t in trials], finer
 
 
-def _serving(trial: Trial, resolution: Resolution) -> Resolution:
+def _serving(trial: Trial, resolution: TimeResolution) -> TimeResolution:
     """The steps that serve where a trial has led too."""
-    here = choose_resolution(trial.judged.fit.problem.model(), trial.judged.fit.x)
-    return Resolution(max(resolution.rough, here.rough), max(resolution.fine, here.fine), here.error)
+    here = choose_time_resolution(trial.judged.fit.problem.model(), trial.judged.fit.x)
+    return TimeResolution(max(resolution.coarse, here.coarse), max(resolution.fine, here.fine), here.error)
 
 
-def _finished(judged: Judged, resolution: Resolution, say) -> Judged:
+def _finished(judged: Judged, resolution: TimeResolution, say) -> Judged:
     """A fit with the solver's error taken out, where what is left over is so little that this would matter."""
     if not judged.near_noise:
         return judged

@@ -16,8 +16,9 @@ from scipy.stats import qmc
 from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem
 from edhas_jax.diagnosis.search.evaluated_fit import Judged, minima, search
 from edhas_jax.measurements.campaign import BenchRun
-from edhas_jax.measurements.predicted_signals import Case, whitened
-from edhas_jax.measurements.step_selection import choose_resolution
+from edhas_jax.measurements.measurement_model import EvaluationPoint
+from edhas_jax.measurements.residuals import normalised_residuals
+from edhas_jax.measurements.time_resolution import choose_time_resolution
 
 STRETCHES = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)  # shares of each run
 SCANNED, RESOLVED = 1, 3  # the stretches on which sizes are scanned, and that the step has to serve
@@ -43,8 +44,8 @@ def grown(
     if lefts[-1] < SEEN:
         return None
     at = np.concatenate([starts, _scanned(parts[SCANNED], starts[-1], own, per_sample)])
-    per_sample = max(per_sample, choose_resolution(parts[RESOLVED].model(), at[len(starts)]).rough)
-    prior = np.array([float(u.prior) for u in problem.unknowns])
+    per_sample = max(per_sample, choose_time_resolution(parts[RESOLVED].model(), at[len(starts)]).coarse)
+    prior = np.array([float(u.has_prior) for u in problem.unknowns])
     for part, left in zip(parts, lefts, strict=True):
         found = minima(part, at, per_sample, most_steps)
         at = found.x[np.argsort(found.model.cost)[:KEPT]]
@@ -77,9 +78,9 @@ def _scanned(part: FitProblem, around: np.ndarray, own: int, per_sample: int) ->
     rows[:, -own:] = np.clip(sizes, low, high)
     model = part.model()
     every = tuple(range(len(model.runs)))
-    found = model.outcomes([Case(row, every) for row in rows], per_sample, derive=False)
+    found = model.predict([EvaluationPoint(row, every) for row in rows], per_sample, with_sensitivities=False)
     squares = [
-        sum(_squares(whitened(part.campaign, run, outcomes[r]), run) for r, run in enumerate(model.runs))
+        sum(_squares(normalised_residuals(part.campaign, run, outcomes[r]), run) for r, run in enumerate(model.runs))
         for outcomes in found
     ]
     return rows[np.argsort(squares)[:KEPT]]

@@ -15,7 +15,7 @@ from edhas_jax.diagnosis.search.localisation import probabilities
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Campaign, Use
-from edhas_jax.measurements.predicted_signals import levels
+from edhas_jax.measurements.residuals import rms_by_signal
 
 TEMPER = 0.1  # exponent of the evidence: models are never exact, so that likelihoods of 10⁴ samples are too sure
 UNCONFIRMED = 0.05  # probability that something is missing where new runs confirmed nothing
@@ -194,5 +194,5 @@ class Diagnosis:
         """Residual over noise: {before, calibrated, after} × {fit, holdout} × {overall, each signal}."""
         states = {"before": self.before, "calibrated": self.calibrated.residuals, "after": self.after.residuals}
         return {
-            state: {use.value: levels(self.campaign, rows, use) for use in Use} for state, rows in states.items()
+            state: {use.value: rms_by_signal(self.campaign, rows, use) for use in Use} for state, rows in states.items()
         }

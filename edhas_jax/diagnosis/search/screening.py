@@ -18,9 +18,9 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.search.candidates import Suspect, grid, problem_of, unknowns_of
-from edhas_jax.measurements.measurement_chain import Instruments
-from edhas_jax.measurements.predicted_signals import Case
-from edhas_jax.measurements.prior import Unknown
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import EvaluationPoint
+from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 DISTINCT = 1e-2  # of the largest eigenvalue: combinations below it are differences of nearly equal signatures
 LARGEST, SMALLEST = 4.0, 0.25  # a signature may be scaled that far before another point of the grid is nearer
@@ -51,13 +51,12 @@ class Screen:
         measured = self._flat([run.signals for run in self._model.runs])
         self._there = np.isfinite(measured)
         residual = (measured - self._flat([out.values for out in fit.outcomes]))[self._there]
-        prior = np.array([float(u.prior) for u in fit.problem.unknowns])
-        slopes = self._flat([out.slopes for out in fit.outcomes])[self._there]
+        prior = np.array([float(u.has_prior) for u in fit.problem.unknowns])
+        slopes = self._flat([out.sensitivities for out in fit.outcomes])[self._there]
         self.residual = np.concatenate([residual, -prior * fit.x])
         self._known = np.linalg.qr(np.concatenate([slopes, np.diag(prior)]))[0]
         # signatures are differences: both sides at the same, rough, step
-        every = tuple(range(len(self._model.runs)))
-        self._base = self._model.outcomes([Case(fit.x, every)], fit.resolution.rough, derive=False)[0]
+        self._base = self._model.predict_all_runs(fit.x, fit.resolution.coarse)
 
     def score(self, suspect: Suspect) -> Score:
         """The best point of a suspect's grid; a fall of 0 where it cannot be simulated or promises nothing."""
@@ -119,8 +118,8 @@ class Screen:
         known = {u.name: u.value(x) for u, x in zip(fitted.unknowns, self._fit.x, strict=True)}
         at = [u.coordinate(known[u.name]) if u.name in known else 0.0 for u in problem.unknowns]
         every = tuple(range(len(self._model.runs)))
-        cases = [Case(np.concatenate([at[: len(at) - len(x)], x]), every) for x in points]
-        for found in problem.model().outcomes(cases, self._fit.resolution.rough, derive=False):
+        cases = [EvaluationPoint(np.concatenate([at[: len(at) - len(x)], x]), every) for x in points]
+        for found in problem.model().predict(cases, self._fit.resolution.coarse, with_sensitivities=False):
             yield [found[r].values for r in every]
 
     def _recorded(self, suspect: Suspect, points: np.ndarray) -> Iterator[list[dict[str, np.ndarray]]]:
@@ -140,7 +139,7 @@ class Screen:
         return np.concatenate(rows)
 
 
-def _scaled(unknowns: Sequence[Unknown], x: np.ndarray, scale: float) -> np.ndarray:
+def _scaled(unknowns: Sequence[UnknownParameter], x: np.ndarray, scale: float) -> np.ndarray:
     """The coordinates with the size of an effect, its first unknown, multiplied by `scale`."""
     out = np.array(x, float)
     if unknowns:

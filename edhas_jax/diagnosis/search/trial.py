@@ -11,7 +11,7 @@ from edhas_jax.diagnosis.search.candidates import Suspect, held_by_belief, probl
 from edhas_jax.diagnosis.search.evaluated_fit import Judged, refined, search, start_from
 from edhas_jax.diagnosis.search.progressive_fit import grown
 from edhas_jax.diagnosis.search.screening import Score
-from edhas_jax.measurements.step_selection import Resolution
+from edhas_jax.measurements.time_resolution import TimeResolution
 
 ENOUGH = 0.3  # share of what a suspect promised that a fit from one start must bring, else another start is tried
 STAND_IN = 30.0  # evidence that a suspect loses with a value that nobody would believe: it is probably something else
@@ -34,7 +34,7 @@ class Trial:
 
 
 def try_suspect(
-    before: Judged, accepted: Sequence[Suspect], score: Score, resolution: Resolution, most_steps: int,
+    before: Judged, accepted: Sequence[Suspect], score: Score, resolution: TimeResolution, most_steps: int,
     finish: bool, grow: bool = True,
 ) -> Trial:  # fmt: skip
     """Fit everything anew with a suspect in place, at the fine step if it is to `finish`.
@@ -51,7 +51,7 @@ def try_suspect(
     best: Judged | None = None
     for start in (here, there):
         try:
-            found = search(problem, start, resolution.rough, most_steps)
+            found = search(problem, start, resolution.coarse, most_steps)
             found = refined(found, resolution, most_steps) if finish else found
         except FitError:
             continue
@@ -61,7 +61,7 @@ def try_suspect(
             break
     if grow and (best is None or not best.near_noise):
         starts = np.array([there] if best is None else [best.fit.x, there])
-        best = grown(problem, starts, len(score.x), resolution.rough, most_steps, best) or best
+        best = grown(problem, starts, len(score.x), resolution.coarse, most_steps, best) or best
     failed = Trial(suspect, score, None, -math.inf, -math.inf)
     return failed if best is None else again(before, failed, best)
 

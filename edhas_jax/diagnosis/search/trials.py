@@ -12,8 +12,8 @@ from edhas_jax.diagnosis.search.evaluated_fit import Judged, search
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.diagnosis.search.trial import Trial, again, try_suspect
 from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.predicted_signals import level
-from edhas_jax.measurements.step_selection import Resolution
+from edhas_jax.measurements.residuals import rms_over_noise
+from edhas_jax.measurements.time_resolution import TimeResolution
 
 WORST = 2.0  # times the median of the runs' residuals, from which on a run is left out
 
@@ -27,7 +27,7 @@ def second_look(before: Judged, trial: Trial, per_sample: int, most_steps: int) 
     found = trial.judged
     problem = found.fit.problem
     runs = problem.campaign.runs_for(Use.FIT)
-    levels = np.array([level(found.residuals[run.name].values()) for run in runs])
+    levels = np.array([rms_over_noise(found.residuals[run.name].values()) for run in runs])
     tame = tuple(run for run, of in zip(runs, levels, strict=True) if of <= WORST * np.median(levels))
     if len(tame) == len(runs):
         return trial
@@ -47,7 +47,7 @@ TRIAL_STEPS = 12
 
 
 def tournament(
-    before: Judged, accepted: Sequence[Suspect], scores: Sequence[Score], resolution: Resolution, say,
+    before: Judged, accepted: Sequence[Suspect], scores: Sequence[Score], resolution: TimeResolution, say,
     reached: float = 0.0,
 ) -> list[Trial]:  # fmt: skip
     """Trials of the suspects that promise most, until the rest promise too little beside what was reached."""

@@ -9,13 +9,13 @@ from edhas_jax.machine.components.set_points import Sine
 from edhas_jax.machine.rigs import ActuatorSystem, Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity
 
-GAP = 1.5  # steps, in usual intervals, above which samples are missing
-JITTER = 0.02  # rms of the steps about the usual interval, as a share of it
+GAP_IN_INTERVALS = 1.5  # steps, in usual intervals, above which samples are missing
+MAX_JITTER = 0.02  # rms of the steps about the usual interval, as a share of it
 MOST = 5  # gaps of a run that are told one by one
 PER_CYCLE = 20  # samples that a cycle of the set point needs
 
 
-def check_clock(run: BenchRun, machine: Rig) -> Iterator[Remark]:
+def check_time_axis(run: BenchRun, machine: Rig) -> Iterator[Remark]:
     """What is wrong with the time of a run; `machine` is the one under its conditions."""
     steps, usual = np.diff(run.time), run.interval
     told = format_quantity(usual, "s")
@@ -23,10 +23,10 @@ def check_clock(run: BenchRun, machine: Rig) -> Iterator[Remark]:
     def warn(at: int, sentence: str) -> Remark:
         return Remark(Severity.WARNING, run.file, int(run.lines[at]), sentence)
 
-    if abs(run.time[0]) > GAP * usual:
+    if abs(run.time[0]) > GAP_IN_INTERVALS * usual:
         start = format_quantity(run.time[0], "s")
         yield warn(0, f"the first sample is at {start}; time must count from the start of the run, at rest")
-    gaps = np.flatnonzero(steps > GAP * usual)
+    gaps = np.flatnonzero(steps > GAP_IN_INTERVALS * usual)
     for at in gaps[:MOST]:
         missing, gap = round(steps[at] / usual) - 1, format_quantity(steps[at], "s")
         yield warn(at, f"a gap of {gap} follows: {missing} samples are missing ({told} apart)")
@@ -34,8 +34,8 @@ def check_clock(run: BenchRun, machine: Rig) -> Iterator[Remark]:
         longest = format_quantity(steps.max(), "s")
         yield warn(gaps[MOST], f"and {len(gaps) - MOST} more gaps from here on, the longest {longest}")
     scatter = jitter(run)
-    if scatter > JITTER:
-        at = int(np.argmax(np.where(steps <= GAP * usual, np.abs(steps - usual), 0.0)))
+    if scatter > MAX_JITTER:
+        at = int(np.argmax(np.where(steps <= GAP_IN_INTERVALS * usual, np.abs(steps - usual), 0.0)))
         worst = format_quantity(steps[at], "s")
         yield warn(at, f"time stamps jitter: steps are off {told} by {scatter:.0%} rms, here one of {worst} follows")
     if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
@@ -51,4 +51,4 @@ def check_clock(run: BenchRun, machine: Rig) -> Iterator[Remark]:
 def jitter(run: BenchRun) -> float:
     """How much the steps from sample to sample scatter, rms, as a share of the usual one; gaps aside."""
     steps = np.diff(run.time) / run.interval
-    return float(np.sqrt(np.mean((steps[steps <= GAP] - 1.0) ** 2)))
+    return float(np.sqrt(np.mean((steps[steps <= GAP_IN_INTERVALS] - 1.0) ** 2)))

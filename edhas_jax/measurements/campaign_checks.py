@@ -6,9 +6,9 @@ from collections.abc import Callable
 import numpy as np
 
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
-from edhas_jax.measurements.clock_checks import check_clock
-from edhas_jax.measurements.delay_checks import Shifts
+from edhas_jax.measurements.delay_checks import DelayCheck
 from edhas_jax.measurements.signal_checks import check_quality, check_sensor
+from edhas_jax.measurements.time_axis_checks import check_time_axis
 from edhas_jax.measurements.unit_checks import check_units
 from edhas_jax.simulation.run import Simulation, SimulationError, simulate
 
@@ -27,7 +27,7 @@ def check_campaign(campaign: Campaign, on_progress: Callable[[float], None] | No
     models: dict[str, dict[str, np.ndarray]] = {}
     for at, run in enumerate(campaign.runs):
         machine = campaign.machine_of(run)
-        clock = list(check_clock(run, machine))
+        clock = list(check_time_axis(run, machine))
         found += clock
         if any("unit of time" in remark.sentence for remark in clock) or run.time[-1] > LONGEST:
             continue
@@ -42,7 +42,7 @@ def check_campaign(campaign: Campaign, on_progress: Callable[[float], None] | No
             said = [*check_sensor(campaign, run, name), *check_units(campaign, run, name, models)]
             # a stuck sensor or a slip of units spoils the noise and the shape too: one cause is told once
             found += said or check_quality(campaign, run, name)
-    found += Shifts(campaign, models).check()
+    found += DelayCheck(campaign, models).check()
     order = {run.file: at for at, run in enumerate(campaign.runs)}
     return tuple(sorted(dict.fromkeys(found), key=lambda r: (order.get(r.file, -1), r.line)))
 

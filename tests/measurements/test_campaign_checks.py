@@ -8,8 +8,8 @@ import pytest
 
 from edhas_jax.commands.cli import main
 from edhas_jax.measurements.campaign import Severity
+from edhas_jax.measurements.campaign_checks import check_campaign
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.measurements.data_checks import check_campaign
 from tests.support import ROOT
 from tests.support.spoilt_campaign import SOUND, copy, describe, moved, record
 

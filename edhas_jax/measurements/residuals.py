@@ -1,0 +1,48 @@
+"""Residuals between measurement and model in units of the sensor noise, and their rms."""
+
+import math
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
+from edhas_jax.measurements.measurement_model import PredictedSignals
+
+OVERALL = "overall"
+
+
+def normalised_residuals(campaign: Campaign, run: BenchRun, predicted: PredictedSignals) -> dict[str, np.ndarray]:
+    """(measured − predicted)/(standard deviation of the noise) by signal (samples,); NaN where a sample is missing."""
+    return {
+        n: (values - predicted.values[n]) / campaign.channels[n].noise
+        for n, values in run.signals.items()
+        if n in predicted.values
+    }
+
+
+def rms_over_noise(residuals: Iterable[np.ndarray]) -> float:
+    """The rms of normalised residuals over all finite samples; 1 is pure sensor noise, inf a failed simulation."""
+    square_sum, count = 0.0, 0
+    for values in residuals:
+        square_sum += float(np.nansum(np.square(values)))
+        count += int(np.isfinite(values).sum())
+    return math.sqrt(square_sum / count) if count else math.inf
+
+
+def rms_by_signal(
+    campaign: Campaign, residuals: Mapping[str, Mapping[str, np.ndarray]], use: Use
+) -> dict[str, float]:
+    """The rms of normalised residuals over all runs of one use.
+
+    Args:
+        campaign: says which runs have that use.
+        residuals: normalised residuals (samples,) by run and signal.
+        use: fit or holdout.
+
+    Returns:
+        The rms by signal, and of all signals together under `OVERALL`; empty if there is no such run.
+    """
+    selected = [residuals[run.name] for run in campaign.runs_for(use) if run.name in residuals]
+    names = dict.fromkeys(n for signals in selected for n in signals)
+    overall = {OVERALL: rms_over_noise(v for signals in selected for v in signals.values())} if selected else {}
+    return overall | {n: rms_over_noise(signals[n] for signals in selected if n in signals) for n in names}
