@@ -106,7 +106,7 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     budget = Budget(drawn=1, starts=1, iterations=2, steps_per_cycle=1250, cycles=2) if options.short else Budget()
     keys = [(name, how) for name in CONTROLLERS for how in SAMPLINGS]
     if options.short:
-        keys = [("pid", "5khz"), ("antsmc", "5khz")]
+        keys = [("pid", "5khz"), ("cascade", "5khz")]
     found = study(keys, budget, 3 if options.short else 25)
     options.out.mkdir(parents=True, exist_ok=True)
     picture(found, CONDITIONS, LOAD_TIME).savefig(options.out / "controllers.png", dpi=130)
