@@ -28,7 +28,7 @@ def host() -> Host:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     features = llvm.get_host_cpu_features()
-    return Host(llvm.get_host_cpu_name(), features.flatten(), Processor.of(features))
+    return Host(llvm.get_host_cpu_name(), features.flatten(), Processor.from_features(features))
 
 
 def function(

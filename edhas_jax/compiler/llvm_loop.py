@@ -1,4 +1,4 @@
-"""A program as LLVM assembly: a loop over time for blocks of lanes, with the carry in registers."""
+"""LLVM assembly of a time loop around a scalar program, for blocks of lanes with the carry in registers."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -9,43 +9,49 @@ from edhas_jax.compiler.scalar_ir import Dependence, Program
 
 
 class InputSource(NamedTuple):
-    """Where an input comes from: a row of `table` ("carry", "lane", "uniform", "fed"), or the number of the "step"."""
+    """Where an input of the program comes from.
+
+    Attributes:
+        table: "carry", "lane", "uniform" or "sample_inputs", the argument of `run` (see `loop_assembly`) that holds
+            the input; or "step", the number of the step.
+        row: the row of the table.
+    """
 
     table: str
     row: int = 0
 
 
-_FRAME = """{declarations}
-define void @run(ptr %carry, ptr %lane, ptr %uniform, ptr %fed, ptr %kept,
-                 i64 %first, i64 %per_sample, i64 %samples, i64 %blocks) #0 {{
+_MODULE = """{declarations}
+define void @run(ptr %carry, ptr %lane, ptr %uniform, ptr %sample_inputs, ptr %carry_samples,
+                 i64 %first, i64 %steps_per_sample, i64 %samples, i64 %blocks) #0 {{
 entry:
   %last = sub i64 %samples, 1
   br label %block_loop
 block_loop:
   %block = phi i64 [ 0, %entry ], [ %next_block, %block_end ]
-  {opening}
+  {block_setup}
   br label %sample_loop
 sample_loop:
   %sample = phi i64 [ 0, %block_loop ], [ %next_sample, %sample_end ]
   {sample_phis}
   %samples_before = mul i64 %block, %samples
   %sample_block = add i64 %samples_before, %sample
-  %keeping = icmp ne ptr %kept, null
-  br i1 %keeping, label %keep, label %steps
-keep:
-  {keep}
+  %saves_samples = icmp ne ptr %carry_samples, null
+  br i1 %saves_samples, label %save_sample, label %steps
+save_sample:
+  {saving}
   br label %steps
 steps:
-  {order}
-  {feeding}
-  %done = mul i64 {at}, %per_sample
-  %begin = add i64 %first, %done
-  %end = add i64 %begin, %per_sample
+  {sample_address}
+  {sample_setup}
+  %steps_before = mul i64 {sample_number}, %steps_per_sample
+  %begin = add i64 %first, %steps_before
+  %end = add i64 %begin, %steps_per_sample
   br label %step_loop
 step_loop:
   %n = phi i64 [ %begin, %steps ], [ %next_n, %step_loop ]
   {step_phis}
-  {body}
+  {step}
   %next_n = add i64 %n, 1
   %more_steps = icmp slt i64 %next_n, %end
   br i1 %more_steps, label %step_loop, label %sample_end
@@ -54,7 +60,7 @@ sample_end:
   %more_samples = icmp slt i64 %next_sample, %samples
   br i1 %more_samples, label %sample_loop, label %block_end
 block_end:
-  {closing}
+  {block_end}
   %next_block = add i64 %block, 1
   %more_blocks = icmp slt i64 %next_block, %blocks
   br i1 %more_blocks, label %block_loop, label %exit
@@ -66,136 +72,169 @@ attributes #0 = {{ nounwind alignstack={bytes} "prefer-vector-width"="{bits}" "m
 
 
 def loop_assembly(
-    program: Program, processor: Processor, sources: Sequence[InputSource], rows: int, lane_rows: int, fed_rows: int,
+    program: Program,
+    processor: Processor,
+    sources: Sequence[InputSource],
+    carry_rows: int,
+    lane_rows: int,
+    sample_input_rows: int,
     backwards: bool = False,
-) -> str:  # fmt: skip
-    """The text of a module with the function
+) -> str:
+    """The text of an LLVM module with the time loop around `program`.
 
-    run(carry, lane, uniform, fed, kept, first, per_sample, samples, blocks): `samples` times, the carry is kept and
-    `per_sample` ≥ 1 steps are taken, the first of which has the number `first`. For each block of lanes there are
-    `rows` rows of carry, `lane_rows` rows that stay as they are, `samples` × `fed_rows` rows of which each sample has
-    its own, and `samples` × `rows` rows to keep the carry in (none if `kept` is null). Output k of the program is row k
-    of the new carry. If `backwards`, the samples are gone through from the last to the first.
+    The module has one function, run(carry, lane, uniform, sample_inputs, carry_samples, first, steps_per_sample,
+    samples, blocks). For each block of lanes it stores the carry and takes `steps_per_sample` ≥ 1 steps, `samples`
+    times; the steps of sample k have the numbers from first + k · steps_per_sample. Its tables have the shapes
+
+    - carry: (blocks, carry_rows, lanes), replaced by the final carry;
+    - lane: (blocks, lane_rows, lanes), loop-invariant;
+    - uniform: (rows,), loop-invariant and the same for all lanes;
+    - sample_inputs: (blocks, samples, sample_input_rows, lanes), or null if there are none;
+    - carry_samples: (blocks, samples, carry_rows, lanes), the carry before each sample in processing order, or null.
+
+    Args:
+        program: one step; its output k is row k of the new carry.
+        processor: the vector instructions to use.
+        sources: where each input of the program comes from.
+        carry_rows: number of rows of the carry.
+        lane_rows: number of rows of `lane`.
+        sample_input_rows: number of rows of `sample_inputs`.
+        backwards: whether the samples are processed from the last to the first.
+
+    Returns:
+        The LLVM assembly.
     """
-    code, across = VectorCode(program.type, processor), range(processor.vectors)
-    order = program.schedule()
-    apart = _lane_by_lane(program, order, sources)
-    joined = _joined(program, order, apart)
-    within = set(joined.values())
-    names: dict[int, list[str]] = {}
-    inputs = {program.nodes[i][1]: i for i in order if program.nodes[i][0] == "input"}
+    code, vectors = VectorCode(program.type, processor), range(processor.vectors)
+    schedule = program.schedule()
+    varies = _varies_by_lane(program, schedule, sources)
+    contracted = _select_multiply_adds(program, schedule, varies)
+    contracted_products = set(contracted.values())
+    registers: dict[int, list[str]] = {}
+    inputs = {program.nodes[i][1]: i for i in schedule if program.nodes[i][0] == "input"}
 
-    def computed(i: int, j: int) -> str:
+    def emit_operation(i: int, j: int) -> str:
+        """The code of node i for vector j of the block."""
         op, *args = program.nodes[i]
-        if i not in joined:
-            return code.operation(op, [names[k][j] for k in args])
-        a, b = (names[k][j] for k in program.nodes[joined[i]][1:])
-        rest = names[args[1] if joined[i] == args[0] else args[0]][j]
-        if op == "sub" and joined[i] == args[0]:
-            rest = code.negative(rest)
-        return code.multiply_add(code.negative(a) if op == "sub" and joined[i] == args[1] else a, b, rest)
+        if i not in contracted:
+            return code.operation(op, [registers[k][j] for k in args])
+        product = contracted[i]
+        a, b = (registers[k][j] for k in program.nodes[product][1:])
+        addend = registers[args[1] if product == args[0] else args[0]][j]
+        if op == "sub" and product == args[0]:
+            addend = code.neg(addend)
+        return code.multiply_add(code.neg(a) if op == "sub" and product == args[1] else a, b, addend)
 
-    def compute(level: Dependence) -> None:
-        for i in order:
+    def emit_level(level: Dependence) -> None:
+        """The code of all nodes that are computed at one level of the loop nest."""
+        for i in schedule:
             op, *args = program.nodes[i]
-            if min(program.dependence[i], Dependence.CARRY) != level or op == "input" or i in within:
+            own_level = min(program.dependence[i], Dependence.CARRY)
+            if own_level != level or op == "input" or i in contracted_products:
                 continue
             if op in ("const", "bool"):
-                names[i] = [code.number(args[0]) if op == "const" else code.truth(args[0])] * len(across)
+                text = code.number(args[0]) if op == "const" else code.boolean(args[0])
+                registers[i] = [text] * len(vectors)
+            elif varies[i]:
+                registers[i] = [emit_operation(i, j) for j in vectors]
             else:
-                each = [computed(i, j) for j in (across if apart[i] else (0,))]
-                names[i] = each if apart[i] else each * len(across)
+                registers[i] = [emit_operation(i, 0)] * len(vectors)
 
-    start = [[code.load(_at(code, "%carry", "%block", rows, r, j)) for j in across] for r in range(rows)]
+    initial = [
+        [code.load(_address(code, "%carry", "%block", carry_rows, r, j)) for j in vectors] for r in range(carry_rows)
+    ]
     for k, source in enumerate(sources):
         if k in inputs and source.table == "lane":
-            spots = [_at(code, "%lane", "%block", lane_rows, source.row, j) for j in across]
-            names[inputs[k]] = [code.load(spot) for spot in spots]
+            addresses = [_address(code, "%lane", "%block", lane_rows, source.row, j) for j in vectors]
+            registers[inputs[k]] = [code.load(address) for address in addresses]
         elif k in inputs and source.table == "uniform":
-            spot = code.line(f"getelementptr {code.scalar}, ptr %uniform, i64 {source.row}")
-            names[inputs[k]] = [code.splat(code.load_scalar(spot))] * len(across)
+            address = code.assign(f"getelementptr {code.scalar}, ptr %uniform, i64 {source.row}")
+            registers[inputs[k]] = [code.splat(code.load_scalar(address))] * len(vectors)
         elif k in inputs and source.table == "carry":
-            names[inputs[k]] = [f"%c{source.row}.{j}" for j in across]
-    compute(Dependence.INVARIANT)
-    opening = code.taken()
-    for r in range(rows):
-        for j in across:
-            code.store(f"%s{r}.{j}", _at(code, "%kept", "%sample_block", rows, r, j))
-    keep = code.taken()
-    at = code.line("sub i64 %last, %sample") if backwards else "%sample"
-    feed_block = code.line(f"add i64 %samples_before, {at}")
-    order_of_samples = code.taken()
+            registers[inputs[k]] = [f"%c{source.row}.{j}" for j in vectors]
+    emit_level(Dependence.INVARIANT)
+    block_setup = code.take_lines()
+    for r in range(carry_rows):
+        for j in vectors:
+            code.store(f"%s{r}.{j}", _address(code, "%carry_samples", "%sample_block", carry_rows, r, j))
+    saving = code.take_lines()
+    sample_number = code.assign("sub i64 %last, %sample") if backwards else "%sample"
+    input_block = code.assign(f"add i64 %samples_before, {sample_number}")
+    sample_address = code.take_lines()
     for k, source in enumerate(sources):
-        if k in inputs and source.table == "fed":
-            spots = [_at(code, "%fed", feed_block, fed_rows, source.row, j) for j in across]
-            names[inputs[k]] = [code.load(spot) for spot in spots]
-    compute(Dependence.SAMPLE)
-    feeding = code.taken()
-    number = [code.splat(code.line(f"sitofp i64 %n to {code.scalar}"))] * len(across)
-    names |= {inputs[k]: number for k, source in enumerate(sources) if k in inputs and source.table == "step"}
-    compute(Dependence.STEP)
-    compute(Dependence.CARRY)
-    body = code.taken()
-    new = [names[program.outputs[r]] for r in range(rows)]
-    for r in range(rows):
-        for j in across:
-            code.store(new[r][j], _at(code, "%carry", "%block", rows, r, j))
-    closing = code.taken()
+        if k in inputs and source.table == "sample_inputs":
+            addresses = [
+                _address(code, "%sample_inputs", input_block, sample_input_rows, source.row, j) for j in vectors
+            ]
+            registers[inputs[k]] = [code.load(address) for address in addresses]
+    emit_level(Dependence.SAMPLE)
+    sample_setup = code.take_lines()
+    step_number = [code.splat(code.assign(f"sitofp i64 %n to {code.scalar}"))] * len(vectors)
+    registers |= {inputs[k]: step_number for k, source in enumerate(sources) if k in inputs and source.table == "step"}
+    emit_level(Dependence.STEP)
+    emit_level(Dependence.CARRY)
+    step = code.take_lines()
+    new = [registers[program.outputs[r]] for r in range(carry_rows)]
+    for r in range(carry_rows):
+        for j in vectors:
+            code.store(new[r][j], _address(code, "%carry", "%block", carry_rows, r, j))
+    block_end = code.take_lines()
 
-    def phis(name: str, first, before: str, then: str) -> list[str]:
+    def phis(prefix: str, entry_value, entry: str, loop: str) -> list[str]:
+        """The carry at the head of a loop: `entry_value` from the block `entry`, the new carry from `loop`."""
         return [
-            f"%{name}{r}.{j} = phi {code.vector} [ {first(r, j)}, %{before} ], [ {new[r][j]}, %{then} ]"
-            for r in range(rows)
-            for j in across
+            f"%{prefix}{r}.{j} = phi {code.vector} [ {entry_value(r, j)}, %{entry} ], [ {new[r][j]}, %{loop} ]"
+            for r in range(carry_rows)
+            for j in vectors
         ]
 
     parts = {
-        "opening": opening,
-        "sample_phis": phis("s", lambda r, j: start[r][j], "block_loop", "sample_end"),
-        "keep": keep,
-        "order": order_of_samples,
-        "feeding": feeding,
+        "block_setup": block_setup,
+        "sample_phis": phis("s", lambda r, j: initial[r][j], "block_loop", "sample_end"),
+        "saving": saving,
+        "sample_address": sample_address,
+        "sample_setup": sample_setup,
         "step_phis": phis("c", lambda r, j: f"%s{r}.{j}", "steps", "step_loop"),
-        "body": body,
-        "closing": closing,
+        "step": step,
+        "block_end": block_end,
     }
     text = {n: "\n  ".join(lines) for n, lines in parts.items()}
-    # without `alignstack` the stack stays at 16 bytes, and a vector that is put there lies across two cache lines
+    # without `alignstack` the stack is aligned to 16 bytes only, and a spilled vector may cross a cache line
     size = {"bytes": processor.vector_bytes, "bits": 8 * processor.vector_bytes}
-    return _FRAME.format(at=at, declarations="\n".join(code.declarations()), **size, **text)
+    return _MODULE.format(sample_number=sample_number, declarations="\n".join(code.declarations()), **size, **text)
 
 
-def _at(code: VectorCode, table: str, block: str, rows: int, row: int, j: int) -> str:
-    """The address of vector j of a row of a block."""
-    wide = code.processor.vectors * code.width
-    before = code.line(f"mul i64 {block}, {rows * wide}")
-    spot = code.line(f"add i64 {before}, {row * wide + j * code.width}")
-    return code.line(f"getelementptr {code.scalar}, ptr {table}, i64 {spot}")
+def _address(code: VectorCode, table: str, block: str, rows: int, row: int, j: int) -> str:
+    """The address of vector j in a row of a block."""
+    lanes = code.processor.vectors * code.width
+    block_offset = code.assign(f"mul i64 {block}, {rows * lanes}")
+    offset = code.assign(f"add i64 {block_offset}, {row * lanes + j * code.width}")
+    return code.assign(f"getelementptr {code.scalar}, ptr {table}, i64 {offset}")
 
 
-def _lane_by_lane(program: Program, order: Sequence[int], sources: Sequence[InputSource]) -> dict[int, bool]:
-    """Whether a value differs from lane to lane; what does not is computed once for all vectors of a block."""
-    apart: dict[int, bool] = {}
-    for i in order:
+def _varies_by_lane(program: Program, schedule: Sequence[int], sources: Sequence[InputSource]) -> dict[int, bool]:
+    """Whether a value differs from lane to lane; one that does not is computed once for all vectors of a block."""
+    varies: dict[int, bool] = {}
+    for i in schedule:
         op, *args = program.nodes[i]
         if op == "input":
-            apart[i] = sources[args[0]].table in ("carry", "lane", "fed")
+            varies[i] = sources[args[0]].table in ("carry", "lane", "sample_inputs")
         else:
-            apart[i] = any(apart[k] for k in program.operands(i))
-    return apart
+            varies[i] = any(varies[k] for k in program.operands(i))
+    return varies
 
 
-def _joined(program: Program, order: Sequence[int], apart: dict[int, bool]) -> dict[int, int]:
-    """For sums and differences the product that becomes one operation with them: one that nothing else uses.
+def _select_multiply_adds(program: Program, schedule: Sequence[int], varies: dict[int, bool]) -> dict[int, int]:
+    """{sum or difference: product that is contracted with it to a fused multiply-add}.
 
-    It is chosen here and not by the compiler, whose choice would depend on how many vectors are side by side.
+    A product is contracted where it has no other use. The choice is made here and not by LLVM, which would choose
+    depending on the number of interleaved vectors, so that results would not be reproducible to the bit.
     """
-    uses = Counter(k for i in order for k in program.operands(i)) + Counter(program.outputs.values())
-    where = {i: (min(program.dependence[i], Dependence.CARRY), apart[i]) for i in order}
-    out: dict[int, int] = {}
-    for i in order:
+    uses = Counter(k for i in schedule for k in program.operands(i)) + Counter(program.outputs.values())
+    place = {i: (min(program.dependence[i], Dependence.CARRY), varies[i]) for i in schedule}
+    contracted: dict[int, int] = {}
+    for i in schedule:
         op, *args = program.nodes[i]
         if op in ("add", "sub"):
-            products = [k for k in args if program.nodes[k][0] == "mul" and uses[k] == 1 and where[k] == where[i]]
-            out.update((i, k) for k in products[:1])
-    return out
+            products = [k for k in args if program.nodes[k][0] == "mul" and uses[k] == 1 and place[k] == place[i]]
+            contracted.update((i, k) for k in products[:1])
+    return contracted

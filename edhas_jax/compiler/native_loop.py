@@ -16,8 +16,11 @@ from edhas_jax.compiler.scalar_ir import Dependence
 from edhas_jax.compiler.threads import each
 
 _LEVELS = {
-    "carry": Dependence.CARRY, "lane": Dependence.INVARIANT, "uniform": Dependence.INVARIANT, "fed": Dependence.SAMPLE
-}  # fmt: skip
+    "carry": Dependence.CARRY,
+    "lane": Dependence.INVARIANT,
+    "uniform": Dependence.INVARIANT,
+    "sample_inputs": Dependence.SAMPLE,
+}
 
 
 class Marched(NamedTuple):
@@ -52,7 +55,7 @@ class Loop:
         processor = host().processor
         if vectors is not None:
             processor = dataclasses.replace(processor, vectors=vectors)
-        tables = {"carry": carry, "lane": lane, "uniform": uniform} | ({} if fed is None else {"fed": fed})
+        tables = {"carry": carry, "lane": lane, "uniform": uniform} | ({} if fed is None else {"sample_inputs": fed})
         self._structures = {name: jax.tree.structure(table) for name, table in tables.items()}
 
         def text() -> str:
@@ -65,7 +68,7 @@ class Loop:
             rows = {name: structure.num_leaves for name, structure in self._structures.items()}
             leaves = ((name, row) for name, count in rows.items() for row in range(count))
             sources = [InputSource("step"), *(InputSource(*leaf) for leaf in leaves)]
-            counts = rows["carry"], rows["lane"], rows.get("fed", 0)
+            counts = rows["carry"], rows["lane"], rows.get("sample_inputs", 0)
             return loop_assembly(program, processor, sources, *counts, backwards)
 
         self.lanes = processor.lanes(self.dtype)
@@ -90,7 +93,7 @@ class Loop:
         kept = np.empty((blocks, samples, rows, self.lanes) if keep else 0, self.dtype)
         feed = np.empty(0, self.dtype)
         if fed is not None:
-            columns = np.stack([np.asarray(leaf, self.dtype) for leaf in self._leaves("fed", fed)], axis=1)
+            columns = np.stack([np.asarray(leaf, self.dtype) for leaf in self._leaves("sample_inputs", fed)], axis=1)
             shape = blocks, samples, columns.shape[1], self.lanes
             feed = np.ascontiguousarray(np.broadcast_to(columns[None, :, :, None], shape))
 

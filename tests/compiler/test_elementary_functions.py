@@ -90,5 +90,5 @@ def test_an_operation_without_counterpart_is_refused():
 
 
 def test_vector_width_follows_the_features_of_the_processor():
-    assert Processor.of({"avx": True, "avx512f": False}) == Processor(32, False)
-    assert Processor.of({}) == Processor(16, False) and Processor.of({}).lanes("float32") == 8
+    assert Processor.from_features({"avx": True, "avx512f": False}) == Processor(32, False)
+    assert Processor.from_features({}) == Processor(16, False) and Processor.from_features({}).lanes("float32") == 8
