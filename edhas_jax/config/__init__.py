@@ -1,1 +1,1 @@
-"""Configuration files: reading with line numbers, checking, writing, and folders of runs."""
+"""Configuration files: YAML reader with line numbers, checks, writer, JSON schema, recorded signals, run folders."""

@@ -1,4 +1,4 @@
-"""The JSON schema of configurations, for completion and checks in editors."""
+"""JSON schema of machine configurations, for completion and checks in editors."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,30 +13,20 @@ from edhas_jax.machine.parameters import KINDS, span_text
 from edhas_jax.machine.rigs import RIGS, parts
 from edhas_jax.simulation.run import Precision
 
-CLASS_IN_FILE = r"^.+:\s*[A-Za-z_]\w*\s*$"  # a class of the user
+USER_CLASS_PATTERN = r"^.+:\s*[A-Za-z_]\w*\s*$"  # file.py:ClassName
+QUANTITY_REFERENCE = {"$ref": "#/$defs/quantity"}
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON schema (draft 2020-12) of a configuration, made from what rigs, effects and parameters declare."""
-    owners = dict.fromkeys(type(part) for rig in RIGS.values() for part in parts(rig()).values())
-    owners |= dict.fromkeys(cls for kinds in KINDS.values() for cls in kinds.values())
-    owners |= dict.fromkeys(LIBRARY)
-    by_name: dict[str, list[Parameter]] = {}
-    for owner in owners:
-        for p in structs.parameters(owner):
-            by_name.setdefault(p.name, []).append(p)
-    effects = [cls.id for cls in LIBRARY]
-    text_file = {"type": "string", "pattern": CLASS_IN_FILE}
-    settings = {n: _schema_of([p]) for n, p in SIMULATION_SETTINGS.items()}
-    settings["precision"] = {"enum": [p.value for p in Precision]}
-    for name in ("step", "accuracy"):
-        del settings[name]["default"]
-        p = SIMULATION_SETTINGS[name]
-        low, high = (setting_text(p, bound) for bound in p.span)
-        settings[name]["description"] = f"{p.doc}; {low} … {high}; default: chosen"
-    sections = {s: _schema_of_section(kinds) for s, kinds in KINDS.items()}
-    sections["controller"] = _schema_of_controller()
-    sections["target"] = {"anyOf": [{"$ref": "#/$defs/quantity"}, sections["target"]]}
+    """Build the schema from the declarations of rigs, components, effects and simulation settings.
+
+    Returns:
+        A JSON schema of draft 2020-12 as plain data.
+    """
+    sections = {name: _section_schema(kinds) for name, kinds in KINDS.items()}
+    sections["controller"] = _controller_schema()
+    sections["target"] = {"anyOf": [QUANTITY_REFERENCE, sections["target"]]}
+    effect_names = [{"enum": [cls.id for cls in LIBRARY]}, {"type": "string", "pattern": USER_CLASS_PATTERN}]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "edhas_jax configuration",
@@ -45,62 +35,88 @@ def json_schema() -> dict[str, Any]:
         "additionalProperties": False,
         "$defs": {"quantity": {"type": ["string", "number"], "description": 'a number with its unit, such as "12 mm"'}},
         "properties": {
-            "name": {"type": ["string", "number"], "description": "a text that names the configuration"},
-            "rig": {"enum": list(RIGS), "description": "what is simulated"},
+            "name": {"type": ["string", "number"], "description": "name of the configuration"},
+            "rig": {"enum": list(RIGS), "description": "machine to simulate"},
             "effects": {
                 "type": ["array", "null"],
                 "description": "effects of the library, or your own as file.py:ClassName",
-                "items": {"anyOf": [{"enum": effects}, text_file]},
+                "items": {"anyOf": effect_names},
             },
             "parameters": {
                 "type": ["object", "null"],
                 "description": "any parameter of the machine or of its effects, by name or owner.name",
-                "properties": {name: _schema_of(ps) for name, ps in sorted(by_name.items())},
-                "additionalProperties": {"$ref": "#/$defs/quantity"},
+                "properties": {name: _parameter_schema(ps) for name, ps in sorted(_parameters_by_name().items())},
+                "additionalProperties": QUANTITY_REFERENCE,
             },
             **sections,
-            "simulation": {
-                "type": ["object", "null"],
-                "properties": settings,
-                "additionalProperties": False,
-                "not": {"required": ["step", "accuracy"]},
-            },
+            "simulation": _simulation_schema(),
         },
     }
 
 
-def _schema_of(ps: list[Parameter]) -> dict[str, Any]:
-    p = ps[0]
-    docs = " / ".join(f"{structs.owner_id(q.owner)}: {q.doc}" if len(ps) > 1 else q.doc for q in ps)
-    kind = (
-        {"type": "string"}
-        if p.unit != "-"
-        else {"type": ["string", "number"], "minimum": p.span[0], "maximum": p.span[1]}
-    )
-    allowed = f"{span_text(p)}; default {format_quantity(p.default, p.unit)}"
-    unit = "no unit" if p.unit == "-" else f"SI unit {p.unit}"
-    return kind | {
-        "description": f"{docs}; {unit}; {allowed}",
-        "default": float(p.default) if p.unit == "-" else format_quantity(p.default, p.unit),
+def _parameters_by_name() -> dict[str, list[Parameter]]:
+    """Every parameter by its name; several owners may declare the same name."""
+    owners = dict.fromkeys(type(part) for rig in RIGS.values() for part in parts(rig()).values())
+    owners |= dict.fromkeys(cls for kinds in KINDS.values() for cls in kinds.values())
+    owners |= dict.fromkeys(LIBRARY)
+    by_name: dict[str, list[Parameter]] = {}
+    for owner in owners:
+        for p in structs.parameters(owner):
+            by_name.setdefault(p.name, []).append(p)
+    return by_name
+
+
+def _simulation_schema() -> dict[str, Any]:
+    """The schema of the section `simulation`; step and accuracy exclude each other and have no fixed default."""
+    settings = {n: _parameter_schema([p]) for n, p in SIMULATION_SETTINGS.items()}
+    settings["precision"] = {"enum": [p.value for p in Precision]}
+    step = SIMULATION_SETTINGS["step"]
+    defaults = {"step": f"{setting_text(step, step.default)} without `accuracy`", "accuracy": "none"}
+    for name, default in defaults.items():
+        del settings[name]["default"]
+        p = SIMULATION_SETTINGS[name]
+        low, high = (setting_text(p, bound) for bound in p.span)
+        settings[name]["description"] = f"{p.doc}; {low} … {high}; default: {default}"
+    return {
+        "type": ["object", "null"],
+        "properties": settings,
+        "additionalProperties": False,
+        "not": {"required": ["step", "accuracy"]},
     }
 
 
-def _schema_of_section(kinds: Mapping[str, type]) -> dict[str, Any]:
-    own = {p.name: _schema_of([p]) for cls in kinds.values() for p in structs.parameters(cls)}
+def _parameter_schema(same_name: list[Parameter]) -> dict[str, Any]:
+    """The schema of one key, described for every owner that declares a parameter of this name."""
+    p = same_name[0]
+    several = len(same_name) > 1
+    meaning = " / ".join(f"{structs.owner_id(q.owner)}: {q.doc}" if several else q.doc for q in same_name)
+    dimensionless = p.unit == "-"
+    number = {"type": ["string", "number"], "minimum": p.span[0], "maximum": p.span[1]}
+    allowed = f"{span_text(p)}; default {format_quantity(p.default, p.unit)}"
+    unit = "no unit" if dimensionless else f"SI unit {p.unit}"
+    return (number if dimensionless else {"type": "string"}) | {
+        "description": f"{meaning}; {unit}; {allowed}",
+        "default": float(p.default) if dimensionless else format_quantity(p.default, p.unit),
+    }
+
+
+def _section_schema(kinds: Mapping[str, type]) -> dict[str, Any]:
+    """The schema of a section that selects a component by `kind` and sets its parameters."""
+    keys = {p.name: _parameter_schema([p]) for cls in kinds.values() for p in structs.parameters(cls)}
     if "recorded" in kinds:
-        own |= {name: {"type": "string"} for name in RECORDING_KEYS if name != "kind"}
+        keys |= {name: {"type": "string"} for name in RECORDING_KEYS if name != "kind"}
     return {
         "type": "object",
-        "properties": {"kind": {"enum": list(kinds)}} | own,
+        "properties": {"kind": {"enum": list(kinds)}} | keys,
         "additionalProperties": False,
     }
 
 
-def _schema_of_controller() -> dict[str, Any]:
-    """As of any section, but a kind may also be a class of the user, whose parameters are not known here."""
-    section = _schema_of_section(KINDS["controller"])
-    of_user = {"type": "string", "pattern": CLASS_IN_FILE}
-    known = {"properties": {"kind": {"enum": list(KINDS["controller"])}}}
-    section["properties"]["kind"] = {"anyOf": [section["properties"]["kind"], of_user]}
-    section["additionalProperties"] = {"$ref": "#/$defs/quantity"}
-    return section | {"if": known, "then": {"propertyNames": {"enum": list(section["properties"])}}}
+def _controller_schema() -> dict[str, Any]:
+    """The schema of the section `controller`; a class of the user may have any further parameters."""
+    section = _section_schema(KINDS["controller"])
+    user_class = {"type": "string", "pattern": USER_CLASS_PATTERN}
+    built_in = {"properties": {"kind": {"enum": list(KINDS["controller"])}}}
+    section["properties"]["kind"] = {"anyOf": [section["properties"]["kind"], user_class]}
+    section["additionalProperties"] = QUANTITY_REFERENCE
+    return section | {"if": built_in, "then": {"propertyNames": {"enum": list(section["properties"])}}}

@@ -1,7 +1,7 @@
-"""Configurations: YAML text with units ↔ a machine and the settings of a run.
+"""Configurations of one machine: YAML text with units, read and checked as a whole.
 
-A configuration is checked as a whole: one `ConfigError` tells every independent problem, each in one line with file,
-line, dotted key, what is wrong and what is allowed.
+A `ConfigError` lists every independent problem, one line each: file, line, dotted key, what is wrong and what is
+allowed.
 """
 
 import dataclasses
@@ -12,20 +12,27 @@ from typing import Any
 
 from edhas_jax.config.machine_reader import TOP_LEVEL_KEYS, MachineReader
 from edhas_jax.config.writer import dump_config
-from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, yaml_type
+from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, read_text_file, yaml_type
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run import Simulation
 
 
 class ConfigError(ValueError):
-    """A configuration is wrong; the text has one line per problem."""
+    """A configuration is wrong; the message has one line per problem."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """A machine, the settings of its run, and where they come from.
+    """A machine with the settings of its run, as read from a configuration.
 
-    `recordings` holds the keys (file, absolute, column, unit) of the inputs that were read from files, by section.
+    Attributes:
+        machine: the machine with its effects and parameters.
+        simulation: settings of the run.
+        name: the name given in the configuration; empty without one.
+        path: the file that was read; None for a configuration from a mapping.
+        text: the YAML text.
+        recordings: for each section with a recorded input (`reference`, `target`) its keys, such as file (absolute
+            path), column and unit.
     """
 
     machine: Rig
@@ -37,50 +44,56 @@ class Config:
 
 
 def read_config(path: Path | str, overrides: Sequence[str] = ()) -> Config:
-    """The configuration in a YAML file, with `overrides` such as "piston_clearance=15 um" or "duration=2 s" on top.
+    """Read a configuration from a YAML file.
+
+    Args:
+        path: the file; effects and recordings named in it are relative to its folder.
+        overrides: changes such as "piston_clearance=15 um" or "duration=2 s" that replace values of the file.
+
+    Returns:
+        The machine and the settings of its run.
 
     Raises:
-        ConfigError: every problem of the file and of the overrides.
+        ConfigError: the file cannot be read, or the file or an override has problems; all are listed.
     """
     path = Path(path)
-    text = _text(path)
+    text = read_text_file(path, ConfigError)
     try:
         data, lines, problems = parse_yaml(text)
     except YamlError as error:
-        raise ConfigError(f"{_place(path, error.line)}: {error}") from None
+        raise ConfigError(f"{_location(path, error.line)}: {error}") from None
     reader = MachineReader(data, path.parent, overrides)
-    problems += [(line_of(lines, key), f"{key_text(key)}: {what}") for key, what in reader.problems]
+    problems += [(line_of(lines, key), f"{key_text(key)}: {message}") for key, message in reader.problems]
     if problems:
         problems.sort(key=lambda problem: problem[0])
-        raise ConfigError("\n".join(dict.fromkeys(f"{_place(path, line)}: {what}" for line, what in problems)))
+        messages = (f"{_location(path, line)}: {message}" for line, message in problems)
+        raise ConfigError("\n".join(dict.fromkeys(messages)))
     return Config(reader.machine, reader.simulation, reader.name, path, text, reader.recordings)
 
 
 def build_config(mapping: Mapping[str, Any], overrides: Sequence[str] = (), base_dir: Path | str = ".") -> Config:
-    """The configuration in a Python mapping of the same form; files are looked up from `base_dir`.
+    """Make a configuration from a Python mapping with the same keys as a file.
+
+    Args:
+        mapping: keys and values as in a YAML file; quantities as text with unit.
+        overrides: changes such as "piston_clearance=15 um" that replace values of the mapping.
+        base_dir: folder to which files of effects and recordings are relative.
+
+    Returns:
+        The machine and the settings of its run.
 
     Raises:
-        ConfigError: every problem.
+        ConfigError: the mapping or an override has problems; all are listed.
     """
     if not isinstance(mapping, Mapping):
         raise ConfigError(f"a mapping with the keys {', '.join(TOP_LEVEL_KEYS)} is needed, not {yaml_type(mapping)}")
     reader = MachineReader(mapping, Path(base_dir), overrides)
     if reader.problems:
-        raise ConfigError("\n".join(dict.fromkeys(f"{key_text(key)}: {what}" for key, what in reader.problems)))
+        raise ConfigError("\n".join(dict.fromkeys(f"{key_text(key)}: {message}" for key, message in reader.problems)))
     config = Config(reader.machine, reader.simulation, reader.name, recordings=reader.recordings)
     return dataclasses.replace(config, text=dump_config(config))
 
 
-def _text(path: Path) -> str:
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        byte = error.object[error.start]
-        raise ConfigError(f"{path}: is not a text file in UTF-8 (byte {byte:#x}); a YAML file is needed") from None
-    except OSError as error:
-        reason = {FileNotFoundError: "no such file", IsADirectoryError: "is a folder, not a file"}
-        raise ConfigError(f"{path}: {reason.get(type(error), error.strerror)}") from None
-
-
-def _place(path: Path, line: int) -> str:
+def _location(path: Path, line: int) -> str:
+    """File and line of a problem; the file alone where no line causes it (an override, or the whole text)."""
     return f"{path}:{line}" if 0 < line < sys.maxsize else str(path)

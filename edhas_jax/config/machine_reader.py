@@ -1,4 +1,4 @@
-"""The reader of a configuration: plain data → a machine and the settings of its run, or every problem there is."""
+"""Reads the mapping of a configuration: makes the machine and the settings of its run, or lists all problems."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from edhas_jax.config.machine_checks import check_machine
 from edhas_jax.config.recorded_signal import RECORDING_KEYS, RecordingError, decode_samples, read_recording
 from edhas_jax.config.run_settings import SETTING_NAMES, quantity_text, read_settings
 from edhas_jax.config.writer import config_kind
@@ -13,9 +14,8 @@ from edhas_jax.config.yaml_with_lines import KeyPath, key_text, yaml_type
 from edhas_jax.core import structs
 from edhas_jax.core.names import nearest
 from edhas_jax.core.structs import Parameter
-from edhas_jax.core.units import UnitError, format_quantity, to_si, with_article
+from edhas_jax.core.units import UnitError, to_si, with_article
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
-from edhas_jax.machine.components.controller_sampling import Sampled
 from edhas_jax.machine.components.controllers import OpenLoop
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects import Effect, EffectError
@@ -30,18 +30,28 @@ TOP_LEVEL_KEYS = ("name", "rig", "effects", "parameters", *KINDS, "simulation")
 
 
 class MachineReader:
-    """One pass over a mapping: it gathers problems and goes on wherever what follows does not depend on them.
+    """Reads a configuration in one pass; after a problem it continues with what does not depend on it.
 
-    `machine`, `simulation`, `name` and `recordings` are worth something only when `problems` is empty.
+    Args:
+        data: the mapping of the configuration.
+        base_dir: folder to which files of effects, controllers and recordings are relative.
+        overrides: changes such as "piston_clearance=15 um" that replace values of the mapping.
+
+    Attributes:
+        problems: key and message of every problem. The other attributes are valid only when there are none.
+        machine: the machine with its effects and parameters.
+        simulation: settings of the run.
+        name: name of the configuration.
+        recordings: for each section with a recorded input its keys, with the absolute path of its file.
     """
 
     def __init__(self, data: Mapping[str, Any], base_dir: Path, overrides: Sequence[str]):
         self.problems: list[tuple[KeyPath, str]] = []
         self.recordings: dict[str, dict[str, str]] = {}
         self._data, self._base_dir = data, base_dir
-        self._incomplete = False  # a part or an effect is missing, so that names of its parameters are no errors
-        self._given: dict[tuple[str, str], KeyPath] = {}
-        settings, self._overrides = self._split(overrides)
+        self._incomplete = False  # a component or effect could not be read: unknown names may be its parameters
+        self._given: dict[tuple[str, str], KeyPath] = {}  # keys of the parameters set so far, by (path, name)
+        settings, self._overrides = self._split_overrides(overrides)
         for key in data:
             if key not in TOP_LEVEL_KEYS:
                 self._add((key,), f"unknown key; {nearest(str(key), TOP_LEVEL_KEYS)}")
@@ -51,12 +61,12 @@ class MachineReader:
         self.simulation = read_settings(self._mapping("simulation", "{duration: 0.5 s}"), settings, self._add)
         self.machine = self._machine()
 
-    def _add(self, key: KeyPath, what: str) -> None:
-        self.problems.append((key, what))
+    def _add(self, key: KeyPath, message: str) -> None:
+        self.problems.append((key, message))
 
-    def _split(self, overrides: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
-        """The overrides of settings, and those of parameters."""
-        settings, others = {}, {}
+    def _split_overrides(self, overrides: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
+        """The overrides of settings and those of parameters, as value by name."""
+        settings, parameters = {}, {}
         for text in overrides:
             name, equals, value = (part.strip() for part in text.partition("="))
             if not (name and equals and value):
@@ -64,10 +74,11 @@ class MachineReader:
             elif name.removeprefix("simulation.") in SETTING_NAMES:
                 settings[name.removeprefix("simulation.")] = value
             else:
-                others[name] = value
-        return settings, others
+                parameters[name] = value
+        return settings, parameters
 
     def _machine(self) -> Rig | None:
+        """The machine of the whole configuration; None without a valid rig."""
         rig = self._data.get("rig")
         if rig is None:
             self._add(("rig",), f"missing; one of {', '.join(RIGS)}")
@@ -79,13 +90,14 @@ class MachineReader:
             m = RIGS[rig]()
             for section in KINDS:
                 m = self._section(m, section)
-            for read in (self._effects, self._parameters, self._overridden, self._recorded):
+            for read in (self._effects, self._parameters, self._apply_overrides, self._recorded_inputs):
                 m = read(m)
-            self._cross_check(m)
+            self.problems += check_machine(m, self._given, self._incomplete)
             return m
         return None
 
     def _mapping(self, section: str, example: str) -> Mapping[str, Any]:
+        """A section that must be a mapping; empty if it is missing or after a problem."""
         value = self._data.get(section)
         if value is None or isinstance(value, Mapping):
             return value or {}
@@ -94,6 +106,7 @@ class MachineReader:
         return {}
 
     def _section(self, m: Rig, section: str) -> Rig:
+        """The machine with the component that a section selects and the parameters that it sets."""
         kinds = KINDS[section]
         if section not in self._data:
             return m
@@ -107,12 +120,12 @@ class MachineReader:
         else:
             value, keys = self._mapping(section, f"{{kind: {next(iter(kinds))}}}"), {}
         kind = value.get("kind", config_kind(section, getattr(m, section)))
-        cls = self._kind(section, kind)
+        cls = self._component_class(section, kind)
         if cls is None:
             self._incomplete = True
             return m
         if cls is Recorded:
-            # a stand-in until the parameters are known: the gain of the amplifier may scale the samples
+            # a placeholder until all parameters are read: the gain of the amplifier may scale the samples
             self.recordings[section] = dict(value)
             return structs.replace(m, **{section: Recorded(values=jnp.zeros(2), interval=1.0)})
         if not isinstance(getattr(m, section), cls):
@@ -124,39 +137,41 @@ class MachineReader:
                 self._add((section, "kind"), str(error))
                 self._incomplete = True
                 return structs.replace(m, controller=type(m)().controller)
-        own = {p.name: p for p, _, path in list_parameters(m) if path == section}
+        valid = {p.name: p for p, _, path in list_parameters(m) if path == section}
         for name, quantity in value.items():
             if name == "kind":
                 continue
             key = keys.get(name, (section, name))
-            if name in own:
-                m = self._put(m, key, section, own[name], quantity)
+            if name in valid:
+                m = self._set(m, key, section, valid[name], quantity)
             else:
-                valid = nearest(str(name), own) if own else "it has none"
-                has = [k for k, other in kinds.items() if name in (p.name for p in structs.parameters(other))]
-                hint = f"write `kind: {has[0]}`, which has it" if has and "kind" not in value else valid
+                hint = nearest(str(name), valid) if valid else "it has none"
+                owners = [k for k, other in kinds.items() if name in (p.name for p in structs.parameters(other))]
+                if owners and "kind" not in value:
+                    hint = f"write `kind: {owners[0]}`, which has it"
                 self._add(key, f"unknown parameter of {with_article(section)} of kind {kind}; {hint}")
         return m
 
-    def _kind(self, section: str, kind: Any) -> type | None:
-        """The class that `kind` names; None after a problem. A controller may be one of the user's."""
+    def _component_class(self, section: str, kind: Any) -> type | None:
+        """The class that `kind` names, which for a controller may be the user's own; None after a problem."""
         kinds = KINDS[section]
         if isinstance(kind, str) and kind in kinds:
             return kinds[kind]
         if section == "controller" and isinstance(kind, type) and issubclass(kind, Controller):
             return kind
-        what = f"the name of a kind belongs here, not {yaml_type(kind)}; {nearest('', kinds)}"
+        message = f"the name of a kind belongs here, not {yaml_type(kind)}; {nearest('', kinds)}"
         if isinstance(kind, str):
-            what = f"no {section} of kind `{kind}`; {nearest(kind, kinds)}"
+            message = f"no {section} of kind `{kind}`; {nearest(kind, kinds)}"
         if section == "controller" and isinstance(kind, str) and (":" in kind or kind.endswith(".py")):
             try:
                 return load_controller(kind, self._base_dir)
             except ControllerError as error:
-                what = str(error)
-        self._add((section, "kind"), what)
+                message = str(error)
+        self._add((section, "kind"), message)
         return None
 
     def _effects(self, m: Rig) -> Rig:
+        """The machine with the effects of the configuration, each checked on the machine with those before it."""
         specs = self._data.get("effects")
         if not isinstance(specs, list | tuple | None):
             example = "for example `effects: [lugre_friction]`"
@@ -174,6 +189,12 @@ class MachineReader:
         return m
 
     def _effect(self, spec: Any) -> Effect:
+        """The effect that an entry of `effects` names.
+
+        Raises:
+            EffectError: it cannot be loaded.
+            UnitError: a parameter is declared in an unknown unit.
+        """
         if isinstance(spec, type) and issubclass(spec, Effect):
             cls = spec
         elif isinstance(spec, str):
@@ -189,18 +210,19 @@ class MachineReader:
 
     def _parameters(self, m: Rig) -> Rig:
         for name, value in self._mapping("parameters", "{frequency: 20 Hz}").items():
-            m = self._find_and_put(m, ("parameters", name), str(name), value)
+            m = self._find_and_set(m, ("parameters", name), str(name), value)
         return m
 
-    def _overridden(self, m: Rig) -> Rig:
+    def _apply_overrides(self, m: Rig) -> Rig:
         for name, value in self._overrides.items():
             key = (f"--set {name}",)
             if name == "target" and hasattr(m, "target") and hasattr(m.target, "step_size"):
                 name = "target.step_size"
-            m = self._find_and_put(m, key, name, value)
+            m = self._find_and_set(m, key, name, value)
         return m
 
-    def _find_and_put(self, m: Rig, key: KeyPath, name: str, value: Any) -> Rig:
+    def _find_and_set(self, m: Rig, key: KeyPath, name: str, value: Any) -> Rig:
+        """The machine with the parameter `name` (or `owner.name`) set."""
         try:
             p, path = find_parameter(m, name)
         except ParameterError as error:
@@ -208,10 +230,11 @@ class MachineReader:
                 self._add(key, str(error))
             return m
         if key[0] != "parameters":
-            self._given.pop((path, p.name), None)  # an override may come on top
-        return self._put(m, key, path, p, value)
+            self._given.pop((path, p.name), None)  # an override may replace a value of the configuration
+        return self._set(m, key, path, p, value)
 
-    def _put(self, m: Rig, key: KeyPath, path: str, p: Parameter, value: Any) -> Rig:
+    def _set(self, m: Rig, key: KeyPath, path: str, p: Parameter, value: Any) -> Rig:
+        """The machine with one parameter set; unchanged after a problem."""
         if (path, p.name) in self._given:
             self._add(key, f"given twice, also as {key_text(self._given[path, p.name])}")
             return m
@@ -222,7 +245,8 @@ class MachineReader:
             self._add(key, str(error))
             return m
 
-    def _recorded(self, m: Rig) -> Rig:
+    def _recorded_inputs(self, m: Rig) -> Rig:
+        """The machine with the samples of its recorded inputs."""
         for section, keys in list(self.recordings.items()):
             for name, value in keys.items():
                 if name not in RECORDING_KEYS:
@@ -232,41 +256,22 @@ class MachineReader:
                     self._add((section, name), f"a text belongs here, not {yaml_type(value)}")
             if "file" not in keys and "samples" not in keys:
                 self._add((section, "file"), "missing; write for example `file: bench.csv`")
-            if any(k[0] == section for k, _ in self.problems):
+            if any(key[0] == section for key, _ in self.problems):
                 continue
             try:
-                recorded = decode_samples(keys) if "samples" in keys else self._file(m, section)
+                recorded = decode_samples(keys) if "samples" in keys else self._recording_file(m, section)
             except RecordingError as error:
                 self._add((section, error.key), str(error))
                 continue
             m = structs.replace(m, **{section: recorded})
         return m
 
-    def _file(self, m: Rig, section: str) -> Recorded:
-        """The recording in the file that a section names; a command is in volts, a set point in metres."""
+    def _recording_file(self, m: Rig, section: str) -> Recorded:
+        """The recording in the file that a section names: a set point [m], or a command [V] in open loop."""
         keys = self.recordings[section]
-        replay = section == "reference" and isinstance(m.controller, OpenLoop)
-        gain = m.amplifier.amplifier_gain if replay and isinstance(m.amplifier, CurrentAmplifier) else None
+        is_command = section == "reference" and isinstance(m.controller, OpenLoop)
+        gain = m.amplifier.amplifier_gain if is_command and isinstance(m.amplifier, CurrentAmplifier) else None
         path = self._base_dir / keys["file"]
-        recorded = read_recording(path, keys.get("column"), keys.get("unit"), "V" if replay else "m", gain)
+        recorded = read_recording(path, keys.get("column"), keys.get("unit"), "V" if is_command else "m", gain)
         self.recordings[section] = {**keys, "file": str(path.resolve())}
         return recorded
-
-    def _cross_check(self, m: Rig) -> None:
-        if hasattr(m, "cylinder") and not m.cylinder.cylinder_rod < m.cylinder.cylinder_bore:
-            names = [("cylinder", name) for name in ("cylinder_rod", "cylinder_bore")]
-            key = next((self._given[name] for name in names if name in self._given), names[1])
-            rod, bore = (format_quantity(x, "m") for x in (m.cylinder.cylinder_rod, m.cylinder.cylinder_bore))
-            self._add(key, f"the rod ({rod}) must be thinner than the bore ({bore}) of the cylinder")
-        for name in ((path, end) for path in ("reference", "target") for end in ("start_frequency", "end_frequency")):
-            if getattr(getattr(m, name[0], None), name[1], 1.0) <= 0.0:
-                self._add(self._given.get(name, name), "must be above 0 Hz (a chirp runs through frequencies)")
-        if isinstance(m.sampling, Sampled) and m.sampling.computation_delay > m.sampling.sample_time:
-            key = self._given.get(("sampling", "computation_delay"), ("sampling", "sample_time"))
-            most = format_quantity(m.sampling.sample_time, "s")
-            self._add(key, f"at most one sample time ({most}) can pass from a sample to its command")
-        if isinstance(m.controller, OpenLoop) and not isinstance(m.reference, Recorded) and not self._incomplete:
-            name = "step_size" if hasattr(m.reference, "step_size") else "amplitude"
-            if ("reference", name) not in self._given:
-                what = "missing; with an open-loop controller the reference is the command"
-                self._add(("reference", name), f"{what}, write for example `{name}: 12 V`")

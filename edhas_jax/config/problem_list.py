@@ -1,4 +1,4 @@
-"""Problems of a configuration, gathered so that all are told at once."""
+"""Base class of configuration readers: reads single values and collects all problems for one report."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,23 +12,31 @@ from edhas_jax.machine.parameters import ParameterError, read_value
 
 
 class ProblemList:
-    """Reads values and gathers problems, each with the key that is to blame."""
+    """Reads values and collects the problems found on the way, each with the key that causes it.
+
+    Args:
+        problems: the list to append to, as pairs of key and message.
+    """
 
     def __init__(self, problems: list[tuple[KeyPath, str]]):
         self.problems = problems
 
-    def add(self, key: KeyPath, what: str) -> None:
-        """Note a problem."""
-        self.problems.append((key, what))
+    def add(self, key: KeyPath, message: str) -> None:
+        """Append a problem."""
+        self.problems.append((key, message))
 
     def add_unknown_keys(self, key: KeyPath, given: Mapping[str, Any], valid: tuple[str, ...]) -> None:
-        """Note the keys that are none of the valid ones."""
+        """Append a problem for every key of the mapping `given` at `key` that is not among `valid`."""
         for name in given:
             if name not in valid:
                 self.add((*key, name), f"unknown key; {nearest(str(name), valid)}")
 
     def read_quantity(self, key: KeyPath, p: Parameter, value: Any) -> float | None:
-        """A value of a parameter in SI, None when it is a problem."""
+        """Read a value of the parameter `p`.
+
+        Returns:
+            The value in SI units, or None after a problem.
+        """
         try:
             return read_value(p, quantity_text(p, value))
         except (ParameterError, UnitError) as error:
@@ -36,7 +44,11 @@ class ProblemList:
             return None
 
     def read_integer(self, key: KeyPath, value: Any, low: int, high: int) -> int:
-        """A whole number from `low` to `high`, `low` when it is a problem."""
+        """Read a whole number from `low` to `high`.
+
+        Returns:
+            The number, or `low` after a problem.
+        """
         try:
             number = int(str(value))
         except ValueError:

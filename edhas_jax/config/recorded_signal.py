@@ -1,4 +1,4 @@
-"""A recorded signal: read from a column of a CSV or Parquet file, or packed into a text."""
+"""Recorded input signals: read from a column of a CSV or Parquet file, or encoded as text in a configuration."""
 
 import base64
 import csv
@@ -16,54 +16,66 @@ from edhas_jax.machine.components.set_points import Recorded
 
 RECORDING_KEYS = ("kind", "file", "column", "unit", "samples", "interval", "start")
 MAX_SAMPLES = 20_000_000
+STEP_TOLERANCE = 1e-6  # relative; sampling steps that differ by more count as unequal
 
 
 class RecordingError(Exception):
-    """A recording is of no use; `key` is the key of its section that is to blame."""
+    """A recording cannot be used; `key` is the key of its section that causes it."""
 
-    def __init__(self, key: str, what: str):
-        super().__init__(what)
+    def __init__(self, key: str, message: str):
+        super().__init__(message)
         self.key = key
 
 
-def read_recording(path: Path, column: str | None, unit: str | None, wanted: str, gain: float | None) -> Recorded:
-    """A column of a CSV or Parquet file whose columns are named `name [unit]`, as an input in SI unit `wanted`.
+def read_recording(path: Path, column: str | None, unit: str | None, si_unit: str, gain: float | None) -> Recorded:
+    """Read an input signal from a column of a CSV or Parquet file whose columns are named `name [unit]`.
 
-    Samples at unequal steps (more than 1e-6 apart) are brought to the median step by PCHIP. With a `gain` [A/V],
-    amperes are accepted and divided by it.
+    Args:
+        path: the file; its time column is `time [s]` or in another unit of time.
+        column: name of the column; None if the file has only one besides the time.
+        unit: unit of the column; None if the header states it.
+        si_unit: "m" for a set point, "V" for a command.
+        gain: gain of a current amplifier [A/V]; a column of currents is then accepted as well and divided by the gain.
+
+    Returns:
+        The samples in `si_unit` at a constant step, see `resample_uniformly`.
+
+    Raises:
+        RecordingError: the file cannot be read, the column or its unit is missing or wrong, or samples are invalid.
     """
     if not path.is_file():
         raise RecordingError("file", f"{path}: no such file")
     if path.suffix not in (".csv", ".parquet"):
         raise RecordingError("file", f"{path}: a file .csv or .parquet is needed")
     header = _header(path)
-    named = [h.partition("[")[0].strip() for h in header]
-    names = dict(zip(named, header, strict=True))
-    if "time" not in names:
+    names = [h.partition("[")[0].strip() for h in header]
+    header_of = dict(zip(names, header, strict=True))
+    if "time" not in header_of:
         raise RecordingError("file", f"{path}: no column `time [s]`; the columns: {', '.join(header)}")
-    others = [n for n in names if n != "time"]
+    others = [n for n in header_of if n != "time"]
     if column is None and len(others) == 1:
         column = others[0]
     if column is None:
         raise RecordingError("column", f"missing; {path} has the columns {', '.join(others) or 'time only'}")
     if column not in others:
         raise RecordingError("column", f"{path} has no column `{column}`; {nearest(column, others)}")
-    twice = next((n for n in ("time", column) if named.count(n) > 1), None)
-    if twice:
-        raise RecordingError("file", f"{path}: has several columns `{twice}`; name each differently")
-    size = _column_size(path, names[column], column, unit, wanted, gain)
+    repeated = next((n for n in ("time", column) if names.count(n) > 1), None)
+    if repeated:
+        raise RecordingError("file", f"{path}: has several columns `{repeated}`; name each differently")
+    scale = _si_scale(path, header_of[column], column, unit, si_unit, gain)
     try:
-        time, values = _samples(path, header, [names["time"], names[column]])
+        time, values = _read_columns(path, header, [header_of["time"], header_of[column]])
     except (ValueError, OSError, csv.Error) as error:
         raise _unreadable(path, error) from None
     try:
-        time = time * to_si(f"1 {_unit_of(names['time'])}", "s", "1 ms")
+        time = time * to_si(f"1 {_unit_in_header(header_of['time'])}", "s", "1 ms")
     except UnitError:
         raise RecordingError("file", f"{path}: the header of the time column must be `time [s]`") from None
-    return resample_uniformly(path, time, values * size)
+    return resample_uniformly(path, time, values * scale)
 
 
 def _header(path: Path) -> list[str]:
+    """The column headers of a file."""
     try:
         if path.suffix == ".parquet":
             import pyarrow.parquet
@@ -81,51 +93,54 @@ def _header(path: Path) -> list[str]:
 
 
 def _unreadable(path: Path, error: Exception) -> RecordingError:
+    """The error for a file that could not be read, with the reason."""
     if path.suffix == ".parquet":
         return RecordingError("file", f"{path}: is damaged or not a Parquet file")
     reason = "not a text file in UTF-8" if isinstance(error, UnicodeDecodeError) else str(error).splitlines()[0]
     return RecordingError("file", f"{path}: cannot be read as CSV ({reason})")
 
 
-def _unit_of(cell: str) -> str:
-    return cell.partition("[")[2].rstrip("] ").strip()
+def _unit_in_header(header: str) -> str:
+    """The unit in a header `name [unit]`; empty without one."""
+    return header.partition("[")[2].rstrip("] ").strip()
 
 
-def _column_size(path: Path, cell: str, column: str, unit: str | None, wanted: str, gain: float | None) -> float:
-    """The SI value of one unit of a column."""
-    written = _unit_of(cell)
-    if written and unit and _bare(written) != _bare(unit):
-        raise RecordingError("unit", f"{path} gives `{cell}`, but the unit here is {unit}; leave it out")
-    unit = written or unit
-    kind = {"m": "a length (mm)", "V": "a voltage (V)" if gain is None else "a voltage (V) or a current (A)"}[wanted]
+def _si_scale(path: Path, header: str, column: str, unit: str | None, si_unit: str, gain: float | None) -> float:
+    """The factor from the unit of a column to `si_unit`."""
+    header_unit = _unit_in_header(header)
+    if header_unit and unit and _normalised_unit(header_unit) != _normalised_unit(unit):
+        raise RecordingError("unit", f"the header in {path} is `{header}`, but `unit` is {unit}; leave `unit` out")
+    unit = header_unit or unit
+    kind = {"m": "a length (mm)", "V": "a voltage (V)" if gain is None else "a voltage (V) or a current (A)"}[si_unit]
     if not unit:
         raise RecordingError("unit", f"missing; {path} gives no unit for `{column}`, and {kind} is needed")
-    for si, factor in ((wanted, 1.0), *([] if gain is None else [("A", gain)])):
+    for accepted, factor in ((si_unit, 1.0), *([] if gain is None else [("A", gain)])):
         try:
-            size = to_si(f"1 {unit}", si)
+            scale = to_si(f"1 {unit}", accepted)
         except UnitError:
             continue
         if factor == 0.0:
-            raise RecordingError("column", f"{path}: `{cell}` is a current, but amplifier_gain is 0 A/V")
-        return size / factor
+            raise RecordingError("column", f"{path}: `{header}` is a current, but amplifier_gain is 0 A/V")
+        return scale / factor
     raise RecordingError("column", f"{path}: `{column}` has the unit {unit}, but {kind} is needed")
 
 
-def _bare(unit: str) -> str:
-    """A unit text without the differences that do not matter."""
+def _normalised_unit(unit: str) -> str:
+    """A unit without spaces and carets and with one form of µ, for comparison."""
     return unit.replace(" ", "").replace("μ", "µ").replace("^", "")
 
 
-def _samples(path: Path, header: list[str], wanted: list[str]) -> list[np.ndarray]:
+def _read_columns(path: Path, header: list[str], columns: list[str]) -> list[np.ndarray]:
+    """Two columns of a file as numbers, in the units of the file."""
     if path.suffix == ".parquet":
         import pandas as pd
 
-        frame = pd.read_parquet(path, columns=wanted)
+        frame = pd.read_parquet(path, columns=columns)
         try:
-            return [frame[name].to_numpy(float) for name in wanted]
+            return [frame[name].to_numpy(float) for name in columns]
         except (TypeError, ValueError):
-            raise RecordingError("file", f"{path}: `{wanted[0]}` and `{wanted[1]}` must hold numbers") from None
-    at = [header.index(name) for name in wanted]
+            raise RecordingError("file", f"{path}: `{columns[0]}` and `{columns[1]}` must hold numbers") from None
+    indices = [header.index(name) for name in columns]
     rows = []
     with path.open(encoding="utf-8-sig", newline="") as file:
         reader = csv.reader(file)
@@ -137,11 +152,11 @@ def _samples(path: Path, header: list[str], wanted: list[str]) -> list[np.ndarra
                 cut = "; the file seems to be cut off" if len(row) < len(header) else ""
                 what = f"{len(row)} values where the header has {len(header)}{cut}"
                 raise RecordingError("file", f"{path}:{reader.line_num}: {what}")
-            rows.append([_number(row[i], path, reader.line_num) for i in at])
+            rows.append([_number(row[i], path, reader.line_num) for i in indices])
     with path.open("rb") as file:
         file.seek(-1, 2)
         if file.read(1) not in b"\r\n":
-            # "0.0123" cut to "0.0" would pass for a sample
+            # "0.0123" cut off as "0.0" would be read as a valid sample
             raise RecordingError("file", f"{path}: the last line has no end; the file seems to be cut off "
                                           "(add a line end if it is complete)")  # fmt: skip
     return list(np.asarray(rows, float).reshape(-1, 2).T)
@@ -155,19 +170,35 @@ def _number(text: str, path: Path, line: int) -> float:
 
 
 def resample_uniformly(path: Path, time: np.ndarray, values: np.ndarray) -> Recorded:
-    """The samples at equal steps."""
+    """Check samples and bring them to a constant step.
+
+    Samples at unequal steps are interpolated at the median step by a monotone cubic (PCHIP).
+
+    Args:
+        path: the file they come from, for messages.
+        time: sampling times [s], shape (samples,).
+        values: samples in SI units, shape (samples,).
+
+    Returns:
+        The signal with its step [s] and the time of the first sample [s].
+
+    Raises:
+        RecordingError: fewer than 2 samples, a value that is not finite, a time that does not increase, or gaps too
+            long to fill.
+    """
     if len(time) < 2:
         raise RecordingError("file", f"{path}: at least 2 samples are needed; there are {len(time)}")
-    bad = ~(np.isfinite(time) & np.isfinite(values))
-    if bad.any():
-        raise RecordingError("file", f"{path}: sample {int(np.argmax(bad)) + 1} is not a finite number (NaN or inf)")
+    invalid = ~(np.isfinite(time) & np.isfinite(values))
+    if invalid.any():
+        number = int(np.argmax(invalid)) + 1
+        raise RecordingError("file", f"{path}: sample {number} is not a finite number (NaN or inf)")
     steps = np.diff(time)
     if not (steps > 0.0).all():
         k = int(np.argmax(steps <= 0.0)) + 1
         raise RecordingError("file", f"{path}: time must increase, but sample {k + 1} ({time[k]:g} s) does not come "
                                       f"after sample {k} ({time[k - 1]:g} s)")  # fmt: skip
     interval = float(np.median(steps))
-    if np.abs(steps - interval).max() <= 1e-6 * interval:
+    if np.abs(steps - interval).max() <= STEP_TOLERANCE * interval:
         interval = float((time[-1] - time[0]) / (len(time) - 1))
     else:
         from scipy.interpolate import PchipInterpolator
@@ -176,28 +207,36 @@ def resample_uniformly(path: Path, time: np.ndarray, values: np.ndarray) -> Reco
         if count > MAX_SAMPLES:
             raise RecordingError("file", f"{path}: time has gaps too long to fill at the median step of "
                                           f"{format_quantity(interval, 's')}")  # fmt: skip
-        even = np.minimum(time[0] + interval * np.arange(count), time[-1])
-        values = PchipInterpolator(time, values)(even)
+        uniform_time = np.minimum(time[0] + interval * np.arange(count), time[-1])
+        values = PchipInterpolator(time, values)(uniform_time)
         if count < 2:
             raise RecordingError("file", f"{path}: the time steps are too unequal to be brought to one step")
     return Recorded(values=jnp.asarray(values), interval=interval, start=float(time[0]))
 
 
 def encode_samples(recorded: Recorded) -> dict[str, str]:
-    """Samples that no file is known to hold, as keys of a section: SI, compressed little-endian float64."""
+    """Encode a signal as keys of a section of a configuration.
+
+    Returns:
+        `samples` (SI values as little-endian float64, compressed, base64), `interval` and `start` with units.
+    """
     data = base64.b64encode(zlib.compress(np.asarray(recorded.values, "<f8").tobytes())).decode()
     interval, start = exact_quantity(recorded.interval, "s"), exact_quantity(recorded.start, "s")
     return {"interval": interval, "start": start, "samples": data}
 
 
 def decode_samples(keys: Mapping[str, str]) -> Recorded:
-    """What `pack` has packed."""
-    wrong = RecordingError("samples", "not as a run writes them (samples, interval, start); give a file")
+    """Decode the keys that `encode_samples` made.
+
+    Raises:
+        RecordingError: the keys are incomplete or damaged, or a file is named as well.
+    """
+    invalid = RecordingError("samples", "not as a run writes them (samples, interval, start); give a file")
     try:
         values = np.frombuffer(zlib.decompress(base64.b64decode(keys["samples"], validate=True)), "<f8")
         interval, start = to_si(keys.get("interval", ""), "s"), to_si(keys.get("start", "0 s"), "s")
     except (ValueError, zlib.error):
-        raise wrong from None
+        raise invalid from None
     if "file" in keys or len(values) < 2 or not np.isfinite(values).all() or not interval > 0.0:
-        raise wrong
+        raise invalid
     return Recorded(values=jnp.asarray(values), interval=interval, start=start)

@@ -1,4 +1,4 @@
-"""Run folders: results on disk, complete or not there, that reopen with the configuration that made them."""
+"""Run folders: the results of one simulation on disk together with the configuration that reproduces them."""
 
 import datetime
 import json
@@ -24,18 +24,22 @@ from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.simulation.metrics import TooShort
 from edhas_jax.simulation.run import Run
 
-FORMAT = 1
-SERIES, LEDGER, METRICS, CONFIG, FIGURE, MANIFEST = (
-    "timeseries.parquet", "ledger.parquet", "metrics.json", "config.yaml", "figure.png", "run.json",
-)  # fmt: skip
+FORMAT_VERSION = 1
+SIGNALS_FILE = "timeseries.parquet"
+LEDGER_FILE = "ledger.parquet"
+METRICS_FILE = "metrics.json"
+CONFIG_FILE = "config.yaml"
+FIGURE_FILE = "figure.png"
+MANIFEST_FILE = "run.json"
+ENERGY_PREFIX, VOLUME_PREFIX = "energy: ", "volume: "  # of the columns of the ledger
 
 
 class ResultFileError(ValueError):
-    """A folder cannot be written, or is not a run folder that can be read."""
+    """A result file or folder cannot be written, or cannot be read as what it should be."""
 
 
 def unused_folder(parent: Path, name: str) -> Path:
-    """`parent/name`, or the first of `parent/name-2`, `-3`, … that does not exist."""
+    """The first of `parent/name`, `parent/name-2`, `parent/name-3`, … that does not exist."""
     folder, n = parent / name, 1
     while folder.exists():
         n += 1
@@ -44,7 +48,7 @@ def unused_folder(parent: Path, name: str) -> Path:
 
 
 def require_new_folder(folder: Path, overwrite: bool) -> None:
-    """Refuse a folder that exists, unless it may be overwritten; worth asking before a long run.
+    """Refuse a folder that exists, unless it may be overwritten; call it before a long computation.
 
     Raises:
         ResultFileError: the folder exists and `overwrite` is false.
@@ -54,49 +58,61 @@ def require_new_folder(folder: Path, overwrite: bool) -> None:
 
 
 def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool = True) -> Path:
-    """Write a run folder: series and ledger (Parquet, units in the schema), metrics, configuration, figure, manifest.
+    """Write a run folder: signals, ledger, metrics, configuration, manifest and figure.
 
-    The folder appears at once when everything is in it; nothing half-written is left behind.
+    The folder is made under a temporary name and renamed when it is complete, so that no partial folder remains.
+
+    Args:
+        run: the simulation result.
+        folder: the folder to write; signals and ledger are Parquet files in SI with the units in their schemas.
+        overwrite: whether an existing run folder may be replaced.
+        figure: whether a picture of the run is written as well.
+
+    Returns:
+        The folder.
 
     Raises:
         ResultFileError: the folder exists and `overwrite` is false, or is not a run folder, or cannot be written.
     """
     folder = Path(folder)
     require_new_folder(folder, overwrite)
-    if folder.exists() and not (folder / MANIFEST).exists():
+    if folder.exists() and not (folder / MANIFEST_FILE).exists():
         raise ResultFileError(f"{folder}: is not a run folder, so it is not overwritten")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     except OSError as error:
         raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
     try:
-        _fill(scratch, run, figure)
-        os.chmod(scratch, 0o755)
+        _write_files(temporary, run, figure)
+        os.chmod(temporary, 0o755)
         if folder.exists():
             shutil.rmtree(folder)
-        scratch.rename(folder)
+        temporary.rename(folder)
     except OSError as error:
         raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
     finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
     return folder
 
 
-def _fill(folder: Path, run: Run, figure: bool) -> None:
-    pq.write_table(_table(run.signals, {n: SIGNALS[n].unit for n in run.signals}), folder / SERIES)
+def _write_files(folder: Path, run: Run, figure: bool) -> None:
+    """Write all files of a run folder."""
+    pq.write_table(_table(run.signals, {n: SIGNALS[n].unit for n in run.signals}), folder / SIGNALS_FILE)
     columns = {"time": run.signals["time"]}
-    columns |= {f"energy: {n}": v for n, v in run.energy.items()} | {f"volume: {n}": v for n, v in run.volume.items()}
-    units = {n: {"e": "J", "v": "m^3", "t": "s"}[n[0]] for n in columns}
-    pq.write_table(_table(columns, units), folder / LEDGER)
+    units = {"time": "s"}
+    for prefix, unit, entries in ((ENERGY_PREFIX, "J", run.energy), (VOLUME_PREFIX, "m^3", run.volume)):
+        columns |= {prefix + n: v for n, v in entries.items()}
+        units |= {prefix + n: unit for n in entries}
+    pq.write_table(_table(columns, units), folder / LEDGER_FILE)
     try:
         metrics = {n: {"value": m.value, "unit": m.unit, "doc": m.doc} for n, m in run.metrics.items()}
     except TooShort:
         metrics = {}
-    write_json(folder / METRICS, metrics)
-    (folder / CONFIG).write_text(dump_config(run.machine, run.simulation), encoding="utf-8")
+    write_json(folder / METRICS_FILE, metrics)
+    (folder / CONFIG_FILE).write_text(dump_config(run.machine, run.simulation), encoding="utf-8")
     manifest = {
-        "format": FORMAT,
+        "format": FORMAT_VERSION,
         "edhas_jax": edhas_jax.__version__,
         "jax": jax.__version__,
         "python": platform.python_version(),
@@ -110,23 +126,24 @@ def _fill(folder: Path, run: Run, figure: bool) -> None:
         "volume_residual": run.volume_residual(),
     }
     if figure:
-        run.plot().savefig(folder / FIGURE, dpi=110)
-    write_json(folder / MANIFEST, manifest)
+        run.plot().savefig(folder / FIGURE_FILE, dpi=110)
+    write_json(folder / MANIFEST_FILE, manifest)
 
 
 def _table(columns: dict, units: dict[str, str]) -> pa.Table:
+    """A table of float64 columns with the unit of each in its metadata."""
     fields = [pa.field(n, pa.float64(), metadata={"unit": units[n]}) for n in columns]
     return pa.table([pa.array(np.asarray(v, float)) for v in columns.values()], schema=pa.schema(fields))
 
 
 def write_json(path: Path, value: dict) -> None:
-    """Write plain data to a file that is either whole or not there."""
-    with whole_file(path) as beside:
-        beside.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    """Write a JSON file atomically; numbers must be finite, see `replace_nonfinite`."""
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def replace_nonfinite(value: Any) -> Any:
-    """The same data with null for every number that is not finite, which JSON has no word for."""
+    """Replace every NaN or infinite number in nested data by None, since JSON has no notation for them."""
     if isinstance(value, dict):
         return {k: replace_nonfinite(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -137,29 +154,37 @@ def replace_nonfinite(value: Any) -> Any:
 
 
 def open_run(folder: str | Path) -> Run:
-    """Read a run folder back.
+    """Read a run folder.
+
+    Args:
+        folder: a folder that `save_run` has written.
+
+    Returns:
+        The run with its machine, settings, signals and ledgers in SI.
 
     Raises:
-        ResultFileError: not a run folder, a file is missing or unreadable, or it was written by a later format.
+        ResultFileError: not a run folder, a file is missing or unreadable, or it has a later format.
     """
     folder = Path(folder)
-    for name in (MANIFEST, SERIES, LEDGER, CONFIG):
+    for name in (MANIFEST_FILE, SIGNALS_FILE, LEDGER_FILE, CONFIG_FILE):
         if not (folder / name).is_file():
             raise ResultFileError(f"{folder}: not a run folder: {name} is missing")
     try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        if manifest["format"] > FORMAT:
-            version = manifest["edhas_jax"]
-            raise ResultFileError(f"{folder}: written by a later version ({version}); this one reads format {FORMAT}")
-        signals = _columns(pd.read_parquet(folder / SERIES))
-        books = _columns(pd.read_parquet(folder / LEDGER))
+        manifest = json.loads((folder / MANIFEST_FILE).read_text(encoding="utf-8"))
+        if manifest["format"] > FORMAT_VERSION:
+            what = f"written by the later version {manifest['edhas_jax']}; this one reads format {FORMAT_VERSION}"
+            raise ResultFileError(f"{folder}: {what}")
+        signals = _columns(pd.read_parquet(folder / SIGNALS_FILE))
+        ledger = _columns(pd.read_parquet(folder / LEDGER_FILE))
     except ResultFileError:
         raise
     except (OSError, ValueError, KeyError, pa.ArrowException) as error:
-        raise ResultFileError(f"{folder}: unreadable or half-written: {error}") from None
-    config = read_config(folder / CONFIG)
-    energy = {n.removeprefix("energy: "): v for n, v in books.items() if n.startswith("energy: ")}
-    volume = {n.removeprefix("volume: "): v for n, v in books.items() if n.startswith("volume: ")}
+        raise ResultFileError(f"{folder}: unreadable or incomplete: {error}") from None
+    config = read_config(folder / CONFIG_FILE)
+    energy, volume = (
+        {n.removeprefix(prefix): v for n, v in ledger.items() if n.startswith(prefix)}
+        for prefix in (ENERGY_PREFIX, VOLUME_PREFIX)
+    )
     return Run(config.machine, config.simulation, signals, energy, volume, manifest["step"], manifest["step_note"])
 
 

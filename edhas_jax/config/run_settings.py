@@ -1,4 +1,4 @@
-"""The settings of a run, as the section `simulation:` of a configuration gives them."""
+"""The section `simulation` of a configuration: duration, step or accuracy, sample rate and precision of a run."""
 
 import numbers
 from collections.abc import Callable, Mapping
@@ -17,70 +17,87 @@ SIMULATION_SETTINGS = {
     for p in (
         Parameter("duration", 0.5, "s", (1e-6, 1e3), "length of the run (0.6 s for the system)", "", Simulation),
         Parameter("step", DEFAULT_STEP, "s", (1e-7, LARGEST_STEP), "time step", "", Simulation),
-        Parameter("accuracy", 0.005, "-", (1e-5, 0.05), "wanted relative accuracy", "", Simulation),
-        Parameter("sample_rate", 5e3, "Hz", (1.0, 1e7), "samples per second that are kept", "", Simulation),
+        Parameter("accuracy", 0.005, "-", (1e-5, 0.05), "requested relative accuracy", "", Simulation),
+        Parameter("sample_rate", 5e3, "Hz", (1.0, 1e7), "stored samples per second", "", Simulation),
     )
 }
 SETTING_NAMES = (*SIMULATION_SETTINGS, "precision")
+STEP_OR_ACCURACY = frozenset(("step", "accuracy"))  # only one of the two may be given
+CHECK_VALVE_PERIOD = "0.56 ms"  # of the ball of a nominal check valve on its seat
 
 
 def setting_text(p: Parameter, value: float) -> str:
-    """A value of a parameter or setting as it is told: an accuracy in percent."""
+    """Format an SI value of a parameter or setting with its unit; the accuracy is shown in percent."""
     return f"{100.0 * value:.4g} %" if p is SIMULATION_SETTINGS["accuracy"] else format_quantity(value, p.unit)
 
 
 def quantity_text(p: Parameter, value: Any) -> str:
-    """The text of a quantity that is given as a text or a number.
+    """Check that a value from a configuration is a text or a number, and return it as text.
 
     Raises:
-        ParameterError: it is given as something else.
+        ParameterError: the value is missing or of another type.
     """
     if isinstance(value, numbers.Real) and not isinstance(value, bool):
         return repr(float(value))
     if not isinstance(value, str):
         example = setting_text(p, p.default)
-        missing = f"a value is missing; write for example {example}"
-        other = f"a quantity such as {example} belongs here, not {yaml_type(value)}"
-        raise ParameterError(missing if value is None else other)
+        if value is None:
+            raise ParameterError(f"a value is missing; write for example {example}")
+        raise ParameterError(f"a quantity such as {example} belongs here, not {yaml_type(value)}")
     return value
 
 
 def read_settings(
     given: Mapping[str, Any], overrides: Mapping[str, str], add: Callable[[KeyPath, str], None]
 ) -> Simulation:
-    """The settings in a section `simulation:` with overrides on top; problems go to `add(key, what)`."""
-    rows = {name: (("simulation", name), value) for name, value in given.items()}
-    either = {"step", "accuracy"}
-    if either <= set(given):
+    """Read the settings of a run.
+
+    Args:
+        given: the section `simulation` of a configuration.
+        overrides: settings from the command line by name; they replace those of the section.
+        add: called with key and message of each problem.
+
+    Returns:
+        The settings; those with a problem have their defaults.
+    """
+    entries = {name: (("simulation", name), value) for name, value in given.items()}
+    if set(given) >= STEP_OR_ACCURACY:
         add(("simulation", "accuracy"), "given together with `step`; give one of them")
-    if either & set(overrides):
-        rows = {n: row for n, row in rows.items() if n not in either}
-    rows |= {name: ((f"--set {name}",), value) for name, value in overrides.items()}
-    if either <= set(overrides):
+    if STEP_OR_ACCURACY & set(overrides):
+        entries = {name: entry for name, entry in entries.items() if name not in STEP_OR_ACCURACY}
+    entries |= {name: ((f"--set {name}",), value) for name, value in overrides.items()}
+    if set(overrides) >= STEP_OR_ACCURACY:
         add(("--set accuracy",), "given together with `step`; give one of them")
     values: dict[str, Any] = {}
-    for name, (key, value) in rows.items():
+    for name, (key, value) in entries.items():
         try:
             values[name] = _precision(value) if name == "precision" else _setting(name, value)
         except (ParameterError, UnitError) as error:
             add(key, str(error))
 
-    def key_of(*names: str) -> KeyPath:
-        return next((rows[n][0] for n in names if n in rows), ("simulation",))
+    def first_key(*names: str) -> KeyPath:
+        return next((entries[n][0] for n in names if n in entries), ("simulation",))
 
     settings = Simulation(**values)
     rate, step, duration = settings.sample_rate, settings.step, settings.duration
-    told = format_quantity(rate, "Hz")
+    rate_text = format_quantity(rate, "Hz")
     if step and rate * step > 1.0 + 1e-9:
-        most = f"at most {format_quantity(1.0 / step, 'Hz')} with a step of {format_quantity(step, 's')}"
-        add(key_of("sample_rate", "step"), f"{told} asks for samples between steps; {most}")
+        limit = f"at most {format_quantity(1.0 / step, 'Hz')} with a step of {format_quantity(step, 's')}"
+        add(first_key("sample_rate", "step"), f"{rate_text} asks for samples between steps; {limit}")
     if duration and duration * rate < 1.0:
-        least = f"at least {format_quantity(1.0 / rate, 's')}"
-        add(key_of("duration"), f"{format_quantity(duration, 's')} is shorter than one sample at {told}; {least}")
+        limit = f"at least {format_quantity(1.0 / rate, 's')}"
+        duration_text = format_quantity(duration, "s")
+        add(first_key("duration"), f"{duration_text} is shorter than one sample at {rate_text}; {limit}")
     return settings
 
 
 def _setting(name: str, value: Any) -> float:
+    """The SI value of a setting.
+
+    Raises:
+        ParameterError: the name is unknown or the value lies outside the allowed range.
+        UnitError: the value is not a quantity in a unit of this kind.
+    """
     if name not in SIMULATION_SETTINGS:
         raise ParameterError(f"unknown key; {nearest(str(name), SETTING_NAMES)}")
     p = SIMULATION_SETTINGS[name]
@@ -88,16 +105,19 @@ def _setting(name: str, value: Any) -> float:
     low, high = p.span
     if low <= number <= high:
         return number
-    why = ""
+    reason = ""
     if name == "step" and number > high:
-        why = ", too large for the physics: the ball of a check valve swings on its seat with a period of 0.56 ms"
+        reason = f", too large: the ball of a check valve oscillates on its seat with a period of {CHECK_VALVE_PERIOD}"
     low, high, given = (setting_text(p, x) for x in (low, high, number))
-    raise ParameterError(f"must lie in {low} … {high} ({p.doc}); got {given}{why}")
+    raise ParameterError(f"must lie in {low} … {high} ({p.doc}); got {given}{reason}")
 
 
 def _precision(value: Any) -> Precision:
     valid = [p.value for p in Precision]
     if isinstance(value, Precision) or isinstance(value, str) and value in valid:
         return Precision(value)
-    wrong = f"no precision `{value}`" if isinstance(value, str) else f"a text belongs here, not {yaml_type(value)}"
-    raise ParameterError(f"{wrong}; one of {', '.join(valid)}")
+    if isinstance(value, str):
+        problem = f"no precision `{value}`"
+    else:
+        problem = f"a text belongs here, not {yaml_type(value)}"
+    raise ParameterError(f"{problem}; one of {', '.join(valid)}")

@@ -1,4 +1,4 @@
-"""A configuration as YAML text in which every parameter is written out."""
+"""Writes a machine and the settings of its run as YAML text with every parameter."""
 
 import json
 from typing import Any
@@ -14,10 +14,17 @@ from edhas_jax.simulation.run import Simulation
 
 
 def dump_config(config: Any, simulation: Simulation | None = None) -> str:
-    """A `Config`, or a bare machine with the settings of its run, as YAML text that `read_config` reads back.
+    """Write a configuration as YAML text from which `read_config` makes the same machine and settings.
 
-    Files of effects and recordings are named by their absolute path. A recorded input whose file is not known (a bare
-    machine does not know it) is written as its samples.
+    Files of effects and recordings are named by their absolute paths. A recorded input whose file is not known (a
+    machine without `Config` does not know it) is written as its samples.
+
+    Args:
+        config: a `Config` or a machine.
+        simulation: settings of the run; by default those of the `Config`, or default settings for a machine.
+
+    Returns:
+        YAML text; every value carries its unit.
     """
     if isinstance(config, Rig):
         m, settings, title, recordings = config, simulation or Simulation(), "", {}
@@ -25,20 +32,20 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
         m, settings = config.machine, simulation or config.simulation
         title, recordings = config.name, config.recordings
     lines = [f"name: {json.dumps(title, ensure_ascii=False)}"] if title else []
-    lines += [f"rig: {m.name}", f"effects: [{', '.join(_scalar(effect_spec(type(e))) for e in m.effects)}]"]
+    lines += [f"rig: {m.name}", f"effects: [{', '.join(_yaml_scalar(effect_spec(type(e))) for e in m.effects)}]"]
     rows = list_parameters(m)
     names = short_names(m)
     for section in (s for s in KINDS if hasattr(m, s)):
-        part = getattr(m, section)
-        lines += [f"{section}:", f"  kind: {_scalar(config_kind(section, part))}"]
-        if isinstance(part, Recorded):
+        component = getattr(m, section)
+        lines += [f"{section}:", f"  kind: {_yaml_scalar(config_kind(section, component))}"]
+        if isinstance(component, Recorded):
             keys = recordings.get(section, {})
-            keys = encode_samples(part) if "file" not in keys else {k: v for k, v in keys.items() if k != "kind"}
+            keys = encode_samples(component) if "file" not in keys else {k: v for k, v in keys.items() if k != "kind"}
             lines += [f"  {k}: {json.dumps(v, ensure_ascii=False)}" for k, v in keys.items()]
         lines += [f"  {p.name}: {exact_quantity(v, p.unit)}  # {p.doc}" for p, v, path in rows if path == section]
     lines.append("parameters:")
     for path in parts(m):
-        own = [(p, v) for p, v, at in rows if at == path and path not in KINDS]
+        own = [(p, v) for p, v, owner_path in rows if owner_path == path and path not in KINDS]
         lines += [f"  # {path}"] if own else []
         for p, v in own:
             lines.append(f"  {names[path, p.name]}: {exact_quantity(v, p.unit)}  # {p.doc}")
@@ -51,15 +58,18 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
     return "\n".join([*lines, f"  precision: {settings.precision.value}", ""])
 
 
-def config_kind(section: str, part: Any) -> str:
-    """The name by which a configuration calls what is mounted in a section; a controller of the user by its file."""
-    return next((kind for kind, cls in KINDS[section].items() if isinstance(part, cls)), None) or user_spec(type(part))
+def config_kind(section: str, component: Any) -> str:
+    """The value of the key `kind` that selects a component of a section; a user's controller is file.py:ClassName."""
+    built_in = next((kind for kind, cls in KINDS[section].items() if isinstance(component, cls)), None)
+    return built_in or user_spec(type(component))
 
 
-def _scalar(text: str) -> str:
+def _yaml_scalar(text: str) -> str:
+    """A text as a YAML scalar, quoted unless it is a plain word."""
     return text if text.replace("_", "").isalnum() else json.dumps(text, ensure_ascii=False)
 
 
 def _percent(value: float) -> str:
+    """A share in percent if that text reads back as the same number, else the number itself."""
     text = f"{100.0 * value:.12g} %"
     return text if to_si(text, "-") == value else repr(value)

@@ -113,7 +113,7 @@ def test_half_written_folders_are_refused(here):
     assert main(["simulate", str(CONFIGS / "actuator.yaml"), "--out", "r", *QUICK]) == 0
     whole = (here / "r" / "timeseries.parquet").read_bytes()
     (here / "r" / "timeseries.parquet").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(ValueError, match="unreadable or half-written"):
+    with pytest.raises(ValueError, match="unreadable or incomplete"):
         edhas.open_run(here / "r")
     (here / "r" / "timeseries.parquet").unlink()
     with pytest.raises(ValueError, match="timeseries.parquet is missing"):

@@ -1,0 +1,59 @@
+"""Checks of a configured machine that involve several parameters or components."""
+
+from collections.abc import Iterator, Mapping
+
+from edhas_jax.config.yaml_with_lines import KeyPath
+from edhas_jax.core.units import format_quantity
+from edhas_jax.machine.components.controller_sampling import Sampled
+from edhas_jax.machine.components.controllers import OpenLoop
+from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.machine.rigs import Rig
+
+Problem = tuple[KeyPath, str]
+GivenKeys = Mapping[tuple[str, str], KeyPath]
+
+
+def check_machine(m: Rig, given: GivenKeys, incomplete: bool) -> list[Problem]:
+    """Check what the range of a single parameter cannot express.
+
+    Args:
+        m: the machine with all parameters set.
+        given: the key of every parameter that the configuration sets, by (path, name).
+        incomplete: whether a component or effect is missing after an earlier problem.
+
+    Returns:
+        Key and message of every problem.
+    """
+    problems = [*_check_cylinder(m, given), *_check_chirps(m, given), *_check_sampling(m, given)]
+    return problems if incomplete else [*problems, *_check_open_loop(m, given)]
+
+
+def _check_cylinder(m: Rig, given: GivenKeys) -> Iterator[Problem]:
+    if hasattr(m, "cylinder") and not m.cylinder.cylinder_rod < m.cylinder.cylinder_bore:
+        names = [("cylinder", name) for name in ("cylinder_rod", "cylinder_bore")]
+        key = next((given[name] for name in names if name in given), names[1])
+        rod, bore = (format_quantity(x, "m") for x in (m.cylinder.cylinder_rod, m.cylinder.cylinder_bore))
+        yield key, f"the rod ({rod}) must be thinner than the bore ({bore}) of the cylinder"
+
+
+def _check_chirps(m: Rig, given: GivenKeys) -> Iterator[Problem]:
+    for section in ("reference", "target"):
+        for name in ("start_frequency", "end_frequency"):
+            if getattr(getattr(m, section, None), name, 1.0) <= 0.0:
+                key = given.get((section, name), (section, name))
+                yield key, "must be above 0 Hz for a chirp"
+
+
+def _check_sampling(m: Rig, given: GivenKeys) -> Iterator[Problem]:
+    if isinstance(m.sampling, Sampled) and m.sampling.computation_delay > m.sampling.sample_time:
+        key = given.get(("sampling", "computation_delay"), ("sampling", "sample_time"))
+        limit = format_quantity(m.sampling.sample_time, "s")
+        yield key, f"at most one sample time ({limit}) can pass from a sample to its command"
+
+
+def _check_open_loop(m: Rig, given: GivenKeys) -> Iterator[Problem]:
+    if isinstance(m.controller, OpenLoop) and not isinstance(m.reference, Recorded):
+        name = "step_size" if hasattr(m.reference, "step_size") else "amplitude"
+        if ("reference", name) not in given:
+            message = "missing; with an open-loop controller the reference is the command"
+            yield ("reference", name), f"{message}, write for example `{name}: 12 V`"
