@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import edhas_jax
-from edhas_jax.compiler.c_source import c_function, c_function_in_two, c_number
+from edhas_jax.compiler.c_source import c_function, c_function_with_invariants, c_number
 from edhas_jax.core.units import format_quantity
 from edhas_jax.export.fmu_equations import STEP, Causality, Source, UnitProgram
 from edhas_jax.machine.components.set_points import Recorded
@@ -59,7 +59,7 @@ def sources(unit: UnitProgram, title: str) -> tuple[dict[str, str], str]:
 
 def _machine(unit: UnitProgram) -> str:
     """All of machine.h that says what the machine is."""
-    step, kept = c_function_in_two(unit.step, "machine_step", _PARAMETERS, _expressions(unit))
+    step, kept = c_function_with_invariants(unit.step, "machine_step", _PARAMETERS, _expressions(unit))
     names = [v.name for v in unit.values]
     sizes = {
         "VALUES": len(names), "STEP": names.index(STEP), "STATES": len(unit.states), "SIGNALS": len(unit.outputs),

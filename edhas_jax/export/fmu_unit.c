@@ -249,7 +249,7 @@ EXPORT Status FMI(fmi2DoStep)(Instance c, double begin, double size, Boolean no_
     if (fabs(h - s->h) <= 1e-9 * h) h = s->h;
     if (!u->is_kept || h != s->h) {
         s->h = h;
-        machine_step_fixed(s->value, s->y, begin, h, begin, curve, u->kept);
+        machine_step_invariants(s->value, s->y, begin, h, begin, curve, u->kept);
         u->is_kept = 1;
     }
     s->since = begin;
