@@ -316,7 +316,7 @@ def build(
 def of_bench(dtype: str, sums: Callable = lambda machine, y, t, h: {}) -> Loop:
     """The loop of the pump bench of the benchmarks over the parameters in `VARIED`."""
     machine = bench_machine()
-    start = {n: float(v) for n, v in machine.start().items()}
+    start = {n: float(v) for n, v in machine.initial_state().items()}
     return build(lambda p: varied(machine, p), start, list(VARIED), dtype, sums)
 
 
@@ -326,7 +326,7 @@ def of_cycle(dtype: str) -> Loop:
     In place of a step size it takes the number of steps in a cycle.
     """
     machine = bench_machine()
-    start = {n: float(v) for n, v in machine.start().items()}
+    start = {n: float(v) for n, v in machine.initial_state().items()}
     kept = {n: float(v) for n, v in empty_sums(machine, np.dtype(dtype)).items()}
     parameters, carry = list(VARIED), start | kept
 
@@ -369,7 +369,7 @@ def difference(loop: Loop, batch: int, steps: int) -> float:
 
     def one(p):
         ready = varied(machine, p)
-        y = {n: jnp.asarray(v, loop.dtype) for n, v in machine.start().items()}
+        y = {n: jnp.asarray(v, loop.dtype) for n, v in machine.initial_state().items()}
         return jax.lax.fori_loop(0, steps, lambda i, y: step(ready, y, i.astype(loop.dtype) * h, h)[0], y)
 
     expected = jax.device_get(jax.jit(jax.vmap(one))(values))

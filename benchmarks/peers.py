@@ -203,14 +203,14 @@ def in_c(values: dict, tight: np.ndarray, cores: int) -> Row:
 def rates(machine, y: dict, t) -> dict:
     """d(state)/dt, and that of the volume delivered."""
     s, found = machine.evaluate(y, t, 1.0, y)
-    for name, pole in s.notes.poles.items():
+    for name, pole in s.record.strain_poles.items():
         found[name] = found[name] / (1.0 + pole / jnp.square(y[name]))
     return found | {FLOW: s.outlet_flow}
 
 
 def start() -> dict[str, float]:
     """The state at rest."""
-    return {n: float(v) for n, v in c_loop.bench_machine().start().items()}
+    return {n: float(v) for n, v in c_loop.bench_machine().initial_state().items()}
 
 
 def right_side(p, y, t) -> dict:

@@ -42,14 +42,15 @@ def _parameter_owners() -> list[type]:
 
     from edhas_jax.machine import rigs
     from edhas_jax.machine.effects import LIBRARY
-    from edhas_jax.machine.parameters import KINDS
+    from edhas_jax.machine.parameters import COMPONENT_KINDS
 
     found: dict[type, None] = {}
     for rig in rigs.RIGS.values():
         for name, kind in typing.get_type_hints(rig).items():
             if name == "effects":
                 continue
-            for owner in KINDS[name].values() if name in KINDS else typing.get_args(kind) or (kind,):
+            mounted = typing.get_args(kind) or (kind,)
+            for owner in COMPONENT_KINDS[name].values() if name in COMPONENT_KINDS else mounted:
                 if hasattr(owner, "__dataclass_fields__"):
                     found[owner] = None
     return [*found, *LIBRARY]

@@ -50,16 +50,16 @@ def run(options) -> None:
 def metrics_table(run):
     """The metrics of a run as a rich table in engineering units, or a sentence that says why there are none."""
     from edhas_jax.core.units import from_si
-    from edhas_jax.simulation.metrics import TooShort
+    from edhas_jax.simulation.metrics import RunTooShortError
 
     try:
         metrics = run.metrics
-    except TooShort as error:
+    except RunTooShortError as error:
         return f"no metrics: {error}"
     rows = table(None, "metric", "value", "unit", "meaning")
     for name, metric in metrics.items():
-        unit = "" if metric.shown == "-" else metric.shown
-        rows.add_row(name, f"{from_si(metric.value, metric.unit, metric.shown):.5g}", unit, metric.doc)
+        unit = "" if metric.display_unit == "-" else metric.display_unit
+        rows.add_row(name, f"{from_si(metric.value, metric.unit, metric.display_unit):.5g}", unit, metric.doc)
     return rows
 
 

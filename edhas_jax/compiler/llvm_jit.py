@@ -11,7 +11,7 @@ import llvmlite
 from llvmlite import binding as llvm
 
 from edhas_jax.compiler.llvm_ops import Processor
-from edhas_jax.core.atomic_file import whole_file
+from edhas_jax.core.atomic_file import atomic_write
 
 
 class Host(NamedTuple):
@@ -66,7 +66,7 @@ def _keep(path: Path, code: bytes) -> None:
     """Write a file that is either whole or not there; a cache that cannot be written is no reason to stop."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as beside:
+        with atomic_write(path) as beside:
             beside.write_bytes(code)
     except OSError:
         pass

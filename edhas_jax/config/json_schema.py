@@ -9,8 +9,8 @@ from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.effects import LIBRARY
-from edhas_jax.machine.parameters import KINDS, span_text
-from edhas_jax.machine.rigs import RIGS, parts
+from edhas_jax.machine.parameters import COMPONENT_KINDS, format_span
+from edhas_jax.machine.rigs import RIGS, components_by_name
 from edhas_jax.simulation.run import Precision
 
 USER_CLASS_PATTERN = r"^.+:\s*[A-Za-z_]\w*\s*$"  # file.py:ClassName
@@ -23,7 +23,7 @@ def json_schema() -> dict[str, Any]:
     Returns:
         A JSON schema of draft 2020-12 as plain data.
     """
-    sections = {name: _section_schema(kinds) for name, kinds in KINDS.items()}
+    sections = {name: _section_schema(kinds) for name, kinds in COMPONENT_KINDS.items()}
     sections["controller"] = _controller_schema()
     sections["target"] = {"anyOf": [QUANTITY_REFERENCE, sections["target"]]}
     effect_names = [{"enum": [cls.id for cls in LIBRARY]}, {"type": "string", "pattern": USER_CLASS_PATTERN}]
@@ -56,8 +56,8 @@ def json_schema() -> dict[str, Any]:
 
 def _parameters_by_name() -> dict[str, list[Parameter]]:
     """Every parameter by its name; several owners may declare the same name."""
-    owners = dict.fromkeys(type(part) for rig in RIGS.values() for part in parts(rig()).values())
-    owners |= dict.fromkeys(cls for kinds in KINDS.values() for cls in kinds.values())
+    owners = dict.fromkeys(type(part) for rig in RIGS.values() for part in components_by_name(rig()).values())
+    owners |= dict.fromkeys(cls for kinds in COMPONENT_KINDS.values() for cls in kinds.values())
     owners |= dict.fromkeys(LIBRARY)
     by_name: dict[str, list[Parameter]] = {}
     for owner in owners:
@@ -92,7 +92,7 @@ def _parameter_schema(same_name: list[Parameter]) -> dict[str, Any]:
     meaning = " / ".join(f"{structs.owner_id(q.owner)}: {q.doc}" if several else q.doc for q in same_name)
     dimensionless = p.unit == "-"
     number = {"type": ["string", "number"], "minimum": p.span[0], "maximum": p.span[1]}
-    allowed = f"{span_text(p)}; default {format_quantity(p.default, p.unit)}"
+    allowed = f"{format_span(p)}; default {format_quantity(p.default, p.unit)}"
     unit = "no unit" if dimensionless else f"SI unit {p.unit}"
     return (number if dimensionless else {"type": "string"}) | {
         "description": f"{meaning}; {unit}; {allowed}",
@@ -114,9 +114,9 @@ def _section_schema(kinds: Mapping[str, type]) -> dict[str, Any]:
 
 def _controller_schema() -> dict[str, Any]:
     """The schema of the section `controller`; a class of the user may have any further parameters."""
-    section = _section_schema(KINDS["controller"])
+    section = _section_schema(COMPONENT_KINDS["controller"])
     user_class = {"type": "string", "pattern": USER_CLASS_PATTERN}
-    built_in = {"properties": {"kind": {"enum": list(KINDS["controller"])}}}
+    built_in = {"properties": {"kind": {"enum": list(COMPONENT_KINDS["controller"])}}}
     section["properties"]["kind"] = {"anyOf": [section["properties"]["kind"], user_class]}
     section["additionalProperties"] = QUANTITY_REFERENCE
     return section | {"if": built_in, "then": {"propertyNames": {"enum": list(section["properties"])}}}

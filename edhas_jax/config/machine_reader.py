@@ -12,7 +12,7 @@ from edhas_jax.config.run_settings import SETTING_NAMES, quantity_text, read_set
 from edhas_jax.config.writer import config_kind
 from edhas_jax.config.yaml_with_lines import KeyPath, key_text, yaml_type
 from edhas_jax.core import structs
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, to_si, with_article
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
@@ -22,11 +22,18 @@ from edhas_jax.machine.effects import Effect, EffectError
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.interface.controller_base import Controller, ControllerError
-from edhas_jax.machine.parameters import KINDS, ParameterError, find_parameter, list_parameters, put, read_value
+from edhas_jax.machine.parameters import (
+    COMPONENT_KINDS,
+    ParameterError,
+    find_parameter,
+    list_parameters,
+    parse_value,
+    replace_value,
+)
 from edhas_jax.machine.rigs import RIGS, Rig
 from edhas_jax.machine.user_controller import check_controller, load_controller
 
-TOP_LEVEL_KEYS = ("name", "rig", "effects", "parameters", *KINDS, "simulation")
+TOP_LEVEL_KEYS = ("name", "rig", "effects", "parameters", *COMPONENT_KINDS, "simulation")
 
 
 class MachineReader:
@@ -54,7 +61,7 @@ class MachineReader:
         settings, self._overrides = self._split_overrides(overrides)
         for key in data:
             if key not in TOP_LEVEL_KEYS:
-                self._add((key,), f"unknown key; {nearest(str(key), TOP_LEVEL_KEYS)}")
+                self._add((key,), f"unknown key; {suggest(str(key), TOP_LEVEL_KEYS)}")
         self.name = "" if data.get("name") is None else data["name"]
         if not isinstance(self.name, str):
             self._add(("name",), f"a text belongs here, not {yaml_type(self.name)}")
@@ -85,10 +92,10 @@ class MachineReader:
         elif not isinstance(rig, str):
             self._add(("rig",), f"a text belongs here, not {yaml_type(rig)}; one of {', '.join(RIGS)}")
         elif rig not in RIGS:
-            self._add(("rig",), f"no rig `{rig}`; {nearest(rig, RIGS)}")
+            self._add(("rig",), f"no rig `{rig}`; {suggest(rig, RIGS)}")
         else:
             m = RIGS[rig]()
-            for section in KINDS:
+            for section in COMPONENT_KINDS:
                 m = self._section(m, section)
             for read in (self._effects, self._parameters, self._apply_overrides, self._recorded_inputs):
                 m = read(m)
@@ -107,7 +114,7 @@ class MachineReader:
 
     def _section(self, m: Rig, section: str) -> Rig:
         """The machine with the component that a section selects and the parameters that it sets."""
-        kinds = KINDS[section]
+        kinds = COMPONENT_KINDS[section]
         if section not in self._data:
             return m
         if not hasattr(m, section):
@@ -145,7 +152,7 @@ class MachineReader:
             if name in valid:
                 m = self._set(m, key, section, valid[name], quantity)
             else:
-                hint = nearest(str(name), valid) if valid else "it has none"
+                hint = suggest(str(name), valid) if valid else "it has none"
                 owners = [k for k, other in kinds.items() if name in (p.name for p in structs.parameters(other))]
                 if owners and "kind" not in value:
                     hint = f"write `kind: {owners[0]}`, which has it"
@@ -154,14 +161,14 @@ class MachineReader:
 
     def _component_class(self, section: str, kind: Any) -> type | None:
         """The class that `kind` names, which for a controller may be the user's own; None after a problem."""
-        kinds = KINDS[section]
+        kinds = COMPONENT_KINDS[section]
         if isinstance(kind, str) and kind in kinds:
             return kinds[kind]
         if section == "controller" and isinstance(kind, type) and issubclass(kind, Controller):
             return kind
-        message = f"the name of a kind belongs here, not {yaml_type(kind)}; {nearest('', kinds)}"
+        message = f"the name of a kind belongs here, not {yaml_type(kind)}; {suggest('', kinds)}"
         if isinstance(kind, str):
-            message = f"no {section} of kind `{kind}`; {nearest(kind, kinds)}"
+            message = f"no {section} of kind `{kind}`; {suggest(kind, kinds)}"
         if section == "controller" and isinstance(kind, str) and (":" in kind or kind.endswith(".py")):
             try:
                 return load_controller(kind, self._base_dir)
@@ -240,7 +247,7 @@ class MachineReader:
             return m
         self._given[path, p.name] = key
         try:
-            return put(m, path, p.name, read_value(p, quantity_text(p, value)))
+            return replace_value(m, path, p.name, parse_value(p, quantity_text(p, value)))
         except (ParameterError, UnitError) as error:
             self._add(key, str(error))
             return m
@@ -250,7 +257,7 @@ class MachineReader:
         for section, keys in list(self.recordings.items()):
             for name, value in keys.items():
                 if name not in RECORDING_KEYS:
-                    valid = nearest(str(name), RECORDING_KEYS)
+                    valid = suggest(str(name), RECORDING_KEYS)
                     self._add((section, name), f"unknown key of a recorded {section}; {valid}")
                 elif not isinstance(value, str):
                     self._add((section, name), f"a text belongs here, not {yaml_type(value)}")

@@ -5,10 +5,10 @@ from typing import Any
 
 from edhas_jax.config.run_settings import quantity_text
 from edhas_jax.config.yaml_with_lines import KeyPath
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError
-from edhas_jax.machine.parameters import ParameterError, read_value
+from edhas_jax.machine.parameters import ParameterError, parse_value
 
 
 class ProblemList:
@@ -29,7 +29,7 @@ class ProblemList:
         """Append a problem for every key of the mapping `given` at `key` that is not among `valid`."""
         for name in given:
             if name not in valid:
-                self.add((*key, name), f"unknown key; {nearest(str(name), valid)}")
+                self.add((*key, name), f"unknown key; {suggest(str(name), valid)}")
 
     def read_quantity(self, key: KeyPath, p: Parameter, value: Any) -> float | None:
         """Read a value of the parameter `p`.
@@ -38,7 +38,7 @@ class ProblemList:
             The value in SI units, or None after a problem.
         """
         try:
-            return read_value(p, quantity_text(p, value))
+            return parse_value(p, quantity_text(p, value))
         except (ParameterError, UnitError) as error:
             self.add(key, str(error))
             return None

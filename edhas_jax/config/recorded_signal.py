@@ -10,7 +10,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, exact_quantity, format_quantity, to_si
 from edhas_jax.machine.components.set_points import Recorded
 
@@ -58,7 +58,7 @@ def read_recording(path: Path, column: str | None, unit: str | None, si_unit: st
     if column is None:
         raise RecordingError("column", f"missing; {path} has the columns {', '.join(others) or 'time only'}")
     if column not in others:
-        raise RecordingError("column", f"{path} has no column `{column}`; {nearest(column, others)}")
+        raise RecordingError("column", f"{path} has no column `{column}`; {suggest(column, others)}")
     repeated = next((n for n in ("time", column) if names.count(n) > 1), None)
     if repeated:
         raise RecordingError("file", f"{path}: has several columns `{repeated}`; name each differently")

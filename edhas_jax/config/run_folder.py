@@ -19,9 +19,9 @@ import pyarrow.parquet as pq
 import edhas_jax
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.config.writer import dump_config
-from edhas_jax.core.atomic_file import whole_file
+from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.simulation.metrics import TooShort
+from edhas_jax.simulation.metrics import RunTooShortError
 from edhas_jax.simulation.run import Run
 
 FORMAT_VERSION = 1
@@ -107,7 +107,7 @@ def _write_files(folder: Path, run: Run, figure: bool) -> None:
     pq.write_table(_table(columns, units), folder / LEDGER_FILE)
     try:
         metrics = {n: {"value": m.value, "unit": m.unit, "doc": m.doc} for n, m in run.metrics.items()}
-    except TooShort:
+    except RunTooShortError:
         metrics = {}
     write_json(folder / METRICS_FILE, metrics)
     (folder / CONFIG_FILE).write_text(dump_config(run.machine, run.simulation), encoding="utf-8")
@@ -138,7 +138,7 @@ def _table(columns: dict, units: dict[str, str]) -> pa.Table:
 
 def write_json(path: Path, value: dict) -> None:
     """Write a JSON file atomically; numbers must be finite, see `replace_nonfinite`."""
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from edhas_jax.config.yaml_with_lines import KeyPath, yaml_type
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.machine.parameters import ParameterError
@@ -99,7 +99,7 @@ def _setting(name: str, value: Any) -> float:
         UnitError: the value is not a quantity in a unit of this kind.
     """
     if name not in SIMULATION_SETTINGS:
-        raise ParameterError(f"unknown key; {nearest(str(name), SETTING_NAMES)}")
+        raise ParameterError(f"unknown key; {suggest(str(name), SETTING_NAMES)}")
     p = SIMULATION_SETTINGS[name]
     number = to_si(quantity_text(p, value), p.unit, setting_text(p, p.default))
     low, high = p.span

@@ -7,9 +7,9 @@ from edhas_jax.config.recorded_signal import encode_samples
 from edhas_jax.config.run_settings import SIMULATION_SETTINGS
 from edhas_jax.core.units import exact_quantity, to_si
 from edhas_jax.machine.components.set_points import Recorded
-from edhas_jax.machine.effects.loading import effect_spec, user_spec
-from edhas_jax.machine.parameters import KINDS, list_parameters, short_names
-from edhas_jax.machine.rigs import Rig, parts
+from edhas_jax.machine.effects.loading import class_spec, effect_spec
+from edhas_jax.machine.parameters import COMPONENT_KINDS, list_parameters, short_names
+from edhas_jax.machine.rigs import Rig, components_by_name
 from edhas_jax.simulation.run import Simulation
 
 
@@ -35,7 +35,7 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
     lines += [f"rig: {m.name}", f"effects: [{', '.join(_yaml_scalar(effect_spec(type(e))) for e in m.effects)}]"]
     rows = list_parameters(m)
     names = short_names(m)
-    for section in (s for s in KINDS if hasattr(m, s)):
+    for section in (s for s in COMPONENT_KINDS if hasattr(m, s)):
         component = getattr(m, section)
         lines += [f"{section}:", f"  kind: {_yaml_scalar(config_kind(section, component))}"]
         if isinstance(component, Recorded):
@@ -44,8 +44,8 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
             lines += [f"  {k}: {json.dumps(v, ensure_ascii=False)}" for k, v in keys.items()]
         lines += [f"  {p.name}: {exact_quantity(v, p.unit)}  # {p.doc}" for p, v, path in rows if path == section]
     lines.append("parameters:")
-    for path in parts(m):
-        own = [(p, v) for p, v, owner_path in rows if owner_path == path and path not in KINDS]
+    for path in components_by_name(m):
+        own = [(p, v) for p, v, owner_path in rows if owner_path == path and path not in COMPONENT_KINDS]
         lines += [f"  # {path}"] if own else []
         for p, v in own:
             lines.append(f"  {names[path, p.name]}: {exact_quantity(v, p.unit)}  # {p.doc}")
@@ -60,8 +60,8 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
 
 def config_kind(section: str, component: Any) -> str:
     """The value of the key `kind` that selects a component of a section; a user's controller is file.py:ClassName."""
-    built_in = next((kind for kind, cls in KINDS[section].items() if isinstance(component, cls)), None)
-    return built_in or user_spec(type(component))
+    built_in = next((kind for kind, cls in COMPONENT_KINDS[section].items() if isinstance(component, cls)), None)
+    return built_in or class_spec(type(component))
 
 
 def _yaml_scalar(text: str) -> str:

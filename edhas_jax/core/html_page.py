@@ -30,12 +30,12 @@ def paragraph(text: str) -> str:
     return f'<p class="quiet">{html.escape(text)}</p>'
 
 
-def listing(sentences: Sequence[str]) -> str:
+def numbered_list(sentences: Sequence[str]) -> str:
     """Sentences as a numbered list."""
     return "<ol>" + "".join(f"<li>{html.escape(s)}</li>" for s in sentences) + "</ol>"
 
 
-def rows(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+def table(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
     """A table; every column but the first and the last is set as numbers."""
 
     def cell(at: int, text: str) -> str:
@@ -47,7 +47,7 @@ def rows(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
     return f"<table><tr>{top}</tr>{lines}</table>"
 
 
-def picture(figure, says: str) -> str:
+def image(figure, says: str) -> str:
     """A matplotlib figure, with the sentence that says what it shows."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110)

@@ -145,7 +145,7 @@ def from_si(value, unit: str, shown: str):
     return (value - offset) / float(size)
 
 
-def shown_unit(unit: str, value: float | None = None) -> str:
+def display_unit(unit: str, value: float | None = None) -> str:
     """The unit in which a quantity of SI unit `unit` is shown at this magnitude; without a value, the usual one."""
     return _USUAL.get(unit, _row(unit, 1.0)[0]) if value is None else _row(unit, value)[0]
 
@@ -189,7 +189,7 @@ def with_article(word: str) -> str:
 
 def _usual(number: str, unit: str) -> float:
     """A bare number as an example: in the unit it was most likely meant in."""
-    return float(from_number * _conversion(shown_unit(unit), unit)[0]) if (from_number := Fraction(number)) else 1.0
+    return float(from_number * _conversion(display_unit(unit), unit)[0]) if (from_number := Fraction(number)) else 1.0
 
 
 def _plain(unit: str) -> str:
@@ -225,16 +225,17 @@ def _mismatch(text: str, given: str, unit: str, example: str) -> str:
     return f'"{text}" does not convert to {needed and with_article(needed) or _plain(unit)}; {_hint(unit, example)}'
 
 
-def with_error(value: float, error: float, unit: str) -> str:
+def format_with_error(value: float, error: float, unit: str) -> str:
     """A value (SI) with its standard error, in the unit that suits the value: "0.80020 ± 0.00038 V".
 
     Where that takes a power of ten, it is one for both: "(4.0010 ± 0.0016)e-13 m³/Pa".
     """
-    shown = shown_unit(unit, value)
+    shown = display_unit(unit, value)
     number, spread = from_si(value, unit, shown), from_si(error, unit, shown) - from_si(0.0, unit, shown)
     size = max(abs(number), spread)
     if size > 0.0 and not 1e-4 <= size < 1e6:
         exponent = math.floor(math.log10(size))
-        return f"({with_error(number / 10.0**exponent, spread / 10.0**exponent, '-')})e{exponent} {shown}".rstrip()
+        scale = 10.0**exponent
+        return f"({format_with_error(number / scale, spread / scale, '-')})e{exponent} {shown}".rstrip()
     digits = min(7, max(0, 1 - math.floor(math.log10(spread)))) if spread > 0.0 else 4
     return f"{number:.{digits}f} ± {spread:.2g} {shown}".rstrip()

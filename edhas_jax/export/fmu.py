@@ -17,7 +17,7 @@ from pathlib import Path
 
 from edhas_jax.config.machine_config import Config
 from edhas_jax.config.writer import dump_config
-from edhas_jax.core.atomic_file import whole_file
+from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.export.fmu_c_sources import UNIT_FILE, sources
 from edhas_jax.export.fmu_description import model_description
 from edhas_jax.export.fmu_equations import UnitProgram, unit_program
@@ -142,7 +142,7 @@ def _write(path: Path, parts: dict[str, str | bytes]) -> None:
             file.writestr(entry, content)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as beside:
+        with atomic_write(path) as beside:
             beside.write_bytes(archive.getvalue())
     except OSError as error:
         raise FmuError(f"{path}: cannot be written: {error.strerror}") from None

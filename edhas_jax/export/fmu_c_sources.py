@@ -18,8 +18,8 @@ from edhas_jax.machine.interface.signals import SIGNALS
 UNIT_FILE, MACHINE_FILE = "fmu_unit.c", "machine.h"
 
 _PARAMETERS = "const double *value, const double *y, double t, double h, double since, const double *curve"
-_FIELDS = ("index", "here", "slope", "second", "third")  # of a stretch; its interval is a number
-_STRETCH = """/* the cubic between the samples around t, held outside: index, here, slope, second, third */
+_FIELDS = ("index", "value", "slope", "quadratic", "cubic")  # of a stretch; its interval is a number
+_STRETCH = """/* the cubic between the samples around t, held outside: index, value, slope, quadratic, cubic */
 static void stretch(const double *values, long count, double interval, double start, double t, double *out)
 {
     const double position = (t - start) / interval;

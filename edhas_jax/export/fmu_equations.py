@@ -14,11 +14,12 @@ from edhas_jax.config.run_settings import SIMULATION_SETTINGS
 from edhas_jax.core import structs
 from edhas_jax.export.fmu_inputs import FmuError, Outside, inputs_of, mount, read_inputs, replaced_signals
 from edhas_jax.machine.components.controllers import OpenLoop
-from edhas_jax.machine.components.set_points import Recorded, Stretch
+from edhas_jax.machine.components.set_points import Recorded, RecordedInterval
 from edhas_jax.machine.interface.signals import SIGNALS, Signal
-from edhas_jax.machine.parameters import find_parameter, list_parameters, put, short_names
+from edhas_jax.machine.parameters import find_parameter, list_parameters, replace_value, short_names
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.integrator import checks, observe, step, violations
+from edhas_jax.simulation.integrator import evaluate_signals, step
+from edhas_jax.simulation.time_loop import check_names, failed_checks
 
 STEP = "step"  # the name of the variable that holds the largest step
 
@@ -47,7 +48,7 @@ class Source(NamedTuple):
     """Where an input of a program comes from.
 
     `table` is "values" or "y" for the value or state `name`, "curve SECTION" for a field of a recorded set point's
-    `Stretch`, or "t", "h" and "since" for the time, the step and the time of the last inputs [s].
+    `RecordedInterval`, or "t", "h" and "since" for the time, the step and the time of the last inputs [s].
     """
 
     table: str
@@ -94,33 +95,33 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
         for section, stretch in curves.items():
             m = structs.replace(m, **{section: stretch})
         for name, (path, own) in places.items():
-            m = put(m, path, own, values[name])
+            m = replace_value(m, path, own, values[name])
         return mount(m, outside, values, since)
 
     example = {v.name: v.start for v in candidates}
-    still = {n: Stretch(**dict.fromkeys(_STRETCH, 1.0)) for n in recorded}
+    still = {n: RecordedInterval(**dict.fromkeys(_STRETCH, 1.0)) for n in recorded}
     at_rest = made(example, still, 0.0)
-    states = tuple(sorted(at_rest.start()))
-    seen = jax.eval_shape(lambda y: observe(at_rest, y, 0.0, 1.0), {n: jnp.zeros(()) for n in states})
+    states = tuple(sorted(at_rest.initial_state()))
+    seen = jax.eval_shape(lambda y: evaluate_signals(at_rest, y, 0.0, 1.0), {n: jnp.zeros(()) for n in states})
     hidden = {"time", *(v.name for v in candidates), *replaced}
     outputs = [n for n in SIGNALS if n in seen and n not in hidden]
 
     def start(a):
-        y = made(a["values"], a["curves"], a["since"]).start()
+        y = made(a["values"], a["curves"], a["since"]).initial_state()
         return [jnp.zeros(()) + y[n] for n in states]
 
     def go(a):
         m, t, h = made(a["values"], a["curves"], a["since"]), a["t"], a["h"]
         y = step(m, a["y"], t, h)[0]
-        return [*(y[n] for n in states), _first(violations(m, y, t + h, h))]
+        return [*(y[n] for n in states), _first(failed_checks(m, y, t + h, h))]
 
     def see(a):
-        row = observe(made(a["values"], a["curves"], a["since"]), a["y"], a["t"], a["h"])
+        row = evaluate_signals(made(a["values"], a["curves"], a["since"]), a["y"], a["t"], a["h"])
         return [row[n] for n in outputs]
 
     sources = {
         "values": {n: Source("values", n) for n in example},
-        "curves": {n: Stretch(**{f: Source(f"curve {n}", f) for f in _STRETCH}) for n in recorded},
+        "curves": {n: RecordedInterval(**{f: Source(f"curve {n}", f) for f in _STRETCH}) for n in recorded},
         "y": {n: Source("y", n) for n in states},
         **{n: Source(n) for n in ("t", "h", "since")},
     }
@@ -143,10 +144,10 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
         for k, name in enumerate(outputs)
     }
     signals = tuple(Variable(n, *_signal(machine, n), Causality.OUTPUT) for n in outputs)
-    return UnitProgram(values, signals, states, checks(at_rest), *programs, leaves, recorded, influence)
+    return UnitProgram(values, signals, states, check_names(at_rest), *programs, leaves, recorded, influence)
 
 
-_STRETCH = tuple(Stretch.__dataclass_fields__)
+_STRETCH = tuple(RecordedInterval.__dataclass_fields__)
 
 
 def _candidates(
@@ -176,7 +177,7 @@ def _culprit(machine: Rig) -> str:
     for effect in machine.effects:
         alone = structs.replace(machine, effects=(effect,))
         try:
-            carry = dict.fromkeys(alone.start(), Dependence.CARRY)
+            carry = dict.fromkeys(alone.initial_state(), Dependence.CARRY)
             trace_to_ir(lambda y, m=alone: step(m, y, 0.0, 1.0)[0], jnp.float64, carry)
         except Untranslatable:
             return f"the effect {effect.id}"

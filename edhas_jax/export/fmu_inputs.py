@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from edhas_jax.core import structs
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import struct
 from edhas_jax.machine.components.controller_sampling import Continuous
 from edhas_jax.machine.components.controllers import Coordination, OpenLoop
@@ -44,7 +44,7 @@ class Given:
     rate: Any
     since: Any
 
-    def at(self, t):
+    def value_and_rate(self, t):
         """Value and rate at time t [s]."""
         return self.value + self.rate * (t - self.since), self.rate
 
@@ -85,7 +85,7 @@ def read_inputs(machine: Rig, names: Sequence[str]) -> tuple[tuple[Outside, ...]
         try:
             p, path = find_parameter(machine, name)
         except ParameterError as error:
-            hint = "" if "nearest" in str(error) else f"; {nearest(name, valid)}, or a parameter"
+            hint = "" if "nearest" in str(error) else f"; {suggest(name, valid)}, or a parameter"
             raise FmuError(f"--input {name}: {error}{hint}") from None
         if (path, p.name) in parameters:
             raise FmuError(f"--input {name}: given twice, also as {parameters[path, p.name]}")

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.core import structs
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si, with_article
 from edhas_jax.machine.components.adaptive_sliding_mode import AdaptiveSlidingMode
@@ -20,9 +20,9 @@ from edhas_jax.machine.components.controller_sampling import Continuous, Sampled
 from edhas_jax.machine.components.controllers import CascadeController, OpenLoop, PositionController
 from edhas_jax.machine.components.set_points import Chirp, Recorded, Sine, Step
 from edhas_jax.machine.effects import LIBRARY
-from edhas_jax.machine.rigs import RIGS, Rig, parts
+from edhas_jax.machine.rigs import RIGS, Rig, components_by_name
 
-KINDS: dict[str, dict[str, type]] = {
+COMPONENT_KINDS: dict[str, dict[str, type]] = {
     "amplifier": {"voltage": VoltageAmplifier, "current": CurrentAmplifier},
     "controller": {
         "position": PositionController,
@@ -47,7 +47,7 @@ def list_parameters(machine: Rig) -> list[tuple[Parameter, Any, str]]:
     """
     return [
         (_as_mounted(p, path, machine), getattr(part, p.name), path)
-        for path, part in parts(machine).items()
+        for path, part in components_by_name(machine).items()
         for p in structs.parameters(type(part))
     ]
 
@@ -92,7 +92,7 @@ def get_parameter(machine: Rig, name: str) -> Any:
         p, path = find_parameter(machine, name)
     except ParameterError as error:
         raise ParameterError(f"{name}: {error}") from None
-    return getattr(parts(machine)[path], p.name)
+    return getattr(components_by_name(machine)[path], p.name)
 
 
 def set_parameters(machine: Rig, values: Mapping[str, Any]) -> Rig:
@@ -110,13 +110,13 @@ def set_parameters(machine: Rig, values: Mapping[str, Any]) -> Rig:
             if (path, p.name) in seen:
                 raise ParameterError(f"given twice, also as {seen[path, p.name]}")
             seen[path, p.name] = name
-            machine = put(machine, path, p.name, read_value(p, value))
+            machine = replace_value(machine, path, p.name, parse_value(p, value))
         except (ParameterError, UnitError) as error:
             raise ParameterError(f"{name}: {error}") from None
     return machine
 
 
-def put(machine: Rig, path: str, name: str, value: Any) -> Rig:
+def replace_value(machine: Rig, path: str, name: str, value: Any) -> Rig:
     """A copy of the machine with the parameter `name` of the part `path` set to a value in SI, unchecked."""
     for i, effect in enumerate(machine.effects):
         if effect.id == path:
@@ -125,7 +125,7 @@ def put(machine: Rig, path: str, name: str, value: Any) -> Rig:
     return structs.replace(machine, **{path: structs.replace(getattr(machine, path), **{name: value})})
 
 
-def read_value(p: Parameter, value: Any) -> Any:
+def parse_value(p: Parameter, value: Any) -> Any:
     """A value for `p` in SI from a number, a JAX scalar or a text with unit; the span holds for what is concrete.
 
     Raises:
@@ -143,11 +143,11 @@ def read_value(p: Parameter, value: Any) -> Any:
         raise ParameterError(f"{value} is not a finite number")
     low, high = p.span
     if not low <= value <= high:
-        raise ParameterError(f"must lie in {span_text(p)} ({p.doc}); got {format_quantity(value, p.unit)}")
+        raise ParameterError(f"must lie in {format_span(p)} ({p.doc}); got {format_quantity(value, p.unit)}")
     return value if isinstance(value, jax.Array) else float(value)
 
 
-def span_text(p: Parameter) -> str:
+def format_span(p: Parameter) -> str:
     """The allowed interval of a parameter in friendly units."""
     return f"{format_quantity(p.span[0], p.unit)} … {format_quantity(p.span[1], p.unit)}"
 
@@ -165,16 +165,16 @@ def _unknown(machine: Rig, owner: str, flat: str, known: list[str]) -> str:
     for cls in LIBRARY:
         if flat in (p.name for p in structs.parameters(cls)) and owner in ("", cls.id):
             return f"belongs to the effect {cls.id}, which is not among the effects here"
-    for section, kinds in KINDS.items():
+    for section, kinds in COMPONENT_KINDS.items():
         named = {k: [p.name for p in structs.parameters(cls)] for k, cls in kinds.items() if cls is not Recorded}
         of = [k for k, names in named.items() if flat in names]
         if of and hasattr(machine, section) and owner in ("", section):
             return f"belongs to {with_article(section)} of kind {' or '.join(of)}, which is not mounted here"
     for rig in RIGS.values():
-        for path, part in parts(rig()).items():
+        for path, part in components_by_name(rig()).items():
             if flat in (p.name for p in structs.parameters(type(part))) and owner in ("", path):
                 return f"belongs to the {path.replace('_', ' ')}, which {machine.name} does not have"
-    return f"unknown parameter; {nearest(flat, set(known))}"
+    return f"unknown parameter; {suggest(flat, set(known))}"
 
 
 def change(machine: Rig, **values: Any) -> Rig:

@@ -1,10 +1,8 @@
-"""The three rigs: which parts are mounted, and the one page of equations that joins them.
+"""The three rigs: which components each has, and how the sections of the equations are joined.
 
-A rig is a pytree of parameters. `evaluate(y, t, h, known, law)` writes down every signal of one instant and the rate of
-every state (of a node of oil: the rate of its strain pressure, see `edhas_jax.machine.oil`). `y` maps state names to
-scalars in SI; `h` is the step that is being taken and `known` the state at its start, which only Karnopp's standstill
-asks for; `law` lets a step put its own slopes on the orifices. Batching and differentiation are transformations of this
-function.
+A rig is a pytree of parameters. Its method `evaluate` computes every signal of one instant and the rate of every
+state; batching and differentiation are JAX transformations of this function. A state is a dict of scalars in SI by
+name. The rate of an oil node's pressure is that of its strain pressure, see `edhas_jax.machine.components.oil`.
 """
 
 import dataclasses
@@ -12,7 +10,6 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 from edhas_jax.core.structs import struct
-from edhas_jax.machine import equations, equations_of_motion
 from edhas_jax.machine.components.accumulator import Accumulator
 from edhas_jax.machine.components.check_valve import CheckValve
 from edhas_jax.machine.components.coil_and_amplifier import Coil, CurrentAmplifier, VoltageAmplifier
@@ -20,21 +17,31 @@ from edhas_jax.machine.components.controller_sampling import Continuous, Sampled
 from edhas_jax.machine.components.controllers import Coordination, PositionController, Supply
 from edhas_jax.machine.components.cylinder import Cylinder, ReversingValve
 from edhas_jax.machine.components.mover import EndStops, Mover
+from edhas_jax.machine.components.oil import Oil
 from edhas_jax.machine.components.orifice import Orifice
 from edhas_jax.machine.components.outlet_and_load import LoadOrifice, Outlet
 from edhas_jax.machine.components.pump import Pump
 from edhas_jax.machine.components.set_points import Chirp, Recorded, Sine, Step
 from edhas_jax.machine.effects import Effect, EffectError
 from edhas_jax.machine.effects.base import effect_rates
+from edhas_jax.machine.equations.cylinder import cylinder_rates
+from edhas_jax.machine.equations.electrical import (
+    actuator_initial_state,
+    parameter_signals,
+    reference_signals,
+    set_electrical_signals,
+)
+from edhas_jax.machine.equations.motion import mover_rates, set_plunger_motion
+from edhas_jax.machine.equations.outlet import outlet_rates, set_load_flow
+from edhas_jax.machine.equations.pump import pump_initial_state, pump_rates
 from edhas_jax.machine.interface import slots
 from edhas_jax.machine.interface.controller_base import Controller
 from edhas_jax.machine.interface.signals import Signals
-from edhas_jax.machine.oil import Oil
 
 State = dict[str, Any]
 Amplifier = VoltageAmplifier | CurrentAmplifier
 Sampling = Continuous | Sampled
-Input = Sine | Step | Chirp | Recorded
+SetPoint = Sine | Step | Chirp | Recorded
 
 
 @struct
@@ -44,7 +51,7 @@ class ActuatorBench:
     name: ClassVar[str] = "actuator_bench"
     slots: ClassVar[tuple] = slots.ACTUATOR_SLOTS
 
-    reference: Input = Sine()
+    reference: SetPoint = Sine()
     supply: Supply = Supply()
     controller: Controller = PositionController()
     sampling: Sampling = Continuous()
@@ -54,17 +61,31 @@ class ActuatorBench:
     stops: EndStops = EndStops()
     effects: tuple[Effect, ...] = ()
 
-    def start(self) -> State:
+    def initial_state(self) -> State:
         """The state at rest."""
-        return equations.start_drive(self)
+        return actuator_initial_state(self)
 
-    def evaluate(self, y: State, t, h, known: State, law: Callable | None = None) -> tuple[Signals, State]:
-        """Every signal at time t and the rate of every state (of an oil node: of its strain pressure)."""
-        s = equations.first_signals(self, y, t, h, law)
-        s.set(**equations.set_point(self.reference, t, 1.0))
-        equations.drive(self, y, s)
-        equations_of_motion.slide(y, s)
-        rates = equations_of_motion.move(self, y, s, self.mover.mover_mass, self.mover.mover_damping, 0.0)
+    def evaluate(
+        self, y: State, t, h, y_start: State, orifice_linearisation: Callable | None = None
+    ) -> tuple[Signals, State]:
+        """Evaluate the equations: every signal and the rate of every state at one instant.
+
+        Args:
+            y: state by name, SI.
+            t: time [s].
+            h: time step [s] that is being taken.
+            y_start: state at the start of the step, which standstill friction asks for.
+            orifice_linearisation: function (name, flow, area, drop) -> flow by which a step replaces the derivatives
+                of orifice flows; None leaves the tangents.
+
+        Returns:
+            The signals, and the rates by state name; the rate of an oil node is that of its strain pressure [Pa/s].
+        """
+        s = parameter_signals(self, y, t, h, orifice_linearisation)
+        s.set(**reference_signals(self.reference, t, 1.0))
+        set_electrical_signals(self, y, s)
+        set_plunger_motion(y, s)
+        rates = mover_rates(self, y, s, self.mover.mover_mass, self.mover.mover_damping, 0.0)
         return s, rates | effect_rates(s)
 
 
@@ -75,7 +96,7 @@ class PumpBench:
     name: ClassVar[str] = "pump_bench"
     slots: ClassVar[tuple] = slots.PUMP_SLOTS
 
-    reference: Input = Sine()
+    reference: SetPoint = Sine()
     supply: Supply = Supply()
     controller: Controller = PositionController()
     sampling: Sampling = Continuous()
@@ -92,30 +113,32 @@ class PumpBench:
     accumulator: Accumulator = Accumulator()
     effects: tuple[Effect, ...] = ()
 
-    def start(self) -> State:
+    def initial_state(self) -> State:
         """The state at rest, every pressure at that of the accumulator."""
-        return equations.start_drive(self) | equations.start_pump(self)
+        return actuator_initial_state(self) | pump_initial_state(self)
 
-    def evaluate(self, y: State, t, h, known: State, law: Callable | None = None) -> tuple[Signals, State]:
-        """Every signal at time t and the rate of every state (of an oil node: of its strain pressure)."""
-        s = equations.first_signals(self, y, t, h, law)
-        s.set(**equations.set_point(self.reference, t, 1.0))
-        equations.drive(self, y, s)
-        rates = equations.pump(self, y, s)
-        equations.load(self, s)
-        rates |= equations.outlet(self, s)
+    def evaluate(
+        self, y: State, t, h, y_start: State, orifice_linearisation: Callable | None = None
+    ) -> tuple[Signals, State]:
+        """Every signal and the rate of every state; the arguments are those of `ActuatorBench.evaluate`."""
+        s = parameter_signals(self, y, t, h, orifice_linearisation)
+        s.set(**reference_signals(self.reference, t, 1.0))
+        set_electrical_signals(self, y, s)
+        rates = pump_rates(self, y, s)
+        set_load_flow(self, s)
+        rates |= outlet_rates(self, s)
         return s, rates | effect_rates(s)
 
 
 @struct
 class ActuatorSystem:
-    """The whole actuator: the pump feeds a cylinder through a reversing valve; `target` is where the cylinder goes."""
+    """The whole actuator: the pump feeds a cylinder through a reversing valve; `target` is the cylinder's set point."""
 
     name: ClassVar[str] = "actuator_system"
     slots: ClassVar[tuple] = slots.SYSTEM_SLOTS
 
-    target: Input = Step(step_size=15e-3)
-    reference: Input = Sine(ramp_time=0.0)
+    target: SetPoint = Step(step_size=15e-3)
+    reference: SetPoint = Sine(ramp_time=0.0)
     supply: Supply = Supply()
     controller: Controller = PositionController()
     sampling: Sampling = Continuous()
@@ -134,26 +157,27 @@ class ActuatorSystem:
     cylinder: Cylinder = Cylinder()
     effects: tuple[Effect, ...] = ()
 
-    def start(self) -> State:
+    def initial_state(self) -> State:
         """The state at rest, every pressure at that of the accumulator, the cylinder at 0."""
-        y = equations.start_drive(self) | equations.start_pump(self)
+        y = actuator_initial_state(self) | pump_initial_state(self)
         y |= dict.fromkeys(("head_pressure", "rod_pressure"), y["outlet_pressure"])
         return y | dict.fromkeys(("spool", "cylinder_position", "cylinder_velocity"), 0.0)
 
-    def evaluate(self, y: State, t, h, known: State, law: Callable | None = None) -> tuple[Signals, State]:
-        """Every signal at time t and the rate of every state (of an oil node: of its strain pressure)."""
-        s = equations.first_signals(self, y, t, h, law)
-        target, _ = self.target.at(t)
+    def evaluate(
+        self, y: State, t, h, y_start: State, orifice_linearisation: Callable | None = None
+    ) -> tuple[Signals, State]:
+        """Every signal and the rate of every state; the arguments are those of `ActuatorBench.evaluate`."""
+        s = parameter_signals(self, y, t, h, orifice_linearisation)
+        target, _ = self.target.value_and_rate(t)
         s.set(target=target, cylinder_position=y["cylinder_position"], cylinder_velocity=y["cylinder_velocity"])
         error = target - s.cylinder_position
-        s.set(**equations.set_point(self.reference, t, self.coordination.pump_share(error)))
-        equations.drive(self, y, s)
-        rates = equations.pump(self, y, s)
-        rates |= equations.cylinder(self, y, s, known)
-        rates["spool"] = (
-            self.coordination.spool_command(error) - s.spool
-        ) / self.reversing_valve.reversing_valve_time
-        rates |= equations.outlet(self, s)
+        s.set(**reference_signals(self.reference, t, self.coordination.pump_share(error)))
+        set_electrical_signals(self, y, s)
+        rates = pump_rates(self, y, s)
+        rates |= cylinder_rates(self, y, s, y_start)
+        spool_error = self.coordination.spool_command(error) - s.spool
+        rates["spool"] = spool_error / self.reversing_valve.reversing_valve_time
+        rates |= outlet_rates(self, s)
         return s, rates | effect_rates(s)
 
 
@@ -161,11 +185,11 @@ Rig = ActuatorBench | PumpBench | ActuatorSystem
 RIGS: dict[str, type[Rig]] = {rig.name: rig for rig in (ActuatorBench, PumpBench, ActuatorSystem)}
 
 
-def parts(machine: Rig) -> dict[str, Any]:
-    """The structs of a machine that hold parameters, effects last, by field name or effect id.
+def components_by_name(machine: Rig) -> dict[str, Any]:
+    """The components of a machine by field name and its effects by id, effects last.
 
     Raises:
-        EffectError: an effect has the id of another, or the name of a part.
+        EffectError: an effect has the id of another effect, or the name of a component.
     """
     named = {f.name: getattr(machine, f.name) for f in dataclasses.fields(machine) if f.name != "effects"}
     for effect in machine.effects:

@@ -11,14 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.core import structs
+from edhas_jax.core.source_location import locate
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.components.controller_sampling import Continuous, Sampled
 from edhas_jax.machine.effects import EffectError
-from edhas_jax.machine.effects.loading import user_class
-from edhas_jax.machine.effects.source_location import place
+from edhas_jax.machine.effects.loading import load_user_class
 from edhas_jax.machine.effects.validation import check_number, check_parameters, code_reason
 from edhas_jax.machine.interface.controller_base import Controller, ControllerError
-from edhas_jax.machine.interface.signals import UnknownName
+from edhas_jax.machine.interface.signals import UnknownNameError
 from edhas_jax.machine.rigs import Rig
 
 METHODS = {"initial": "(self)", "command": "(self, y, s)", "rates": "(self, y, s)"}
@@ -36,7 +36,7 @@ def load_controller(spec: str, base_dir: Path | str = ".") -> type[Controller]:
     if not colon:
         raise ControllerError(f"{name} names no class; write {name}:ClassName")
     try:
-        cls = user_class(source, name, Path(base_dir), Controller, "edhas_jax.Controller")
+        cls = load_user_class(source, name, Path(base_dir), Controller, "edhas_jax.Controller")
         check_parameters(cls)
     except EffectError as error:
         raise ControllerError(str(error)) from error
@@ -44,12 +44,12 @@ def load_controller(spec: str, base_dir: Path | str = ".") -> type[Controller]:
         try:
             to_si("1" if p.unit == "-" else f"1 {p.unit}", p.unit)
         except UnitError:
-            raise ControllerError(f'{place(cls, p.name)}: is declared in "{p.unit}", which is not a unit') from None
+            raise ControllerError(f'{locate(cls, p.name)}: is declared in "{p.unit}", which is not a unit') from None
     for method, signature in METHODS.items():
         try:
             inspect.signature(getattr(cls, method)).bind(*[None] * (signature.count(",") + 1))
         except TypeError:
-            raise ControllerError(f"{place(cls, method)}: define it as `def {method}{signature}`") from None
+            raise ControllerError(f"{locate(cls, method)}: define it as `def {method}{signature}`") from None
     return cls
 
 
@@ -74,14 +74,14 @@ def check_controller(machine: Rig, precision: str = "float64") -> None:
 
 def _states(machine: Rig) -> list[str]:
     """The names of the controller's states."""
-    cls, where = type(machine.controller), place(type(machine.controller), "initial")
+    cls, where = type(machine.controller), locate(type(machine.controller), "initial")
     try:
         states = machine.controller.initial()
     except Exception as error:
-        raise ControllerError(f"{place(cls, 'initial', error)}: {code_reason(error)}") from error
+        raise ControllerError(f"{locate(cls, 'initial', error)}: {code_reason(error)}") from error
     if not isinstance(states, dict):
         raise ControllerError(f'{where}: returns no dict; return {{"name of a state": value at the start}}')
-    taken = structs.replace(machine, controller=_Nothing(), sampling=Sampled()).start()
+    taken = structs.replace(machine, controller=_Nothing(), sampling=Sampled()).initial_state()
     for name, value in states.items():
         if not isinstance(name, str) or not name.isidentifier():
             raise ControllerError(f"{where}: a state is named by letters, digits and underscores, not {name!r}")
@@ -104,7 +104,7 @@ def _dry_run(machine: Rig, zero, names: list[str]):
     for method in ("command", "rates"):
         # this copy was made by the trace and ends with it, so that nobody sees the watched methods
         object.__setattr__(machine.controller, method, _watched(machine, method, names, zero.dtype))
-    y = {name: zero + jnp.asarray(value, zero.dtype) for name, value in machine.start().items()}
+    y = {name: zero + jnp.asarray(value, zero.dtype) for name, value in machine.initial_state().items()}
     return machine.evaluate(y, zero, zero, y)[1]
 
 
@@ -117,9 +117,9 @@ def _watched(machine: Rig, method: str, names: list[str], kind: Any) -> Callable
             value = inner(y, s)
         except Exception as error:
             own = cls.__module__.startswith("edhas_jax.")  # no line of the package is to blame
-            at = cls.__name__ if own else place(cls, method, error)
+            at = cls.__name__ if own else locate(cls, method, error)
             raise ControllerError(f"{at}: {_reason(error, machine, names)}") from error
-        where = place(cls, method)
+        where = locate(cls, method)
         if method == "command":
             check_number(where, value, "a real number in V", kind)
             return value
@@ -134,7 +134,7 @@ def _watched(machine: Rig, method: str, names: list[str], kind: Any) -> Callable
 
 
 def _reason(error: Exception, machine: Rig, names: list[str]) -> str:
-    if isinstance(error, UnknownName):
+    if isinstance(error, UnknownNameError):
         if getattr(error, "name", None) == "current":
             why = "with a current amplifier it follows from the command; mount a voltage amplifier"
             return f"there is no current to be seen: {why}"

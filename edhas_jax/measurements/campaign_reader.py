@@ -20,16 +20,16 @@ from edhas_jax.config.yaml_with_lines import (
     yaml_type,
 )
 from edhas_jax.core import structs
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.machine.parameters import KINDS, ParameterError, find_parameter, list_parameters
+from edhas_jax.machine.parameters import COMPONENT_KINDS, ParameterError, find_parameter, list_parameters
 from edhas_jax.machine.rigs import RIGS, Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Remark, Severity, Use
 from edhas_jax.measurements.run_reader import ColumnSource, RunReader
-from edhas_jax.simulation.integrator import observe
+from edhas_jax.simulation.integrator import evaluate_signals
 
 CAMPAIGN_FILE = "campaign.yaml"
 DEFAULT_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)
@@ -120,7 +120,7 @@ class CampaignReader(ProblemList):
     def _machine(self) -> Rig | None:
         """The engineer's model: a configuration of the rig with all refined effects but those it is said to lack."""
         data = self._data
-        config = {key: data[key] for key in ("rig", "parameters", *KINDS) if key in data}
+        config = {key: data[key] for key in ("rig", "parameters", *COMPONENT_KINDS) if key in data}
         for section in ("amplifier", "controller"):
             if isinstance(config.get(section), Mapping):
                 kind = config[section].get("kind", "position") if section == "controller" else section
@@ -136,7 +136,7 @@ class CampaignReader(ProblemList):
             without = []
         for at, name in enumerate(without):
             if name not in fitting:
-                self.add(("without", at), f"no refined effect `{name}` of this rig; {nearest(str(name), fitting)}")
+                self.add(("without", at), f"no refined effect `{name}` of this rig; {suggest(str(name), fitting)}")
         config["effects"] = [name for name in fitting if name not in without]
         reader = MachineReader(config, self._folder, ())
         self.problems += reader.problems
@@ -187,18 +187,19 @@ class CampaignReader(ProblemList):
         given = self._mapping(self._data.get("signals"), ("signals",), "current: {unit: A, noise: 0.02}")
         if not given:
             self.add(("signals",), "missing; name what was measured, such as `current: {unit: A, noise: 0.02}`")
-        here = jax.eval_shape(lambda m: observe(m, m.start(), 0.0, 1.0), self.machine).keys() - {"time"}
+        signals = jax.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), self.machine)
+        here = signals.keys() - {"time"}
         for name, value in given.items():
             key = ("signals", name)
             spec = self._mapping(value, key, "{unit: A, noise: 0.02}")
             self.add_unknown_keys(key, spec, ("unit", "noise", "column"))
             if name not in here:
                 why = f"{self.machine.name} has no such signal" if name in SIGNALS else "unknown signal"
-                self._leave_out(key, f"{why}; {nearest(str(name), here)}")
+                self._leave_out(key, f"{why}; {suggest(str(name), here)}")
                 continue
             try:
                 unit, si = str(spec.get("unit") or ""), SIGNALS[name].unit
-                size = to_si(f"1 {unit}", si, f"1 {SIGNALS[name].shown}") - to_si(f"0 {unit}", si)
+                size = to_si(f"1 {unit}", si, f"1 {SIGNALS[name].display_unit}") - to_si(f"0 {unit}", si)
             except UnitError as error:
                 self._leave_out((*key, "unit"), str(error))
                 continue

@@ -6,7 +6,7 @@ import numpy as np
 
 from edhas_jax.core.units import exact_quantity, from_si
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.machine.parameters import KINDS, find_parameter, list_parameters, short_names
+from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters, short_names
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_reader import CAMPAIGN_FILE, DEFAULT_EFFECTS
 
@@ -28,7 +28,7 @@ def write_campaign(campaign: Campaign, folder: Path) -> list[Path]:
             not hold; the folder is not empty, or cannot be written.
     """
     nominal = type(campaign.machine)()
-    for section in (name for name in KINDS if hasattr(nominal, name)):
+    for section in (name for name in COMPONENT_KINDS if hasattr(nominal, name)):
         if type(getattr(campaign.machine, section)) is not type(getattr(nominal, section)):
             raise CampaignError(f"{campaign.name}: a campaign with another {section} than nominal cannot be written")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

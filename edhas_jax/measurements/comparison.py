@@ -14,7 +14,7 @@ from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.replay import EXCLUDED_SIGNALS, Replay, machine_with_replay
 from edhas_jax.measurements.residuals import normalised_residuals, rms_over_noise
 from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
-from edhas_jax.simulation.integrator import observe
+from edhas_jax.simulation.integrator import evaluate_signals
 
 # signals of the model against which residuals are plotted and searched for patterns, beside the measured ones
 EXPLANATORY_SIGNALS = (
@@ -116,7 +116,7 @@ def compare(
             remarks.append(Remark(Severity.ERROR, run.file, 0, f"{problem}; the run is left out"))
     if not runs:
         raise CampaignError("\n".join(map(str, remarks)))
-    available = jax.eval_shape(lambda m: observe(m, m.start(), 0.0, 1.0), machine)
+    available = jax.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
     signals = tuple(dict.fromkeys([*campaign.channels, *(n for n in EXPLANATORY_SIGNALS if n in available)]))
     model = MeasurementModel(campaign, machine, (), runs, instruments, signals, replay)
     report_progress("choosing the time step")

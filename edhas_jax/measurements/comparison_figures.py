@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from edhas_jax.core.plot_style import COLOURS, INK, QUIET
-from edhas_jax.core.units import format_quantity, from_si, shown_unit
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.core.units import display_unit, format_quantity, from_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.measurements.comparison import Comparison, RunComparison
@@ -26,7 +26,7 @@ def draw_traces(comparison: Comparison, signal: str):
     rows = -(-len(runs) // columns)
     figure = Figure(figsize=(3.3 * columns + 0.6, 2.9 * rows + 0.4), layout="constrained")
     cells = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[2.2, 1.0] * rows)
-    unit = SIGNALS[signal].shown
+    unit = SIGNALS[signal].display_unit
     noise = comparison.campaign.channels[signal].noise
     for k, compared in enumerate(runs):
         row, column = divmod(k, columns)
@@ -103,11 +103,11 @@ def draw_residuals_over_conditions(comparison: Comparison):
     cells = figure.subplots(1, len(varied), squeeze=False, sharey=True)[0]
     for axes, (name, values) in zip(cells, varied.items(), strict=True):
         unit = find_parameter(comparison.machine, name)[0].unit
-        shown = shown_unit(unit, float(np.nanmax(np.abs(values))))
+        shown = display_unit(unit, float(np.nanmax(np.abs(values))))
         for signal, colour in zip(comparison.signals, COLOURS * 3, strict=False):
             rows = [compared.rms_over_noise.get(signal, np.nan) for compared in comparison.runs]
             axes.semilogy(from_si(values, unit, shown), rows, "o", ms=5, color=colour, label=signal.replace("_", " "))
-        axes.axhline(1.0, color=QUIET, lw=0.9, ls="--")
+        axes.axhline(1.0, color=GREY, lw=0.9, ls="--")
         axes.set_xlabel(f"{name.replace('_', ' ')}, {shown}", fontsize=9, color=INK)
         _style_axes(axes)
     cells[0].set_ylabel("residual over noise", fontsize=9, color=INK)
@@ -127,7 +127,7 @@ def draw_spectra(comparison: Comparison):
     cells = figure.subplots(1, len(signals), squeeze=False, sharey=True)[0]
     shades = colormaps["viridis"](np.linspace(0.9, 0.0, len(comparison.runs)))
     for axes, signal in zip(cells, signals, strict=True):
-        axes.axhline(1.0, color=QUIET, lw=0.9, ls="--")
+        axes.axhline(1.0, color=GREY, lw=0.9, ls="--")
         for compared, shade in zip(comparison.runs, shades, strict=True):
             if signal in compared.residuals:
                 values = np.nan_to_num(compared.residuals[signal])
@@ -151,7 +151,7 @@ def draw_pattern(comparison: Comparison, pattern: Pattern):
     figure = Figure(figsize=(6.4, 3.4), layout="constrained")
     axes = figure.subplots()
     runs = [compared for compared in comparison.runs if pattern.signal in compared.residuals]
-    unit = SIGNALS[pattern.signal].shown
+    unit = SIGNALS[pattern.signal].display_unit
     noise = comparison.campaign.channels[pattern.signal].noise
     scale = _width_in_unit(pattern.signal, noise, unit)
     axes.axhspan(-2 * scale, 2 * scale, color=NOISE_BAND_COLOUR, lw=0, label="± 2 noise")
@@ -171,7 +171,7 @@ def draw_pattern(comparison: Comparison, pattern: Pattern):
 
 def _axis_label(axis: str) -> str:
     labels = {"phase": "phase in the cycle, 0 … 1", "time": "time, s"}
-    return labels.get(axis) or f"{axis.replace('_', ' ')}, {SIGNALS[axis].shown}"
+    return labels.get(axis) or f"{axis.replace('_', ' ')}, {SIGNALS[axis].display_unit}"
 
 
 def _all_cyclic(comparison: Comparison) -> bool:
@@ -189,7 +189,7 @@ def _abscissa(compared: RunComparison, axis: str) -> np.ndarray:
     """The samples of the quantity over which residuals are drawn, in its display unit."""
     if axis == "phase":
         return compared.phase
-    return compared.run.time if axis == "time" else _in_unit(axis, compared.model[axis], SIGNALS[axis].shown)
+    return compared.run.time if axis == "time" else _in_unit(axis, compared.model[axis], SIGNALS[axis].display_unit)
 
 
 def _binned(compared: RunComparison, signal: str, axis: str) -> tuple[np.ndarray, np.ndarray]:
@@ -219,4 +219,4 @@ def _style_axes(axes) -> None:
     axes.grid(True, color=GRID_COLOUR, lw=0.5)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=QUIET, labelsize=7)
+    axes.tick_params(colors=GREY, labelsize=7)

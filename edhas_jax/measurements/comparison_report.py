@@ -36,32 +36,32 @@ def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
             f"{format_quantity(step, 's')}, whose error is {comparison.resolution.error:.2f} of the noise at most. "
             "1 means that only the sensor's noise is left."
         ),
-        html_page.picture(
+        html_page.image(
             draw_residual_matrix({"residual over noise": comparison.rms_over_noise()}, notes), "residual over noise"
         ),
         html_page.heading("Where the model fails"),
-        html_page.listing(sentences(patterns) or ["Nowhere: what is left is the sensors' noise."]),
+        html_page.numbered_list(sentences(patterns) or ["Nowhere: what is left is the sensors' noise."]),
         *(
-            html_page.picture(draw_pattern(comparison, p), p.sentence)
+            html_page.image(draw_pattern(comparison, p), p.sentence)
             for p in patterns[:DRAWN]
             if np.isfinite(p.weight)
         ),
         html_page.heading("What is left, against cycle, position, speed, current and pressure"),
-        html_page.picture(draw_binned_residuals(comparison), "mean residual in bins"),
+        html_page.image(draw_binned_residuals(comparison), "mean residual in bins"),
         *_over_conditions(comparison),
         html_page.heading("Spectra of what is left"),
-        html_page.picture(draw_spectra(comparison), "spectra of the residuals"),
+        html_page.image(draw_spectra(comparison), "spectra of the residuals"),
     ]
     for signal in comparison.signals:
         parts += [
             html_page.heading(f"{signal.replace('_', ' ')}"),
-            html_page.picture(draw_traces(comparison, signal), f"{signal}, measured and model"),
+            html_page.image(draw_traces(comparison, signal), f"{signal}, measured and model"),
         ]
-    meaning = html_page.listing([f"{n}: {doc}" for n, doc in COLUMNS.items()])
+    meaning = html_page.numbered_list([f"{n}: {doc}" for n, doc in COLUMNS.items()])
     parts += [html_page.heading("Figures"), meaning, _figures(comparison)]
     remarks = [*campaign.remarks, *comparison.remarks]
     if remarks:
-        listed = html_page.listing([str(remark) for remark in remarks])
+        listed = html_page.numbered_list([str(remark) for remark in remarks])
         parts += [html_page.heading("What was noticed and left out"), listed]
     return html_page.page(f"{campaign.name}: comparison", *parts)
 
@@ -70,7 +70,7 @@ def _over_conditions(comparison: Comparison) -> list[str]:
     figure = draw_residuals_over_conditions(comparison)
     if figure is None:
         return []
-    drawn = html_page.picture(figure, "residual over noise over the conditions")
+    drawn = html_page.image(figure, "residual over noise over the conditions")
     return [html_page.heading("What is left, run by run"), drawn]
 
 
@@ -92,4 +92,4 @@ def _figures(comparison: Comparison) -> str:
             f"{row.memory:+.2f}", "white" if row.white else "not white",
         ])  # fmt: skip
     header = ["", "off / noise", "NRMSE", "peak", "mean", "amplitude", "phase", "delay", "memory", ""]
-    return html_page.rows(header, body)
+    return html_page.table(header, body)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from edhas_jax.core.plot_style import INK, QUIET
+from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.measurements.campaign import Campaign, Use
@@ -48,7 +48,7 @@ def draw_residual_matrix(
         axes.spines[:].set_visible(False)
         axes.set_title(title, loc="left", fontsize=10, color=INK)
     bar = figure.colorbar(image, ax=grid, pad=0.01, aspect=22, ticks=[1, 2, 5, 10, 20])
-    bar.ax.set_yticklabels(["1", "2", "5", "10", "20"], fontsize=8, color=QUIET)
+    bar.ax.set_yticklabels(["1", "2", "5", "10", "20"], fontsize=8, color=GREY)
     bar.ax.minorticks_off()
     bar.set_label("residual over noise", fontsize=9, color=INK)
     bar.outline.set_visible(False)

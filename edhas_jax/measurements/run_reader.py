@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.config.recorded_signal import RecordingError, resample_uniformly
-from edhas_jax.core.names import nearest
-from edhas_jax.core.units import UnitError, shown_unit, to_si
+from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.units import UnitError, display_unit, to_si
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.controllers import OpenLoop
 from edhas_jax.machine.components.set_points import Recorded
@@ -50,7 +50,7 @@ class RunReader:
             column = table.columns.get(source.column)
             if column is None:
                 others = [other for other in table.columns if other != self._time.column]
-                what = f"no column `{source.column}` ({nearest(source.column, others)})"
+                what = f"no column `{source.column}` ({suggest(source.column, others)})"
                 self._tell(self._head, f"{what}; {signal} is missing in this run")
                 continue
             others = [c.unit for n, c in table.columns.items() if n != self._time.column]
@@ -80,7 +80,7 @@ class RunReader:
     def _si(self, source: ColumnSource, column: Column, unit: str) -> np.ndarray:
         """A column in SI; the header's unit counts, and where it gives none the campaign's."""
         given = column.unit or source.unit
-        zero = to_si(f"0 {given}", unit, f"1 {shown_unit(unit)}")
+        zero = to_si(f"0 {given}", unit, f"1 {display_unit(unit)}")
         if column.unit and source.unit and to_si(f"1 {column.unit}", unit) != to_si(f"1 {source.unit}", unit):
             what = f"column `{source.column}` is in {column.unit}, the campaign says {source.unit}; the header counts"
             self._tell(self._head, what, Severity.WARNING)
@@ -117,7 +117,7 @@ class RunReader:
         """The recorded set point, in metres, or in volts where it is the command of an open loop."""
         name, machine = self._set_point, self._machine
         if name not in table.columns:
-            raise TableError(self._head, f"no column `{name}` with the set point ({nearest(name, table.columns)})")
+            raise TableError(self._head, f"no column `{name}` with the set point ({suggest(name, table.columns)})")
         column, source = table.columns[name], ColumnSource(name, "")
         if not column.unit:
             raise TableError(self._head, f"column `{name}`: a unit is missing; write for example `{name} [mm]`")

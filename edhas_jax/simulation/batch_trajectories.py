@@ -14,7 +14,7 @@ import numpy as np
 from edhas_jax.core import runtime
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.integrator import observe
+from edhas_jax.simulation.integrator import evaluate_signals
 from edhas_jax.simulation.integrator import step as step_of
 from edhas_jax.simulation.native_trajectories import march_loop
 from edhas_jax.simulation.run import Precision
@@ -126,7 +126,7 @@ def _start(machine: Rig, values, seeds):
     def one(values):
         m = set_parameters(machine, values)
         dtype = jnp.result_type(next(iter(values.values())))
-        return {n: jnp.asarray(v, dtype) for n, v in m.start().items()}
+        return {n: jnp.asarray(v, dtype) for n, v in m.initial_state().items()}
 
     if seeds is None:
         return jax.vmap(one)(values), None
@@ -142,7 +142,7 @@ def _stretch(machine: Rig, values, seeds, here, first_step, h, per_sample, watch
 
         def sample(carry, _):
             y, number = carry
-            seen = observe(m, y, number.astype(h.dtype) * h, h)
+            seen = evaluate_signals(m, y, number.astype(h.dtype) * h, h)
 
             def go(k, y):
                 return step_of(m, y, (number + k).astype(h.dtype) * h, h)[0]

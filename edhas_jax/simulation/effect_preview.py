@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.core import structs
-from edhas_jax.core.plot_style import COLOURS, INK, QUIET
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import format_quantity, from_si
 from edhas_jax.machine.effects import Effect, EffectError, EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.effects.validation import check_effect
@@ -14,7 +14,7 @@ from edhas_jax.machine.parameters import change, find_parameter
 from edhas_jax.machine.rigs import ActuatorSystem, PumpBench, Rig
 from edhas_jax.simulation.run import Simulation, simulate
 
-SHOWN = (
+PREVIEW_SIGNALS = (
     "voltage", "current", "piston_position", "chamber_pressure_a", "outlet_pressure", "outlet_flow", "head_pressure",
     "cylinder_position",
 )  # fmt: skip
@@ -29,7 +29,7 @@ BENCH_RUNS = (
 SYSTEM_RUNS = ({"load_force": 0.0}, {"load_force": 300.0})
 
 
-class Signature(NamedTuple):
+class EffectPreview(NamedTuple):
     """Signals (SI) of one run without and with the effect, over `time` [s], under `conditions` (SI)."""
 
     effect: Effect
@@ -45,7 +45,7 @@ class Signature(NamedTuple):
         return max(float(np.sqrt(np.mean(changes[n] ** 2)) / (np.ptp(v) + 1e-30)) for n, v in self.without.items())
 
 
-def signature(effect: Effect) -> Signature:
+def preview_effect(effect: Effect) -> EffectPreview:
     """The signature of an effect on the nominal machine it acts on, in that of some usual runs which shows it best.
 
     Raises:
@@ -61,9 +61,9 @@ def signature(effect: Effect) -> Signature:
         runs = [simulate(change(m, **conditions), how).signals for m in (machine, mounted)]
         first = how.duration - 1.0 / conditions["frequency"] if is_bench else 0.0  # the last cycle, or all of a step
         inside = runs[0]["time"] >= first - 1e-9
-        cut = [{n: run[n][inside] for n in SHOWN if n in run} for run in runs]
-        found.append(Signature(effect, machine, conditions, runs[0]["time"][inside], *cut))
-    return max(found, key=Signature.strength)
+        cut = [{n: run[n][inside] for n in PREVIEW_SIGNALS if n in run} for run in runs]
+        found.append(EffectPreview(effect, machine, conditions, runs[0]["time"][inside], *cut))
+    return max(found, key=EffectPreview.strength)
 
 
 def _machine_for(effect: Effect) -> Rig:
@@ -80,7 +80,7 @@ def _machine_for(effect: Effect) -> Rig:
     raise reason
 
 
-def plot_signature(shown: Signature):
+def plot_preview(shown: EffectPreview):
     """A matplotlib figure: each signal without and with the effect, and beside it the difference."""
     from matplotlib.figure import Figure  # slow to import
 
@@ -89,12 +89,12 @@ def plot_signature(shown: Signature):
     grid = figure.subplots(len(names), 2, sharex=True, squeeze=False, width_ratios=(1.5, 1.0))
     t = (shown.time - shown.time[0]) * 1e3
     for (left, right), name in zip(grid, names, strict=True):
-        unit, shown_in = SIGNALS[name].unit, SIGNALS[name].shown
+        unit, shown_in = SIGNALS[name].unit, SIGNALS[name].display_unit
         without, present = (from_si(v[name], unit, shown_in) for v in (shown.without, shown.present))
-        left.plot(t, without, color=QUIET, lw=2.4, label="without")
+        left.plot(t, without, color=GREY, lw=2.4, label="without")
         left.plot(t, present, color=COLOURS[1], lw=1.2, label="with")
         right.plot(t, present - without, color=COLOURS[1], lw=1.2)
-        right.axhline(0.0, color=QUIET, lw=0.6)
+        right.axhline(0.0, color=GREY, lw=0.6)
         left.set_ylabel("\n".join((*name.split("_", 1), shown_in)).replace("_", " "), fontsize=8.5)
         right.set_ylabel(shown_in, fontsize=8.5)
         for axes in (left, right):
@@ -114,6 +114,6 @@ def plot_signature(shown: Signature):
     return figure
 
 
-def _conditions(shown: Signature) -> str:
+def _conditions(shown: EffectPreview) -> str:
     known = {n: find_parameter(shown.machine, n)[0] for n in shown.conditions}
     return ", ".join(f"{n.replace('_', ' ')} {format_quantity(v, known[n].unit)}" for n, v in shown.conditions.items())

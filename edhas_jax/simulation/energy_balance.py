@@ -1,4 +1,4 @@
-"""Where the energy and the oil go: a ledger kept step by step beside the run."""
+"""Energy and volume balance of a run, cumulated step by step with the quantities that the step itself used."""
 
 from typing import Any, NamedTuple
 
@@ -7,75 +7,93 @@ import jax.numpy as jnp
 from edhas_jax.machine.interface.signals import Signals
 from edhas_jax.machine.rigs import Rig, State
 
-FLOWS = (
+CUMULATED_FLOWS = (
     "suction_flow_a", "suction_flow_b", "delivery_flow_a", "delivery_flow_b", "leakage_a", "leakage_b",
     "outlet_flow", "return_flow", "relief_flow", "accumulator_flow",
 )  # fmt: skip
 
 
-class Book(NamedTuple):
-    """Energies [J] and volumes [m³] cumulated since the start, by row."""
+class Balance(NamedTuple):
+    """Energies [J] and volumes [m³] since the start of the run, by row."""
 
     energy: dict[str, Any]
     volume: dict[str, Any]
 
 
-def rows(machine: Rig) -> dict[str, str]:
-    """The rows of the energy ledger of a machine and the group each belongs to."""
-    y = machine.start()
-    notes = machine.evaluate(y, 0.0, 1.0, y)[0].notes
-    groups = {name: bond.group for name, bond in notes.bonds.items()}
-    return groups | {name: "stored" for name in notes.stores} | {f"oil, {name}": "stored" for name in notes.nodes}
+def row_groups(machine: Rig) -> dict[str, str]:
+    """The rows of the energy balance of a machine, each with its group.
+
+    Groups are "input", "copper", "mechanical", "fluid", "delivered" and "stored".
+    """
+    y = machine.initial_state()
+    record = machine.evaluate(y, 0.0, 1.0, y)[0].record
+    groups = {name: bond.group for name, bond in record.power_bonds.items()}
+    stored = [*record.stored_energies, *(f"oil, {name}" for name in record.oil_nodes)]
+    return groups | dict.fromkeys(stored, "stored")
 
 
-def opening(machine: Rig, y: State, h) -> Book:
-    """An empty book with the rows of this machine."""
+def zero_balance(machine: Rig, y: State, h) -> Balance:
+    """The balance at the start of a run: every row of this machine at zero, in the precision of `h`."""
     zero = jnp.zeros((), jnp.result_type(h))
     s, _ = machine.evaluate(y, zero, h, y)
-    volumes = [n for n in FLOWS if n in s.values()] + [f"oil, {n}" for n in s.notes.nodes]
+    volumes = [n for n in CUMULATED_FLOWS if n in s.values()] + [f"oil, {n}" for n in s.record.oil_nodes]
     if "gas_volume_change" in y:
         volumes.append("accumulator gas")
-    return Book({n: zero for n in rows(machine)}, {n: zero for n in volumes})
+    return Balance({n: zero for n in row_groups(machine)}, {n: zero for n in volumes})
 
 
-def ports(s: Signals) -> dict[str, Any]:
-    """What the ledger wants to see at mid-step: both sides of each bond, pressure and volume of each node, flows."""
+def midpoint_quantities(s: Signals) -> dict[str, Any]:
+    """What the balance needs at mid-step: flows, both factors of each power bond, pressure and volume of each node."""
     values = s.values()
-    seen = {n: values[n] for n in FLOWS if n in values}
-    for n, bond in s.notes.bonds.items():
-        seen |= {f"effort {n}": bond.effort, f"flow {n}": bond.flow}
-    for n, node in s.notes.nodes.items():
-        seen |= {f"pressure {n}": node.pressure, f"volume {n}": node.volume}
-    return seen
+    out = {n: values[n] for n in CUMULATED_FLOWS if n in values}
+    for n, bond in s.record.power_bonds.items():
+        out |= {f"effort {n}": bond.effort, f"flow {n}": bond.flow}
+    for n, node in s.record.oil_nodes.items():
+        out |= {f"pressure {n}": node.pressure, f"volume {n}": node.volume}
+    return out
 
 
-def post(machine: Rig, book: Book, before: State, after: State, middle: dict[str, Any], t, h) -> Book:
-    """Add what one step moved; `middle` are the `ports` as the step saw them.
+def add_step(
+    machine: Rig, balance: Balance, before: State, after: State, at_midstep: dict[str, Any], t, h
+) -> Balance:
+    """Add one step to a balance.
 
-    Each balance of the step then holds row by row, while what is stored is taken from the states at both ends. The
-    ledger closes only as far as the step conserves energy and oil: it checks the numerics, it does not rearrange them.
+    Power bonds are integrated with their values at mid-step; stored energy is the difference of the states at both
+    ends. The balance therefore closes only as far as the step conserves energy and oil, and so checks the numerics.
+
+    Args:
+        machine: the machine.
+        balance: the balance before the step.
+        before: state at the start of the step.
+        after: state at its end.
+        at_midstep: `midpoint_quantities` as the step saw them.
+        t: time at the start of the step [s].
+        h: step [s].
+
+    Returns:
+        The balance after the step.
     """
 
-    def ends(y, time):
+    def stored(y, time):
         s, _ = machine.evaluate(y, time, h, y)
-        pressures = {n: node.pressure for n, node in s.notes.nodes.items()}
-        extra = {n: node.extra_capacity for n, node in s.notes.nodes.items() if node.extra_capacity is not None}
-        return s, (s.notes.stores, pressures, extra)
+        pressures = {n: node.pressure for n, node in s.record.oil_nodes.items()}
+        extra = {n: node.extra_capacity for n, node in s.record.oil_nodes.items() if node.extra_capacity is not None}
+        return s, (s.record.stored_energies, pressures, extra)
 
-    s0, (stores0, p0, extra) = ends(before, t)
-    _, (stores1, p1, _) = ends(after, t + h)
-    energy = {n: h * middle[f"effort {n}"] * middle[f"flow {n}"] for n in s0.notes.bonds}
-    energy |= {n: stores1[n] - stores0[n] for n in stores0}
-    volume = {n: h * middle[n] for n in FLOWS if n in middle}
+    s0, (energies0, p0, extra) = stored(before, t)
+    _, (energies1, p1, _) = stored(after, t + h)
+    energy = {n: h * at_midstep[f"effort {n}"] * at_midstep[f"flow {n}"] for n in s0.record.power_bonds}
+    energy |= {n: energies1[n] - energies0[n] for n in energies0}
+    volume = {n: h * at_midstep[n] for n in CUMULATED_FLOWS if n in at_midstep}
     for n in p0:
-        taken_up = middle[f"volume {n}"] * machine.oil.strain(p0[n], p1[n], s0)
+        taken_up = at_midstep[f"volume {n}"] * machine.oil.strain(p0[n], p1[n], s0)
         if n in extra:
             taken_up = taken_up + extra[n] * (p1[n] - p0[n])
-        energy[f"oil, {n}"] = middle[f"pressure {n}"] * taken_up
+        energy[f"oil, {n}"] = at_midstep[f"pressure {n}"] * taken_up
         volume[f"oil, {n}"] = taken_up
-    if "accumulator gas" in book.volume:
+    if "accumulator gas" in balance.volume:
         volume["accumulator gas"] = after["gas_volume_change"] - before["gas_volume_change"]
-    return Book(
-        {n: total + energy[n] for n, total in book.energy.items()},
-        {n: total + volume[n] for n, total in book.volume.items()},
+    return Balance(
+        {n: total + energy[n] for n, total in balance.energy.items()},
+        {n: total + volume[n] for n, total in balance.volume.items()},
     )

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig, Sine
 
-SETTLED = 0.02  # share of the step within which the cylinder counts as arrived
+SETTLING_BAND = 0.02  # share of the step within which the cylinder counts as arrived
 
 
 class Metric(NamedTuple):
@@ -43,16 +43,16 @@ METRICS: dict[str, tuple[str, str, str]] = {
     "delivered_power": ("W", "W", "mean power at the load"),
     "overall_efficiency": ("-", "%", "delivered over electrical power"),
     "steady_error": ("m", "µm", "target − cylinder at the end of the run"),
-    "response_time": ("s", "s", f"until the cylinder stays within {SETTLED:.0%} of the step"),
+    "response_time": ("s", "s", f"until the cylinder stays within {SETTLING_BAND:.0%} of the step"),
     "overshoot": ("-", "%", "beyond the target, of the step"),
 }
 
 
-class TooShort(ValueError):
+class RunTooShortError(ValueError):
     """A run ends before there is a whole cycle to measure."""
 
 
-def measure(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str, Metric]:
+def compute_metrics(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str, Metric]:
     """All metrics of a run.
 
     On a bench driven by a sine they are taken over the whole cycles after the ramp, otherwise over the whole run;
@@ -62,7 +62,7 @@ def measure(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str
         TooShort: the run has no whole cycle after the ramp.
     """
     t = signals["time"]
-    first, last = window(machine, t[-1])
+    first, last = metric_window(machine, t[-1])
     inside = (t >= first - 1e-12) & (t <= last + 1e-12)
     out = _electrical(signals, energy, t, first, last, inside)
     if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
@@ -74,7 +74,7 @@ def measure(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str
     return {name: Metric(value, *METRICS[name]) for name, value in out.items()}
 
 
-def window(machine: Rig, end: float) -> tuple[float, float]:
+def metric_window(machine: Rig, end: float) -> tuple[float, float]:
     """From when to when [s] metrics are taken: the whole cycles after the ramp, or the whole run."""
     if not isinstance(machine.reference, Sine) or isinstance(machine, ActuatorSystem):
         return 0.0, end
@@ -82,7 +82,7 @@ def window(machine: Rig, end: float) -> tuple[float, float]:
     ramp = float(machine.reference.ramp_time)
     cycles = math.floor((end - ramp) / period + 1e-9)
     if cycles < 1:
-        raise TooShort(
+        raise RunTooShortError(
             f"no whole cycle after the ramp: the run ends at {end:.4g} s, the ramp at {ramp:.4g} s, "
             f"a cycle takes {period:.4g} s; let it run for at least {ramp + period:.4g} s"
         )
@@ -167,9 +167,9 @@ def _step_response(machine, signals, t) -> dict[str, float]:
     out = {"steady_error": float(target[-1] - x[-1])}
     if size != 0.0 and np.ptp(target[1:]) == 0.0:
         share = (x - x[0]) / size
-        outside = np.flatnonzero(share < 1.0 - SETTLED)
+        outside = np.flatnonzero(share < 1.0 - SETTLING_BAND)
         if outside[-1] + 1 < len(t):
             k = outside[-1]
-            out["response_time"] = float(np.interp(1.0 - SETTLED, share[k : k + 2], t[k : k + 2]))
+            out["response_time"] = float(np.interp(1.0 - SETTLING_BAND, share[k : k + 2], t[k : k + 2]))
         out["overshoot"] = float(max(0.0, share.max() - 1.0))
     return out

@@ -9,7 +9,7 @@ import numpy as np
 
 from edhas_jax.compiler.jaxpr_to_ir import Untranslatable
 from edhas_jax.core import runtime
-from edhas_jax.machine.rigs import Rig, parts
+from edhas_jax.machine.rigs import Rig, components_by_name
 
 # all that the text of a loop is made from; editing anything else compiles nothing anew
 LOOP_CODE = ("core/structs.py", "compiler", "machine", "simulation", "design/batch")
@@ -26,7 +26,8 @@ def key_of(machine: Rig, *choices: Any) -> str | None:
 
     `choices` say what it is of the machine; None where a part of the machine is not the package's own.
     """
-    if any(not type(part).__module__.startswith("edhas_jax.") for part in (machine, *parts(machine).values())):
+    components = components_by_name(machine).values()
+    if any(not type(part).__module__.startswith("edhas_jax.") for part in (machine, *components)):
         return None
     return " ".join(map(str, (jax.tree.structure(machine), *choices, runtime.code_hash(LOOP_CODE), jax.__version__)))
 

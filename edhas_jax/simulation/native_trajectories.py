@@ -10,10 +10,10 @@ import numpy as np
 from edhas_jax.compiler.native_loop import Loop
 from edhas_jax.compiler.threads import each
 from edhas_jax.core import runtime, structs
-from edhas_jax.machine.components.set_points import Recorded, Stretch
+from edhas_jax.machine.components.set_points import Recorded, RecordedInterval
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.integrator import observe, step
+from edhas_jax.simulation.integrator import evaluate_signals, step
 from edhas_jax.simulation.native_loop_cache import key_of, loop_of
 
 
@@ -21,7 +21,7 @@ class MarchLoop:
     """The march of lanes of one kind of machine with the parameters `varied`, and its signals `watch`.
 
     With `seeded`, everything is followed by its derivative along a change of the parameters that each lane has of its
-    own. `machine` counts only by its structure; where its set point is a `Stretch`, every sample has its own.
+    own. `machine` counts only by its structure; where its set point is a `RecordedInterval`, every sample has its own.
 
     Raises:
         Untranslatable: the machine uses an operation that has no machine code here.
@@ -30,7 +30,7 @@ class MarchLoop:
     def __init__(self, machine: Rig, varied: Sequence[str], watch: Sequence[str], seeded: bool, dtype):
         self._dtype, self._watch = np.dtype(dtype), tuple(watch)
         names, stretch = dict.fromkeys(varied, 0.0), _fed(machine)
-        self._start = {n: 0.0 for n in machine.start()}
+        self._start = {n: 0.0 for n in machine.initial_state()}
         cache, keyed = runtime.cache_folder(), functools.partial(key_of, machine, varied, watch, seeded, self._dtype)
 
         def twice(table):
@@ -44,7 +44,7 @@ class MarchLoop:
 
             def one(values):
                 zero = jnp.zeros((), self._dtype)
-                return {n: zero + v for n, v in set_parameters(base, values).start().items()}
+                return {n: zero + v for n, v in set_parameters(base, values).initial_state().items()}
 
             return along(one, (values,), (*seeds,))
 
@@ -61,7 +61,7 @@ class MarchLoop:
             base, h = uniform
 
             def one(values, y):
-                seen = observe(set_parameters(_with(base, fed), values), y, t, h)
+                seen = evaluate_signals(set_parameters(_with(base, fed), values), y, t, h)
                 return {s: seen[s] for s in self._watch}
 
             return along(one, (values, y), (*seeds, *dy))
@@ -83,7 +83,7 @@ class MarchLoop:
         out = tuple({s: np.full((lengths.max(), len(lengths)), np.nan) for s in self._watch} for _ in lanes)
         stretches = None
         if isinstance(machine.reference, Recorded):
-            stretches = Stretch.of(machine.reference, int(lengths.max()))
+            stretches = RecordedInterval.split(machine.reference, int(lengths.max()))
             machine = structs.replace(machine, reference=_FIRST)
         # long runs first, and runs of one length together
         order = np.argsort(-lengths, kind="stable")
@@ -111,14 +111,14 @@ class MarchLoop:
         return out
 
 
-_FIRST = Stretch(interval=1.0, index=0.0, here=0.0, slope=0.0, second=0.0, third=0.0)
+_FIRST = RecordedInterval(interval=1.0, index=0.0, value=0.0, slope=0.0, quadratic=0.0, cubic=0.0)
 
 
-def _fed(machine: Rig) -> Stretch | None:
-    return machine.reference if isinstance(machine.reference, Stretch) else None
+def _fed(machine: Rig) -> RecordedInterval | None:
+    return machine.reference if isinstance(machine.reference, RecordedInterval) else None
 
 
-def _with(machine: Rig, stretch: Stretch | None) -> Rig:
+def _with(machine: Rig, stretch: RecordedInterval | None) -> Rig:
     return machine if stretch is None else structs.replace(machine, reference=stretch)
 
 

@@ -21,7 +21,7 @@ from edhas_jax.compiler.native_loop import Loop
 from edhas_jax.core import runtime
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig, State
-from edhas_jax.simulation.integrator import observe
+from edhas_jax.simulation.integrator import evaluate_signals
 
 STEP = 0.5e-6  # s
 HALVINGS = 3
@@ -35,7 +35,7 @@ class Unstable(ArithmeticError):
 def rates(machine: Rig, y: State, t, h) -> State:
     """dy/dt of every state, of a node of oil the rate of its pressure."""
     s, found = machine.evaluate(y, t, h, y)
-    return found | s.notes.pressure_rates
+    return found | s.record.pressure_rates
 
 
 def runge_kutta_step(machine: Rig, y: State, t, h) -> tuple[State, Any]:
@@ -53,10 +53,10 @@ def runge_kutta_step(machine: Rig, y: State, t, h) -> tuple[State, Any]:
     k3 = rates(machine, along(k2, 0.5), t + 0.5 * h, h)
     k4 = rates(machine, along(k3, 1.0), t + h, h)
     jump = jnp.zeros_like(t)
-    for n in machine.evaluate(y, t, h, y)[0].notes.pressure_rates:
+    for n in machine.evaluate(y, t, h, y)[0].record.pressure_rates:
         jump = jnp.maximum(jump, jnp.abs(h * (k3[n] - k2[n])))
     change = {n: h / 6.0 * (k1[n] + 2.0 * k2[n] + 2.0 * k3[n] + k4[n]) for n in y}
-    return machine.sampling.after(machine, y, change, t, h), jump
+    return machine.sampling.advance(machine, y, change, t, h), jump
 
 
 def trajectories(
@@ -72,7 +72,7 @@ def trajectories(
         Untranslatable: the machine uses an operation that has no machine code here.
     """
     names, watch = dict.fromkeys(values, 0.0), tuple(watch)
-    start = {n: 0.0 for n in machine.start()}
+    start = {n: 0.0 for n in machine.initial_state()}
 
     def go(n, carry, lane, uniform):
         (y, worst), (base, h) = carry, uniform
@@ -81,7 +81,7 @@ def trajectories(
 
     def see(n, seen, lane, uniform):
         (values, y, t), (base, h) = lane, uniform
-        signals = observe(set_parameters(base, values), y, t, h)
+        signals = evaluate_signals(set_parameters(base, values), y, t, h)
         return {s: signals[s] for s in watch}
 
     numbers = {n: np.asarray(v, float) for n, v in values.items()}
@@ -89,7 +89,7 @@ def trajectories(
     cache = runtime.cache_folder()
     march = Loop(go, float, (start, 0.0), names, (machine, 0.0), cache)
     look = Loop(see, float, dict.fromkeys(watch, 0.0), (names, start, 0.0), (machine, 0.0), cache)
-    rest = {n: np.full(lanes, float(v)) for n, v in machine.start().items()}, np.zeros(lanes)
+    rest = {n: np.full(lanes, float(v)) for n, v in machine.initial_state().items()}, np.zeros(lanes)
     time = np.repeat(interval * np.arange(samples), lanes)
     wide = {n: np.tile(v, samples) for n, v in numbers.items()}
     for halving in range(HALVINGS + 1):

@@ -1,4 +1,4 @@
-"""One run of one machine: how long, at which step, in which precision, and what came of it."""
+"""Simulate one machine from rest: settings of a run, choice of the step, and the finished run with its results."""
 
 import dataclasses
 import enum
@@ -12,15 +12,17 @@ import pandas as pd
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.rigs import ActuatorSystem, Rig
 from edhas_jax.simulation import energy_balance
-from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP, checks, march, start
-from edhas_jax.simulation.metrics import Metric, measure
+from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP
+from edhas_jax.simulation.metrics import Metric, compute_metrics
 from edhas_jax.simulation.run_figure import plot_run
+from edhas_jax.simulation.time_loop import check_names, initial_loop_state, integrate
 
-STRETCH = 256  # samples between two reports of progress; a fixed number, so that a longer run compiles nothing
+SAMPLES_PER_CALL = 256  # samples between two reports of progress; fixed, so that a longer run compiles nothing anew
+MAX_STEP_TRIALS = 8  # steps that are tried for an accuracy, each half of the one before
 
 
 class Precision(enum.Enum):
-    """The floating-point numbers of a run."""
+    """The floating-point type of a run."""
 
     FLOAT64 = "float64"
     FLOAT32 = "float32"
@@ -28,10 +30,16 @@ class Precision(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Simulation:
-    """How a run is made, in SI.
+    """Settings of a run, in SI.
 
-    Give `step`, or give `accuracy` (largest error of any signal as a share of its range) and the step is chosen and
-    checked; with neither the step is 20 µs. `duration` None means 0.5 s on a bench and 0.6 s for the system.
+    Give `step`, or give `accuracy` to have the step chosen and checked; with neither the step is 20 µs.
+
+    Attributes:
+        duration: simulated time [s]; None is 0.5 s on a bench and 0.6 s for the system.
+        step: largest time step [s]; the step taken divides the sample interval.
+        accuracy: largest estimated error of any signal, as a share of its range.
+        sample_rate: samples per second [Hz].
+        precision: floating-point type.
     """
 
     duration: float | None = None
@@ -48,7 +56,7 @@ class Simulation:
 
 
 class SimulationError(RuntimeError):
-    """A run left the physical range or is not finite; `run` holds what came before."""
+    """A run left the physical range or is not finite; `run` holds the samples before the failure."""
 
     def __init__(self, message: str, run: "Run"):
         super().__init__(message)
@@ -57,10 +65,16 @@ class SimulationError(RuntimeError):
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """A finished run: the machine, how it was run, and its signals as SI arrays over `signals["time"]`.
+    """A finished run.
 
-    `energy` [J] and `volume` [m³] are cumulated since the start; `step` [s] is the one taken and `step_note` says how
-    it was chosen. `metrics` maps names to `Metric(value, unit, doc)`.
+    Attributes:
+        machine: the machine.
+        simulation: the settings.
+        signals: SI arrays (samples,) by name, over `signals["time"]` [s].
+        energy: energy since the start [J] by row of the energy balance, each (samples,).
+        volume: volume since the start [m³] by row of the volume balance, each (samples,); empty without a pump.
+        step: the step taken [s].
+        step_note: how the step was chosen.
     """
 
     machine: Rig
@@ -73,8 +87,8 @@ class Run:
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        """The quantities people ask for, over whole cycles where the run has cycles."""
-        return measure(self.machine, self.signals, self.energy, self.volume)
+        """The metrics of the run by name, over whole cycles where the run has cycles; see `compute_metrics`."""
+        return compute_metrics(self.machine, self.signals, self.energy, self.volume)
 
     def frame(self) -> pd.DataFrame:
         """The signals as a table in SI, one row per sample, indexed by time [s]; units in `frame.attrs["units"]`."""
@@ -84,8 +98,8 @@ class Run:
         return table
 
     def ledger(self) -> pd.DataFrame:
-        """Where the energy of the whole run went: group, energy [J] and share of the electrical input, by row."""
-        groups = energy_balance.rows(self.machine)
+        """The energy balance of the whole run: group, energy [J] and share of the electrical input, by row."""
+        groups = energy_balance.row_groups(self.machine)
         table = pd.DataFrame(
             {"group": pd.Series(groups), "energy": pd.Series({n: float(v[-1]) for n, v in self.energy.items()})}
         )
@@ -94,59 +108,70 @@ class Run:
         return table.sort_values("energy", ascending=False)
 
     def energy_residual(self) -> float:
-        """What the energy ledger does not account for, as a share of all energy turned over."""
-        groups = energy_balance.rows(self.machine)
-        last = {n: float(v[-1]) for n, v in self.energy.items()}
-        missing = sum(v if groups[n] == "input" else -v for n, v in last.items())
-        return missing / max(sum(abs(v) for n, v in last.items() if groups[n] != "stored") / 2, 1e-300)
+        """The energy that the balance does not account for, as a share of all energy converted."""
+        groups = energy_balance.row_groups(self.machine)
+        total = {n: float(v[-1]) for n, v in self.energy.items()}
+        missing = sum(v if groups[n] == "input" else -v for n, v in total.items())
+        return missing / max(sum(abs(v) for n, v in total.items() if groups[n] != "stored") / 2, 1e-300)
 
     def volume_residual(self) -> float:
-        """What the balance of the oil does not account for, as a share of the oil delivered; 0 without a pump."""
+        """The oil that the balance does not account for, as a share of the oil delivered; 0 without a pump."""
         if not self.volume:
             return 0.0
-        last = {n: float(v[-1]) for n, v in self.volume.items()}
-        stored = sum(v for n, v in last.items() if n.startswith("oil, "))
-        moved = last["delivery_flow_a"] + last["delivery_flow_b"]
-        return (stored - last["accumulator gas"]) / max(abs(moved), 1e-300)
+        total = {n: float(v[-1]) for n, v in self.volume.items()}
+        stored = sum(v for n, v in total.items() if n.startswith("oil, "))
+        delivered = total["delivery_flow_a"] + total["delivery_flow_b"]
+        return (stored - total["accumulator gas"]) / max(abs(delivered), 1e-300)
 
     def plot(self, signals: list[str] | None = None):
-        """A matplotlib figure of the run: its most telling signals, or those named."""
+        """A matplotlib figure of the run: a default choice of signals, or those named, and the energy balance.
+
+        Raises:
+            ValueError: a name is no signal of this run.
+        """
         return plot_run(self.machine, self.signals, self.ledger(), signals)
 
 
 def simulate(
     machine: Rig, simulation: Simulation = Simulation(), on_progress: Callable[[float], None] | None = None
 ) -> Run:
-    """Run one machine from rest.
+    """Simulate one machine from rest.
 
-    `on_progress` is called with the share done, 0 … 1.
+    Args:
+        machine: the machine.
+        simulation: settings of the run.
+        on_progress: called with the share done, 0 … 1.
+
+    Returns:
+        The run.
 
     Raises:
         SimulationError: the run is not finite or left the physical range; the message names the time and the state.
+        ValueError: the step is not above 0 and at most 100 µs.
     """
-    if simulation.accuracy is None:
-        wanted = DEFAULT_STEP if simulation.step is None else simulation.step
-        run, failure = _march(machine, simulation, wanted, on_progress)
-        if failure:
-            raise SimulationError(failure, run)
-        chosen = "default; give an accuracy to have it chosen and checked" if simulation.step is None else "as asked"
-        return dataclasses.replace(run, step_note=f"{run.step_note}step {run.step * 1e6:.4g} µs ({chosen})")
-    return _to_accuracy(machine, simulation, on_progress)
+    if simulation.accuracy is not None:
+        return _simulate_to_accuracy(machine, simulation, on_progress)
+    largest_step = DEFAULT_STEP if simulation.step is None else simulation.step
+    run, failure = _simulate_with_step(machine, simulation, largest_step, on_progress)
+    if failure:
+        raise SimulationError(failure, run)
+    chosen = "default; give an accuracy to have it chosen and checked" if simulation.step is None else "as asked"
+    return dataclasses.replace(run, step_note=f"{run.step_note}step {run.step * 1e6:.4g} µs ({chosen})")
 
 
-def _to_accuracy(machine: Rig, simulation: Simulation, on_progress) -> Run:
-    """Halve the step until halving it once more changes no signal by more than the accuracy wanted."""
-    wanted, tried = 2.0 * DEFAULT_STEP, []
+def _simulate_to_accuracy(machine: Rig, simulation: Simulation, on_progress) -> Run:
+    """Halve the step until the estimated error of every signal is within the accuracy."""
+    largest_step, trials = 2.0 * DEFAULT_STEP, []
     coarse = None
-    for _ in range(8):
-        run, failure = _march(machine, simulation, wanted, on_progress)
+    for _ in range(MAX_STEP_TRIALS):
+        run, failure = _simulate_with_step(machine, simulation, largest_step, on_progress)
         if failure:
             coarse = None
         else:
             if coarse is not None:
                 name, change = _largest_change(coarse, run)
-                tried.append((run.step, name, change))
-                # the error of a second-order rule falls to a quarter: what remains is a third of the change
+                trials.append((run.step, name, change))
+                # the error of a second-order rule falls to a quarter: a third of the change remains
                 if change / 3.0 <= simulation.accuracy:
                     note = (
                         f"step {run.step * 1e6:.4g} µs: halved until the estimated error of the worst signal "
@@ -154,10 +179,10 @@ def _to_accuracy(machine: Rig, simulation: Simulation, on_progress) -> Run:
                     )
                     return dataclasses.replace(run, step_note=note)
             coarse = run
-        wanted *= 0.5
+        largest_step *= 0.5
     if coarse is None:
         raise SimulationError(failure, run)
-    step, name, change = tried[-1]
+    step, name, change = trials[-1]
     note = (
         f"step {step * 1e6:.4g} µs: the accuracy asked, {100 * simulation.accuracy:.2g} %, was not reached; the last "
         f"halving still changed {name} by {100 * change:.2g} % of its range (stick-slip or a switch near its threshold)"
@@ -166,6 +191,7 @@ def _to_accuracy(machine: Rig, simulation: Simulation, on_progress) -> Run:
 
 
 def _largest_change(coarse: Run, fine: Run) -> tuple[str, float]:
+    """The signal that differs most between two runs, and its rms difference as a share of its range."""
     changes = {}
     for name, values in fine.signals.items():
         span = np.ptp(values)
@@ -175,45 +201,45 @@ def _largest_change(coarse: Run, fine: Run) -> tuple[str, float]:
     return name, changes[name]
 
 
-def _march(machine: Rig, simulation: Simulation, wanted: float, on_progress) -> tuple[Run, str]:
-    """March and cut off at a failure; the second value is the sentence that says what broke, or empty."""
-    if not 0.0 < wanted <= LARGEST_STEP:
-        raise ValueError(f"step {wanted * 1e6:.4g} µs: must lie above 0 and at most {LARGEST_STEP * 1e6:.0f} µs")
+def _simulate_with_step(machine: Rig, simulation: Simulation, largest_step: float, on_progress) -> tuple[Run, str]:
+    """Simulate with a fixed step, up to a failure if there is one; the second value describes it, or is empty."""
+    if not 0.0 < largest_step <= LARGEST_STEP:
+        raise ValueError(f"step {largest_step * 1e6:.4g} µs: must lie above 0 and at most {LARGEST_STEP * 1e6:.0f} µs")
     interval = 1.0 / simulation.sample_rate
-    per_sample = max(1, math.ceil(interval / wanted - 1e-9))
+    per_sample = max(1, math.ceil(interval / largest_step - 1e-9))
     dtype = np.dtype(simulation.precision.value)
     h = dtype.type(interval / per_sample)
     samples = int(math.floor(simulation.length(machine) * simulation.sample_rate + 1e-9)) + 1
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
-    here, stretches, note = jax.jit(start)(numbers, h), [], ""
+    loop, blocks, note = jax.jit(initial_loop_state)(numbers, h), [], ""
     try:
-        while len(stretches) * STRETCH < samples and int(here.broken_step) < 0:
-            here, stretch = march(numbers, here, h, per_sample, STRETCH)
-            stretches.append(jax.device_get(stretch))
+        while len(blocks) * SAMPLES_PER_CALL < samples and int(loop.failed_step) < 0:
+            loop, block = integrate(numbers, loop, h, per_sample, SAMPLES_PER_CALL)
+            blocks.append(jax.device_get(block))
             if on_progress is not None:
-                on_progress(min(1.0, len(stretches) * STRETCH / samples))
+                on_progress(min(1.0, len(blocks) * SAMPLES_PER_CALL / samples))
     except KeyboardInterrupt:
         note = "interrupted; "
-        if not stretches:
+        if not blocks:
             raise
-    broken_step = int(here.broken_step)
-    keep = min(samples, len(stretches) * STRETCH)
-    if broken_step >= 0:
-        keep = min(keep, -(-broken_step // per_sample))
+    failed_step = int(loop.failed_step)
+    valid = min(samples, len(blocks) * SAMPLES_PER_CALL)
+    if failed_step >= 0:
+        valid = min(valid, -(-failed_step // per_sample))
 
     def joined(columns):
-        return {n: np.concatenate(parts)[:keep].astype(float) for n, parts in columns.items()}
+        return {n: np.concatenate(arrays)[:valid].astype(float) for n, arrays in columns.items()}
 
-    signals = joined({n: [s.signals[n] for s in stretches] for n in stretches[0].signals})
-    signals["time"] = np.arange(keep) / simulation.sample_rate
-    energy = joined({n: [s.book.energy[n] for s in stretches] for n in stretches[0].book.energy})
-    volume = joined({n: [s.book.volume[n] for s in stretches] for n in stretches[0].book.volume})
+    signals = joined({n: [b.signals[n] for b in blocks] for n in blocks[0].signals})
+    signals["time"] = np.arange(valid) / simulation.sample_rate
+    energy = joined({n: [b.balance.energy[n] for b in blocks] for n in blocks[0].balance.energy})
+    volume = joined({n: [b.balance.volume[n] for b in blocks] for n in blocks[0].balance.volume})
     run = Run(machine, simulation, signals, energy, volume, float(h), note)
-    if broken_step < 0 or broken_step > (samples - 1) * per_sample:
+    if failed_step < 0 or failed_step > (samples - 1) * per_sample:
         return run, ""
-    name = checks(machine)[int(here.broken_check)]
+    name = check_names(machine)[int(loop.failed_check)]
     what = "left its physical range" if name in SIGNALS else "is not a finite number"
     return run, (
-        f"at {broken_step * float(h):.6g} s {name} {what} (step {float(h) * 1e6:.4g} µs); "
+        f"at {failed_step * float(h):.6g} s {name} {what} (step {float(h) * 1e6:.4g} µs); "
         "the machine is outside what the model describes, or the step is too large for it: try a smaller step"
     )

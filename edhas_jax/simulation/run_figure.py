@@ -1,14 +1,14 @@
 """The figure of a run: what it did over time, and where its energy went."""
 
-from edhas_jax.core.names import nearest
-from edhas_jax.core.plot_style import COLOURS, INK, QUIET
+from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import format_quantity, from_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
-from edhas_jax.simulation.metrics import window
+from edhas_jax.simulation.metrics import metric_window
 
 GROUP_COLOURS = {
-    "copper": "#d1490c", "mechanical": "#9a6700", "fluid": "#0b62c4", "stored": QUIET, "delivered": "#1a7f4b"
+    "copper": "#d1490c", "mechanical": "#9a6700", "fluid": "#0b62c4", "stored": GREY, "delivered": "#1a7f4b"
 }  # fmt: skip
 SHOWN_CYCLES = 2
 SMALL = 5e-3  # share of the input below which a row of the ledger is shown with the rest
@@ -50,7 +50,7 @@ def plot_run(machine: Rig, signals: dict, ledger, names: list[str] | None = None
     else:
         for name in names:
             if name not in signals or name == "time":
-                raise ValueError(f"no signal `{name}` in this run; {nearest(name, signals)}")
+                raise ValueError(f"no signal `{name}` in this run; {suggest(name, signals)}")
         panels = [(name.replace("_", " "), [name]) for name in names]
     figure = Figure(figsize=(12.5, 1.2 + 1.45 * len(panels)), layout="constrained")
     grid = figure.add_gridspec(len(panels), 2, width_ratios=(2.1, 1.0))
@@ -68,7 +68,7 @@ def plot_run(machine: Rig, signals: dict, ledger, names: list[str] | None = None
 def _first_shown(machine: Rig, end: float) -> float:
     if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
         try:
-            first, last = window(machine, end)
+            first, last = metric_window(machine, end)
         except ValueError:
             return 0.0
         return max(first, last - SHOWN_CYCLES / float(machine.reference.frequency))
@@ -76,18 +76,18 @@ def _first_shown(machine: Rig, end: float) -> float:
 
 
 def _panel(axes, signals: dict, title: str, names: list[str], inside, last: bool) -> None:
-    unit = SIGNALS[names[0]].shown
+    unit = SIGNALS[names[0]].display_unit
     for name, colour in zip(names, COLOURS, strict=False):
         planned = name in ("reference", "target")
         axes.plot(
             1e3 * signals["time"][inside], from_si(signals[name][inside], SIGNALS[name].unit, unit),
-            color=QUIET if planned else colour, lw=1.0 if planned else 1.4, ls="--" if planned else "-",
+            color=GREY if planned else colour, lw=1.0 if planned else 1.4, ls="--" if planned else "-",
             label=LABELS.get(name, name.replace("_", " ")),
         )  # fmt: skip
     axes.set_ylabel(f"{title}\n{unit}", color=INK, fontsize=9)
     axes.grid(True, color="#d8dee4", lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=QUIET, labelsize=8, labelbottom=last)
+    axes.tick_params(colors=GREY, labelsize=8, labelbottom=last)
     if len(names) > 1:
         axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     if last:
@@ -104,7 +104,7 @@ def _ledger(axes, table) -> None:
     for y, share in enumerate(shares):
         axes.annotate(f" {100 * share:.1f} %", (100 * max(share, 0.0), y), va="center", fontsize=8, color=INK)
     axes.set_xlim(right=118 * max(0.01, *shares))
-    axes.axvline(0.0, color=QUIET, lw=0.8)
+    axes.axvline(0.0, color=GREY, lw=0.8)
     total = format_quantity(float(table.loc["electrical input", "energy"]), "J")
     axes.set_title(f"electrical energy: {total}, and where it went", fontsize=9, loc="left", color=INK, x=-0.5)
     axes.set_xlabel("share of the electrical input, %", fontsize=9, color=INK)

@@ -40,7 +40,7 @@ def main(arguments: list[str] | None = None) -> None:
     pump, step = runs["paper"].metrics, runs["paper_step"].metrics
 
     def shown(metric) -> float:
-        return float(from_si(metric.value, metric.unit, metric.shown))
+        return float(from_si(metric.value, metric.unit, metric.display_unit))
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for column in ("quantity", "paper, measured", "paper, simulated", "here"):

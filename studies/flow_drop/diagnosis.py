@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.core.units import with_error
+from edhas_jax.core.units import format_with_error
 from edhas_jax.diagnosis.planning.detectability_plan import DetectabilityPlan, plan_detectability
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
@@ -119,6 +119,6 @@ def ask(
     flow = tuple(float(mean_flows(m, column, (TOLD_AT,))[0, 0]) for m in both)
     damping = tuple(sum(float(get_parameter(m, n)) for n in DAMPING) for m in both)
     sizes = {t.suspect.name: t.suspect.own(fit.problem.unknowns).values() for t in diagnosis.accepted}
-    told = [f"{n} {' '.join(with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit) for u in own)}"
+    told = [f"{n} {' '.join(format_with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit) for u in own)}"
             for n, own in sizes.items()]  # fmt: skip
     return Answer(title, stage.told, ", ".join(told) or "nothing", damping, flow, diagnosis)

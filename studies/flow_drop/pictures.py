@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import edhas_jax as edhas
-from edhas_jax.core.plot_style import COLOURS, INK, QUIET
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.machine.rigs import PumpBench
 from studies.flow_drop.causes import Cause, Sized, flow_of
 from studies.flow_drop.discrimination import CLEAR, MEAN_FLOW, READINGS, Parting, Run
@@ -52,8 +52,8 @@ def draw_flows(base: PumpBench, found: Sequence[Sequence[Sized]], frequencies=FR
             right.plot(frequencies, flow, color=colour, lw=1.3, ls="--", label=_told(s))
     left.annotate("paper: proportional to\nabout here, then falling", (30.0, -0.3), (-6, 0), ha="right",
                   textcoords="offset points", color=PAPER, fontsize=9)  # fmt: skip
-    right.annotate("\n".join(("no change:", *idle)), (29.5, -0.3), ha="right", color=QUIET, fontsize=8)
-    left.annotate("swept volume", (52.0, 52.0 * swept_volume(base)), (-6, 4), textcoords="offset points", color=QUIET,
+    right.annotate("\n".join(("no change:", *idle)), (29.5, -0.3), ha="right", color=GREY, fontsize=8)
+    left.annotate("swept volume", (52.0, 52.0 * swept_volume(base)), (-6, 4), textcoords="offset points", color=GREY,
                   fontsize=8.5, ha="right")  # fmt: skip
     left.set_title("what makes it fall, sized to do so within its published range", fontsize=9.5, loc="left", color=INK)
     right.set_title("what cannot: at the end of its range; dashed: what it would take", fontsize=9.5, loc="left",
@@ -80,9 +80,9 @@ def draw_parting(partings: dict[str, Parting]) -> Figure:
     for axes, (told, parting) in zip(panels, partings.items(), strict=True):
         pairs = list(parting.pairs(MEAN_FLOW))
         axes.axvspan(0.3, CLEAR, color="#f3f4f6", zorder=0)
-        axes.axvline(CLEAR, color=QUIET, lw=1.0)
+        axes.axvline(CLEAR, color=GREY, lw=1.0)
         axes.annotate("not told apart", (CLEAR, len(pairs) - 0.62), (-6, 0), textcoords="offset points", ha="right",
-                      color=QUIET, fontsize=8.5)  # fmt: skip
+                      color=GREY, fontsize=8.5)  # fmt: skip
         for k, name in enumerate(READINGS):
             values = [max(parting.pairs(name)[pair], 0.35) for pair in pairs]
             rows = np.arange(len(pairs)) + 0.13 * (k - 2)
@@ -115,7 +115,7 @@ def draw_signals(base: PumpBench, guilty: Sequence[Sized], run: Run) -> Figure:
             axes.plot(phase, scale * signals[name][inside], color=colour, lw=1.5, label=s.cause.title)
             _dress(axes, "phase of the set point, °", label, xlim=(0, 360))
             axes.set_xticks(range(0, 361, 90))
-    panels[-1].set_title("the controller hides it", fontsize=9, loc="left", color=QUIET)
+    panels[-1].set_title("the controller hides it", fontsize=9, loc="left", color=GREY)
     panels[0].legend(frameon=False, fontsize=8.5)
     told = f"The run that settles it: {run.frequency:g} Hz, {1e3 * run.amplitude:g} mm"
     figure.suptitle(told, x=0.01, ha="left", fontsize=11, color=INK)

@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.core.atomic_file import whole_file
+from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.diagnosis.search.candidates import suspects_for
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
@@ -46,7 +46,9 @@ def told(case: HiddenCase, crumbs: bool) -> dict[str, Any]:
     hidden = [
         {
             "name": h.suspect.name,
-            "slots": [h.suspect.where] if h.suspect.signal else sorted({slot.where for slot in h.suspect.kind.slots}),
+            "slots": (
+                [h.suspect.where] if h.suspect.signal else sorted({slot.location for slot in h.suspect.kind.slots})
+            ),
             "values": h.values,
             "visible": h.visible,
         }
@@ -110,7 +112,7 @@ def _work(job: tuple[int, bool, Path]) -> tuple[int, str]:
         result = run_case(number, crumbs)
     except Exception as error:  # a case that fails is a result too, and must not take the others along
         result = {"number": number, "failed": f"{type(error).__name__}: {error}"}
-    with whole_file(path) as beside:
+    with atomic_write(path) as beside:
         beside.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     return number, _sentence(result)
 

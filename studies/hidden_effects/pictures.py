@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from edhas_jax.core.plot_style import INK, QUIET
+from edhas_jax.core.plot_style import GREY, INK
 from studies.hidden_effects.rates import TOOL, Result, answers, names, rates, sound
 
 CONFUSION, RATES = "confusion.png", "rates.png"
@@ -87,7 +87,7 @@ def draw_rates(results: list[Result]) -> Figure:
     axes.xaxis.set_major_formatter(lambda x, _: f"{100 * x:.0f} %")
     axes.grid(axis="x", color="#e6e8ea", linewidth=0.8)
     axes.set_axisbelow(True)
-    axes.tick_params(length=0, labelcolor=QUIET)
+    axes.tick_params(length=0, labelcolor=GREY)
     axes.tick_params(axis="y", labelcolor=INK)
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.set_xlabel("share of cases (their number in brackets), with Wilson's 95 % interval", fontsize=9, color=INK)

@@ -52,7 +52,7 @@ def slots_of(name: str) -> set[str]:
     """The parts of the machine on which what is so named acts."""
     if " on " in name:
         return {"sensor"}
-    return next(({slot.where for slot in kind.slots} for kind in LIBRARY if kind.id == name), set())
+    return next(({slot.location for slot in kind.slots} for kind in LIBRARY if kind.id == name), set())
 
 
 def answers(r: Result, who: str) -> list[str]:

@@ -21,7 +21,7 @@ from edhas_jax.diagnosis.calibration.fit import Fit, FitProblem
 from edhas_jax.diagnosis.search.candidates import Suspect, grid, mounted, problem_of, unknowns_of
 from edhas_jax.diagnosis.search.evaluated_fit import start_from
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.machine.parameters import find_parameter, get_parameter, put, set_parameters
+from edhas_jax.machine.parameters import find_parameter, get_parameter, replace_value, set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
@@ -113,7 +113,8 @@ def sparse_discrepancy(fitted: Fit, suspects: list[Suspect], per_sample: int) ->
 
     campaign, runs = fitted.problem.campaign, fitted.problem.model().runs
     able = [s for s in suspects if s.signal is None]
-    watch = tuple(dict.fromkeys((*(n for n in fitted.machine.start() if n in SIGNALS), "gas_volume", *MEASURED)))
+    states = (n for n in fitted.machine.initial_state() if n in SIGNALS)
+    watch = tuple(dict.fromkeys((*states, "gas_volume", *MEASURED)))
     model = MeasurementModel(campaign, fitted.machine, (), runs, signals=watch)
     found = model.predict_all_runs(np.zeros(0), per_sample)
     modelled = {n: np.concatenate([found[r].values[n] for r in range(len(runs))]) for n in watch}
@@ -176,10 +177,11 @@ def _rates(campaign: Campaign, machine: Rig, runs: tuple[BenchRun, ...], seen: d
     for name in runs[0].conditions:
         p, path = find_parameter(machine, name)
         values = np.repeat([float(get_parameter(m, name)) for m in mounted_for], lengths)
-        machine = put(machine, path, p.name, jnp.asarray(values))
+        machine = replace_value(machine, path, p.name, jnp.asarray(values))
     time = jnp.asarray(np.concatenate([run.time for run in runs]))
-    y = {n: jnp.asarray(seen[n]) if n in seen else jnp.full(len(time), float(v)) for n, v in machine.start().items()}
+    start = machine.initial_state()
+    y = {n: jnp.asarray(seen[n]) if n in seen else jnp.full(len(time), float(v)) for n, v in start.items()}
     signals, found = machine.evaluate(y, time, 1.0, y)
-    found = found | signals.notes.pressure_rates
+    found = found | signals.record.pressure_rates
     whole = {n: np.asarray(jnp.broadcast_to(v, time.shape)) for n, v in found.items()}
     return whole, np.asarray(signals.voltage)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
-from edhas_jax.core.plot_style import COLOURS, INK, QUIET
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.machine.effects import SuctionLineResistance
 from edhas_jax.machine.rigs import ActuatorSystem, PumpBench
 from studies.paper.published_numbers import FIGURES
@@ -25,7 +25,7 @@ STARVED = {
     "accumulator_pressure": 0.1e6, "line_resistance": 1.2e9, "valve_mass": 1e-3, "valve_seat_diameter": 5e-3,
     "valve_spring_rate": 500.0, "valve_preload": 0.2,
 }  # fmt: skip
-NOMINAL, CALIBRATED, PAPER = QUIET, COLOURS[0], COLOURS[1]
+NOMINAL, CALIBRATED, PAPER = GREY, COLOURS[0], COLOURS[1]
 ANGLE = 360.0 * np.arange(SAMPLES) / SAMPLES
 
 
@@ -79,7 +79,7 @@ def draw_tracking(both: tuple[Machines, ...]) -> Figure:
         filled = "white" if marker == "s" else PAPER
         top.plot(90.0 + lag, 3.5 * (1.0 - loss / 100.0), marker, color=PAPER, ms=8, mfc=filled, ls="",
                  label=f"paper, {name}: {lag:.2f}°, {loss:.2f} %")  # fmt: skip
-    top.axvline(90.0, color=QUIET, lw=0.7, ls=":")
+    top.axvline(90.0, color=GREY, lw=0.7, ls=":")
     _dress(whole, "phase of the set point, °", "position from mid-stroke, mm", xlim=(0, 360), ylim=(-4.4, 5.4))
     whole.set_xticks(range(0, 361, 90))
     _dress(top, "phase of the set point, °", "", xlim=(81, 101), ylim=(3.440, 3.513))
@@ -156,7 +156,7 @@ def draw_instantaneous(machines: Machines) -> Figure:
     _dress(whole, "phase of the set point, °", "flow, L/min", xlim=(0, 360), ylim=(-0.1, 2.35))
     _dress(small, "phase of the set point, °", "flow, mL/min", xlim=(86, 102), ylim=(-20, 80))
     whole.set_xticks(range(0, 361, 90))
-    small.axhline(0.0, color=QUIET, lw=0.7)
+    small.axhline(0.0, color=GREY, lw=0.7)
     small.set_title("the reversal, enlarged: a valve that closes late lets oil back", fontsize=9, loc="left", color=INK)
     whole.legend(frameon=False, fontsize=8.5, loc="upper center", ncols=2)
     return figure
@@ -176,9 +176,9 @@ def draw_leakage(both: tuple[Machines, ...]) -> Figure:
         axes.axhline(value, color=PAPER, lw=1.1, ls=ls, label=f"paper, simulated: {name}, {value:.0f} mL/min")
     axes.axhline(-stroke, color=PAPER, lw=1.1, ls="--")
     for x, text in ((0, "delivery"), (180, "suction"), (315, "delivery")):
-        axes.annotate(text, (x + 45 if x == 0 else x if x == 180 else x, -9.0), color=QUIET, fontsize=9, ha="center")
+        axes.annotate(text, (x + 45 if x == 0 else x if x == 180 else x, -9.0), color=GREY, fontsize=9, ha="center")
     for x in (90, 270):
-        axes.axvline(x, color=QUIET, lw=0.7, ls=":")
+        axes.axvline(x, color=GREY, lw=0.7, ls=":")
     _dress(axes, "phase of the set point, ° (the piston is at its ends at 90° and 270°)", "leakage, mL/min",
            xlim=(0, 360), ylim=(-10, 32))  # fmt: skip
     axes.set_xticks(range(0, 361, 45))
@@ -218,4 +218,4 @@ def _dress(axes, x: str, y: str, **limits) -> None:
     axes.set(xlabel=x, ylabel=y, **limits)
     axes.grid(True, color="#d8dee4", lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=QUIET, labelsize=8.5)
+    axes.tick_params(colors=GREY, labelsize=8.5)

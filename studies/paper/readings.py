@@ -10,7 +10,7 @@ import numpy as np
 from edhas_jax.machine.parameters import get_parameter, list_parameters
 from edhas_jax.machine.rigs import ActuatorSystem, PumpBench
 from edhas_jax.simulation.batch_trajectories import march_lanes
-from edhas_jax.simulation.metrics import SETTLED
+from edhas_jax.simulation.metrics import SETTLING_BAND
 
 Table = Mapping[str, np.ndarray]
 SAMPLES = 1000  # a cycle
@@ -102,7 +102,7 @@ def _knee(frequency: np.ndarray, flow: np.ndarray) -> float:
     return float(frequency[k] - 0.5 * rise / bend)
 
 
-def of_the_step(machine: ActuatorSystem, table: Table, band: float = SETTLED) -> dict[str, np.ndarray]:
+def of_the_step(machine: ActuatorSystem, table: Table, band: float = SETTLING_BAND) -> dict[str, np.ndarray]:
     """The figures of the 15 mm step; `response` is the time after which the cylinder stays within `band`, or NaN."""
     per_sample = math.ceil(1.0 / (STEP_RATE * STEP) - 1e-9)
     samples = int(STEP_TIME * STEP_RATE) + 1

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 import edhas_jax as edhas
-from edhas_jax.core.plot_style import COLOURS, INK, QUIET
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from studies.paper.configs import NAMES, machines
 from studies.paper.published_numbers import EARLIER_MODEL, ERRORS, FIGURES
 from studies.paper.readings import at_10_hz, mean_flows, of_the_step, swept_volume
@@ -172,7 +172,7 @@ def picture(alone, stages) -> Figure:
         low, high = min(-LEAST_SPAN, errors.min(), *single), max(LEAST_SPAN, errors.max(), *single)
         for k, error in enumerate(errors):
             before = errors[k - 1] if k else 0.0
-            colour = QUIET if k == 0 else COLOURS[2] if abs(error) < abs(before) else COLOURS[1]
+            colour = GREY if k == 0 else COLOURS[2] if abs(error) < abs(before) else COLOURS[1]
             axes.barh(k, error - before, left=before, height=0.5, color=colour)
             if k:
                 axes.plot(single[k], k, "D", ms=5, mfc="white", color=INK, zorder=3)
@@ -182,7 +182,7 @@ def picture(alone, stages) -> Figure:
         axes.set(xlim=(low - 0.06 * (high - low), high + 0.38 * (high - low)), ylim=(len(errors) - 0.4, -0.6))
         axes.set_title(title, fontsize=9, color=INK, loc="left")
         axes.spines[["top", "right", "left"]].set_visible(False)
-        axes.tick_params(length=0, labelsize=8.5, colors=QUIET)
+        axes.tick_params(length=0, labelsize=8.5, colors=GREY)
         axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
         axes.set_axisbelow(True)
     cells[0].set_yticks(range(len(rows)), rows, fontsize=9, color=INK)

@@ -55,7 +55,7 @@ def states(machine, count=12):
 @pytest.mark.parametrize("rig", RIGS)
 def test_jacobian_equals_jacfwd_and_what_is_left_out_is_zero(rig):
     machine, sparse, dense = jacobians(rig)
-    names = sorted(machine.start())
+    names = sorted(machine.initial_state())
     for y in states(machine):
         values, rows = jax.device_get(sparse(y))
         full = jax.device_get(dense(y))
@@ -81,7 +81,7 @@ def test_values_equal_the_rates(rig):
 @pytest.mark.parametrize("h", [5e-6, 20e-6, 100e-6])
 def test_solve_equals_numpy(rig, h):
     machine, sparse, _ = jacobians(rig)
-    names = sorted(machine.start())
+    names = sorted(machine.initial_state())
     points = states(machine, 6)
     size = np.array([max(abs(y[n]) for y in points) for n in names])
     for y in points:

@@ -65,7 +65,7 @@ def test_a_direction_may_be_nothing():
 def test_the_step_of_a_rig(rig):
     """The step linearises itself, so that these are second derivatives of the equations."""
     machine = nominal(RIGS[rig])
-    names = sorted(machine.start())
+    names = sorted(machine.initial_state())
     rng = np.random.default_rng(3)
 
     def f(y):

@@ -70,7 +70,7 @@ def test_a_lane_does_not_depend_on_its_place_or_its_neighbours():
 @pytest.mark.parametrize("dtype", EPS)
 def test_vectors_side_by_side_change_no_bit(dtype):
     machine = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), edhas.PumpBench(effects=(LugreFriction(),)))
-    start = {n: np.full(70, v, dtype) for n, v in machine.start().items()}
+    start = {n: np.full(70, v, dtype) for n, v in machine.initial_state().items()}
     diameter = {"piston_diameter": np.linspace(8e-3, 15e-3, 70, dtype=dtype)}
 
     def body(n, y, lane, uniform):
@@ -85,7 +85,7 @@ def test_vectors_side_by_side_change_no_bit(dtype):
 
 def test_the_step_of_a_pump_is_that_of_xla():
     machine = edhas.PumpBench(effects=(LugreFriction(), PistonLeakage(), EntrainedAir()))
-    start = {n: float(v) for n, v in machine.start().items()}
+    start = {n: float(v) for n, v in machine.initial_state().items()}
     diameter, h = np.linspace(8e-3, 15e-3, 20), 20e-6
 
     def body(n, y, lane, uniform):

@@ -19,7 +19,7 @@ from edhas_jax.design.batch.batch import BatchSettings, run_designs
 from edhas_jax.design.sweep.chunk_task import effect_code
 from edhas_jax.machine.components.controller_sampling import Sampled
 from edhas_jax.machine.interface.controller_base import Controller, ControllerError
-from edhas_jax.machine.parameters import KINDS
+from edhas_jax.machine.parameters import COMPONENT_KINDS
 from edhas_jax.machine.rigs import RIGS, ActuatorBench
 from edhas_jax.machine.user_controller import check_controller, load_controller
 from edhas_jax.simulation.integrator import step
@@ -41,9 +41,9 @@ class Proportional(Controller):
         return self.stiffness * (s.reference - s.piston_position)
 
 
-ALL = (*KINDS["controller"].values(), EXAMPLE["FilteredLead"], Proportional)
+ALL = (*COMPONENT_KINDS["controller"].values(), EXAMPLE["FilteredLead"], Proportional)
 by_controller = pytest.mark.parametrize("controller", ALL, ids=lambda c: c.__name__)
-FOLLOWING = [c for c in ALL if c is not KINDS["controller"]["open_loop"]]
+FOLLOWING = [c for c in ALL if c is not COMPONENT_KINDS["controller"]["open_loop"]]
 H = 20e-6
 
 
@@ -61,7 +61,7 @@ def test_it_says_what_it_is(controller):
 
 def _seen(controller):
     machine = bench(controller)
-    y = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
+    y = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     return y, machine.evaluate(y, 0.0, H, y)[0]
 
 
@@ -83,11 +83,11 @@ def test_its_law_is_smooth_enough_to_differentiate(controller):
         return {"command": s.unlimited_voltage} | {n: rates[n] for n in machine.controller.initial()}
 
     slopes = jax.jit(jax.jacfwd(law, argnums=(0, 1)))
-    rest = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
+    rest = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     rng = np.random.default_rng(0)
     states = [rest, *(random_state(machine, rng) for _ in range(5))]
     # exactly on the set point, with exactly its speed
-    value, rate = machine.reference.at(0.05)
+    value, rate = machine.reference.value_and_rate(0.05)
     on_it = {"piston_position": value, "piston_velocity": rate, "smooth_reference": value, "smooth_velocity": rate}
     states.append(rest | {n: v for n, v in on_it.items() if n in rest})
     for y in states:
@@ -117,7 +117,7 @@ def excursion(machine, name, value, steps=150):
         y, _ = step(machine, y, n * H, H)
         return y, y["current"] ** 2
 
-    start = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
+    start = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     return jnp.mean(jax.lax.scan(one, start, jnp.arange(float(steps)))[1])
 
 
@@ -127,7 +127,7 @@ def excursion(machine, name, value, steps=150):
     + [pytest.param(EXAMPLE["FilteredLead"], True, id="sampled")],
 )
 def test_batches_and_derivatives(controller, sampled):
-    p = structs.parameters(controller)[-1 if controller is KINDS["controller"]["antsmc"] else 0]
+    p = structs.parameters(controller)[-1 if controller is COMPONENT_KINDS["controller"]["antsmc"] else 0]
     machine = edhas.change(bench(controller), ramp_time=0.0)
     if sampled:
         machine = structs.replace(machine, sampling=Sampled(sample_time=1.1e-4, computation_delay=5e-5))

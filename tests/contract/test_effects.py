@@ -86,7 +86,7 @@ def machine_with(*effects: Effect, rig: type[Rig] | None = None) -> Rig:
 def entered(machine: Rig, effect: Effect, y, t=0.05):
     """What the effect enters, slot by slot, and the rates of its own states, at a state of the machine."""
     s, rates = machine.evaluate(y, t, jnp.asarray(H, jnp.result_type(*y.values())), y)
-    contributions = {slot: found[effect.id] for slot, found in s.notes.contributions.items() if effect.id in found}
+    contributions = {slot: found[effect.id] for slot, found in s.record.contributions.items() if effect.id in found}
     return contributions, {n: r for n, r in rates.items() if n.startswith(f"{effect.id}.")}
 
 
@@ -136,7 +136,7 @@ def test_it_says_what_it_is(effect):
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_shape_and_precision_are_kept(effect, dtype):
     machine = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), machine_with(effect()))
-    y = {n: jnp.asarray(v, dtype) for n, v in machine.start().items()}
+    y = {n: jnp.asarray(v, dtype) for n, v in machine.initial_state().items()}
     found = jax.eval_shape(lambda m, y: entered(m, m.effects[0], y, jnp.asarray(0.05, dtype)), machine, y)
     assert set(found[0]) == {slot.name for slot in effect.slots}
     assert len(found[1]) == len(effect.states)
@@ -217,7 +217,7 @@ def test_absent_means_the_same_program_as_a_machine_that_never_had_it(effect):
     had = structs.replace(rig(effects=(effect(), *others)), effects=others)
 
     def program(machine):
-        y = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
+        y = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
         return str(jax.make_jaxpr(lambda m, y, t, h: m.evaluate(y, t, h, y)[1])(machine, y, 0.0, H))
 
     assert program(had) == program(rig(effects=others))
@@ -225,10 +225,10 @@ def test_absent_means_the_same_program_as_a_machine_that_never_had_it(effect):
 
 
 GROUPS = {
-    "drive": (PumpBench, [e for e in ALL if {s.where for s in e.slots} & {"coil", "mover"} and e is not Backlash]),
-    "oil": (PumpBench, [e for e in ALL if not {s.where for s in e.slots} & {"coil", "mover", "cylinder"}]),
+    "drive": (PumpBench, [e for e in ALL if {s.location for s in e.slots} & {"coil", "mover"} and e is not Backlash]),
+    "oil": (PumpBench, [e for e in ALL if not {s.location for s in e.slots} & {"coil", "mover", "cylinder"}]),
     "backlash": (PumpBench, [*LIBRARY[:3], Backlash]),
-    "cylinder": (ActuatorSystem, [*LIBRARY[:4], *(e for e in ALL if {s.where for s in e.slots} == {"cylinder"})]),
+    "cylinder": (ActuatorSystem, [*LIBRARY[:4], *(e for e in ALL if {s.location for s in e.slots} == {"cylinder"})]),
 }
 """Machines that hold every effect between them; each is compiled once."""
 
@@ -266,7 +266,7 @@ def test_friction_opposes_steady_sliding(effect, velocity):
     """With its own states settled at a constant speed, a friction takes energy out."""
     made = effect()
     machine = machine_with(made)
-    y = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
+    y = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     y |= {n: jnp.asarray(velocity) for n in ("piston_velocity", "cylinder_velocity") if n in y}
     y["piston_position"] = jnp.asarray(2e-3)  # off mid-stroke, where a friction may vanish
     own = [f"{made.id}.{n}" for n in made.states]

@@ -10,7 +10,7 @@ import pytest
 from edhas_jax.core import structs
 from edhas_jax.machine.effects import LIBRARY, CoggingForce, ParasiticSpring
 from edhas_jax.machine.interface import slots
-from edhas_jax.machine.rigs import RIGS, parts
+from edhas_jax.machine.rigs import RIGS, components_by_name
 from edhas_jax.simulation.integrator import step
 from edhas_jax.simulation.run import Simulation, simulate
 from tests.support.reference import EFFECTS, changed, nominal
@@ -21,7 +21,7 @@ by_rig = pytest.mark.parametrize("rig", [pytest.param(rig, id=name) for name, ri
 
 def program(machine):
     """The jaxpr of one step, with machine, state, time and step as its inputs."""
-    y = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
+    y = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     # a fresh function each time: a cached trace would hide what was replaced in between
     return jax.make_jaxpr(lambda m, y, t, h: step(m, y, t, h))(machine, y, 0.0, H)
 
@@ -54,10 +54,12 @@ def test_without_effects_the_step_is_the_one_without_slots(rig, monkeypatch):
     with_slots = program(rig())
     replaced = 0
     for name, module in list(sys.modules.items()):
-        if name.startswith("edhas_jax") and getattr(module, "enter", None) is slots.enter and module is not slots:
-            monkeypatch.setattr(module, "enter", lambda slot, base, s: base)
+        if not name.startswith("edhas_jax") or module is slots:
+            continue
+        if getattr(module, "apply_slot", None) is slots.apply_slot:
+            monkeypatch.setattr(module, "apply_slot", lambda slot, base, s: base)
             replaced += 1
-    monkeypatch.setattr(slots, "enter", lambda slot, base, s: base)
+    monkeypatch.setattr(slots, "apply_slot", lambda slot, base, s: base)
     assert replaced >= 4
     without_slots = program(rig())
     assert str(with_slots) == str(without_slots)
@@ -78,7 +80,7 @@ def test_no_value_of_any_parameter_compiles_anything(rig, compilations):
     how = Simulation(duration=1e-3)
     simulate(machine, how)
     before, changes = compilations(), 0
-    for part in parts(machine).values():
+    for part in components_by_name(machine).values():
         for parameter in structs.parameters(type(part)):
             low, high = parameter.span
             value = float(np.clip(1.01 * parameter.default if parameter.default else 1e-3 * high, low, high))

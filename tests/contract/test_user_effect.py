@@ -52,7 +52,7 @@ def rms_current(machine, strength, samples=200):
         y, _ = step(machine, y, n * h, h)
         return y, y["current"] ** 2
 
-    start = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
+    start = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     return jnp.mean(jax.lax.scan(one, start, jnp.arange(float(samples)))[1])
 
 

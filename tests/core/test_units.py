@@ -4,7 +4,15 @@ import math
 
 import pytest
 
-from edhas_jax.core.units import UnitError, exact_quantity, format_quantity, from_si, shown_unit, to_si, with_error
+from edhas_jax.core.units import (
+    UnitError,
+    display_unit,
+    exact_quantity,
+    format_quantity,
+    format_with_error,
+    from_si,
+    to_si,
+)
 
 
 @pytest.mark.parametrize(
@@ -99,15 +107,15 @@ def test_exact_quantity_reads_back(value, unit):
 def test_from_si_and_shown_unit():
     assert from_si(0.012, "m", "mm") == pytest.approx(12.0)
     assert from_si(313.15, "K", "°C") == pytest.approx(40.0)
-    assert shown_unit("m") == "mm"
-    assert shown_unit("m", 20e-6) == "µm"
+    assert display_unit("m") == "mm"
+    assert display_unit("m", 20e-6) == "µm"
     with pytest.raises(UnitError):
         from_si(1.0, "m", "kg")
 
 
 def test_an_error_is_shown_in_the_unit_of_its_value():
-    assert with_error(0.8002, 3.8e-4, "V") == "0.80020 ± 0.00038 V"
-    assert with_error(2.0e-3, 0.0, "s") == "2.0000 ± 0 ms"
-    assert with_error(4.001e-13, 1.6e-16, "m^3/Pa") == "(4.0010 ± 0.0016)e-13 m³/Pa"
-    assert with_error(-2.5e7, 3.1e6, "Pa*s/m^3") == "(-2.50 ± 0.31)e7 Pa·s/m³"
-    assert with_error(0.0, 0.0, "N") == "0.0000 ± 0 N"
+    assert format_with_error(0.8002, 3.8e-4, "V") == "0.80020 ± 0.00038 V"
+    assert format_with_error(2.0e-3, 0.0, "s") == "2.0000 ± 0 ms"
+    assert format_with_error(4.001e-13, 1.6e-16, "m^3/Pa") == "(4.0010 ± 0.0016)e-13 m³/Pa"
+    assert format_with_error(-2.5e7, 3.1e6, "Pa*s/m^3") == "(-2.50 ± 0.31)e7 Pa·s/m³"
+    assert format_with_error(0.0, 0.0, "N") == "0.0000 ± 0 N"

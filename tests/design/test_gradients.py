@@ -10,8 +10,8 @@ import pytest
 
 from edhas_jax.core import structs
 from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
-from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench, Rig, parts
-from edhas_jax.simulation.integrator import observe, step
+from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench, Rig, components_by_name
+from edhas_jax.simulation.integrator import evaluate_signals, step
 from tests.support.convergence import Stretch, beginning
 from tests.support.reference import changed, nominal, value_of
 
@@ -60,7 +60,7 @@ CASES = {
 
 def test_the_cases_name_every_part():
     """One parameter of each component and of each effect of the paper's model."""
-    mounted = {(type(part), case) for case in CASES.values() for part in parts(case.machine).values()}
+    mounted = {(type(part), case) for case in CASES.values() for part in components_by_name(case.machine).values()}
     covered = {part for part, case in mounted if any(p.name in case.parameters for p in structs.parameters(part))}
     assert {part for part, _ in mounted if structs.parameters(part)} == covered
     assert {LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction} <= covered
@@ -76,7 +76,7 @@ def problem(name: str):
     def march(machine):
         def one(y, j):
             t = case.begin + j.astype(float) * H
-            return step(machine, y, t, H)[0], (observe(machine, y, t, H)[flow], y)
+            return step(machine, y, t, H)[0], (evaluate_signals(machine, y, t, H)[flow], y)
 
         y, (flows, path) = jax.lax.scan(one, y0, jnp.arange(STEPS))
         return y, flows.mean(), path

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.report.figures import draw_sensor_fault, draw_waterfall, stages, with_error
+from edhas_jax.diagnosis.report.figures import draw_sensor_fault, draw_waterfall, format_with_error, stages
 from edhas_jax.diagnosis.report.machine_schematic import schematic, shade
 from edhas_jax.diagnosis.report.nonparametric_term import missing_term
 from edhas_jax.diagnosis.report.report import found_in, write_report
@@ -121,7 +121,7 @@ def test_a_sensor_fault_is_shown_as_it_was_measured():
 
 @pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
 def test_the_schematic_colours_every_part_that_can_be_at_fault(rig):
-    where = {slot.where for slot in rig.slots} | {"sensor"}
+    where = {slot.location for slot in rig.slots} | {"sensor"}
     for part in where:
         drawn = schematic(rig(), {part: 0.9})
         assert shade(0.9) in drawn and "90%" in drawn
@@ -131,6 +131,6 @@ def test_the_schematic_colours_every_part_that_can_be_at_fault(rig):
 
 
 def test_a_value_and_its_error_share_a_unit():
-    assert with_error(0.8002, 3.8e-4, "V") == "0.80020 ± 0.00038 V"
-    assert with_error(1.441, 1.7e-4, "ohm") == "1.44100 ± 0.00017 ohm"
-    assert with_error(4.0e-8, 1.6e-10, "m^2") == "0.04000 ± 0.00016 mm²"
+    assert format_with_error(0.8002, 3.8e-4, "V") == "0.80020 ± 0.00038 V"
+    assert format_with_error(1.441, 1.7e-4, "ohm") == "1.44100 ± 0.00017 ohm"
+    assert format_with_error(4.0e-8, 1.6e-10, "m^2") == "0.04000 ± 0.00016 mm²"

@@ -17,7 +17,7 @@ from edhas_jax.export.fmu import export_fmu
 from edhas_jax.export.fmu_inputs import FmuError
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.parameters import set_parameters
-from edhas_jax.simulation import integrator
+from edhas_jax.simulation import time_loop
 from tests.support import CONFIGS
 from tests.support.fmu_unit import INTERVAL, Unit, difference
 
@@ -104,10 +104,10 @@ def test_the_description_is_valid_and_tells_what_is_what(unit):
 
 def test_an_input_acts_as_the_same_change_of_a_run(unit):
     u = unit(PUMP, "load_orifice_area")
-    made, here = u.instance(), integrator.start(u.config.machine, np.float64(20e-6))
+    made, here = u.instance(), time_loop.initial_loop_state(u.config.machine, np.float64(20e-6))
     for stretch, area in enumerate((4.2e-6, 1e-6)):
         machine = jax.tree.map(np.asarray, set_parameters(u.config.machine, {"load_orifice_area": area}))
-        here, expected = integrator.march(machine, here, np.float64(20e-6), 25, 60)
+        here, expected = time_loop.integrate(machine, here, np.float64(20e-6), 25, 60)
         got = u.run(made, 60, 60 * stretch, before=lambda t, area=area: {"load_orifice_area": area})
         assert difference(got, expected.signals) < ROUNDING
     assert got["outlet_pressure"].max() > 1.2 * 2e5

@@ -10,7 +10,7 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
-from edhas_jax.machine.components.adaptive_sliding_mode import LENGTH, AdaptiveSlidingMode
+from edhas_jax.machine.components.adaptive_sliding_mode import SURFACE_LENGTH, AdaptiveSlidingMode
 from edhas_jax.machine.effects import Effect, LugreFriction
 from edhas_jax.machine.interface.signals import Signals
 from edhas_jax.machine.rigs import ActuatorBench, Step
@@ -42,7 +42,7 @@ def march(machine, steps: int):
             y, _ = step(machine, y, n * H, H)
             return y, y
 
-        start = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
+        start = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
         return jax.lax.scan(one, start, jnp.arange(float(steps)))[1]
 
     return {n: np.asarray(v) for n, v in run(machine).items()}
@@ -94,7 +94,7 @@ def test_the_sliding_motion_is_terminal():
 
     def surface_rate(error):
         """dκ̂/dt without the leak is |s| times a gain: a look at the surface from outside."""
-        speed = -200.0 * LENGTH * (abs(error) / LENGTH) ** (1.0 / 1.5) * np.sign(error)
+        speed = -200.0 * SURFACE_LENGTH * (abs(error) / SURFACE_LENGTH) ** (1.0 / 1.5) * np.sign(error)
         s = Signals({"reference": 0.0, "reference_velocity": 0.0, "piston_position": error, "piston_velocity": speed,
                      "current": 0.0, "voltage": 0.0, "unlimited_voltage": 0.0})  # fmt: skip
         return float(c.rates(c.initial(), s)["switching_gain"]) / c.adaptation_gain
@@ -121,7 +121,7 @@ def test_the_observer_finds_a_force_that_is_constant_or_grows(growing):
 def test_what_it_believes_is_not_what_the_machine_has():
     """The command hangs on the beliefs, and not at all on the parameters of the machine."""
     machine = ActuatorBench(controller=AdaptiveSlidingMode(**BELIEF), effects=(LugreFriction(),))
-    y = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
+    y = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     y |= {"piston_position": 1e-4, "piston_velocity": 0.05, "current": 1.0}
 
     def command(**changes):

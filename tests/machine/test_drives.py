@@ -58,11 +58,11 @@ def test_a_recorded_voltage_gives_the_run_back():
 
 def test_a_recorded_set_point_equals_the_analytic_one():
     t = np.arange(0, 0.3 + 5e-4, 5e-4)
-    value, rate = Sine().at(t)
+    value, rate = Sine().value_and_rate(t)
     recorded = Recorded(values=np.asarray(value), interval=5e-4)
     between = np.linspace(1e-3, 0.29, 997)
-    got, got_rate = np.asarray([recorded.at(x) for x in between]).T
-    wanted, wanted_rate = (np.asarray(v) for v in Sine().at(between))
+    got, got_rate = np.asarray([recorded.value_and_rate(x) for x in between]).T
+    wanted, wanted_rate = (np.asarray(v) for v in Sine().value_and_rate(between))
     np.testing.assert_allclose(got, wanted, atol=3e-8)
     np.testing.assert_allclose(got_rate, wanted_rate, atol=2e-4)
     run, again = (edhas.simulate(bench(reference=r), SHORT) for r in (Sine(), recorded))
@@ -73,6 +73,6 @@ def test_a_recorded_set_point_equals_the_analytic_one():
 def test_a_recording_is_held_before_and_after():
     recorded = Recorded(values=np.array([1.0, 2.0, 4.0]), interval=0.1, start=1.0)
     for t, wanted in ((0.0, 1.0), (0.999, 1.0), (1.1, 2.0), (1.2, 4.0), (5.0, 4.0)):
-        value, rate = recorded.at(t)
+        value, rate = recorded.value_and_rate(t)
         assert float(value) == pytest.approx(wanted)
         assert (float(rate) == 0.0) == (t < 1.0 or t > 1.2)

@@ -12,7 +12,7 @@ from edhas_jax.machine.components.controllers import CascadeController
 from edhas_jax.machine.effects import LIBRARY, EffectError, LugreFriction
 from edhas_jax.machine.effects.loading import effect_spec, load_effect
 from edhas_jax.machine.effects.validation import check_effect
-from edhas_jax.machine.rigs import RIGS, ActuatorBench, ActuatorSystem, PumpBench, parts
+from edhas_jax.machine.rigs import RIGS, ActuatorBench, ActuatorSystem, PumpBench, components_by_name
 
 GOOD = """
     import jax.numpy as jnp
@@ -218,7 +218,7 @@ def test_a_class_that_is_no_plain_effect(folder, code, says):
 
 def test_no_id_is_taken_twice():
     with pytest.raises(EffectError, match="`lugre_friction` is taken twice in pump_bench"):
-        parts(replace(PumpBench(), effects=(LugreFriction(), LugreFriction())))
+        components_by_name(replace(PumpBench(), effects=(LugreFriction(), LugreFriction())))
 
 
 def test_errors_in_the_file_name_its_line(folder):

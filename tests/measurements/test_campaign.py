@@ -116,7 +116,7 @@ runs:
     machine = campaign.machine_of(run)
     assert isinstance(machine.controller, CascadeController) and machine.controller.cascade_velocity_gain == 243.0
     assert machine.amplifier.amplifier_gain == 2.0 and not machine.effects
-    at, rate = machine.reference.at(0.1)
+    at, rate = machine.reference.value_and_rate(0.1)
     assert at == pytest.approx(5e-3 * np.sin(0.6 * np.pi), rel=1e-4) and rate < 0.0
     # an uncertain parameter of an effect that the model lacks waits until it is added
     assert campaign.uncertain_in(machine) == {"mover_mass": 0.1} and set(campaign.uncertain) == {

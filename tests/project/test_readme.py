@@ -63,7 +63,7 @@ def test_configuration_page(here):
 def test_every_slot_is_on_its_page():
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
     for slot in SLOTS.values():
-        assert f"`{slot.name}` | {slot.where} |" in page and slot.doc in page
+        assert f"`{slot.name}` | {slot.location} |" in page and slot.doc in page
 
 
 def test_links_lead_somewhere():

@@ -7,7 +7,7 @@ import pytest
 
 from edhas_jax.machine.rigs import ActuatorSystem, PumpBench
 from edhas_jax.simulation import energy_balance
-from edhas_jax.simulation.metrics import window
+from edhas_jax.simulation.metrics import metric_window
 from edhas_jax.simulation.run import Simulation, simulate
 from tests.support.reference import cases, changed, nominal, trajectory
 
@@ -69,7 +69,7 @@ def test_cumulated_flow_agrees_with_the_sampled_one(name, run):
 @pytest.mark.parametrize("name", ["actuator_10hz", "pump_10hz", "system_step"])
 def test_losses_never_give_energy_back(name, run):
     made = run(name)
-    groups = energy_balance.rows(made.machine)
+    groups = energy_balance.row_groups(made.machine)
     lossy = [n for n in made.energy if groups[n] == "copper" or n.endswith("damping") or n.endswith("_friction")]
     lossy += [n for n in made.energy if groups[n] == "fluid" and not n.startswith("leakage")]
     assert len(lossy) >= 2
@@ -105,7 +105,7 @@ def test_the_two_sides_of_the_pump_are_alike(run):
     """Half a cycle later side B does what side A did."""
     made = run("pump_10hz")
     t = made.signals["time"]
-    first, last = window(made.machine, t[-1])
+    first, last = metric_window(made.machine, t[-1])
     half = round(0.5 / 10.0 / (t[1] - t[0]))
     inside = np.flatnonzero((t >= last - 0.1 - 1e-9) & (t < last - 1e-9))
     for a, b in (("chamber_pressure_a", "chamber_pressure_b"), ("suction_lift_a", "suction_lift_b")):

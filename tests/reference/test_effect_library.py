@@ -11,7 +11,7 @@ from edhas_jax.core import structs
 from edhas_jax.core.units import to_si
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects import LIBRARY
-from edhas_jax.machine.rigs import RIGS, ActuatorBench, ActuatorSystem, PumpBench, Rig, parts
+from edhas_jax.machine.rigs import RIGS, ActuatorBench, ActuatorSystem, PumpBench, Rig, components_by_name
 from edhas_jax.simulation.run import Run, Simulation, simulate
 from tests.support import DATA
 from tests.support.independent_solver import trajectory
@@ -201,7 +201,8 @@ def test_leakage_of_the_cylinder_rises_with_its_position(system):
 def test_what_it_is_confused_with_exists():
     ids = {e.id for e in LIBRARY}
     machines = [rig(effects=tuple(e() for e in LIBRARY)) for rig in (ActuatorBench, PumpBench, ActuatorSystem)]
-    names = {p.name for machine in machines for part in parts(machine).values() for p in structs.parameters(type(part))}
+    parts = [part for machine in machines for part in components_by_name(machine).values()]
+    names = {p.name for part in parts for p in structs.parameters(type(part))}
     assert len(RIGS) == len(machines)
     for effect in LIBRARY:
         assert effect.looks_like and effect.confused_with, effect.id

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from edhas_jax.simulation.metrics import window
+from edhas_jax.simulation.metrics import metric_window
 from edhas_jax.simulation.run import Precision
 from tests.support.reference import rms
 
@@ -15,5 +15,5 @@ def test_float32_agrees_with_float64(name, run):
     for signal, values in double.signals.items():
         assert rms(single.signals[signal] - values) <= 1e-2 * max(np.ptp(values), 1e-30), signal
     assert single.metrics["mean_flow"].value == pytest.approx(double.metrics["mean_flow"].value, rel=1e-3)
-    assert window(double.machine, double.signals["time"][-1])[0] > 0.0
+    assert metric_window(double.machine, double.signals["time"][-1])[0] > 0.0
     assert abs(single.energy_residual()) < 1e-3

@@ -55,7 +55,7 @@ def states(machine, h, steps: int):
         y, _ = step(machine, y, n * h, h)
         return y, y
 
-    start = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
+    start = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     return jax.lax.scan(one, start, jnp.arange(float(steps)))[1]
 
 
@@ -77,7 +77,7 @@ def exactly(machine, h, duration):
     for time, what in sorted(events, key=lambda event: (round(event[0], 12), event[1])):
         z, now = passing(round(time - now, 12)) @ z, time
         if what == "sample":
-            error = float(set_point.at(time)[0]) - z[1]
+            error = float(set_point.value_and_rate(time)[0]) - z[1]
             coming.append(c.stiffness * error + c.patience * summed)
             summed += ts * error
         elif what == "command":
@@ -223,12 +223,12 @@ def test_energy_closes():
 def test_what_is_not_sampled_leaves_no_trace(rig, monkeypatch):
     before = program(rig())
     assert operations(program(rig(sampling=Sampled())).jaxpr) > operations(before.jaxpr)
-    assert not [n for n in rig().start() if n in Sampled().initial(rig().controller) and "control" not in n]
+    assert not [n for n in rig().initial_state() if n in Sampled().initial(rig().controller) and "control" not in n]
 
     def forbidden(*_):
         raise AssertionError("the sampling that is not mounted was called")
 
-    for method in ("initial", "command", "rates", "after"):
+    for method in ("initial", "command", "rates", "advance"):
         monkeypatch.setattr(Sampled, method, forbidden)
     assert str(program(rig())) == str(before)
     with pytest.raises(AssertionError, match="not mounted"):

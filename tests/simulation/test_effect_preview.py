@@ -5,12 +5,12 @@ import pytest
 
 from edhas_jax.commands.cli import main
 from edhas_jax.machine.effects import LugreFriction, SupplySag
-from edhas_jax.simulation.effect_preview import signature
+from edhas_jax.simulation.effect_preview import preview_effect
 
 
 def test_an_effect_is_shown_where_it_shows():
     """A supply that gives way matters where the command is clipped, and nowhere else."""
-    shown = signature(SupplySag())
+    shown = preview_effect(SupplySag())
     assert shown.conditions["supply_voltage"] == 15.0 and shown.strength() > 0.01
     limit = 15.0 - 0.3 * np.abs(shown.present["current"])
     assert (np.abs(shown.present["voltage"]) <= limit + 1e-9).all()
@@ -18,7 +18,7 @@ def test_an_effect_is_shown_where_it_shows():
 
 
 def test_a_refined_effect_is_shown_against_the_machine_without_it():
-    shown = signature(LugreFriction())
+    shown = preview_effect(LugreFriction())
     assert "lugre_friction" not in [e.id for e in shown.machine.effects] and shown.strength() > 0.01
 
 

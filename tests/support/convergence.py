@@ -70,7 +70,7 @@ def solution(stretch: Stretch, y, h: float) -> dict[str, np.ndarray]:
 
 def beginning(stretch: Stretch, h: float = 2e-6) -> dict:
     """The state at the begin of a stretch, from rest: a state in mid-cycle is one that the machine can be in."""
-    y = {n: jnp.asarray(v, float) for n, v in stretch.machine.start().items()}
+    y = {n: jnp.asarray(v, float) for n, v in stretch.machine.initial_state().items()}
     if stretch.begin == 0.0:
         return y
     count = round(stretch.begin / h / INTERVALS)

@@ -10,8 +10,8 @@ import yaml
 
 from edhas_jax.core import structs
 from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
-from edhas_jax.machine.rigs import RIGS, ActuatorBench, ActuatorSystem, PumpBench, Rig, Step, parts
-from edhas_jax.simulation.metrics import mean_rate, window
+from edhas_jax.machine.rigs import RIGS, ActuatorBench, ActuatorSystem, PumpBench, Rig, Step, components_by_name
+from edhas_jax.simulation.metrics import mean_rate, metric_window
 from edhas_jax.simulation.run import Precision, Run, Simulation, simulate
 from tests.support import DATA
 
@@ -58,7 +58,7 @@ def nominal(rig: type[Rig], without: str | None = None) -> Rig:
 
 def changed(machine: Rig, name: str, value) -> Rig:
     """The machine with one parameter changed, wherever it lives; an effect's too."""
-    for part_name, part in parts(machine).items():
+    for part_name, part in components_by_name(machine).items():
         if name in (p.name for p in structs.parameters(type(part))):
             new = structs.replace(part, **{name: value})
             if part in machine.effects:
@@ -69,7 +69,7 @@ def changed(machine: Rig, name: str, value) -> Rig:
 
 def value_of(machine: Rig, name: str):
     """The value of a parameter, wherever it lives."""
-    return next(getattr(part, name) for part in parts(machine).values() if hasattr(part, name))
+    return next(getattr(part, name) for part in components_by_name(machine).values() if hasattr(part, name))
 
 
 def machine_of(name: str, folder: Path = DATA) -> Rig:
@@ -140,7 +140,7 @@ def mean_flow_error(name: str, run: Run, folder: Path = DATA) -> float | None:
     if "outlet_flow" not in reference:
         return None
     t = reference["time"]
-    first, last = window(run.machine, t[-1])
+    first, last = metric_window(run.machine, t[-1])
     wanted = sampled_mean(t, reference["outlet_flow"], first, last)
     got = sampled_mean(t, run.signals["outlet_flow"], first, last)
     return got / wanted - 1.0
@@ -179,7 +179,7 @@ RANGES = {
 def random_state(machine: Rig, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """A state somewhere in the physical range: valves open, closed and on their stops, oil from vapour to 6 MPa."""
     y = {}
-    for name in machine.start():
+    for name in machine.initial_state():
         if "_pressure" in name:
             y[name] = np.exp(rng.uniform(np.log(2e3), np.log(6e6)))
         elif "_lift_velocity_" in name:

@@ -11,7 +11,7 @@ from edhas_jax.core import structs
 from edhas_jax.machine.components.set_points import CyclicSine
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import ActuatorBench, Rig
-from edhas_jax.simulation.integrator import watched_step
+from edhas_jax.simulation.integrator import step_with_outputs
 
 
 class Status(enum.IntEnum):
@@ -54,7 +54,7 @@ def begin(machine: Rig, block: dict[str, Any], live, dtype) -> Lanes:
 
     def at_rest(values):
         m = set_parameters(machine, values)
-        y = {n: jnp.asarray(v, dtype) for n, v in m.start().items()}
+        y = {n: jnp.asarray(v, dtype) for n, v in m.initial_state().items()}
         one = jnp.ones((), dtype)
         return y, measured(m, empty_sums(m, dtype), one) | {CHANGE: one, "residual": one}
 
@@ -144,7 +144,7 @@ def _watched(m: Rig) -> tuple[str, ...]:
 
 
 def _take(m: Rig, y, h):
-    y, _, seen = watched_step(m, y, 0.0, h, lambda s: {n: getattr(s, n) for n in _watched(m)})
+    y, _, seen = step_with_outputs(m, y, 0.0, h, lambda s: {n: getattr(s, n) for n in _watched(m)})
     if not isinstance(m, ActuatorBench):
         lifts = [y[f"{kind}_lift_{side}"] for kind in ("suction", "delivery") for side in "ab"]
         seen["highest_lift"] = one_sided_max(one_sided_max(lifts[0], lifts[1]), one_sided_max(lifts[2], lifts[3]))

@@ -37,7 +37,7 @@ class CycleLoop:
 
         sums = {n: np.asarray(v, dtype) for n, v in empty_sums(machine, dtype).items()}
         self._sums = Rows.of(sums, dtype)
-        carry = {n: 0.0 for n in machine.start()}, sums
+        carry = {n: 0.0 for n in machine.initial_state()}, sums
         self._carry = jax.tree.structure(carry)
         lane, uniform = dict.fromkeys(varied, 0.0), (machine, 0.0, 0.0)
 

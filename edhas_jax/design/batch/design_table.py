@@ -10,7 +10,7 @@ import numpy as np
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.machine.parameters import ParameterError, find_parameter, list_parameters, short_names, span_text
+from edhas_jax.machine.parameters import ParameterError, find_parameter, format_span, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import METRICS
 
@@ -168,7 +168,7 @@ def table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
         if bad.any():
             at = int(np.argmax(bad))
             got = format_quantity(values[at], p.unit)
-            raise DesignError(f"{path}{line(at)}: {own} must lie in {span_text(p)} ({p.doc}); got {got}")
+            raise DesignError(f"{path}{line(at)}: {own} must lie in {format_span(p)} ({p.doc}); got {got}")
         found[own] = values
     return found
 

@@ -100,7 +100,7 @@ class TangentLoop:
             return state, _together(moved)
 
         self._sums = {n: np.asarray(v, float) for n, v in empty_sums(machine, float).items()}
-        state = dict.fromkeys(machine.start(), 0.0), dict.fromkeys(self._sums, 0.0)
+        state = dict.fromkeys(machine.initial_state(), 0.0), dict.fromkeys(self._sums, 0.0)
         moved = _together([state for _ in self._each])
         lane = dict.fromkeys(varied, 0.0), {} if group else dict.fromkeys(varied, 0.0)
         # one vector of so many tangents fills the nearest cache

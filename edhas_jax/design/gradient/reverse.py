@@ -66,7 +66,7 @@ class CycleAdjoint:
             return body(n, (y, self._sums), values, uniform)[0]
 
         self._sums = {n: np.asarray(v, float) for n, v in empty_sums(machine, float).items()}
-        y, values = dict.fromkeys(machine.start(), 0.0), dict.fromkeys(varied, 0.0)
+        y, values = dict.fromkeys(machine.initial_state(), 0.0), dict.fromkeys(varied, 0.0)
         uniform, cache = (machine, 0.0), runtime.cache_folder()
         self._loop = AdjointLoop(body, float, (y, self._sums), values, uniform, cache)
         # a cycle begins its sums anew: for all terms but the first only the states matter

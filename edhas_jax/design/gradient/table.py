@@ -9,14 +9,14 @@ import jax
 import numpy as np
 import pandas as pd
 
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError
 from edhas_jax.design.batch.cycle import REASONS, Status, empty_sums, measured
 from edhas_jax.design.batch.design_table import own_name
 from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.design.gradient.reverse import reverse
-from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, read_value, short_names
+from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, parse_value, short_names
 from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
 from edhas_jax.simulation.metrics import METRICS
 
@@ -96,7 +96,7 @@ def plan(machine: Rig, metrics, parameters, points) -> tuple[list[str], list[str
     known = metrics_of(machine)
     for name in metrics or ():
         if name not in known:
-            raise GradientError(f"{name}: no metric of {machine.name}; {nearest(name, known)}")
+            raise GradientError(f"{name}: no metric of {machine.name}; {suggest(name, known)}")
     names = _own_names(machine, parameters if parameters is not None else parameters_of(machine))
     if not names or metrics is not None and not len(metrics):
         raise GradientError("at least one parameter and one metric are needed")
@@ -104,7 +104,7 @@ def plan(machine: Rig, metrics, parameters, points) -> tuple[list[str], list[str
     for name, values in (points or {}).items():
         try:
             p, own = own_name(machine, name)
-            given[own] = np.array([float(read_value(p, v)) for v in values])
+            given[own] = np.array([float(parse_value(p, v)) for v in values])
         except (ParameterError, UnitError) as error:
             raise GradientError(f"{name}: {error}") from None
     lengths = {len(v) for v in given.values()}

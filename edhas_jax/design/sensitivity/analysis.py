@@ -11,7 +11,7 @@ import pandas as pd
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.config.run_folder import ResultFileError
 from edhas_jax.config.writer import dump_config
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.design.batch.batch import BatchSettings, run_designs
 from edhas_jax.design.batch.cycle import Status
 from edhas_jax.design.batch.design_table import Axis, grid, own_name
@@ -64,7 +64,7 @@ def load_sensitivity(path: Path | str) -> Sensitivity:
     metrics = reader.listed("metrics")
     for i, name in enumerate(metrics):
         if known and name not in known:
-            reader.add(("metrics", i), f"no metric `{name}`; {nearest(str(name), known)}")
+            reader.add(("metrics", i), f"no metric `{name}`; {suggest(str(name), known)}")
     local = []
     for i, name in enumerate(reader.listed("local")):
         try:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.config.run_settings import quantity_text
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.design.batch.batch import BatchSettings
@@ -143,7 +143,7 @@ def _objective(r: TaskReader, known: list[str]) -> dict[str, float]:
         for name, weight in rows.items():
             key = ("objective", way, name)
             if name not in known:
-                r.add(key, f"no metric `{name}`; {nearest(str(name), known)}")
+                r.add(key, f"no metric `{name}`; {suggest(str(name), known)}")
             try:
                 number = float(str(weight))
             except ValueError:
@@ -161,7 +161,7 @@ def _limits(r: TaskReader, known: list[str]) -> tuple[Limit, ...]:
     for name, spec in r.section("constraints", "{rms_current: {max: 4 A}}").items():
         key = ("constraints", name)
         if name not in known:
-            r.add(key, f"no metric `{name}`; {nearest(str(name), known)}")
+            r.add(key, f"no metric `{name}`; {suggest(str(name), known)}")
         elif not isinstance(spec, Mapping) or not set(spec) & {"min", "max"}:
             r.add(key, f"`max:` or `min:` and a quantity in {METRICS[name][0]} belong here")
         else:

@@ -28,7 +28,7 @@ from edhas_jax.design.batch.design_table import Axis, DesignError
 from edhas_jax.design.sweep.axes_reader import AxesReader
 from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.validation import check_effect
-from edhas_jax.machine.parameters import ParameterError, find_parameter, put
+from edhas_jax.machine.parameters import ParameterError, find_parameter, replace_value
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run import Precision, Simulation
 
@@ -149,7 +149,7 @@ class SweepReader(ProblemList):
             self.add(key, str(error))
             return machine
         number = self.read_quantity(key, p, value)
-        return machine if number is None else put(machine, path, p.name, number)
+        return machine if number is None else replace_value(machine, path, p.name, number)
 
     def _settings(self) -> BatchSettings:
         """The section `batch:`; the step and precision of the base hold where it names none."""

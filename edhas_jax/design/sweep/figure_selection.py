@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, format_number, format_quantity, to_si
 from edhas_jax.design.sweep.table import NOT_RUN, SweepResult
 
@@ -130,7 +130,7 @@ def one_of(name: str, valid: Sequence[str], what: str) -> str:
         FigureError: it is not.
     """
     if name not in valid:
-        raise FigureError(f"{what} `{name}`; {nearest(name, valid)}")
+        raise FigureError(f"{what} `{name}`; {suggest(name, valid)}")
     return name
 
 

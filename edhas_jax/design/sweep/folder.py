@@ -19,13 +19,13 @@ import pyarrow.parquet as pq
 
 from edhas_jax.config.run_folder import ResultFileError
 from edhas_jax.config.writer import config_kind, dump_config
-from edhas_jax.core.atomic_file import PARTIAL, whole_file
+from edhas_jax.core.atomic_file import PARTIAL_SUFFIX, atomic_write
 from edhas_jax.core.units import format_quantity
 from edhas_jax.design.batch.batch import Chunk
 from edhas_jax.design.sweep.chunk_task import Answer, device, effect_code, versions
 from edhas_jax.design.sweep.config import Sweep
 from edhas_jax.design.sweep.table import TABLE, frame_of, table_of
-from edhas_jax.machine.parameters import KINDS, find_parameter, list_parameters
+from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters
 from edhas_jax.simulation.metrics import METRICS
 from edhas_jax.simulation.run import Simulation
 
@@ -60,7 +60,7 @@ class SweepFolder:
             elif manifest["state"] == "finished":
                 with contextlib.suppress(FileNotFoundError, ValueError, pa.ArrowException):
                     self.table = frame_of(pq.read_table(self.path / TABLE))
-            for stale in (self.path / CHUNKS).glob(f".*{PARTIAL}"):
+            for stale in (self.path / CHUNKS).glob(f".*{PARTIAL_SUFFIX}"):
                 stale.unlink(missing_ok=True)
         return self
 
@@ -85,7 +85,7 @@ class SweepFolder:
 
     def _begin(self) -> None:
         sweep = self._sweep
-        with whole_file(self.path / DESIGNS) as file:
+        with atomic_write(self.path / DESIGNS) as file:
             pq.write_table(table_of(sweep.machine, sweep.designs), file)
         axes = {a.name: ({"values": list(a.values)} if a.values else
                          {"from": a.low, "to": a.high, "count": a.count, "spacing": "log" if a.log else "linear"})
@@ -101,7 +101,7 @@ class SweepFolder:
 
     def _manifest(self, manifest: dict) -> None:
         text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
-        with whole_file(self.path / MANIFEST) as file:
+        with atomic_write(self.path / MANIFEST) as file:
             file.write_text(text, encoding="utf-8")
 
     def finished(self) -> dict[int, dict[str, np.ndarray]]:
@@ -126,7 +126,7 @@ class SweepFolder:
         columns = {"design": self._chunks[answer.number].rows, **answer.metrics}
         told = {"hash": self.hash, "versions": json.dumps(answer.versions), "device": json.dumps(answer.device)}
         data = pa.table(dict(columns)).replace_schema_metadata(told)
-        with self._writing(), whole_file(self.path / CHUNKS / f"{answer.number:06d}.parquet") as file:
+        with self._writing(), atomic_write(self.path / CHUNKS / f"{answer.number:06d}.parquet") as file:
             pq.write_table(data, file)
 
     def complete(self, chunks: Mapping[int, Mapping[str, np.ndarray]]) -> pd.DataFrame:
@@ -138,7 +138,7 @@ class SweepFolder:
         data = table_of(self._sweep.machine, self._sweep.designs, metrics)
         devices = {_metadata(self.path / CHUNKS / f"{n:06d}.parquet")[b"device"].decode() for n in chunks}
         with self._writing():
-            with whole_file(self.path / TABLE) as file:
+            with atomic_write(self.path / TABLE) as file:
                 pq.write_table(data, file)
             on = [json.loads(d) for d in sorted(devices)]
             self._manifest(read_manifest(self.path) | {"state": "finished", "finished": _now(), "computed_on": on})
@@ -224,7 +224,7 @@ def describe(sweep: Sweep) -> dict[str, Any]:
     settings = dataclasses.asdict(sweep.settings)
     return {
         "rig": sweep.machine.name,
-        "kinds": {s: config_kind(s, getattr(sweep.machine, s)) for s in KINDS if hasattr(sweep.machine, s)},
+        "kinds": {s: config_kind(s, getattr(sweep.machine, s)) for s in COMPONENT_KINDS if hasattr(sweep.machine, s)},
         "effects": effect_code(sweep.machine),
         "parameters": {
             f"{path}.{p.name}": [float(v), p.unit]

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from edhas_jax.core.units import from_si, shown_unit
+from edhas_jax.core.units import display_unit, from_si
 from edhas_jax.design.batch.batch import REASONS, Status
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.machine.rigs import Rig
@@ -54,7 +54,7 @@ def table_of(machine: Rig, designs: Mapping[str, np.ndarray], metrics: Mapping[s
 
     for name, values in designs.items():
         p, _ = find_parameter(machine, name)
-        shown = shown_unit(p.unit, float(np.abs(values).max())) or "-"
+        shown = display_unit(p.unit, float(np.abs(values).max())) or "-"
         add(name, np.asarray(values, float), role="parameter", unit=p.unit, shown=shown, doc=p.doc)
     if metrics is not None:
         for name in (n for n in METRICS if n in metrics):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from edhas_jax.core.plot_style import COLOURS, INK, QUIET
-from edhas_jax.core.units import from_si, shown_unit
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.core.units import display_unit, from_si
 from edhas_jax.diagnosis.calibration.result import DRIFT_SCORE, IMPLAUSIBLE_DISTANCE, Calibration
 from edhas_jax.diagnosis.calibration.uncertainty import CHI2_95
 
@@ -26,7 +26,7 @@ def draw_estimates(calibration: Calibration):
     axes.errorbar(fit.x, rows, xerr=1.96 * fit.std, fmt="o", ms=5, color=COLOURS[0], elinewidth=2, capsize=3)
     if calibration.drift is not None:
         for k, row in enumerate(rows):
-            axes.plot(calibration.drift.x[:, k], np.full(len(calibration.drift.x), row - 0.26), "|", ms=7, color=QUIET)
+            axes.plot(calibration.drift.x[:, k], np.full(len(calibration.drift.x), row - 0.26), "|", ms=7, color=GREY)
     width = 1.15 * max(3.0, np.abs(fit.x + np.sign(fit.x) * 1.96 * fit.std).max())
     axes.set_xlim(-width, width)
     axes.set_yticks(rows, [_estimate_label(u, fit) for u in fit.problem.unknowns], fontsize=9, color=INK)
@@ -39,7 +39,7 @@ def draw_estimates(calibration: Calibration):
 
 def _estimate_label(u, fit) -> str:
     value, error = fit.values[u.name], fit.standard_errors[u.name]
-    unit = shown_unit(u.unit, value)
+    unit = display_unit(u.unit, value)
     number, spread = from_si(value, u.unit, unit), from_si(error, u.unit, unit) - from_si(0.0, u.unit, unit)
     digits = max(0, int(np.ceil(-np.log10(max(spread, 1e-12)))) + 1)
     return f"{u.name.replace('_', ' ')}   {number:.{min(digits, 7)}f} ± {spread:.2g} {unit}".rstrip()
@@ -73,12 +73,12 @@ def draw_profiles(calibration: Calibration):
     grid = figure.subplots(-(-len(profiles) // 3), min(3, len(profiles)), squeeze=False)
     units = {u.name: u.unit for u in calibration.fit.problem.unknowns}
     for axes, profile in zip(grid.flat, profiles, strict=False):
-        unit = shown_unit(units[profile.name], float(np.median(profile.values)))
+        unit = display_unit(units[profile.name], float(np.median(profile.values)))
         values = from_si(profile.values, units[profile.name], unit)
         axes.plot(values, profile.chi2_increase, "o-", ms=4, color=COLOURS[0])
         value, std = calibration.fit.values[profile.name], calibration.fit.standard_errors[profile.name]
         fine = np.linspace(profile.values[0], profile.values[-1], 100)
-        axes.plot(from_si(fine, units[profile.name], unit), ((fine - value) / std) ** 2, color=QUIET, lw=1, ls="--",
+        axes.plot(from_si(fine, units[profile.name], unit), ((fine - value) / std) ** 2, color=GREY, lw=1, ls="--",
                   label="parabola of the standard error")  # fmt: skip
         axes.axhline(CHI2_95, color=COLOURS[1], lw=0.9, ls=":")
         axes.annotate("95 %", (values[0], CHI2_95), fontsize=8, color=COLOURS[1], va="bottom")
@@ -118,5 +118,5 @@ def _style_axes(axes) -> None:
     axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=QUIET, labelsize=8)
+    axes.tick_params(colors=GREY, labelsize=8)
     axes.tick_params(axis="y", labelsize=9, labelcolor=INK)

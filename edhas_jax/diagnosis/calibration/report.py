@@ -20,24 +20,24 @@ def fit_report(calibration: Calibration) -> str:
             f"{len(campaign.runs_for(Use.HOLDOUT))} held out; step {format_quantity(step, 's')}, discretisation error "
             f"{fit.resolution.error:.2f} of the noise at most; {calibration.seconds:.0f} s."
         ),
-        html_page.listing(calibration.findings()),
+        html_page.numbered_list(calibration.findings()),
         html_page.heading("Residual over noise"),
-        html_page.picture(draw_before_after(calibration), "residual over noise by run and signal, before and after"),
+        html_page.image(draw_before_after(calibration), "residual over noise by run and signal, before and after"),
         html_page.heading("Prior and estimate"),
-        html_page.picture(draw_estimates(calibration), "estimates in standard deviations of the prior"),
+        html_page.image(draw_estimates(calibration), "estimates in standard deviations of the prior"),
         estimates_table(calibration),
     ]
     drift, profiles = draw_drift(calibration), draw_profiles(calibration)
     if drift is not None:
         caption = "distance of each run's estimate from the common one"
-        parts += [html_page.heading("Each run fitted alone"), html_page.picture(drift, caption)]
-    parts += [html_page.heading("Correlations"), html_page.picture(draw_correlations(calibration), "correlations")]
+        parts += [html_page.heading("Each run fitted alone"), html_page.image(drift, caption)]
+    parts += [html_page.heading("Correlations"), html_page.image(draw_correlations(calibration), "correlations")]
     if profiles is not None:
         caption = "increase of χ² along an unknown"
-        parts += [html_page.heading("Profile likelihoods"), html_page.picture(profiles, caption)]
+        parts += [html_page.heading("Profile likelihoods"), html_page.image(profiles, caption)]
     if campaign.remarks:
         remarks = [str(remark) for remark in campaign.remarks]
-        parts += [html_page.heading("Remarks on the data files"), html_page.listing(remarks)]
+        parts += [html_page.heading("Remarks on the data files"), html_page.numbered_list(remarks)]
     return html_page.page(f"{campaign.name}: calibration", *parts)
 
 
@@ -66,4 +66,4 @@ def estimates_table(calibration: Calibration) -> str:
             ", ".join(mark for mark, names in marks.items() if u.name in names),
         ])  # fmt: skip
     header = ("unknown", "prior mean", "estimate", "95 % interval", "pull, σ", "error / prior σ", "")
-    return html_page.rows(header, body)
+    return html_page.table(header, body)

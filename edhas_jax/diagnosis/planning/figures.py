@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from edhas_jax.core.plot_style import COLOURS, INK, QUIET
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.diagnosis.planning.detectability_plan import INDISTINGUISHABLE_COSINE, DetectabilityPlan
 
 LOCATION_COLOURS = {
@@ -35,7 +35,7 @@ def draw_thresholds(plan: DetectabilityPlan):
     axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right", "left"]].set_visible(False)
-    axes.tick_params(axis="x", colors=QUIET, labelsize=8)
+    axes.tick_params(axis="x", colors=GREY, labelsize=8)
     axes.tick_params(axis="y", length=0)
     present = {s.suspect.where for s in suspects}
     handles = [
@@ -74,7 +74,7 @@ def draw_similarity(plan: DetectabilityPlan):
     axes.spines[:].set_visible(False)
     bar = figure.colorbar(image, ax=axes, shrink=0.5, pad=0.01)
     bar.set_label("cosine of the signatures that known parameters cannot explain", fontsize=8, color=INK)
-    bar.ax.tick_params(labelsize=7, colors=QUIET)
+    bar.ax.tick_params(labelsize=7, colors=GREY)
     bar.outline.set_visible(False)
     axes.set_title(f"framed: above {INDISTINGUISHABLE_COSINE}, cannot be told apart", fontsize=9, loc="left", color=INK)
     return figure

@@ -4,8 +4,8 @@
 
 import numpy as np
 
-from edhas_jax.core.plot_style import COLOURS, INK, QUIET
-from edhas_jax.core.units import from_si, shown_unit, with_error
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.core.units import display_unit, format_with_error, from_si
 from edhas_jax.diagnosis.calibration.figures import PRIOR_COLOUR
 from edhas_jax.diagnosis.report.nonparametric_term import MissingTerm
 from edhas_jax.diagnosis.report.sensor_fault import SensorFault
@@ -26,10 +26,10 @@ def draw_missing_term(term: MissingTerm):
     axes = figure.subplots()
     about = SIGNALS[term.axis]
     factor = term.slot.rule is Rule.SCALE
-    unit = "" if factor else shown_unit(term.slot.unit, float(np.abs(term.law).max()))
+    unit = "" if factor else display_unit(term.slot.unit, float(np.abs(term.law).max()))
 
     def across(values):
-        return from_si(values, about.unit, about.shown)
+        return from_si(values, about.unit, about.display_unit)
 
     def up(values):
         return values if factor else from_si(values, term.slot.unit, unit)
@@ -41,8 +41,8 @@ def draw_missing_term(term: MissingTerm):
     axes.plot(across(at), up(law), color=COLOURS[1], lw=1.6, label=told)
     axes.errorbar(across(term.at), up(term.value), yerr=1.96 * np.abs(up(term.std) - up(0.0 * term.std)), fmt="o", ms=5,
                   color=COLOURS[0], capsize=3, elinewidth=1.4, label="estimated without a law, 95 %")  # fmt: skip
-    axes.axhline(1.0 if factor else 0.0, color=QUIET, lw=0.8)
-    axes.set_xlabel(f"{term.axis.replace('_', ' ')}, {about.shown}", fontsize=9, color=INK)
+    axes.axhline(1.0 if factor else 0.0, color=GREY, lw=0.8)
+    axes.set_xlabel(f"{term.axis.replace('_', ' ')}, {about.display_unit}", fontsize=9, color=INK)
     what = term.slot.name.replace("_", " ")
     axes.set_ylabel(f"{what}{'' if factor else f', {unit}'}", fontsize=9, color=INK)
     _finish(figure, axes)
@@ -56,19 +56,19 @@ def draw_sensor_fault(fault: SensorFault):
     about = SIGNALS[fault.suspect.signal]
     figure = Figure(figsize=(7.6, 4.2), layout="constrained")
     axes = figure.subplots()
-    zero = from_si(0.0, about.unit, about.shown)
+    zero = from_si(0.0, about.unit, about.display_unit)
     at, value, law, std = (
-        from_si(v, about.unit, about.shown) - zero for v in (fault.at, fault.value, fault.law, fault.std)
+        from_si(v, about.unit, about.display_unit) - zero for v in (fault.at, fault.value, fault.law, fault.std)
     )
     axes.plot(at if fault.over_rate else at + zero, law, color=COLOURS[1], lw=1.6,
               label=f"accepted fault: {fault.suspect.name}")  # fmt: skip
     axes.errorbar(at if fault.over_rate else at + zero, value, yerr=1.96 * std, fmt="o", ms=5, color=COLOURS[0],
                   capsize=3, elinewidth=1.4, label="measured − model, mean, 95 %")  # fmt: skip
-    axes.axhline(0.0, color=QUIET, lw=0.8)
+    axes.axhline(0.0, color=GREY, lw=0.8)
     name = fault.suspect.signal.replace("_", " ")
-    over = f"rate of {name}, {about.shown}/s" if fault.over_rate else f"{name}, {about.shown}"
+    over = f"rate of {name}, {about.display_unit}/s" if fault.over_rate else f"{name}, {about.display_unit}"
     axes.set_xlabel(over, fontsize=9, color=INK)
-    axes.set_ylabel(f"{name} reads too much, {about.shown}", fontsize=9, color=INK)
+    axes.set_ylabel(f"{name} reads too much, {about.display_unit}", fontsize=9, color=INK)
     _finish(figure, axes)
     return figure
 
@@ -77,7 +77,7 @@ def _finish(figure, axes) -> None:
     axes.grid(color="#e4e7eb", lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=QUIET, labelsize=8)
+    axes.tick_params(colors=GREY, labelsize=8)
     figure.legend(loc="outside upper left", ncols=2, fontsize=9, frameon=False)
 
 
@@ -105,7 +105,7 @@ def draw_pulls(diagnosis: Diagnosis):
         before, spread = first[u.name]
         axes.errorbar(before, row + 0.14, xerr=1.96 * spread, fmt="o", mfc="white", ms=5, color="#9a6700", capsize=2)
         axes.errorbar(x, row - 0.14, xerr=1.96 * std, fmt="o", ms=5, color=COLOURS[1], capsize=2)
-        value = with_error(final.values[u.name], final.standard_errors[u.name], u.unit)
+        value = format_with_error(final.values[u.name], final.standard_errors[u.name], u.unit)
         names.append(f"{u.name.replace('_', ' ')}   {value}")
         most = max(most, abs(before) + 1.96 * spread, abs(x) + 1.96 * std)
     axes.set_xlim(-1.1 * most, 1.1 * most)
@@ -116,7 +116,7 @@ def draw_pulls(diagnosis: Diagnosis):
     axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(axis="x", colors=QUIET, labelsize=8)
+    axes.tick_params(axis="x", colors=GREY, labelsize=8)
     return figure
 
 
@@ -184,7 +184,7 @@ def draw_stages(axes, diagnosis: Diagnosis, use: Use) -> None:
     axes.set_xlim(FLOOR, 1.7 * max(most, 1.5))
     axes.set_ylim(len(names) - 0.5, -0.5)
     shown = [t for t in TICKS if t <= 1.7 * most] or [1]
-    axes.set_xticks(shown, [f"{t}" for t in shown], fontsize=8, color=QUIET)
+    axes.set_xticks(shown, [f"{t}" for t in shown], fontsize=8, color=GREY)
     axes.minorticks_off()
     axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names], fontsize=9, color=INK)
     axes.spines[["top", "right", "left"]].set_visible(False)

@@ -3,7 +3,7 @@
 import html
 from collections.abc import Mapping
 
-from edhas_jax.core.plot_style import INK, QUIET
+from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
 
 PALE, STRONG = (246, 248, 250), (222, 74, 28)
@@ -74,7 +74,7 @@ class _Drawing:
         self._line(546, 260, 574, 260, 5, PIPE)
         self._box("oil", 574, 230, 60, 60, 30)
         self._label("oil", 604, 308)
-        self._text("accumulator", 640, 256, QUIET, 11, "start")
+        self._text("accumulator", 640, 256, GREY, 11, "start")
 
     def load(self) -> None:
         """Outlet volume and load orifice."""
@@ -85,7 +85,7 @@ class _Drawing:
             f'<path d="M626 138 H654 M626 158 H654 M632 138 Q646 148 632 158 M648 138 Q634 148 648 158" '
             f'stroke="{INK}" fill="none" stroke-width="1.4"/>'
         )
-        self._text("load orifice", 660, 152, QUIET, 11, "start")
+        self._text("load orifice", 660, 152, GREY, 11, "start")
 
     def cylinder(self) -> None:
         """Outlet volume, reversing valve and cylinder."""
@@ -96,7 +96,7 @@ class _Drawing:
             f'stroke-width="4"/><rect x="588" y="42" width="58" height="36" fill="white" stroke="{INK}"/>'
             f'<path d="M598 68 L614 52 M636 68 L620 52" stroke="{INK}" fill="none"/>'
         )
-        self._text("reversing valve", 617, 34, QUIET, 11)
+        self._text("reversing valve", 617, 34, GREY, 11)
         self._box("cylinder", 572, 124, 92, 46, 4)
         self._line(617, 124, 617, 170, 6)
         self._line(617, 147, 706, 147, 4)
@@ -110,7 +110,7 @@ class _Drawing:
         )
         self._label("sensor", 108, 308, "start")
         names = ", ".join(name.replace("_", " ") for name in measured)
-        self._text(names if len(names) < 78 else names[:75] + " …", 108, 325, QUIET, 11, "start")
+        self._text(names if len(names) < 78 else names[:75] + " …", 108, 325, GREY, 11, "start")
 
     def _shade(self, part: str) -> str:
         return shade(self._where.get(part, 0.0))

@@ -170,7 +170,7 @@ def _trajectory(fitted: Fit, r: int, slot: Slot, effect: str) -> dict[str, np.nd
     machine = jax.tree.map(np.asarray, base.campaign.machine_of(run, fitted.machine))
     steps, interval = fitted.resolution.coarse, run.interval
     h, samples = interval / steps, math.ceil(run.time[-1] / interval - 1e-4) + 1
-    y = {n: jnp.asarray(v, float) for n, v in machine.start().items()}
+    y = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     stretches = []
     for first in range(0, samples, STRETCH):
         y, rows = _march(machine, y, first * steps, h, steps, slot.name, effect)
@@ -186,7 +186,7 @@ def _march(machine, y, first_step, h, per_sample, slot: str, effect: str):
         y, number = carry
         s, _ = machine.evaluate(y, number * h, h, y)
         row = {n: jnp.asarray(v) for n, v in s.values().items() if n in SIGNALS}
-        row["law"] = jnp.asarray(s.notes.contributions[slot][effect][0], float)
+        row["law"] = jnp.asarray(s.record.contributions[slot][effect][0], float)
         y = jax.lax.fori_loop(0, per_sample, lambda k, y: step(machine, y, (number + k) * h, h)[0], y)
         return (y, number + per_sample), row
 

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 from edhas_jax.core import html_page
-from edhas_jax.core.units import with_error
+from edhas_jax.core.units import format_with_error
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.planning.next_experiment import Experiment
 from edhas_jax.diagnosis.report.figures import draw_missing_term, draw_pulls, draw_sensor_fault, draw_waterfall
@@ -59,7 +59,7 @@ def diagnosis_report(diagnosis: Diagnosis, experiment: Experiment | None = None)
         '<div class="beside"><div>', html_page.heading("Where"),
         schematic(campaign.machine, suspected, tuple(campaign.channels)),
         "</div><div>", html_page.heading("How the error falls"),
-        html_page.picture(draw_waterfall(diagnosis), "residual over noise from the present model down to the noise"),
+        html_page.image(draw_waterfall(diagnosis), "residual over noise from the present model down to the noise"),
         "</div></div>",
         html_page.heading("Measured and model"),
         html_page.paragraph("Click a model to switch it on or off; drag to zoom, double-click for the whole run. "
@@ -70,11 +70,11 @@ def diagnosis_report(diagnosis: Diagnosis, experiment: Experiment | None = None)
         html_page.heading("Suspects"),
         _suspects(diagnosis),
         html_page.heading("What was believed of the parameters, and what was found"),
-        html_page.picture(draw_pulls(diagnosis), "uncertain parameters before and after"),
+        html_page.image(draw_pulls(diagnosis), "uncertain parameters before and after"),
     ]  # fmt: skip
     if campaign.remarks:
         noticed = [str(remark) for remark in campaign.remarks]
-        parts += [html_page.heading("What the reader noticed"), html_page.listing(noticed)]
+        parts += [html_page.heading("What the reader noticed"), html_page.numbered_list(noticed)]
     return html_page.page(f"{campaign.name}: diagnosis", *parts)
 
 
@@ -98,14 +98,14 @@ def _terms(diagnosis: Diagnosis) -> list[str]:
         if suspect.signal is not None:
             out += [
                 html_page.heading(f"What is wrong with the sensor: {suspect.name}"),
-                html_page.picture(draw_sensor_fault(sensor_fault(fitted, suspect)), f"{suspect.name}: what it adds"),
+                html_page.image(draw_sensor_fault(sensor_fault(fitted, suspect)), f"{suspect.name}: what it adds"),
             ]
         elif (term := missing_term(fitted, suspect)) is not None:
             what = f"{term.slot.name.replace('_', ' ')} over {term.axis.replace('_', ' ')}"
             out += [
                 html_page.heading(f"What is missing: {what}"),
                 html_page.paragraph(LAWLESS),
-                html_page.picture(draw_missing_term(term), f"{suspect.name}: {what}"),
+                html_page.image(draw_missing_term(term), f"{suspect.name}: {what}"),
             ]
     return out
 
@@ -146,14 +146,14 @@ def _suspects(diagnosis: Diagnosis) -> str:
             "; ".join(said),
         ])  # fmt: skip
     header = "effect", "probability", "promised fall of χ²", "gain of evidence", "error on new runs", "where, and size"
-    return html_page.rows(header, body)
+    return html_page.table(header, body)
 
 
 def sizes_of(suspect: Suspect, fitted: Fit) -> list[str]:
     """A suspect's own parameters in a fit, with their standard errors."""
     return [
         f"{name.replace('_', ' ')} "
-        + with_error(fitted.values[u.name], fitted.standard_errors[u.name], _unit(suspect, u))
+        + format_with_error(fitted.values[u.name], fitted.standard_errors[u.name], _unit(suspect, u))
         for name, u in suspect.own(fitted.problem.unknowns).items()
     ]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from edhas_jax.core.plot_style import COLOURS, INK, QUIET
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.report.figures import TITLES, draw_stages
 from edhas_jax.diagnosis.search.result import Diagnosis
@@ -56,14 +56,15 @@ def _traces(axes, below, diagnosis: Diagnosis, run: BenchRun, signal: str, resid
     noise = diagnosis.campaign.channels[signal].noise
     left = residuals[run.name][signal]
     measured = run.signals[signal]
-    model, half = (from_si(v, about.unit, about.shown) for v in ((measured - noise * left)[inside], 2.0 * noise))
-    axes.plot(time, from_si(measured[inside], about.unit, about.shown), ".", ms=3, color=COLOURS[0], label="measured")
+    model, half = (from_si(v, about.unit, about.display_unit) for v in ((measured - noise * left)[inside], 2.0 * noise))
+    points = from_si(measured[inside], about.unit, about.display_unit)
+    axes.plot(time, points, ".", ms=3, color=COLOURS[0], label="measured")
     axes.fill_between(time, model - half, model + half, color=COLOURS[1], alpha=0.25, lw=0)
     axes.plot(time, model, color=COLOURS[1], lw=1.2, label="model ± 2 noise")
     use = ", held out" if run.use is Use.HOLDOUT else ""
     heading = f"{title}: {run.name}{use}, {rms_over_noise([left]):.2f} × noise"
     axes.set_title(heading, fontsize=10, loc="left", color=INK)
-    axes.set_ylabel(f"{signal.replace('_', ' ')}, {about.shown}", fontsize=9, color=INK)
+    axes.set_ylabel(f"{signal.replace('_', ' ')}, {about.display_unit}", fontsize=9, color=INK)
     axes.tick_params(labelbottom=False)
     axes.legend(fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, markerscale=2.0,
                 handlelength=1.2, columnspacing=1.0)  # fmt: skip
@@ -75,7 +76,7 @@ def _traces(axes, below, diagnosis: Diagnosis, run: BenchRun, signal: str, resid
         cell.grid(color="#e4e7eb", lw=0.6)
         cell.margins(x=0.0)
         cell.spines[["top", "right"]].set_visible(False)
-        cell.tick_params(colors=QUIET, labelsize=8)
+        cell.tick_params(colors=GREY, labelsize=8)
 
 
 def _suspects(axes, diagnosis: Diagnosis) -> None:
@@ -93,4 +94,4 @@ def _suspects(axes, diagnosis: Diagnosis) -> None:
     axes.set_title("suspects: fall of χ² that each promises (coloured: accepted)", fontsize=10, loc="left", color=INK)
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.tick_params(axis="y", length=0)
-    axes.tick_params(axis="x", colors=QUIET, labelsize=8)
+    axes.tick_params(axis="x", colors=GREY, labelsize=8)

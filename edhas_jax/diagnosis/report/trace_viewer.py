@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.core.plot_style import COLOURS, QUIET
+from edhas_jax.core.plot_style import COLOURS, GREY
 from edhas_jax.core.units import from_si
 from edhas_jax.machine.components.set_points import Sine
 from edhas_jax.machine.interface.signals import SIGNALS
@@ -19,7 +19,7 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.residual_matrix import run_descriptions
 from edhas_jax.measurements.residuals import rms_over_noise
 
-SHADES = {"before": QUIET, "calibrated": "#9a6700", "after": COLOURS[1], "formula": COLOURS[3]}
+SHADES = {"before": GREY, "calibrated": "#9a6700", "after": COLOURS[1], "formula": COLOURS[3]}
 MOST = 6000  # samples of a run that go into the page
 HOLE, FULL = -32768, 32000
 CYCLES = 2.0  # shown at first
@@ -47,7 +47,7 @@ def trace_view(campaign: Campaign, states: Mapping[str, Mapping[str, Mapping[str
     data = {
         "runs": [_run(campaign, run, states) for run in runs],
         "run": opened[1], "signal": opened[2] or signals[0],
-        "units": {n: SIGNALS[n].shown for n in signals},
+        "units": {n: SIGNALS[n].display_unit for n in signals},
         "noise": {n: _size(n, campaign.channels[n].noise) for n in signals},
         "models": [{"name": name, "colour": SHADES[name]} for name in states],
         "hidden": [name for name in states if name == "before"], "colour": COLOURS[0],
@@ -100,7 +100,7 @@ def _packed(values: np.ndarray) -> dict[str, Any]:
 
 
 def _in(name: str, values):
-    return from_si(values, SIGNALS[name].unit, SIGNALS[name].shown)
+    return from_si(values, SIGNALS[name].unit, SIGNALS[name].display_unit)
 
 
 def _size(name: str, value: float) -> float:

@@ -13,7 +13,7 @@ from edhas_jax.core.structs import Parameter
 from edhas_jax.diagnosis.calibration.fit import Fit, FitProblem
 from edhas_jax.machine.effects import LIBRARY, Effect, EffectError
 from edhas_jax.machine.effects.validation import check_effect
-from edhas_jax.machine.interface.slots import taken
+from edhas_jax.machine.interface.slots import is_used
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
@@ -48,7 +48,7 @@ class Suspect:
     @property
     def where(self) -> str:
         """The part of the machine that it acts on."""
-        return SENSOR if self.signal is not None else self.kind.slots[0].where
+        return SENSOR if self.signal is not None else self.kind.slots[0].location
 
     @property
     def prefix(self) -> str:
@@ -97,7 +97,7 @@ def _can_have(rig, amplifier, controller, mounted, kind) -> bool:
     except EffectError:
         return False
     single = (slot for slot in kind.slots if slot.name in SINGLE)
-    return set(kind.slots) <= set(rig.slots) and not any(taken(slot, mounted) for slot in single)
+    return set(kind.slots) <= set(rig.slots) and not any(is_used(slot, mounted) for slot in single)
 
 
 # places that hold one effect only: a second coupling or line would have no meaning

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from edhas_jax.core.units import format_quantity, with_error
+from edhas_jax.core.units import format_quantity, format_with_error
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.search.candidates import Suspect, held_by_belief
 from edhas_jax.diagnosis.search.evaluated_fit import Judged
@@ -187,7 +187,8 @@ class Diagnosis:
         """A suspect's own parameters as text, with their standard errors."""
         fit, own = self.final, suspect.own(self.final.problem.unknowns)
         return ", ".join(
-            f"{name} {with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit)}" for name, u in own.items()
+            f"{name} {format_with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit)}"
+            for name, u in own.items()
         )
 
     def errors(self) -> dict[str, dict[str, dict[str, float]]]:

@@ -6,7 +6,7 @@ from edhas_jax.core.structs import par
 from edhas_jax.machine.interface.controller_base import Controller
 from edhas_jax.machine.interface.signals import Signals
 
-LENGTH = 1e-3  # m; the error at which `surface_rate` is the rate of the sliding motion
+SURFACE_LENGTH = 1e-3  # m; the error at which `surface_rate` is the rate of the sliding motion
 
 
 class AdaptiveSlidingMode(Controller):
@@ -58,7 +58,8 @@ class AdaptiveSlidingMode(Controller):
         v, gamma = s.piston_velocity, self.surface_exponent
         speed = v - y["smooth_velocity"]
         surface = self._surface(y, s)
-        terminal = (self.surface_rate * LENGTH) ** gamma / (gamma * LENGTH) * self._power(speed, 2.0 - gamma)
+        scale = (self.surface_rate * SURFACE_LENGTH) ** gamma / (gamma * SURFACE_LENGTH)
+        terminal = scale * self._power(speed, 2.0 - gamma)
         reaching = self.reaching_gain * surface + y["switching_gain"] * _saturated(surface / self.boundary_layer)
         force = self.nominal_mass * (self._acceleration(y, s) - terminal - reaching)
         force = force + self.nominal_damping * v + self._disturbance(y, v)
@@ -90,7 +91,7 @@ class AdaptiveSlidingMode(Controller):
     def _surface(self, y: dict, s: Signals):
         """s [m]."""
         speed = s.piston_velocity - y["smooth_velocity"]
-        scale = LENGTH / (self.surface_rate * LENGTH) ** self.surface_exponent
+        scale = SURFACE_LENGTH / (self.surface_rate * SURFACE_LENGTH) ** self.surface_exponent
         return s.piston_position - y["smooth_reference"] + scale * self._power(speed, self.surface_exponent)
 
     def _acceleration(self, y: dict, s: Signals):

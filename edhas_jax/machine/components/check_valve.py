@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from edhas_jax.core.structs import par, struct
 from edhas_jax.machine.interface.signals import Signals
-from edhas_jax.machine.interface.slots import CHECK_VALVE_FORCE, enter
+from edhas_jax.machine.interface.slots import CHECK_VALVE_FORCE, apply_slot
 
 
 @struct
@@ -47,4 +47,4 @@ class CheckValve:
             + seat
             - stop
         )
-        return enter(CHECK_VALVE_FORCE, force, ball) / self.valve_mass
+        return apply_slot(CHECK_VALVE_FORCE, force, ball) / self.valve_mass

@@ -9,7 +9,7 @@ from edhas_jax.machine.interface.slots import (
     COIL_VOLTAGE,
     FORCE_CONSTANT,
     MOTOR_FORCE,
-    enter,
+    apply_slot,
 )
 
 
@@ -24,15 +24,15 @@ class Coil:
     coil_inductance: float = par(1.1e-3, "H", (1e-7, 10.0), "inductance L", PAPER)
     force_constant: float = par(24.61, "N/A", (1e-3, 1e4), "force constant and back-EMF constant Km", PAPER)
 
-    def observe(self, s: Signals) -> None:
+    def set_signals(self, s: Signals) -> None:
         """Resistance, inductance and force constant as they are now, and the motor force."""
         s.set(
-            resistance=enter(COIL_RESISTANCE, self.coil_resistance, s),
-            inductance=enter(COIL_INDUCTANCE, self.coil_inductance, s),
-            motor_constant=enter(FORCE_CONSTANT, self.force_constant, s),
+            resistance=apply_slot(COIL_RESISTANCE, self.coil_resistance, s),
+            inductance=apply_slot(COIL_INDUCTANCE, self.coil_inductance, s),
+            motor_constant=apply_slot(FORCE_CONSTANT, self.force_constant, s),
         )
         s.set(
-            motor_force=enter(MOTOR_FORCE, s.motor_constant * s.current, s),
+            motor_force=apply_slot(MOTOR_FORCE, s.motor_constant * s.current, s),
             back_emf=s.motor_constant * s.piston_velocity,
         )
 
@@ -51,7 +51,7 @@ class VoltageAmplifier:
 
     def coil_voltage(self, s: Signals):
         """The voltage at the coil [V]: the command and what effects add to it."""
-        return enter(COIL_VOLTAGE, s.voltage, s)
+        return apply_slot(COIL_VOLTAGE, s.voltage, s)
 
     def rates(self, s: Signals) -> dict:
         """di/dt [A/s]."""

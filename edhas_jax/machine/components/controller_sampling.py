@@ -26,7 +26,7 @@ class Continuous:
         """The rates of the states of the controller."""
         return controller.rates(y, s)
 
-    def after(self, machine, y: dict[str, Any], k: dict[str, Any], t, h) -> dict[str, Any]:
+    def advance(self, machine, y: dict[str, Any], k: dict[str, Any], t, h) -> dict[str, Any]:
         """The state of the machine after a step that changes it by `k`."""
         return {n: y[n] + k[n] for n in y}
 
@@ -62,7 +62,7 @@ class Sampled:
         """Nothing moves within a step."""
         return dict.fromkeys(self.initial(controller), jnp.zeros_like(s.voltage))
 
-    def after(self, machine, y: dict[str, Any], k: dict[str, Any], t, h) -> dict[str, Any]:
+    def advance(self, machine, y: dict[str, Any], k: dict[str, Any], t, h) -> dict[str, Any]:
         """The state of the machine after a step that changes it by `k`, with the sample and the command due in it."""
         now = structs.replace(machine, sampling=Continuous())
         s, rates = now.evaluate({n: y[n] + 0.5 * k[n] for n in y}, t + 0.5 * h, h, y)

@@ -5,12 +5,12 @@ import jax.numpy as jnp
 from edhas_jax.core.structs import par, struct
 from edhas_jax.machine.interface.controller_base import Controller
 from edhas_jax.machine.interface.signals import Signals
-from edhas_jax.machine.interface.slots import SUPPLY_VOLTAGE, enter
+from edhas_jax.machine.interface.slots import SUPPLY_VOLTAGE, apply_slot
 
 
-def limited(command, s: Signals):
+def clip_to_supply(command, s: Signals):
     """The command clipped to the supply [V], after what effects do to the supply."""
-    limit = enter(SUPPLY_VOLTAGE, s.supply_voltage, s)
+    limit = apply_slot(SUPPLY_VOLTAGE, s.supply_voltage, s)
     return jnp.clip(command, -limit, limit)
 
 

@@ -25,14 +25,14 @@ class Orifice:
         chord = self.discharge_coefficient * jnp.sqrt(2.0 / density) * jnp.sqrt(inverse)
         return chord, chord * (1.0 - 0.5 * jnp.square(drop * inverse)), inverse
 
-    def drop(self, area, flow, density):
+    def pressure_drop(self, area, flow, density):
         """Δp [Pa] at which `area` [m²] lets `flow` [m³/s] through: the inverse of `flow`, smooth and odd."""
         q = flow / (self.discharge_coefficient * area * jnp.sqrt(2.0 / density))
         square = jnp.square(q)
         root = jnp.sqrt(jnp.square(square) + 4.0 * jnp.square(self.transition_pressure))
         return q * jnp.sqrt(0.5 * (square + root))
 
-    def drop_in_series(self, area, drop, resistance, density):
+    def pressure_drop_in_series(self, area, drop, resistance, density):
         """The share of `drop` [Pa] at the orifice when a laminar `resistance` [Pa·s/m³] is in series with it.
 
         Newton's method on u + R Q(u) = `drop`; its start, the drop at a fully turbulent orifice, lies on the side of

@@ -1,4 +1,7 @@
-"""What a run is driven by: set points and recorded signals, as functions of time."""
+"""Set points as functions of time: sine, step, chirp and recorded signal, and two forms of them for batches.
+
+`value_and_rate(t)` gives the set point and its time derivative, in SI.
+"""
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,13 +11,13 @@ from edhas_jax.core.structs import par, struct
 
 @struct
 class Sine:
-    """A sine that a ramp brings in softly: a s(t/T) sin(2π f t), s(τ) = τ³ (10 − 15 τ + 6 τ²) on [0, 1]."""
+    """A sine with a smooth ramp of its amplitude: a s(t/T) sin(2π f t), s(τ) = τ³ (10 − 15 τ + 6 τ²) on [0, 1]."""
 
     amplitude: float = par(3.5e-3, "m", (0.0, 10.0), "amplitude of the set point")
     frequency: float = par(10.0, "Hz", (1e-3, 2e3), "frequency")
     ramp_time: float = par(0.1, "s", (0.0, 100.0), "time of the soft start; 0 starts at full amplitude")
 
-    def at(self, t):
+    def value_and_rate(self, t):
         """Value and rate at time t [s]."""
         omega = 2.0 * jnp.pi * self.frequency
         ramped = self.ramp_time > 0.0
@@ -32,7 +35,7 @@ class Step:
     step_size: float = par(1e-3, "m", (-10.0, 10.0), "height of the step")
     step_time: float = par(0.0, "s", (0.0, 1e4), "time of the step")
 
-    def at(self, t):
+    def value_and_rate(self, t):
         """Value and rate at time t [s]."""
         value = jnp.where(t >= self.step_time, self.step_size, 0.0)
         return value, jnp.zeros_like(value)
@@ -40,14 +43,14 @@ class Step:
 
 @struct
 class Chirp:
-    """A sine whose frequency rises linearly from f_0 to f_1 in `sweep_time` and stays there."""
+    """A sine whose frequency changes linearly from f_0 to f_1 within `sweep_time` and then stays at f_1."""
 
     amplitude: float = par(1e-3, "m", (0.0, 10.0), "amplitude of the set point")
     start_frequency: float = par(1.0, "Hz", (0.0, 2e3), "frequency at the start")
     end_frequency: float = par(60.0, "Hz", (0.0, 2e3), "frequency at the end of the sweep")
     sweep_time: float = par(1.0, "s", (1e-3, 1e4), "time from the one to the other")
 
-    def at(self, t):
+    def value_and_rate(self, t):
         """Value and rate at time t [s]."""
         within = jnp.minimum(t, self.sweep_time)
         slope = (self.end_frequency - self.start_frequency) / self.sweep_time
@@ -68,64 +71,65 @@ class Recorded:
     interval: object
     start: object = 0.0
 
-    def at(self, t):
+    def value_and_rate(self, t):
         """Value and rate at time t [s]."""
         last = len(self.values) - 1
         position = jnp.clip((t - self.start) / self.interval, 0.0, float(last))
         inside = (t >= self.start) & (t <= self.start + float(last) * self.interval)
         whole = jnp.clip(jnp.floor(position), 0.0, last - 1.0)
         k, u = whole.astype(int), position - whole
-        before, here, there, after = (self.values[jnp.clip(k + j, 0, last)] for j in (-1, 0, 1, 2))
-        slope_here = jnp.where(k > 0, 0.5 * (there - before), there - here)
-        slope_there = jnp.where(k < last - 1, 0.5 * (after - here), there - here)
-        rise = there - here
-        c2, c3 = 3.0 * rise - 2.0 * slope_here - slope_there, slope_here + slope_there - 2.0 * rise
-        value = here + u * (slope_here + u * (c2 + u * c3))
-        rate = (slope_here + u * (2.0 * c2 + 3.0 * u * c3)) / self.interval
+        before, left, right, after = (self.values[jnp.clip(k + j, 0, last)] for j in (-1, 0, 1, 2))
+        left_slope = jnp.where(k > 0, 0.5 * (right - before), right - left)
+        right_slope = jnp.where(k < last - 1, 0.5 * (after - left), right - left)
+        rise = right - left
+        c2, c3 = 3.0 * rise - 2.0 * left_slope - right_slope, left_slope + right_slope - 2.0 * rise
+        value = left + u * (left_slope + u * (c2 + u * c3))
+        rate = (left_slope + u * (2.0 * c2 + 3.0 * u * c3)) / self.interval
         return value, jnp.where(inside, rate, 0.0)
 
 
 @struct
-class Stretch:
-    """One interval of a recorded signal, from its sample number `index` to the next: the cubic of `Recorded`.
+class RecordedInterval:
+    """One interval of a `Recorded` signal, from sample number `index` to the next, as a cubic.
 
-    A march that takes its samples where the recording has its own needs no table, only the stretch that it is in.
+    A time loop whose steps lie within the intervals of the recording needs only the present interval and no table.
+    With u = t/`interval` − `index`, the signal is `value` + `slope` u + `quadratic` u² + `cubic` u³.
     """
 
     interval: object
     index: object
-    here: object
+    value: object
     slope: object
-    second: object
-    third: object
+    quadratic: object
+    cubic: object
 
     @classmethod
-    def of(cls, recorded: Recorded, count: int) -> "Stretch":
-        """The first `count` stretches of a recording that starts at 0; every leaf (count,), the interval a number."""
+    def split(cls, recorded: Recorded, count: int) -> "RecordedInterval":
+        """The first `count` intervals of a recording that starts at 0; every leaf (count,), `interval` a number."""
         values = np.asarray(recorded.values, float)
-        values = values[np.minimum(np.arange(-1, count + 2).clip(0), len(values) - 1)]  # held after the last
-        before, here, there, after = values[:-3], values[1:-2], values[2:-1], values[3:]
-        k, last, rise = np.arange(count), len(recorded.values) - 1, there - here
-        slope_here = np.where(k > 0, 0.5 * (there - before), rise)
-        slope_there = np.where(k < last - 1, 0.5 * (after - here), rise)
-        slope_here, slope_there = (np.where(k < last, slope, 0.0) for slope in (slope_here, slope_there))
+        values = values[np.minimum(np.arange(-1, count + 2).clip(0), len(values) - 1)]  # held after the last sample
+        before, left, right, after = values[:-3], values[1:-2], values[2:-1], values[3:]
+        k, last, rise = np.arange(count), len(recorded.values) - 1, right - left
+        left_slope = np.where(k > 0, 0.5 * (right - before), rise)
+        right_slope = np.where(k < last - 1, 0.5 * (after - left), rise)
+        left_slope, right_slope = (np.where(k < last, slope, 0.0) for slope in (left_slope, right_slope))
         return cls(
-            interval=float(recorded.interval), index=k.astype(float), here=here, slope=slope_here,
-            second=3.0 * rise - 2.0 * slope_here - slope_there, third=slope_here + slope_there - 2.0 * rise,
+            interval=float(recorded.interval), index=k.astype(float), value=left, slope=left_slope,
+            quadratic=3.0 * rise - 2.0 * left_slope - right_slope, cubic=left_slope + right_slope - 2.0 * rise,
         )  # fmt: skip
 
-    def at(self, t):
-        """Value and rate at time t [s] within the stretch."""
+    def value_and_rate(self, t):
+        """Value and rate at time t [s] within the interval."""
         u = t / self.interval - self.index
-        value = self.here + u * (self.slope + u * (self.second + u * self.third))
-        return value, (self.slope + u * (2.0 * self.second + 3.0 * u * self.third)) / self.interval
+        value = self.value + u * (self.slope + u * (self.quadratic + u * self.cubic))
+        return value, (self.slope + u * (2.0 * self.quadratic + 3.0 * u * self.cubic)) / self.interval
 
 
 @struct
 class CyclicSine:
-    """A sine at a given phase of its cycle, for a batch whose designs take equal steps per cycle.
+    """A sine at a given phase of its cycle, for a batch whose designs take the same number of steps per cycle.
 
-    The trigonometric part is the same for all designs and is computed once for all of them; time is not looked at.
+    Sine, cosine and ramp are then the same for all designs and computed once; the time is not used.
     """
 
     amplitude: object
@@ -137,7 +141,7 @@ class CyclicSine:
 
     @classmethod
     def at_phase(cls, sine: Sine, phase, first_cycle) -> "CyclicSine":
-        """The sine at `phase` (0 … 1); in its first cycle the ramp brings it in."""
+        """The sine at `phase` (0 … 1); the amplitude ramp takes the whole first cycle."""
         angle = 2.0 * jnp.pi * phase
         ramp = phase * phase * phase * (10.0 - phase * (15.0 - 6.0 * phase))
         return cls(
@@ -149,8 +153,8 @@ class CyclicSine:
             ramp_slope=jnp.where(first_cycle, 30.0 * jnp.square(phase * (1.0 - phase)), 0.0),
         )
 
-    def at(self, t):
-        """Value and rate at the phase."""
+    def value_and_rate(self, t):
+        """Value and rate at the phase; `t` is not used."""
         value = self.amplitude * (self.ramp * self.sine)
         slope = 2.0 * jnp.pi * self.ramp * self.cosine + self.ramp_slope * self.sine
         return value, self.amplitude * self.frequency * slope

@@ -4,7 +4,7 @@ import types
 from typing import Any, ClassVar, NamedTuple, dataclass_transform
 
 from edhas_jax.core import structs
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import par
 from edhas_jax.machine.interface.signals import Signals
 from edhas_jax.machine.interface.slots import SLOTS, Slot
@@ -14,7 +14,7 @@ class EffectError(ValueError):
     """An effect is wrong in itself or cannot act on the machine it was given to."""
 
 
-class OwnState(NamedTuple):
+class EffectState(NamedTuple):
     """A state that an effect brings along: SI unit, meaning, value at the start of a run."""
 
     unit: str
@@ -24,7 +24,7 @@ class OwnState(NamedTuple):
 
 def state(unit: str, doc: str, initial: float = 0.0) -> Any:
     """Declare a state of an effect; the effect gives its rate in `rates`."""
-    return OwnState(unit, doc, initial)
+    return EffectState(unit, doc, initial)
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(par,))
@@ -47,7 +47,7 @@ class Effect:
     """
 
     id: ClassVar[str]
-    states: ClassVar[dict[str, OwnState]]
+    states: ClassVar[dict[str, EffectState]]
     slots: ClassVar[tuple[Slot, ...]]
     looks_like: ClassVar[str] = ""
     confused_with: ClassVar[tuple[str, ...]] = ()
@@ -57,14 +57,14 @@ class Effect:
             rule = "an effect is final; derive from Effect" if issubclass(other, Effect) else "derive from Effect alone"
             raise EffectError(f"{cls.__name__} derives from {other.__name__}: {rule} and call what you need")
         cls.id = structs.owner_id(cls)
-        cls.states = {n: v for n, v in vars(cls).items() if isinstance(v, OwnState)}
+        cls.states = {n: v for n, v in vars(cls).items() if isinstance(v, EffectState)}
         public = {n: v for n, v in vars(cls).items() if not n.startswith("_")}
         for name, value in public.items():
             if name in SLOTS or name == "rates":
                 if not isinstance(value, types.FunctionType):
                     raise EffectError(f"{cls.__name__}.{name}: define it as `def {name}(self, s, z)`")
             elif callable(value) or isinstance(value, classmethod):
-                raise EffectError(f"{cls.__name__}.{name} is no slot; {nearest(name, SLOTS)}")
+                raise EffectError(f"{cls.__name__}.{name} is no slot; {suggest(name, SLOTS)}")
         cls.slots = tuple(SLOTS[n] for n in public if n in SLOTS)
         if not cls.slots:
             raise EffectError(f"{cls.__name__} enters no slot; valid: {', '.join(SLOTS)}")
@@ -77,12 +77,12 @@ class Effect:
         return {}
 
 
-def own_states(effects: tuple[Effect, ...], y: dict[str, Any]) -> tuple[tuple[Effect, types.SimpleNamespace], ...]:
+def bind_states(effects: tuple[Effect, ...], y: dict[str, Any]) -> tuple[tuple[Effect, types.SimpleNamespace], ...]:
     """Each effect with its own states, taken from the machine's state `y` (named `effect.state` there)."""
     return tuple((e, types.SimpleNamespace(**{n: y[f"{e.id}.{n}"] for n in e.states})) for e in effects)
 
 
-def initial_states(effects: tuple[Effect, ...]) -> dict[str, float]:
+def initial_effect_states(effects: tuple[Effect, ...]) -> dict[str, float]:
     """The states of all effects at the start of a run."""
     return {f"{e.id}.{n}": st.initial for e in effects for n, st in e.states.items()}
 

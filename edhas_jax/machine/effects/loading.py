@@ -8,10 +8,10 @@ import traceback
 import types
 from pathlib import Path
 
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.source_location import display_path, error_line, first_line
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.effects.base import Effect, EffectError
-from edhas_jax.machine.effects.source_location import first_line, line_in, short_path
 from edhas_jax.machine.effects.validation import check_declaration
 from edhas_jax.machine.interface.controller_base import ControllerError
 
@@ -29,12 +29,12 @@ def load_effect(spec: str, base_dir: Path | str = ".") -> type[Effect]:
     source, colon, name = (part.strip() for part in str(spec).rpartition(":"))
     if not colon:
         return _library_effect(name)
-    cls = user_class(source, name, Path(base_dir), Effect, "edhas_jax.effects.Effect")
+    cls = load_user_class(source, name, Path(base_dir), Effect, "edhas_jax.effects.Effect")
     check_declaration(cls)
     return cls
 
 
-def user_class(source: str, name: str, base_dir: Path, base: type, base_name: str) -> type:
+def load_user_class(source: str, name: str, base_dir: Path, base: type, base_name: str) -> type:
     """The class `name`, derived from `base`, in a file or module of the user.
 
     Raises:
@@ -51,10 +51,10 @@ def user_class(source: str, name: str, base_dir: Path, base: type, base_name: st
 
 def effect_spec(cls: type[Effect]) -> str:
     """The text by which `load_effect` finds this class again; files are named by their absolute path."""
-    return cls.id if cls in LIBRARY else user_spec(cls)
+    return cls.id if cls in LIBRARY else class_spec(cls)
 
 
-def user_spec(cls: type) -> str:
+def class_spec(cls: type) -> str:
     """The text that names a class of the user; files are named by their absolute path."""
     if cls.__module__.startswith(_FILES):
         return f"{sys.modules[cls.__module__].__file__}:{cls.__name__}"
@@ -74,7 +74,7 @@ def _library_effect(name: str) -> type[Effect]:
 
 def _file(source: str, base_dir: Path) -> tuple[types.ModuleType, str]:
     path = base_dir / source
-    shown = short_path(path)
+    shown = display_path(path)
     try:
         stamp = path.stat().st_mtime_ns
         if path.is_dir():
@@ -87,7 +87,7 @@ def _file(source: str, base_dir: Path) -> tuple[types.ModuleType, str]:
 
 @functools.lru_cache(maxsize=256)
 def _run_file(path: str, stamp: int) -> types.ModuleType:
-    shown = short_path(Path(path))
+    shown = display_path(Path(path))
     module = types.ModuleType(f"{_FILES}{Path(path).stem}_{abs(hash((path, stamp)))}")
     module.__file__ = path
     try:
@@ -103,7 +103,7 @@ def _run_file(path: str, stamp: int) -> types.ModuleType:
         del sys.modules[module.__name__]
         known = isinstance(error, EffectError | ControllerError)
         what = "" if known else f"{type(error).__name__} while the file is read: "
-        raise EffectError(f"{shown}:{line_in(error, path) or 1}: {what}{first_line(error)}") from error
+        raise EffectError(f"{shown}:{error_line(error, path) or 1}: {what}{first_line(error)}") from error
     return module
 
 
@@ -115,10 +115,10 @@ def _module(source: str, base_dir: Path) -> tuple[types.ModuleType, str]:
             hint = f"; did you mean {source}.py?" if (base_dir / f"{source}.py").is_file() else ""
             raise EffectError(f"no module `{source}`{hint}") from None
         frames = [f for f in traceback.extract_tb(error.__traceback__) if "importlib" not in f.filename]
-        at = f"{short_path(Path(frames[-1].filename))}:{frames[-1].lineno}" if frames else source
+        at = f"{display_path(Path(frames[-1].filename))}:{frames[-1].lineno}" if frames else source
         raise EffectError(f"{at}: {type(error).__name__} while {source} is read: {first_line(error)}") from error
 
 
 def _classes(module: types.ModuleType, name: str, base: type) -> str:
     own = [n for n, v in vars(module).items() if isinstance(v, type) and issubclass(v, base) and v is not base]
-    return nearest(name, own) if own else f"there is no {base.__name__.lower()} in it"
+    return suggest(name, own) if own else f"there is no {base.__name__.lower()} in it"

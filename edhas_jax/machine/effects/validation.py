@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.source_location import first_line, locate
 from edhas_jax.machine.effects.base import Effect, EffectError
-from edhas_jax.machine.effects.source_location import first_line, place
-from edhas_jax.machine.interface.signals import SIGNALS, UnknownName
+from edhas_jax.machine.interface.signals import SIGNALS, UnknownNameError
 from edhas_jax.machine.interface.slots import SLOTS
 
 _FORCED = (
@@ -31,13 +31,13 @@ def check_declaration(cls: type[Effect]) -> None:
         EffectError: what is wrong, with class, file and line.
     """
     if not cls.id.isidentifier():
-        raise EffectError(f"{place(cls)}: the id `{cls.id}` is not a name of letters, digits and underscores")
+        raise EffectError(f"{locate(cls)}: the id `{cls.id}` is not a name of letters, digits and underscores")
     check_parameters(cls)
     for method in _methods(cls):
         try:
             inspect.signature(getattr(cls, method)).bind(None, None, None)
         except TypeError:
-            raise EffectError(f"{place(cls, method)}: define it as `def {method}(self, s, z)`") from None
+            raise EffectError(f"{locate(cls, method)}: define it as `def {method}(self, s, z)`") from None
 
 
 def check_parameters(cls: type) -> None:
@@ -47,7 +47,7 @@ def check_parameters(cls: type) -> None:
         EffectError: what is wrong, with class, file and line.
     """
     for field in dataclasses.fields(cls):
-        where = place(cls, field.name)
+        where = locate(cls, field.name)
         if field.metadata.get("static"):
             continue
         if "par" not in field.metadata:
@@ -69,10 +69,10 @@ def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> No
     if any(e.id == effect.id for e in others):
         raise EffectError(f"{effect.id} is given twice; every effect of a machine needs its own id")
     if effect.id in {f.name for f in dataclasses.fields(machine)}:
-        raise EffectError(f"{place(cls)}: the id `{effect.id}` is taken by a part of {machine.name}")
+        raise EffectError(f"{locate(cls)}: the id `{effect.id}` is taken by a part of {machine.name}")
     here = {slot.name for slot in machine.slots}
     if not any(slot.name in here for slot in effect.slots):
-        places = " and ".join(dict.fromkeys(f"the {slot.where.replace('_', ' ')}" for slot in effect.slots))
+        places = " and ".join(dict.fromkeys(f"the {slot.location.replace('_', ' ')}" for slot in effect.slots))
         names = ", ".join(slot.name for slot in effect.slots)
         word = "slot" if len(effect.slots) == 1 else "slots"
         raise EffectError(f"{effect.id} acts on {places} ({word} {names}), which {machine.name} does not have")
@@ -83,7 +83,7 @@ def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> No
     except EffectError:
         raise
     except Exception as error:
-        raise EffectError(f"{place(cls)}: {type(error).__name__}: {first_line(error)}") from error
+        raise EffectError(f"{locate(cls)}: {type(error).__name__}: {first_line(error)}") from error
 
 
 def _dry_run(machine, zero):
@@ -92,9 +92,9 @@ def _dry_run(machine, zero):
     for method in _methods(type(probe)):
         # this copy was made by the trace and ends with it, so that nobody sees the watched methods
         object.__setattr__(probe, method, _watched(probe, method, machine, zero.dtype))
-    y = {name: zero + jnp.asarray(value, zero.dtype) for name, value in machine.start().items()}
+    y = {name: zero + jnp.asarray(value, zero.dtype) for name, value in machine.initial_state().items()}
     s, rates = machine.evaluate(y, zero, zero, y)
-    if not any(probe.id in found for found in s.notes.contributions.values()):
+    if not any(probe.id in found for found in s.record.contributions.values()):
         names = ", ".join(slot.name for slot in probe.slots)
         raise EffectError(f"{probe.id} acts on nothing here: this {machine.name} does not ask for {names}")
     return rates
@@ -111,8 +111,8 @@ def _watched(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
         except EffectError:
             raise
         except Exception as error:
-            raise EffectError(f"{place(cls, method, error)}: {_reason(error, cls, machine)}") from error
-        where = place(cls, method)
+            raise EffectError(f"{locate(cls, method, error)}: {_reason(error, cls, machine)}") from error
+        where = locate(cls, method)
         if method != "rates":
             check_number(where, value, f"a real number in {unit}" if unit != "-" else "a real factor", kind)
             return value
@@ -152,7 +152,7 @@ def check_number(where: str, value: Any, wanted: str, kind: Any) -> None:
 
 def _reason(error: Exception, cls: type[Effect], machine: Any) -> str:
     """What went wrong in the user's code, and what to do instead."""
-    if isinstance(error, UnknownName):
+    if isinstance(error, UnknownNameError):
         name, known = getattr(error, "name", None), getattr(getattr(error, "obj", None), "_values", None)
         if name is None or known is None:
             return f"on {machine.name}, {first_line(error)}"
@@ -177,10 +177,10 @@ def code_reason(error: Exception) -> str:
 
 def _instead(name: str, known, machine: Any) -> str:
     """Where a signal exists that is not known here, or what it may have been meant for."""
-    slots = [slot.name for slot in machine.slots if name in slot.local]
+    slots = [slot.name for slot in machine.slots if name in slot.local_signals]
     if slots:
         return f"it is known at {', '.join(slots)}"
-    if name in SIGNALS or any(name in slot.local for slot in SLOTS.values()):
+    if name in SIGNALS or any(name in slot.local_signals for slot in SLOTS.values()):
         return "it belongs to another rig, or is computed only after this slot"
     close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
     return f"nearest: {', '.join(close)}" if close else "edhas_jax/signals.py lists the signals"
@@ -214,7 +214,7 @@ def _kind(value: Any) -> str:
 
 
 def _states(name: str, cls: type[Effect]) -> str:
-    return nearest(name, cls.states) if cls.states else f"{cls.__name__} declares no states"
+    return suggest(name, cls.states) if cls.states else f"{cls.__name__} declares no states"
 
 
 def _listed(names) -> str:

@@ -1,16 +1,21 @@
-"""The names of everything the machine can be asked for: one list, shared by model, measurements and effects."""
+"""The named signals of the machine, and the object in which the equations collect them at one instant.
+
+`SIGNALS` is the one list of signal names that the model, measurements and effects share. `Signals` holds the values
+while the equations are evaluated, and an `EquationRecord` of what else the step and the balances need: power bonds,
+stored energies, oil nodes, orifices and valid ranges.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from edhas_jax.core.names import nearest
+from edhas_jax.core.name_suggestion import suggest
 
 
 class Signal(NamedTuple):
-    """A quantity of the running machine: SI unit, the unit it is shown in, and its meaning."""
+    """What is known of a signal: SI unit, unit for display and meaning."""
 
     unit: str
-    shown: str
+    display_unit: str
     doc: str
 
 
@@ -58,22 +63,22 @@ SIGNALS: dict[str, Signal] = {
 }
 
 
-HIGHEST_PRESSURE = 1e9
+MAX_NODE_PRESSURE = 1e9  # Pa, above which no term of the model is valid
 
 
-class UnknownName(AttributeError):
-    """A signal or parameter was asked for that this machine does not have."""
+class UnknownNameError(AttributeError):
+    """No signal or parameter of this name exists on this machine, or not at this point of the equations."""
 
 
-class Bond(NamedTuple):
-    """A power port: where energy goes is effort × flow [W]."""
+class PowerBond(NamedTuple):
+    """A power bond: the power `effort` × `flow` [W] goes to a row of the energy balance in `group`."""
 
     group: str
     effort: Any
     flow: Any
 
 
-class Node(NamedTuple):
+class OilNode(NamedTuple):
     """A volume of oil that stores energy: pressure [Pa], volume [m³], further capacity [m³/Pa] or None."""
 
     pressure: Any
@@ -81,89 +86,114 @@ class Node(NamedTuple):
     extra_capacity: Any
 
 
-class Passage(NamedTuple):
-    """An orifice between two nodes of oil: its pressure drop [Pa], its area [m²] and the names of the nodes."""
+class OrificeConnection(NamedTuple):
+    """An orifice between two oil nodes: pressure drop [Pa], flow area [m²] and the names of the two pressures."""
 
     drop: Any
     area: Any
     ends: tuple[str, str]
 
 
-class Notes(NamedTuple):
-    """What the equations write down beside the signals.
+class EquationRecord(NamedTuple):
+    """What the equations record beside the signals, for the step and for the balances.
 
-    Contributions by slot and effect; power bonds; energy stored [J]; nodes of oil and the poles of their strain
-    pressure and the rates of their pressures [Pa/s], all by the signal of the pressure; orifices between them; signals
-    that must stay in a range.
+    Attributes:
+        contributions: by slot and effect id, the contributions made there.
+        power_bonds: by row of the energy balance.
+        stored_energies: energy [J] by row of the energy balance.
+        oil_nodes: by the signal of the node's pressure.
+        strain_poles: pole c [Pa²] of the strain pressure p − c/p, by the signal of the node's pressure.
+        pressure_rates: dp/dt [Pa/s] by the signal of the node's pressure.
+        orifices: by name.
+        valid_ranges: (low, high) in SI of the signals that are physical only within a range.
     """
 
     contributions: dict[str, dict[str, list]]
-    bonds: dict[str, Bond]
-    stores: dict[str, Any]
-    nodes: dict[str, Node]
-    poles: dict[str, Any]
+    power_bonds: dict[str, PowerBond]
+    stored_energies: dict[str, Any]
+    oil_nodes: dict[str, OilNode]
+    strain_poles: dict[str, Any]
     pressure_rates: dict[str, Any]
-    passages: dict[str, Passage]
-    limits: dict[str, tuple]
+    orifices: dict[str, OrificeConnection]
+    valid_ranges: dict[str, tuple]
 
 
 class Signals:
-    """The signals of one instant while the equations are written down; read as attributes.
+    """The signals of one instant while the equations are evaluated; read as attributes, values in SI.
 
-    Parameters of the machine are read the same way (`s.piston_diameter`), so that no effect keeps a copy of a
-    value that is not its own. `at(...)` gives a local view, as a valve or a chamber sees the machine.
+    Parameters of the machine are read the same way (`s.piston_diameter`), so that no effect keeps a copy of a value
+    that belongs to another component. `with_local(...)` gives the view of one valve or one chamber.
+
+    Attributes:
+        effects: pairs of an effect and its own states.
+        record: what the equations record beside the signals.
+        orifice_linearisation: None, or a function (name, flow, area, drop) -> flow by which the step replaces the
+            derivatives of an orifice flow.
     """
 
-    def __init__(self, values: dict[str, Any], effects=(), notes: Notes | None = None, law: Callable | None = None):
+    def __init__(
+        self,
+        values: dict[str, Any],
+        effects: tuple = (),
+        record: EquationRecord | None = None,
+        orifice_linearisation: Callable | None = None,
+    ):
         self._values = values
         self.effects = effects
-        self.law = law
-        self.notes = Notes({}, {}, {}, {}, {}, {}, {}, {}) if notes is None else notes
+        self.orifice_linearisation = orifice_linearisation
+        self.record = EquationRecord({}, {}, {}, {}, {}, {}, {}, {}) if record is None else record
 
     def __getattr__(self, name: str):
         try:
             return self.__dict__["_values"][name]
         except KeyError:
-            raise UnknownName(f"no signal or parameter `{name}` here; {nearest(name, self._values)}") from None
+            raise UnknownNameError(f"no signal or parameter `{name}` here; {suggest(name, self._values)}") from None
 
     def set(self, **values) -> None:
         """Add signals that are now known."""
         self._values.update(values)
 
-    def at(self, **local) -> "Signals":
-        """A local view: the same signals with some added."""
-        return Signals({**self._values, **local}, self.effects, self.notes, self.law)
+    def with_local(self, **local) -> "Signals":
+        """The same signals with the local ones of a valve, a chamber or a node added; the record is shared."""
+        return Signals({**self._values, **local}, self.effects, self.record, self.orifice_linearisation)
 
-    def bond(self, name: str, group: str, effort, flow) -> None:
-        """Note that `effort` × `flow` is the power that goes to `name`."""
-        self.notes.bonds[name] = Bond(group, effort, flow)
+    def record_power(self, name: str, group: str, effort, flow) -> None:
+        """Record that the power `effort` × `flow` [W] goes to the row `name` of the energy balance."""
+        self.record.power_bonds[name] = PowerBond(group, effort, flow)
 
-    def store(self, name: str, energy) -> None:
-        """Note that `energy` [J] is stored in `name`."""
-        self.notes.stores[name] = energy
+    def record_stored_energy(self, name: str, energy) -> None:
+        """Record that `energy` [J] is stored in `name`."""
+        self.record.stored_energies[name] = energy
 
-    def node(self, name: str, pressure, volume, extra_capacity=None) -> None:
-        """Note a volume of oil; its pressure must stay positive and below what any term of the model is made for."""
-        self.notes.nodes[name] = Node(pressure, volume, extra_capacity)
-        self.limit(name, 0.0, HIGHEST_PRESSURE)
+    def record_oil_node(self, name: str, pressure, volume, extra_capacity=None) -> None:
+        """Record an oil node by the name of its pressure; the pressure must stay within 0 … `MAX_NODE_PRESSURE`.
 
-    def limit(self, name: str, low, high) -> None:
-        """Note that the signal `name` is physical only from `low` to `high` (SI)."""
-        self.notes.limits[name] = (low, high)
-
-    def entered(self, slot_name: str) -> dict[str, Any]:
-        """What each effect has entered at a slot so far, by the effect's id."""
-        return {e: sum(v[1:], start=v[0]) for e, v in self.notes.contributions.get(slot_name, {}).items()}
-
-    def bond_entered(self, slot_name: str, group: str, flow, sign: float = 1.0) -> None:
-        """Note the power sign · contribution · `flow` of each effect at a slot, in a row of the effect's own.
-
-        An effect that takes power at two places has a row for each: `effect` and `effect, slot`.
+        Args:
+            name: signal of the node's pressure.
+            pressure: absolute pressure [Pa].
+            volume: oil volume [m³].
+            extra_capacity: capacity beside that of the oil [m³/Pa], or None.
         """
-        for effect, value in self.entered(slot_name).items():
-            row = effect if effect not in self.notes.bonds else f"{effect}, {slot_name}"
-            self.bond(row, group, value if sign > 0 else -value, flow)
+        self.record.oil_nodes[name] = OilNode(pressure, volume, extra_capacity)
+        self.record_valid_range(name, 0.0, MAX_NODE_PRESSURE)
+
+    def record_valid_range(self, name: str, low, high) -> None:
+        """Record that the signal `name` is physical only from `low` to `high` (SI)."""
+        self.record.valid_ranges[name] = (low, high)
+
+    def effect_contributions(self, slot_name: str) -> dict[str, Any]:
+        """The sum of the contributions made at a slot so far, by effect id."""
+        return {e: sum(v[1:], start=v[0]) for e, v in self.record.contributions.get(slot_name, {}).items()}
+
+    def record_effect_power(self, slot_name: str, group: str, flow, sign: float = 1.0) -> None:
+        """Record the power sign · contribution · `flow` [W] of each effect at a slot, in a row of the effect's own.
+
+        An effect that takes power at two slots has two rows: `effect` and `effect, slot`.
+        """
+        for effect, value in self.effect_contributions(slot_name).items():
+            row = effect if effect not in self.record.power_bonds else f"{effect}, {slot_name}"
+            self.record_power(row, group, value if sign > 0 else -value, flow)
 
     def values(self) -> dict[str, Any]:
-        """Every signal by name."""
+        """Every signal and parameter by name."""
         return dict(self._values)

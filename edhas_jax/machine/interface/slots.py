@@ -1,4 +1,7 @@
-"""The closed list of places where physics may enter the equations."""
+"""The slots: the closed list of places where an effect may add to the equations, and how it does.
+
+An effect acts at a slot by defining a method of the slot's name; the equations call `apply_slot` at each slot.
+"""
 
 import enum
 from typing import NamedTuple
@@ -14,18 +17,23 @@ class Rule(enum.Enum):
 
 
 class Slot(NamedTuple):
-    """A place where physics may enter: an effect enters it by a method of this name.
+    """A place in the equations where an effect may contribute, by a method of the slot's name.
 
-    `where` is the part of the machine; `unit` the SI unit of a contribution ("-" for a factor); `local` the signals
-    that exist at this place beside those of the whole machine.
+    Attributes:
+        name: name of the slot and of the effect's method.
+        location: section of the machine.
+        unit: SI unit of a contribution, "-" for a factor.
+        rule: how contributions combine.
+        doc: what a contribution does.
+        local_signals: signals that exist at this slot beside those of the whole machine.
     """
 
     name: str
-    where: str
+    location: str
     unit: str
     rule: Rule
     doc: str
-    local: tuple[str, ...] = ()
+    local_signals: tuple[str, ...] = ()
 
 
 SUPPLY_VOLTAGE = Slot("supply_voltage_change", "coil", "V", Rule.ADD, "added to the voltage limit of the supply")
@@ -36,7 +44,7 @@ FORCE_CONSTANT = Slot("force_constant_factor", "coil", "-", Rule.SCALE, "multipl
 MOTOR_FORCE = Slot("motor_force_factor", "mover", "-", Rule.SCALE, "multiplies the motor force, not the back-EMF")
 MOVER_FORCE = Slot("mover_force", "mover", "N", Rule.ADD, "force on the mover, positive along x")
 MOVER_FRICTION = Slot("mover_friction", "mover", "N", Rule.ADD, "friction on the mover, positive when it opposes v > 0")
-# a coil carrier and plungers that are not one body have two positions: the machine then has two more states
+# with this slot in use, coil carrier and plungers are two bodies and the machine has two more states
 COUPLING_FORCE = Slot(
     "coupling_force", "mover", "N", Rule.ADD, "force from coil carrier to plungers, which with it are two masses",
     ("coupling_deflection", "coupling_velocity"),
@@ -57,12 +65,12 @@ CHAMBER_LEAKAGE = Slot(
     "chamber_leakage", "chamber", "m^3/s", Rule.ADD, "flow out of a pump chamber to the accumulator",
     ("chamber_pressure", "plunger_velocity", "viscosity"),
 )
-# the gap of a plunger has a pressure of its own, which the viscosity of the machine cannot know
+# the viscosity in a plunger gap depends on the pressure there, which differs between the chambers
 GAP_VISCOSITY = Slot(
     "gap_viscosity_factor", "oil", "-", Rule.SCALE, "multiplies the viscosity of the oil in the gap of a plunger",
     ("chamber_pressure",),
 )
-# a line ends in a volume of oil before the valves, a node that the step must solve for as for any other
+# with this slot in use, the manifold before the suction valves is one more oil node
 SUCTION_LINE_RESISTANCE = Slot(
     "suction_line_resistance", "suction", "Pa*s/m^3", Rule.ADD,
     "resistance between accumulator and suction valves; with it a manifold of 10 mL stands before the valves",
@@ -70,7 +78,7 @@ SUCTION_LINE_RESISTANCE = Slot(
 SUCTION_LINE_FLOW = Slot(
     "suction_line_flow", "suction", "m^3/s", Rule.ADD, "flow of a suction line whose oil has inertia",
 )  # fmt: skip
-# the flow of the load follows from its pressure drop only where nothing is in series with it
+# a line in series with the load orifice takes part of the pressure drop
 OUTLET_LINE_RESISTANCE = Slot(
     "outlet_line_resistance", "outlet", "Pa*s/m^3", Rule.ADD, "resistance in series with the load orifice"
 )
@@ -113,23 +121,31 @@ SYSTEM_SLOTS = ACTUATOR_SLOTS + _PUMP + _CYLINDER
 SLOTS: dict[str, Slot] = {slot.name: slot for slot in PUMP_SLOTS + _CYLINDER}
 
 
-def taken(slot: Slot, effects: tuple) -> bool:
-    """Whether one of the effects of a machine enters `slot`."""
+def is_used(slot: Slot, effects: tuple) -> bool:
+    """Whether one of the effects acts at `slot`."""
     return any(hasattr(effect, slot.name) for effect in effects)
 
 
-def enter(slot: Slot, base, s: Signals):
-    """`base` with everything that enters `slot`; exactly `base`, and not one operation, when nothing does.
+def apply_slot(slot: Slot, base, s: Signals):
+    """Combine `base` with the contributions of all effects at `slot`.
 
-    Each contribution is also kept under the effect's id in `s.notes.contributions[slot.name]`, which is what a ledger
-    by effect reads. A `base` of None stands for "absent": it comes back as None when nothing enters.
+    Without an effect at the slot the result is `base` itself, without one operation. Each contribution is also
+    recorded in `s.record.contributions[slot.name]` by effect id, for the energy balance per effect.
+
+    Args:
+        slot: the slot.
+        base: value without effects in the slot's unit; None where the term exists only by an effect.
+        s: the signals at this point of the equations, with the local signals of the slot.
+
+    Returns:
+        The combined value; None if `base` is None and no effect acts at the slot.
     """
-    for effect, own in s.effects:
-        act = getattr(effect, slot.name, None)
-        if act is None:
+    for effect, states in s.effects:
+        contribute = getattr(effect, slot.name, None)
+        if contribute is None:
             continue
-        value = act(s, own)
-        s.notes.contributions.setdefault(slot.name, {}).setdefault(effect.id, []).append(value)
+        value = contribute(s, states)
+        s.record.contributions.setdefault(slot.name, {}).setdefault(effect.id, []).append(value)
         if base is None:
             base = value
         else:

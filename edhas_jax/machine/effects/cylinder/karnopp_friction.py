@@ -29,6 +29,6 @@ class KarnoppFriction(Effect):
         v, free = s.cylinder_velocity, s.cylinder_free_force
         sliding = self.cylinder_sliding_friction + s.cylinder_friction_level
         breakaway = self.cylinder_breakaway_friction + s.cylinder_friction_level
-        caught = free + s.load_mass * s.caught_velocity / s.time_step
+        caught = free + s.load_mass * s.cylinder_velocity_at_step_start / s.time_step
         standing = jnp.where(jnp.abs(free) <= breakaway, caught, breakaway * jnp.sign(free))
         return jnp.where(jnp.abs(v) > self.karnopp_velocity, sliding * jnp.sign(v), standing)

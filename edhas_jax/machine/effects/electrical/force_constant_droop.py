@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect
-from edhas_jax.machine.effects.mover.reference_scales import TRAVEL
+from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
 
 
 class ForceConstantDroop(Effect):
@@ -21,4 +21,4 @@ class ForceConstantDroop(Effect):
     droop: float = par(0.1, "-", (-1.0, 1.0), "share of Km lost 5 mm from mid-stroke, κ", plausible=(0.03, 0.3))
 
     def force_constant_factor(self, s, z):
-        return 1.0 - self.droop * jnp.square(s.piston_position / TRAVEL)
+        return 1.0 - self.droop * jnp.square(s.piston_position / REFERENCE_TRAVEL)

@@ -2,7 +2,7 @@
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect
-from edhas_jax.machine.effects.mover.reference_scales import direction
+from edhas_jax.machine.effects.reference_scales import smooth_sign
 
 
 class AsymmetricFriction(Effect):
@@ -19,5 +19,5 @@ class AsymmetricFriction(Effect):
     forward_friction: float = par(1.5, "N", (0.0, 1e4), "further friction at v > 0, F_a", plausible=(0.3, 5.0))
 
     def mover_friction(self, s, z):
-        forward = direction(s.sliding_velocity)
+        forward = smooth_sign(s.sliding_velocity)
         return self.forward_friction * forward * 0.5 * (1.0 + forward)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect
-from edhas_jax.machine.effects.mover.reference_scales import TRAVEL
+from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
 
 
 class ReluctanceForce(Effect):
@@ -25,10 +25,10 @@ class ReluctanceForce(Effect):
     )
 
     def _slope(self, s):
-        return s.coil_inductance * self.inductance_slope / TRAVEL
+        return s.coil_inductance * self.inductance_slope / REFERENCE_TRAVEL
 
     def coil_inductance_factor(self, s, z):
-        return 1.0 + self.inductance_slope * s.piston_position / TRAVEL
+        return 1.0 + self.inductance_slope * s.piston_position / REFERENCE_TRAVEL
 
     def coil_voltage_change(self, s, z):
         return -s.current * s.piston_velocity * self._slope(s)

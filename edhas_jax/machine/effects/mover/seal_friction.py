@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect
-from edhas_jax.machine.effects.mover.reference_scales import direction
+from edhas_jax.machine.effects.reference_scales import smooth_sign
 
 
 class SealFriction(Effect):
@@ -22,4 +22,4 @@ class SealFriction(Effect):
 
     def mover_friction(self, s, z):
         gauge = [jnp.maximum(p - s.atmospheric_pressure, 0.0) for p in (s.chamber_pressure_a, s.chamber_pressure_b)]
-        return self.seal_coefficient * s.piston_area * sum(gauge[1:], gauge[0]) * direction(s.sliding_velocity)
+        return self.seal_coefficient * s.piston_area * sum(gauge[1:], gauge[0]) * smooth_sign(s.sliding_velocity)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect
-from edhas_jax.machine.effects.mover.reference_scales import TRAVEL, direction
+from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL, smooth_sign
 
 
 class StrokeDependentFriction(Effect):
@@ -21,4 +21,4 @@ class StrokeDependentFriction(Effect):
     end_friction: float = par(3.0, "N", (0.0, 1e4), "further friction 5 mm from mid-stroke, F_s", plausible=(0.5, 10.0))
 
     def mover_friction(self, s, z):
-        return self.end_friction * jnp.square(s.sliding_position / TRAVEL) * direction(s.sliding_velocity)
+        return self.end_friction * jnp.square(s.sliding_position / REFERENCE_TRAVEL) * smooth_sign(s.sliding_velocity)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from edhas_jax.core.structs import par, struct
 from edhas_jax.machine.interface.signals import Signals
-from edhas_jax.machine.interface.slots import OIL_COMPRESSIBILITY, OIL_GAS, OIL_VISCOSITY, enter
+from edhas_jax.machine.interface.slots import OIL_COMPRESSIBILITY, OIL_GAS, OIL_VISCOSITY, apply_slot
 
 
 @struct
@@ -25,16 +25,16 @@ class Oil:
 
     def pole(self, s: Signals):
         """c [Pa²] of the strain pressure p − c/p, or None without gas."""
-        gas = enter(OIL_GAS, None, s)
+        gas = apply_slot(OIL_GAS, None, s)
         return None if gas is None else gas * self.oil_bulk_modulus
 
     def compressibility(self, pressure, s: Signals):
         """1/β [1/Pa] at `pressure`, with everything that enters the slot."""
-        return enter(OIL_COMPRESSIBILITY, 1.0 / self.oil_bulk_modulus, s.at(pressure=pressure))
+        return apply_slot(OIL_COMPRESSIBILITY, 1.0 / self.oil_bulk_modulus, s.with_local(pressure=pressure))
 
     def viscosity(self, s: Signals):
         """Dynamic viscosity μ [Pa·s], with everything that enters the slot."""
-        return enter(OIL_VISCOSITY, self.oil_viscosity, s)
+        return apply_slot(OIL_VISCOSITY, self.oil_viscosity, s)
 
     def rate(self, name: str, flow, volume, s: Signals, extra_capacity=None) -> dict:
         """{name: dw/dt [Pa/s]} of the node whose pressure is the signal `name`: capacity · dp/dt = flow.
@@ -43,15 +43,15 @@ class Oil:
         [m³/Pa]. The pole is noted for the step, which solves for p itself.
         """
         pressure = getattr(s, name)
-        s.node(name, pressure, volume, extra_capacity)
+        s.record_oil_node(name, pressure, volume, extra_capacity)
         capacity = volume * self.compressibility(pressure, s)
         if extra_capacity is not None:
             capacity = capacity + extra_capacity
-        rate = s.notes.pressure_rates[name] = flow / capacity
+        rate = s.record.pressure_rates[name] = flow / capacity
         pole = self.pole(s)
         if pole is None:
             return {name: rate}
-        s.notes.poles[name] = pole
+        s.record.strain_poles[name] = pole
         return {name: rate * (1.0 + pole / jnp.square(pressure))}
 
     def strain(self, before, after, s: Signals):
