@@ -1,4 +1,4 @@
-"""The quantities people ask for: from the signals of a run to named numbers with units."""
+"""Metrics of a run: named numbers with units, from its signals, energies and volumes."""
 
 import math
 from typing import NamedTuple
@@ -9,19 +9,20 @@ from scipy.interpolate import CubicHermiteSpline
 
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig, Sine
 
-SETTLING_BAND = 0.02  # share of the step within which the cylinder counts as arrived
+SETTLING_BAND = 0.02  # share of the step within which the cylinder counts as settled
+GRID_PER_CYCLE = 400  # points per cycle of the grid on which a first harmonic is computed
 
 
 class Metric(NamedTuple):
-    """A number of a run: SI value, SI unit, unit it is shown in, meaning."""
+    """A metric of a run: SI value, SI unit, unit for display, meaning."""
 
     value: float
     unit: str
-    shown: str
+    display_unit: str
     doc: str
 
 
-# name: (SI unit, unit it is shown in, meaning); a single run and a batch measure the same
+# name: (SI unit, unit for display, meaning); the same for a single run and for a batch
 METRICS: dict[str, tuple[str, str, str]] = {
     "mean_electrical_power": ("W", "W", "mean of voltage × current"),
     "rms_current": ("A", "A", "rms current"),
@@ -49,7 +50,7 @@ METRICS: dict[str, tuple[str, str, str]] = {
 
 
 class RunTooShortError(ValueError):
-    """A run ends before there is a whole cycle to measure."""
+    """A run ends before one whole cycle after the ramp."""
 
 
 def compute_metrics(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str, Metric]:
@@ -75,7 +76,15 @@ def compute_metrics(machine: Rig, signals: dict, energy: dict, volume: dict) -> 
 
 
 def metric_window(machine: Rig, end: float) -> tuple[float, float]:
-    """From when to when [s] metrics are taken: the whole cycles after the ramp, or the whole run."""
+    """The time [s] from which and to which metrics are taken: the whole cycles after the ramp, or the whole run.
+
+    Args:
+        machine: the machine.
+        end: end of the run [s].
+
+    Raises:
+        RunTooShortError: there is no whole cycle after the ramp.
+    """
     if not isinstance(machine.reference, Sine) or isinstance(machine, ActuatorSystem):
         return 0.0, end
     period = 1.0 / float(machine.reference.frequency)
@@ -90,9 +99,14 @@ def metric_window(machine: Rig, end: float) -> tuple[float, float]:
 
 
 def mean_rate(t, cumulated, first: float, last: float, rate=None) -> float:
-    """Mean of a rate from its integral at the samples, between two times that need not be samples.
+    """The mean of a rate between two times that need not be samples, from its integral at the samples.
 
-    With the `rate` at the samples the integral is interpolated by cubics, else linearly.
+    Args:
+        t: times of the samples [s], (samples,).
+        cumulated: integral of the rate, (samples,).
+        first: start of the interval [s].
+        last: end of the interval [s].
+        rate: the rate at the samples; with it the integral is interpolated by cubics, otherwise linearly.
     """
     if rate is None:
         ends = np.interp([first, last], t, cumulated)
@@ -102,6 +116,7 @@ def mean_rate(t, cumulated, first: float, last: float, rate=None) -> float:
 
 
 def _rms(values, t, first, last) -> float:
+    """The rms of a signal between two times."""
     squares = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (values[1:] ** 2 + values[:-1] ** 2))])
     return math.sqrt(max(0.0, mean_rate(t, squares, first, last, values**2)))
 
@@ -120,40 +135,40 @@ def _electrical(signals, energy, t, first, last, inside) -> dict[str, float]:
 
 
 def _harmonic(values, t, first, last, frequency) -> complex:
-    """The first harmonic over whole cycles, on a grid of its own so that samples need not fit the cycle."""
-    grid = np.linspace(first, last, 1 + 400 * max(1, round((last - first) * frequency)))[:-1]
+    """The complex first harmonic over whole cycles, on a grid of its own so that samples need not fit the cycle."""
+    grid = np.linspace(first, last, 1 + GRID_PER_CYCLE * max(1, round((last - first) * frequency)))[:-1]
     return 2.0 * np.mean(np.interp(grid, t, values) * np.exp(-2j * np.pi * frequency * grid))
 
 
 def _tracking(machine, signals, t, first, last) -> dict[str, float]:
     f = float(machine.reference.frequency)
-    wanted = _harmonic(signals["reference"], t, first, last, f)
-    got = _harmonic(signals["piston_position"], t, first, last, f)
+    set_point = _harmonic(signals["reference"], t, first, last, f)
+    piston = _harmonic(signals["piston_position"], t, first, last, f)
     inside = (t >= first) & (t <= last)
     error = (signals["reference"] - signals["piston_position"])[inside]
     out = {"tracking_error": float(np.sqrt(np.mean(error**2)))}
-    if abs(wanted) > 0.0:
-        out |= {"amplitude_ratio": abs(got) / abs(wanted), "phase_lag": float(-np.angle(got / wanted))}
+    if abs(set_point) > 0.0:
+        out |= {"amplitude_ratio": abs(piston) / abs(set_point), "phase_lag": float(-np.angle(piston / set_point))}
     return out
 
 
 def _hydraulic(machine, signals, energy, volume, t, first, last, inside) -> dict[str, float]:
     p, q = signals["outlet_pressure"], signals["outlet_flow"]
-    leaks = signals["leakage_a"], signals["leakage_b"]
+    leakages = signals["leakage_a"], signals["leakage_b"]
     flow = mean_rate(t, volume["outlet_flow"], first, last, q)
-    swept = np.abs(signals["piston_velocity"])
-    travel = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (swept[1:] + swept[:-1]))])
-    ideal = float(jnp.asarray(machine.pump.area())) * mean_rate(t, travel, first, last)
+    speed = np.abs(signals["piston_velocity"])
+    travel = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (speed[1:] + speed[:-1]))])
+    swept_flow = float(jnp.asarray(machine.pump.area())) * mean_rate(t, travel, first, last)
     hydraulic = mean_rate(t, energy["load orifice" if "load orifice" in energy else "load"], first, last)
     electrical = mean_rate(t, energy["electrical input"], first, last)
     out = {
         "mean_flow": flow,
-        "mean_leakage": mean_rate(t, volume["leakage_a"] + volume["leakage_b"], first, last, sum(leaks)),
-        "peak_leakage": float(np.abs(np.stack(leaks)[:, inside]).max()),
+        "mean_leakage": mean_rate(t, volume["leakage_a"] + volume["leakage_b"], first, last, sum(leakages)),
+        "peak_leakage": float(np.abs(np.stack(leakages)[:, inside]).max()),
         "peak_outlet_pressure": float(p[inside].max()),
         "pressure_rise": float((p - signals["accumulator_pressure"])[inside].max()),
         "pressure_ripple": float(np.ptp(p[inside])),
-        "volumetric_efficiency": flow / ideal if ideal > 0 else 0.0,
+        "volumetric_efficiency": flow / swept_flow if swept_flow > 0 else 0.0,
         "delivered_power": hydraulic,
     }
     if electrical > 0:
