@@ -9,13 +9,13 @@ import edhas_jax as edhas
 from edhas_jax.machine.effects import LugreFriction
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
 from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
+from edhas_jax.measurements.synthetic_campaign import synthesise
 
 CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
 UNCERTAIN = {"coil_resistance": 0.02, "force_constant": 0.02, "mover_damping": 0.25, "coulomb_friction": 0.25}
 CONDITIONS = ({"frequency": 10.0, "amplitude": 3e-3}, {"frequency": 25.0, "amplitude": 2e-3},
               {"frequency": 15.0, "amplitude": 2.5e-3})  # fmt: skip
-PER_SAMPLE = 8  # steps of the synthetic bench
+PER_SAMPLE = 8  # steps between two samples at which the residuals of a fit are evaluated
 
 
 def bench():
@@ -37,15 +37,13 @@ def empty_campaign(machine=None, conditions=CONDITIONS, uncertain=None, lengths=
 
 
 def measured(campaign: Campaign, truth, instruments=Instruments(), seed=0, each=None) -> Campaign:
-    """The campaign with what its sensors read on the machine `truth`; `each` gives another one for each run."""
-    rng, runs = np.random.default_rng(seed), []
-    for k, run in enumerate(campaign.runs):
-        machine = truth if each is None else each[k]
-        model = MeasurementModel(campaign, machine, (), (run,), instruments)
-        outcome = model.predict([EvaluationPoint(np.zeros(0), (0,))], PER_SAMPLE, with_sensitivities=False)[0][0]
-        signals = {
-            n: values + campaign.channels[n].noise * rng.standard_normal(len(values))
-            for n, values in outcome.values.items()
-        }
-        runs.append(dataclasses.replace(run, signals=signals))
-    return dataclasses.replace(campaign, runs=tuple(runs))
+    """The campaign with what its sensors read on the machine `truth`; `each` gives another one for each run.
+
+    The trajectories come from the explicit Runge-Kutta reference, which shares no time stepping with the fitted model.
+    """
+    rng, faults = np.random.default_rng(seed), instruments.chains
+    if each is None:
+        return synthesise(campaign, truth, rng, faults)
+    alone = [dataclasses.replace(campaign, runs=(run,)) for run in campaign.runs]
+    runs = tuple(synthesise(one, machine, rng, faults).runs[0] for one, machine in zip(alone, each, strict=True))
+    return dataclasses.replace(campaign, runs=runs)
