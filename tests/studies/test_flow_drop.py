@@ -10,6 +10,7 @@ from edhas_jax.machine.effects import SuctionLineResistance
 from edhas_jax.machine.parameters import list_parameters
 from studies.flow_drop import cause_analysis, causes, diagnosis
 from studies.flow_drop import discrimination as parting
+from tests.support.headline import headline
 
 SIZES = {"late valves": 169.0, "narrow suction line": 1.115e9}
 FEW = (parting.Run(10.0, 3.5e-3), parting.Run(38.0, 3.5e-3))
@@ -115,7 +116,42 @@ def test_a_narrow_line_hides_in_the_damping_at_10_hz(base, rivals, monkeypatch):
     assert answer.flow[0] > 1.3 * answer.flow[1]
 
 
-def test_the_table_of_causes(base, capsys):
-    found = [[causes.Sized(c, c.plausible[1], 30.0, 0.98, 0.9, 0.5)] for c in causes.CAUSES]
+def test_the_table_of_causes_says_which_of_them_make_the_flow_fall():
+    """A row for each size, with its verdict from the limits of the study and whether its size is in the range."""
+    line, late, warm, supply = (
+        cause(title) for title in ("narrow suction line", "late valves", "warm oil", "low supply voltage")
+    )
+    found = [
+        [causes.Sized(line, 1.1e9, 30.0, 0.98, 0.7, 0.5, (1e9, 1.3e9)), causes.Sized(line, 9e9, 28.0, 0.96, 0.4, 0.3)],
+        [causes.Sized(late, 169.0, 31.0, 0.94, 0.8, 0.6)],
+        [causes.Sized(warm, 0.006, math.nan, 1.0, 1.0, 1.0)],
+        [causes.Sized(supply, 30.0, 29.0, 0.97, 0.9, 0.97)],
+    ]
     table = cause_analysis.cause_table(found)
-    assert table.row_count == len(causes.CAUSES)
+    columns = {str(column.header).split(",")[0]: list(column.cells) for column in table.columns}
+    assert columns["cause"] == ["narrow suction line", "", "late valves", "warm oil", "low supply voltage"]
+    assert columns["top"] == ["30", "28", "31", "none", "29"]
+    assert columns["falls for"] == ["1e+09 … 1.3e+09", "", "", "", ""]
+    verdicts = ["falls", "falls,\nbeyond range", "does not fall", "does not fall", "bends,\nbeyond range"]
+    assert columns[""] == verdicts
+
+
+def test_the_last_line_sums_up_what_is_told_apart(capsys):
+    sizes = [causes.Sized(cause(title), size, 30.0, 0.98, 0.7, 0.5) for title, size in SIZES.items()]
+    titles = tuple(SIZES)
+
+    def distances(**by_reading):
+        matrices = {n: np.array([[np.nan, d], [np.nan, np.nan]]) for n, d in by_reading.items()}
+        return parting.Parting(titles, dict.fromkeys(parting.READINGS, np.full((2, 2), 0.1)) | matrices)
+
+    partings = {
+        "far": distances(**{parting.MEAN_FLOW: 1.2 * parting.CLEAR}),
+        "near": distances(**{parting.MEAN_FLOW: 0.8 * parting.CLEAR, "outlet_pressure": 3.0 * parting.CLEAR}),
+    }
+    best = parting.Settling(parting.Run(35.0, 2.5e-3), "chamber_pressure_a", 12.34)
+    returned = cause_analysis.last_line(sizes, partings, best)
+    assert headline(capsys) == {name: str(value) for name, value in returned.items()} == {
+        "causes_that_fall": "2", "parted_by_flow_to_45_hz": "1/1", "parted_by_flow": "0/1",
+        "parted_with_piston": "0/1", "parted_with_pressure": "1/1",
+        "settled_by": "chamber_pressure_a@35Hz_2.5mm", "settled_at_sigma": "12.3",
+    }  # fmt: skip
