@@ -1,1 +1,1 @@
-"""From a function of JAX to a loop over time in machine code, and the engines that run such loops."""
+"""Compilation of JAX functions of scalars: linearisation, sparse elimination, scalar IR, machine code, C, loops."""

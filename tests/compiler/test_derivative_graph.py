@@ -1,4 +1,4 @@
-"""The sparse linearisation and the sparse elimination against dense ones."""
+"""The linearised computational graph and the sparse elimination against dense Jacobians and dense solvers."""
 
 import functools
 
@@ -13,7 +13,7 @@ from edhas_jax.machine.rigs import RIGS, ActuatorBench, PumpBench
 from edhas_jax.simulation.integrator import step
 from tests.support.reference import changed, nominal, random_state, value_of
 
-H = 20e-6
+STEP_SIZE = 20e-6  # s
 
 
 def value_and_jacobian(f, y):
@@ -24,11 +24,11 @@ def value_and_jacobian(f, y):
 
 @functools.cache
 def jacobians(rig: str):
-    """(machine, sparse, dense): compiled Jacobians of the rates of a rig with all its effects."""
+    """(machine, sparse, dense): a rig with all its effects, the compiled sparse and dense Jacobians of its rates."""
     machine = nominal(RIGS[rig])
 
     def rates(y, known):
-        return machine.evaluate(y, 0.123, H, known)[1]
+        return machine.evaluate(y, 0.123, STEP_SIZE, known)[1]
 
     sparse = jax.jit(lambda y: value_and_jacobian(lambda z: rates(z, y), y))
     dense = jax.jit(lambda y: jax.jacfwd(lambda z: rates(z, y))(y))
@@ -36,27 +36,27 @@ def jacobians(rig: str):
 
 
 @functools.cache
-def solver(rig: str):
-    """k from (shift · I − J) k = right, compiled."""
+def compiled_solver(rig: str):
+    """The compiled solution k of (shift · I − J) k = right_side, as a function of state, right side and shift."""
     machine = nominal(RIGS[rig])
 
     @jax.jit
-    def solved(y, right, shift):
-        return solve(linearize(lambda z: machine.evaluate(z, 0.123, H, y)[1], y), right, shift)
+    def solution(y, right_side, shift):
+        return solve(linearize(lambda z: machine.evaluate(z, 0.123, STEP_SIZE, y)[1], y), right_side, shift)
 
-    return solved
+    return solution
 
 
-def states(machine, count=12):
+def random_states(machine, count=12):
     rng = np.random.default_rng(7)
     return [random_state(machine, rng) for _ in range(count)]
 
 
 @pytest.mark.parametrize("rig", RIGS)
-def test_jacobian_equals_jacfwd_and_what_is_left_out_is_zero(rig):
+def test_jacobian_equals_jacfwd_and_structural_zeros_are_zero(rig):
     machine, sparse, dense = jacobians(rig)
     names = sorted(machine.initial_state())
-    for y in states(machine):
+    for y in random_states(machine):
         values, rows = jax.device_get(sparse(y))
         full = jax.device_get(dense(y))
         assert sorted(values) == sorted(rows) == names
@@ -71,8 +71,8 @@ def test_jacobian_equals_jacfwd_and_what_is_left_out_is_zero(rig):
 @pytest.mark.parametrize("rig", RIGS)
 def test_values_equal_the_rates(rig):
     machine, sparse, _ = jacobians(rig)
-    y = states(machine, 1)[0]
-    plain = machine.evaluate(y, 0.123, H, y)[1]
+    y = random_states(machine, 1)[0]
+    plain = machine.evaluate(y, 0.123, STEP_SIZE, y)[1]
     for name, value in sparse(y)[0].items():
         np.testing.assert_allclose(value, plain[name], rtol=1e-12)
 
@@ -82,35 +82,36 @@ def test_values_equal_the_rates(rig):
 def test_solve_equals_numpy(rig, h):
     machine, sparse, _ = jacobians(rig)
     names = sorted(machine.initial_state())
-    points = states(machine, 6)
-    size = np.array([max(abs(y[n]) for y in points) for n in names])
+    points = random_states(machine, 6)
+    state_size = np.array([max(abs(y[n]) for y in points) for n in names])
     for y in points:
         values, rows = jax.device_get(sparse(y))
         matrix = 2.0 / h * np.eye(len(names))
         for i, row in enumerate(names):
             for j, column in enumerate(names):
                 matrix[i, j] -= rows[row].get(column, 0.0)
-        right = np.array([2.0 * values[n] for n in names])
-        solved = solver(rig)(y, {n: 2.0 * values[n] for n in names}, 2.0 / h)
-        got = np.array([solved[n] for n in names])
-        # row by row, relative to the terms of the row: free of the units of the states
-        residual = np.abs(matrix @ got - right) / (np.abs(matrix) @ np.abs(got) + np.abs(right))
+        right_side = np.array([2.0 * values[n] for n in names])
+        solution = compiled_solver(rig)(y, {n: 2.0 * values[n] for n in names}, 2.0 / h)
+        got = np.array([solution[n] for n in names])
+        # each row relative to its terms, so that the units of the states do not matter
+        residual = np.abs(matrix @ got - right_side) / (np.abs(matrix) @ np.abs(got) + np.abs(right_side))
         assert residual.max() < 1e-9
-        wanted = np.linalg.solve(matrix, right)
-        # a change that is rounding beside the size of its state is no difference
-        room = 1e-10 * np.abs(wanted) + 1e-11 * size
-        np.testing.assert_array_less(np.abs(got - wanted), room)
+        expected = np.linalg.solve(matrix, right_side)
+        # the absolute part covers increments of the size of the rounding error of their state
+        tolerance = 1e-10 * np.abs(expected) + 1e-11 * state_size
+        np.testing.assert_array_less(np.abs(got - expected), tolerance)
 
 
-@pytest.mark.parametrize("right", [-1e13, -1e9, 0.0, 1e9, 1e13])
+@pytest.mark.parametrize("right_side", [-1e13, -1e9, 0.0, 1e9, 1e13])
 @pytest.mark.parametrize("pressure", [1e3, 2e5, 5e6])
-def test_a_bent_unknown_is_solved_exactly_and_stays_positive(right, pressure):
-    shift, pole = 1e5, 0.005 * 101325.0 * 1.4e9
-    k = solve(Graph({}, {("d", "p"): {}}), {"p": right}, shift, {"p": StrainUnknown(jnp.asarray(pressure), pole)})["p"]
+def test_a_strain_unknown_is_solved_exactly_and_stays_positive(right_side, pressure):
+    shift, coefficient = 1e5, 0.005 * 101325.0 * 1.4e9
+    unknowns = {"p": StrainUnknown(jnp.asarray(pressure), coefficient)}
+    k = solve(Graph({}, {("d", "p"): {}}), {"p": right_side}, shift, unknowns)["p"]
     after = float(pressure + k)
     assert after > 0.0
-    moved = (after - pole / after) - (pressure - pole / pressure)
-    np.testing.assert_allclose(shift * moved, right, rtol=1e-9, atol=1e-9 * shift * pole / pressure)
+    change = (after - coefficient / after) - (pressure - coefficient / pressure)
+    np.testing.assert_allclose(shift * change, right_side, rtol=1e-9, atol=1e-9 * shift * coefficient / pressure)
 
 
 def test_solve_with_pivots_that_are_structurally_absent():
@@ -120,8 +121,8 @@ def test_solve_with_pivots_that_are_structurally_absent():
     np.testing.assert_allclose([got[n] for n in "abc"], np.linalg.solve(matrix, [1.0, 2.0, 3.0]), rtol=1e-13)
 
 
-def test_what_was_not_chosen_does_not_enter():
-    """A branch that is infinite where it is not chosen must leave no trace, in value nor in slope."""
+def test_a_branch_not_taken_contributes_nothing():
+    """A branch that is infinite where it is not taken affects neither the value nor the derivative."""
 
     def f(y):
         x = y["x"]
@@ -141,8 +142,8 @@ def _cube(x):
 _cube.defjvp(lambda primals, tangents: (_cube(primals[0]), 3.0 * jnp.square(primals[0]) * tangents[0]))
 
 
-def awkward(y):
-    """What a user may write: branches, vectors, tables, loops, a rule of its own."""
+def general(y):
+    """Operations that user code may contain: branches, arrays, tables, loops, a custom derivative rule."""
     a, b, c = y["a"], y["b"], y["c"]
     vector = jnp.stack([a, b, jnp.sin(c)])
     branch = jax.lax.cond(a > 0.5, lambda u, v: u * v, lambda u, v: u - jnp.exp(v), a, b)
@@ -163,16 +164,16 @@ def awkward(y):
     }
 
 
-sparse_awkward = jax.jit(lambda y: value_and_jacobian(awkward, y))
-dense_awkward = jax.jit(lambda y: (awkward(y), jax.jacfwd(awkward)(y)))
+sparse_general = jax.jit(lambda y: value_and_jacobian(general, y))
+dense_general = jax.jit(lambda y: (general(y), jax.jacfwd(general)(y)))
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_awkward_functions(seed):
+def test_general_functions(seed):
     y = dict(zip("abc", np.random.default_rng(seed).uniform(-1.0, 1.0, 3), strict=True))
-    values, rows = sparse_awkward(y)
-    wanted, full = dense_awkward(y)
-    for output, value in wanted.items():
+    values, rows = sparse_general(y)
+    expected, full = dense_general(y)
+    for output, value in expected.items():
         np.testing.assert_allclose(values[output], value, rtol=1e-13)
         for name in "abc":
             got = rows[output].get(name, 0.0)
@@ -184,28 +185,28 @@ def test_awkward_functions(seed):
 def test_a_batch_equals_a_loop():
     rng = np.random.default_rng(3)
     batch = {n: rng.uniform(0.1, 1.0, 5) for n in "abc"}
-    _, together = jax.jit(jax.vmap(lambda y: value_and_jacobian(awkward, y)))(batch)
+    _, batched = jax.jit(jax.vmap(lambda y: value_and_jacobian(general, y)))(batch)
     for k in range(5):
-        _, alone = sparse_awkward({n: v[k] for n, v in batch.items()})
-        for output, row in alone.items():
+        _, single = sparse_general({n: v[k] for n, v in batch.items()})
+        for output, row in single.items():
             for name, slope in row.items():
-                np.testing.assert_allclose(together[output][name][k], slope, rtol=1e-12, atol=1e-14)
+                np.testing.assert_allclose(batched[output][name][k], slope, rtol=1e-12, atol=1e-14)
 
 
 def test_second_derivatives_equal_the_hessian():
     y = {"a": 0.7, "b": 0.4, "c": 0.9}
 
-    def chosen(z):
-        return awkward(z)["vector"] + awkward(z)["power"]
+    def function(z):
+        return general(z)["vector"] + general(z)["power"]
 
-    def slopes(z):
-        _, rows = value_and_jacobian(lambda x: {"chosen": chosen(x)}, z)
-        return rows["chosen"]
+    def gradient(z):
+        _, rows = value_and_jacobian(lambda x: {"out": function(x)}, z)
+        return rows["out"]
 
-    got, wanted = jax.jit(jax.jacrev(slopes))(y), jax.jit(jax.hessian(chosen))(y)
+    got, expected = jax.jit(jax.jacrev(gradient))(y), jax.jit(jax.hessian(function))(y)
     for i in "abc":
         for j in "abc":
-            np.testing.assert_allclose(got[i][j], wanted[i][j], rtol=1e-10, atol=1e-12)
+            np.testing.assert_allclose(got[i][j], expected[i][j], rtol=1e-10, atol=1e-12)
 
 
 def _counted_loop(y):
@@ -223,7 +224,7 @@ def _largest(y):
 
 
 @pytest.mark.parametrize("f", [_counted_loop, _mixed_branch, _largest])
-def test_an_operation_that_also_returns_integers_keeps_its_slope(f):
+def test_an_operation_that_also_returns_integers_keeps_its_derivative(f):
     y = {"a": 0.7, "b": 0.4}
     _, rows = value_and_jacobian(f, y)
     for name, slope in jax.jacfwd(f)(y)["out"].items():
@@ -234,19 +235,19 @@ def test_an_operation_that_also_returns_integers_keeps_its_slope(f):
     ("rig", "parameter"),
     [(ActuatorBench, "bristle_stiffness"), (PumpBench, "air_fraction"), (PumpBench, "valve_seat_diameter")],
 )
-def test_gradient_through_a_step_equals_differences(rig, parameter):
-    """The step holds J, so its derivative by a parameter holds ∂J/∂parameter: second derivatives of the equations."""
+def test_gradient_through_a_step_equals_finite_differences(rig, parameter):
+    """The step contains J, so that its derivative by a parameter contains second derivatives of the equations."""
     machine = nominal(rig)
-    y = states(machine, 3)[2]
+    y = random_states(machine, 3)[2]
     base = value_of(machine, parameter)
     output = "piston_velocity" if rig is ActuatorBench else "chamber_pressure_a"
 
     @jax.jit
     def after(value):
-        return step(changed(machine, parameter, value), y, 0.1, H)[0][output]
+        return step(changed(machine, parameter, value), y, 0.1, STEP_SIZE)[0][output]
 
     got = jax.grad(after)(base)
     d = 1e-4 * base
-    wanted = (8.0 * (after(base + d) - after(base - d)) - (after(base + 2 * d) - after(base - 2 * d))) / (12.0 * d)
-    np.testing.assert_allclose(got, wanted, rtol=1e-5)
+    expected = (8.0 * (after(base + d) - after(base - d)) - (after(base + 2 * d) - after(base - 2 * d))) / (12.0 * d)
+    np.testing.assert_allclose(got, expected, rtol=1e-5)
     assert got != 0.0

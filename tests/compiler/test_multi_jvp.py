@@ -1,4 +1,4 @@
-"""Derivatives along several directions against those of JAX along each."""
+"""Jacobian-vector products along several tangents at once against `jax.jvp` along each."""
 
 import jax
 import jax.numpy as jnp
@@ -10,75 +10,75 @@ from edhas_jax.machine.rigs import RIGS
 from edhas_jax.simulation.integrator import step
 from tests.support.reference import nominal, random_state
 
-H = 20e-6
+STEP_SIZE = 20e-6  # s
 
 
-def along_each(f, primals, directions):
-    """The value and the derivatives, each by a `jvp` of its own."""
-    return f(*primals), [jax.jvp(f, primals, direction)[1] for direction in directions]
+def separate_jvps(f, primals, tangents):
+    """The value, and the derivative along each of the tangents by a `jax.jvp` of its own."""
+    return f(*primals), [jax.jvp(f, primals, tangent)[1] for tangent in tangents]
 
 
-def agree(got, right, rtol=1e-9):
-    for one, other in zip(jax.tree.leaves(got), jax.tree.leaves(right), strict=True):
-        np.testing.assert_allclose(one, other, rtol=rtol, atol=1e-300)
+def assert_trees_close(got, expected, rtol=1e-9):
+    for leaf, other in zip(jax.tree.leaves(got), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(leaf, other, rtol=rtol, atol=1e-300)
 
 
-def curved(x, y):
-    """All kinds of operations; the first output depends on one input, the last on none."""
+def nonlinear(x, y):
+    """All kinds of operations; the first output depends on one input only, the last one on none."""
     a, b = x["a"], x["b"]
     z = jnp.where(a > b, jnp.tanh(a) * y, jnp.sqrt(jnp.abs(b)) / y)
     w = jnp.maximum(z, 0.3) + jnp.minimum(a * a * b, y) ** 3
     return {"one": jnp.exp(-(a**2)), "both": (w, jnp.clip(w * z, -0.5, 0.5)), "none": jnp.asarray(2.0)}
 
 
-@pytest.mark.parametrize("directions", [1, 2, 8])
-def test_any_program(directions):
-    rng = np.random.default_rng(directions)
-    together = jax.jit(lambda *p: multi_jvp(curved, *p))
+@pytest.mark.parametrize("tangent_count", [1, 2, 8])
+def test_a_general_function(tangent_count):
+    rng = np.random.default_rng(tangent_count)
+    compiled = jax.jit(lambda *p: multi_jvp(nonlinear, *p))
     for _ in range(20):
-        primals, *along = (({"a": v[0], "b": v[1]}, v[2]) for v in rng.normal(size=(1 + directions, 3)))
-        agree(together(primals, along), along_each(curved, primals, along))
+        primals, *tangents = (({"a": v[0], "b": v[1]}, v[2]) for v in rng.normal(size=(1 + tangent_count, 3)))
+        assert_trees_close(compiled(primals, tangents), separate_jvps(nonlinear, primals, tangents))
 
 
-def test_what_is_not_chosen_does_not_enter():
-    """The other side of a selection may divide by zero."""
+def test_a_branch_not_taken_contributes_nothing():
+    """The operand of a selection that is not selected may divide by zero."""
 
     def f(x):
         return jnp.where(x > 0.0, jnp.where(x > 0.0, 1.0 / x, x) * 3.0, x**2)
 
-    _, moved = jax.jit(lambda x: multi_jvp(f, (x,), [(1.0,), (2.0,)]))(jnp.asarray(0.0))
-    assert moved == [0.0, 0.0]
+    _, derivatives = jax.jit(lambda x: multi_jvp(f, (x,), [(1.0,), (2.0,)]))(jnp.asarray(0.0))
+    assert derivatives == [0.0, 0.0]
 
 
-def test_a_direction_may_be_nothing():
-    """What no direction moves is a constant: nothing is computed for it."""
-    def still(x, y):
-        return multi_jvp(curved, (x, y), [({"a": 0.0, "b": 0.0}, 0.0)])[1]
+def test_nothing_is_computed_for_tangents_known_to_be_zero():
+    def jvp_along_zero(x, y):
+        return multi_jvp(nonlinear, (x, y), [({"a": 0.0, "b": 0.0}, 0.0)])[1]
 
-    program = jax.make_jaxpr(still)({"a": 0.2, "b": 0.4}, 0.5).jaxpr
-    assert [v.val for v in program.outvars] == [0.0] * 4
-    _, (moved,) = multi_jvp(curved, ({"a": 0.2, "b": 0.4}, 0.5), [({"a": 1.0, "b": 0.0}, 0.0)])
-    agree(moved, jax.jvp(curved, ({"a": 0.2, "b": 0.4}, 0.5), ({"a": 1.0, "b": 0.0}, 0.0))[1])
+    jaxpr = jax.make_jaxpr(jvp_along_zero)({"a": 0.2, "b": 0.4}, 0.5).jaxpr
+    assert [v.val for v in jaxpr.outvars] == [0.0] * 4
+    primals, tangent = ({"a": 0.2, "b": 0.4}, 0.5), ({"a": 1.0, "b": 0.0}, 0.0)
+    _, (derivative,) = multi_jvp(nonlinear, primals, [tangent])
+    assert_trees_close(derivative, jax.jvp(nonlinear, primals, tangent)[1])
 
 
 @pytest.mark.parametrize("rig", ["actuator_bench", "pump_bench"])
 def test_the_step_of_a_rig(rig):
-    """The step linearises itself, so that these are second derivatives of the equations."""
+    """The step contains its own Jacobian, so that these are second derivatives of the equations."""
     machine = nominal(RIGS[rig])
     names = sorted(machine.initial_state())
     rng = np.random.default_rng(3)
 
     def f(y):
-        return step(machine, y, 0.123, H)[0]
+        return step(machine, y, 0.123, STEP_SIZE)[0]
 
-    together = jax.jit(lambda y, along: multi_jvp(f, (y,), [(one,) for one in along]))
-    each = jax.jit(lambda y, along: along_each(f, (y,), [(one,) for one in along]))
+    compiled = jax.jit(lambda y, tangents: multi_jvp(f, (y,), [(t,) for t in tangents]))
+    reference = jax.jit(lambda y, tangents: separate_jvps(f, (y,), [(t,) for t in tangents]))
     for _ in range(6):
         y = random_state(machine, rng)
-        along = [{n: abs(float(y[n])) * rng.normal() + 1e-9 for n in names} for _ in range(3)]
-        (values, got), (right_values, right) = together(y, along), each(y, along)
-        agree(values, right_values)
-        for one, other in zip(got, right, strict=True):
+        tangents = [{n: abs(float(y[n])) * rng.normal() + 1e-9 for n in names} for _ in range(3)]
+        (values, got), (expected_values, expected) = compiled(y, tangents), reference(y, tangents)
+        assert_trees_close(values, expected_values)
+        for derivative, other in zip(got, expected, strict=True):
             for n in names:
-                scale = max(abs(float(o[n])) for o in right)
-                assert abs(float(one[n]) - float(other[n])) <= 1e-8 * scale
+                scale = max(abs(float(o[n])) for o in expected)
+                assert abs(float(derivative[n]) - float(other[n])) <= 1e-8 * scale
