@@ -1,4 +1,4 @@
-"""What the README and the docs show is run as it stands there."""
+"""Examples and links of the README and the documentation: every example is executed as printed."""
 
 import re
 import shutil
@@ -7,6 +7,8 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
+from edhas_jax.design.sensitivity.analysis import load_sensitivity
+from edhas_jax.design.sizing.config import load_sizing
 from edhas_jax.machine.interface.slots import SLOTS
 from tests.support import ROOT
 
@@ -18,38 +20,79 @@ def blocks(page: str, language: str) -> list[str]:
 @pytest.fixture()
 def here(tmp_path, monkeypatch):
     shutil.copytree(ROOT / "configs", tmp_path / "configs")
+    shutil.copytree(ROOT / "studies" / "demo" / "campaign", tmp_path / "studies" / "demo" / "campaign")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def test_python_lines(here):
-    (six_lines, _) = blocks("README.md", "python")
+def execute(block: str) -> dict:
     names = {}
-    exec(compile(six_lines, "README.md", "exec"), names)
+    exec(compile(block, "README.md", "exec"), names)
+    return names
+
+
+def comment(block: str, expression: str) -> str:
+    """The value of an expression as the README states it beside it."""
+    return re.search(rf"^{re.escape(expression)} +# (.*)$", block, re.MULTILINE)[1]
+
+
+def test_explore_example(here):
+    block = blocks("README.md", "python")[0]
+    names = execute(block)
     assert (here / "run.png").stat().st_size > 10_000
     reopened = edhas.open_run(here / "runs" / "20hz")
     assert reopened.metrics["mean_flow"] == names["run"].metrics["mean_flow"]
-    assert f"{len(reopened.metrics)} metrics" in six_lines
+    assert f"{len(reopened.metrics)} metrics" in block
+
+
+def test_size_example(here):
+    table = execute(blocks("README.md", "python")[1])["table"]
+    assert 1.0 < table.elasticities(1).loc["piston_diameter", "mean_flow"] < 3.0
+
+
+def test_compare_example(here):
+    block = blocks("README.md", "python")[2]
+    assert execute(block)["patterns"][0].sentence == comment(block, "patterns[0].sentence")
+
+
+def test_learn_example(here):
+    block = blocks("README.md", "python")[3]
+    diagnosis = execute(block)["diagnosis"]
+    assert diagnosis.verdict.value == comment(block, "diagnosis.verdict.value")
+    error = 'diagnosis.errors()["after"]["holdout"]["overall"]'
+    assert f"{eval(error, {'diagnosis': diagnosis}):.2f}" == comment(block, error).split()[-1]
+    assert (here / "report.html").stat().st_size > 100_000
+
+
+def test_make_targets():
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for line in blocks("README.md", "sh")[0].strip().splitlines():
+        make, target = line.split("#")[0].split()
+        assert make == "make" and re.search(rf"^{target}: setup$", makefile, re.MULTILINE)
 
 
 def test_shell_lines(here):
-    (shell,) = blocks("README.md", "sh")
-    demo, simulate = (line.split("#")[0].split() for line in shell.strip().splitlines())
-    assert demo == ["make", "demo"] and "demo: setup" in (ROOT / "Makefile").read_text()
-    assert simulate[0].endswith("bin/edhas")
-    assert main(simulate[1:]) == 0
+    """Every `edhas` line of the README; the slow ones only as far as their arguments and files are read."""
+    shell = blocks("README.md", "sh")[1:]
+    lines = [line.split("#")[0].split() for block in shell for line in block.strip().splitlines()]
+    assert {line[1] for line in lines} == {"simulate", "sweep", "plot", "sensitivity", "size", "compare", "diagnose"}
+    for program, command, *arguments in lines:
+        assert program == "edhas"
+        if command == "size":
+            assert load_sizing(arguments[0]).starts
+        elif command == "sensitivity":
+            assert load_sensitivity(arguments[0]).metrics
+        elif command == "diagnose":
+            assert edhas.read_campaign(arguments[0]).runs
+        else:
+            assert main([command, *arguments]) == 0
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/effects.md"])
-def test_own_effect(here, page):
-    code = blocks(page, "python")[-1]
+def test_own_effect(here):
+    code = blocks("docs/effects.md", "python")[-1]
     name = re.search(r"class (\w+)\(Effect\)", code)[1]
     (here / "my_effects.py").write_text(code)
-    if page == "README.md":
-        config = blocks(page, "yaml")[0]
-        (here / "my_pump.yaml").write_text(config)
-    else:
-        (here / "my_pump.yaml").write_text(f"rig: actuator_bench\neffects: [my_effects.py:{name}]\n")
+    (here / "my_pump.yaml").write_text(f"rig: actuator_bench\neffects: [my_effects.py:{name}]\n")
     assert main(["simulate", "my_pump.yaml", "--no-figure"]) == 0
     assert main(["effects", f"my_effects.py:{name}"]) == 0
 
