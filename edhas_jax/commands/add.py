@@ -24,7 +24,7 @@ def run(options) -> None:
     """
     from rich.markup import escape
 
-    from edhas_jax.config.run_folder import ResultFileError
+    from edhas_jax.config.run_folder import ResultFileError, report_write_errors
     from edhas_jax.config.writer import dump_config
     from edhas_jax.core.units import format_quantity
     from edhas_jax.diagnosis.calibration.fit import FitError
@@ -38,7 +38,7 @@ def run(options) -> None:
     effect = load_effect(options.effect)
     path = options.out or Path(f"{campaign.name}_{effect.id}.yaml")
     if path.exists() and not options.overwrite:
-        raise ResultFileError(f"{path} exists; give another file with --out, or --overwrite")
+        raise ResultFileError(f"{path}: exists already; nothing was written. Name another file or add --overwrite")
     out = console()
     with out.status("fitting") as status:
         try:
@@ -46,11 +46,9 @@ def run(options) -> None:
         except FitError as error:
             raise CampaignError(str(error)) from None
     rate = 1.0 / min(run.interval for run in campaign.runs)
-    text = f"# {campaign.name} with {effect.id}, fitted; before the conditions of any run are set\n"
-    try:
-        path.write_text(text + dump_config(after.fit.machine, Simulation(sample_rate=rate)), encoding="utf-8")
-    except OSError as error:
-        raise ResultFileError(f"{path}: cannot be written: {error.strerror}") from None
+    comment = f"# {campaign.name} with {effect.id}, fitted; without the conditions of any run\n"
+    with report_write_errors(path):
+        path.write_text(comment + dump_config(after.fit.machine, Simulation(sample_rate=rate)), encoding="utf-8")
     rows = table("residual over noise", "model", "fitted runs", "held-out runs")
     for name, judged in (("calibrated", before), (f"with {effect.id}", after)):
         rows.add_row(name, f"{judged.level(Use.FIT):.3f}", f"{judged.level(Use.HOLDOUT):.3f}")

@@ -24,7 +24,7 @@ def run(options) -> None:
     from rich.markup import escape
 
     from edhas_jax.config.machine_config import read_config
-    from edhas_jax.config.run_folder import ResultFileError, require_new_folder, unused_folder
+    from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.comparison import compare
     from edhas_jax.measurements.comparison_report import comparison_report, sentences
@@ -43,12 +43,10 @@ def run(options) -> None:
         patterns = find_patterns(comparison)
         status.update("drawing")
         report = comparison_report(comparison, patterns)
-    try:
+    with report_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         figures_of_merit(comparison).to_csv(folder / "figures.csv")
         (folder / "report.html").write_text(report, encoding="utf-8")
-    except OSError as error:
-        raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
     print_remarks(out, (*campaign.remarks, *comparison.remarks))
     out.print(residual_table(comparison))
     for number, sentence in enumerate(sentences(patterns), 1):

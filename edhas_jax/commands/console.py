@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 PIPE_WIDTH = 200  # characters; a pipe has no width of its own
+FIGURE_DPI = 130
 RIGHT_ALIGNED = ("value", "default", "share", "energy")
 
 
@@ -40,6 +41,20 @@ def print_remarks(out, remarks) -> None:
 
     for remark in remarks:
         out.print(escape(str(remark)), soft_wrap=True)
+
+
+def save_figure(figure, path: Path) -> None:
+    """Write a matplotlib figure in the format that the suffix of `path` names.
+
+    Raises:
+        ResultFileError: the file cannot be written, or the format is unknown.
+    """
+    from edhas_jax.config.run_folder import ResultFileError
+
+    try:
+        figure.savefig(path, dpi=FIGURE_DPI)
+    except (OSError, ValueError) as error:
+        raise ResultFileError(f"{path}: cannot be written: {error}") from None
 
 
 def file_names(folder: Path) -> str:

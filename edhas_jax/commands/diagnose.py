@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_user_effects
-from edhas_jax.commands.console import console, file_names, print_remarks, table
+from edhas_jax.commands.console import console, file_names, print_remarks, save_figure, table
 
 
 def add_parser(commands) -> None:
@@ -24,7 +24,7 @@ def run(options) -> None:
     """
     from rich.markup import escape
 
-    from edhas_jax.config.run_folder import ResultFileError, require_new_folder, unused_folder
+    from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
     from edhas_jax.diagnosis.calibration.fit import FitError
     from edhas_jax.diagnosis.planning.next_experiment import next_experiment
     from edhas_jax.diagnosis.report.report import write_report
@@ -51,13 +51,11 @@ def run(options) -> None:
         status.update("looking for the most informative next run")
         experiment = next_experiment(diagnosis)
         status.update("writing the report")
-        try:
+        with report_write_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
             save_diagnosis(diagnosis, folder, None if experiment is None else experiment.as_json())
             write_report(diagnosis, folder / "report.html", experiment)
-            draw_story(diagnosis).savefig(folder / "diagnosis.png", dpi=130)
-        except OSError as error:
-            raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
+            save_figure(draw_story(diagnosis), folder / "diagnosis.png")
     out.print(suspects_table(diagnosis))
     out.print(errors_table(diagnosis))
     for sentence in diagnosis.sentences():

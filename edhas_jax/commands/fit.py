@@ -29,7 +29,7 @@ def run(options) -> None:
     """
     from rich.markup import escape
 
-    from edhas_jax.config.run_folder import ResultFileError, require_new_folder, unused_folder
+    from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
     from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem, fit
     from edhas_jax.diagnosis.calibration.report import fit_report
     from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
@@ -72,12 +72,10 @@ def run(options) -> None:
         after = campaign_residuals(campaign, calibrated.machine, calibrated.instruments, fine)
     seconds = time.perf_counter() - began
     result = Calibration(calibrated, drift, tuple(profiles), before, after, seconds)
-    try:
+    with report_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "report.html").write_text(fit_report(result), encoding="utf-8")
         save_calibration(result, folder)
-    except OSError as error:
-        raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
     out.print(errors_table(result))
     out.print(estimates_table(result))
     for number, sentence in enumerate(result.findings(), 1):

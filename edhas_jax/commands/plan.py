@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_user_effects
-from edhas_jax.commands.console import console, file_names, progress_bar, table
+from edhas_jax.commands.console import console, file_names, progress_bar, save_figure, table
 
 MAX_PRINTED_PAIRS = 12
 
@@ -25,7 +25,7 @@ def run(options) -> None:
     Raises:
         ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.run_folder import ResultFileError, require_new_folder, unused_folder
+    from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
     from edhas_jax.core.units import to_si
     from edhas_jax.diagnosis.planning.detectability_plan import plan_as_json, plan_detectability
     from edhas_jax.diagnosis.planning.figures import draw_similarity, draw_thresholds
@@ -43,14 +43,12 @@ def run(options) -> None:
             campaign, more=user_effects,
             on_progress=lambda what, share: bar.update(task, completed=share, description=what),
         )  # fmt: skip
-    try:
+    with report_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(plan_as_json(planned), indent=2, allow_nan=False)
         (folder / "plan.json").write_text(text + "\n", encoding="utf-8")
-        draw_thresholds(planned).savefig(folder / "sizes.png", dpi=130)
-        draw_similarity(planned).savefig(folder / "overlaps.png", dpi=130)
-    except OSError as error:
-        raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
+        save_figure(draw_thresholds(planned), folder / "sizes.png")
+        save_figure(draw_similarity(planned), folder / "overlaps.png")
     out.print(sizes_table(planned))
     pairs = planned.indistinguishable_pairs()
     if pairs:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.console import console
+from edhas_jax.commands.console import console, save_figure
 
 
 def add_parser(commands) -> None:
@@ -58,8 +58,5 @@ def run_sweep_plot(options) -> None:
                 raise ResultFileError(f"{options.result}: {error}") from None
             out.print(f"no picture {kind}: {error}", soft_wrap=True)
             continue
-        try:
-            figure.savefig(path, dpi=130)
-        except (OSError, ValueError) as error:
-            raise ResultFileError(f"{path}: cannot be written: {error}") from None
+        save_figure(figure, path)
         out.print(f"written: {path}", soft_wrap=True)

@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_output_folder
-from edhas_jax.commands.console import console, file_names, progress_bar, table
+from edhas_jax.commands.console import console, file_names, progress_bar, save_figure, table
 
 MAX_PRINTED_PARAMETERS = 4  # for each metric
 
@@ -40,7 +40,7 @@ def run(options) -> None:
     if findings.morris is not None:
         pictures["morris.png"] = draw_morris(findings)
     for name, figure in pictures.items():
-        figure.savefig(folder / name, dpi=130)
+        save_figure(figure, folder / name)
 
     seconds = time.perf_counter() - began
     out.print(f"[bold]{analysis.name or options.config.stem}[/bold]: {len(findings.points)} operating points, "

@@ -67,10 +67,10 @@ def ledger_table(run):
     """The energy ledger of a run as a rich table, without entries below `SMALLEST_SHARE`."""
     from edhas_jax.core.units import format_quantity
 
-    rows = table("where the energy went", "row", "group", "energy", "share")
+    rows = table("energy ledger", "row", "group", "energy", "share")
     for entry in run.ledger().itertuples():
         if abs(entry.share) >= SMALLEST_SHARE:
             rows.add_row(entry.Index, entry.group, format_quantity(entry.energy, "J"), f"{100 * entry.share:.1f} %")
     residual = run.energy_residual()
-    rows.caption = f"not accounted for: {abs(residual):.0e} of the energy turned over"
+    rows.caption = f"energy balance error: {abs(residual):.0e} of the energy turned over"
     return rows

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_output_folder
-from edhas_jax.commands.console import console, progress_bar, table
+from edhas_jax.commands.console import console, progress_bar, save_figure, table
 
 
 def add_parser(commands) -> None:
@@ -34,9 +34,9 @@ def run(options) -> None:
         task = bar.add_task("compiling", total=1.0)
         result = size(sizing, lambda what, share: bar.update(task, completed=share, description=what))
     configs = save_sizing(sizing, result, folder)
-    draw_path(sizing, result).savefig(folder / "path.png", dpi=130)
+    save_figure(draw_path(sizing, result), folder / "path.png")
     if sizing.front:
-        draw_front(sizing, result).savefig(folder / "front.png", dpi=130)
+        save_figure(draw_front(sizing, result), folder / "front.png")
 
     out.print(f"[bold]{sizing.name or options.config.stem}[/bold]: {len(sizing.free)} dimensions, "
               f"{len(result.start.metrics)} cases; {result.machine_seconds:,.0f} machine-seconds in "
@@ -60,6 +60,6 @@ def run(options) -> None:
         rows.add_row(metric, *cells)
     out.print(rows)
     for name, sized in zip(heads[1:], result.machines, strict=True):
-        limits = "; ".join(sized.active) or "nothing: an optimum inside bounds and limits"
-        out.print(f"{name}: held back by {limits}. {sized.convergence}", soft_wrap=True)
+        limits = "; ".join(sized.active) or "no bound or limit (interior optimum)"
+        out.print(f"{name}: limited by {limits}. {sized.convergence}", soft_wrap=True)
     out.print(f"written to {folder}; run it with: edhas simulate {configs[0]}", soft_wrap=True)

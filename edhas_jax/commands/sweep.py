@@ -52,6 +52,7 @@ def run(options) -> int | None:
 
 
 def _executor(address: str | None):
+    """A context manager with the Dask executor at an address, or None without one."""
     if address is None:
         return contextlib.nullcontext()
     from edhas_jax.design.sweep.cluster import executor
@@ -102,6 +103,7 @@ class _SweepProgress:
 
 
 def _duration(seconds: float) -> str:
+    """A duration [s] as text, such as "3 min 05 s"."""
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {seconds:02d} s" if minutes else f"{seconds} s"

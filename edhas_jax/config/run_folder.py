@@ -1,5 +1,6 @@
 """Run folders: the results of one simulation on disk together with the configuration that reproduces them."""
 
+import contextlib
 import datetime
 import json
 import math
@@ -7,6 +8,7 @@ import os
 import platform
 import shutil
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +59,19 @@ def require_new_folder(folder: Path, overwrite: bool) -> None:
         raise ResultFileError(f"{folder}: exists already; nothing was written. Name another folder or add --overwrite")
 
 
+@contextlib.contextmanager
+def report_write_errors(path: Path) -> Iterator[None]:
+    """Turn an error of the operating system while writing `path` into one message for the user.
+
+    Raises:
+        ResultFileError: the block raised an OSError.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ResultFileError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
 def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool = True) -> Path:
     """Write a run folder: signals, ledger, metrics, configuration, manifest and figure.
 
@@ -78,21 +93,17 @@ def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool
     require_new_folder(folder, overwrite)
     if folder.exists() and not (folder / MANIFEST_FILE).exists():
         raise ResultFileError(f"{folder}: is not a run folder, so it is not overwritten")
-    try:
+    with report_write_errors(folder):
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    except OSError as error:
-        raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
-    try:
-        _write_files(temporary, run, figure)
-        os.chmod(temporary, 0o755)
-        if folder.exists():
-            shutil.rmtree(folder)
-        temporary.rename(folder)
-    except OSError as error:
-        raise ResultFileError(f"{folder}: cannot be written: {error.strerror}") from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        try:
+            _write_files(temporary, run, figure)
+            os.chmod(temporary, 0o755)
+            if folder.exists():
+                shutil.rmtree(folder)
+            temporary.rename(folder)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
     return folder
 
 

@@ -36,7 +36,7 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     metrics = list(task.weights)
     for k, sized in enumerate(result.machines):
         told = "  ".join(f"{m} {sized.metrics[m].mean():.4g}" for m in metrics)
-        print(f"{k + 1}: {told}  held back by {'; '.join(sized.active)}")
+        print(f"{k + 1}: {told}  limited by {'; '.join(sized.active)}")
     first, last = (result.machines[k].metrics[metrics[0]].mean() for k in (0, -1))
     print(f"designs={len(result.machines)} flow_ratio={first / last:.3g} seconds={result.seconds:.0f}")
     return {"flow_ratio": first / last}

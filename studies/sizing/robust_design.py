@@ -42,7 +42,7 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
         with console.status(f"sizing, {name}"):
             sized = size(task).machines[0]
         told = ", ".join(f"{n} {v:.4g}" for n, v in sized.design.items())
-        console.print(f"{name}: {told}; held back by {'; '.join(sized.active)}")
+        console.print(f"{name}: {told}; limited by {'; '.join(sized.active)}")
         with console.status(f"drawing {options.machines:,} machines"):
             drawn[name] = draw(robust, sized.design, options.machines)
     options.out.mkdir(parents=True, exist_ok=True)

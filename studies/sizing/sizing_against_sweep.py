@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     sized = result.machines[0]
     told = ", ".join(f"{n} {v:.4g}" for n, v in sized.design.items())
     console.print(f"sized: J = {sized.objective:.4f} at {told}; {result.machine_seconds:,.0f} machine-seconds in "
-                  f"{result.seconds:.0f} s; held back by {'; '.join(sized.active)}")  # fmt: skip
+                  f"{result.seconds:.0f} s; limited by {'; '.join(sized.active)}")  # fmt: skip
     # the same judge for both, at the finest step
     judge = Problem(task, 4096)
     shares = [[(np.log(v / a.low) / np.log(a.high / a.low)) if a.log else (v - a.low) / (a.high - a.low)

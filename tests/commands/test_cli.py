@@ -1,4 +1,4 @@
-"""The command line from end to end, in process."""
+"""The command line from end to end, run in this process."""
 
 import json
 import re
@@ -13,18 +13,18 @@ import edhas_jax as edhas
 from edhas_jax.commands.cli import COMMANDS, main
 from tests.support import CONFIGS, ROOT
 
-QUICK = ["--set", "duration=0.25s", "--set", "sample_rate=2kHz", "--no-figure"]
+SHORT_RUN = ["--set", "duration=0.25s", "--set", "sample_rate=2kHz", "--no-figure"]
 
 
 @pytest.fixture()
-def here(tmp_path, monkeypatch):
+def working_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def test_simulate_writes_a_folder_that_reopens(here, capsys):
-    assert main(["simulate", str(CONFIGS / "paper.yaml"), "--set", "piston_clearance=15um", *QUICK[:4]]) == 0
-    folder = here / "runs" / "paper"
+def test_simulate_writes_a_folder_that_reopens(working_folder, capsys):
+    assert main(["simulate", str(CONFIGS / "paper.yaml"), "--set", "piston_clearance=15um", *SHORT_RUN[:4]]) == 0
+    folder = working_folder / "runs" / "paper"
     names = {p.name for p in folder.iterdir()}
     assert names == {
         "timeseries.parquet", "ledger.parquet", "metrics.json", "config.yaml", "figure.png", "run.json"
@@ -42,20 +42,20 @@ def test_simulate_writes_a_folder_that_reopens(here, capsys):
 
     # what was written runs again, to the same result
     assert main(["simulate", str(folder / "config.yaml"), "--out", "again", "--no-figure"]) == 0
-    again = edhas.open_run(here / "again")
+    again = edhas.open_run(working_folder / "again")
     assert again.metrics["mean_flow"].value == pytest.approx(run.metrics["mean_flow"].value, rel=1e-10)
 
 
-def test_nothing_is_overwritten_unasked(here, capsys):
-    arguments = ["simulate", str(CONFIGS / "actuator.yaml"), *QUICK]
+def test_existing_folders_are_not_overwritten_without_the_option(working_folder, capsys):
+    arguments = ["simulate", str(CONFIGS / "actuator.yaml"), *SHORT_RUN]
     assert main(arguments) == 0 and main(arguments) == 0
-    assert (here / "runs" / "actuator").is_dir() and (here / "runs" / "actuator-2").is_dir()
-    stamp = (here / "runs" / "actuator" / "run.json").read_bytes()
+    assert (working_folder / "runs" / "actuator").is_dir() and (working_folder / "runs" / "actuator-2").is_dir()
+    manifest = (working_folder / "runs" / "actuator" / "run.json").read_bytes()
     assert main([*arguments, "--out", "runs/actuator"]) == 2
     assert "exists already" in capsys.readouterr().err
-    assert (here / "runs" / "actuator" / "run.json").read_bytes() == stamp
+    assert (working_folder / "runs" / "actuator" / "run.json").read_bytes() == manifest
     assert main([*arguments, "--out", "runs/actuator", "--overwrite"]) == 0
-    (here / "precious").mkdir()
+    (working_folder / "precious").mkdir()
     assert main([*arguments, "--out", "precious", "--overwrite"]) == 2
     assert "is not a run folder" in capsys.readouterr().err
 
@@ -71,56 +71,56 @@ def test_nothing_is_overwritten_unasked(here, capsys):
         (["--set", "nonsense"], "write name=value"),
     ],
 )
-def test_bad_overrides_exit_with_one_message(here, capsys, arguments, message):
+def test_bad_overrides_exit_with_one_message(working_folder, capsys, arguments, message):
     assert main(["simulate", str(CONFIGS / "paper.yaml"), *arguments]) == 2
     caught = capsys.readouterr()
     assert message in caught.err and len(caught.err.strip().splitlines()) == 1 and not caught.out
-    assert not (here / "runs").exists()
+    assert not (working_folder / "runs").exists()
 
 
-def test_a_run_that_breaks_says_when_and_what(here, capsys):
-    hopeless = ["--set", "amplitude=20 mm", "--set", "stop_stiffness=1 kN/m"]
-    assert main(["simulate", str(CONFIGS / "paper.yaml"), *hopeless, *QUICK]) == 2
-    said = capsys.readouterr().err
-    assert re.match(r"edhas: at 0\.\d+ s piston_position left its physical range \(step 20 µs\)", said)
-    assert not (here / "runs").exists()
+def test_an_unstable_run_is_reported_with_time_and_signal(working_folder, capsys):
+    unstable = ["--set", "amplitude=20 mm", "--set", "stop_stiffness=1 kN/m"]
+    assert main(["simulate", str(CONFIGS / "paper.yaml"), *unstable, *SHORT_RUN]) == 2
+    message_text = capsys.readouterr().err
+    assert re.match(r"edhas: at 0\.\d+ s piston_position left its physical range \(step 20 µs\)", message_text)
+    assert not (working_folder / "runs").exists()
 
 
-def test_a_run_without_a_whole_cycle_has_no_metrics(here, capsys):
+def test_a_run_without_a_whole_cycle_has_no_metrics(working_folder, capsys):
     assert main(["simulate", str(CONFIGS / "paper.yaml"), "--out", "short", "--set", "duration=50ms"]) == 0
     assert "no metrics: no whole cycle after the ramp" in capsys.readouterr().out
-    assert json.loads((here / "short" / "metrics.json").read_text()) == {}
-    assert len(edhas.open_run(here / "short").frame()) == 251
+    assert json.loads((working_folder / "short" / "metrics.json").read_text()) == {}
+    assert len(edhas.open_run(working_folder / "short").frame()) == 251
 
 
-def test_an_interrupted_run_keeps_what_is_finished(here, monkeypatch, capsys):
+def test_an_interrupted_run_keeps_the_finished_samples(working_folder, monkeypatch, capsys):
     from edhas_jax.simulation import run
 
-    finished = run.march
+    original_march = run.march
 
     def interrupted(machine, begin, h, per_sample, samples):
         if int(begin.step_number) >= 4 * run.STRETCH * int(per_sample):
             raise KeyboardInterrupt
-        return finished(machine, begin, h, per_sample, samples)
+        return original_march(machine, begin, h, per_sample, samples)
 
     monkeypatch.setattr(run, "march", interrupted)
     assert main(["simulate", str(CONFIGS / "paper.yaml"), "--out", "cut", "--no-figure"]) == 0
     assert "interrupted" in capsys.readouterr().out
-    assert len(edhas.open_run(here / "cut").frame()) == 4 * run.STRETCH
+    assert len(edhas.open_run(working_folder / "cut").frame()) == 4 * run.STRETCH
 
 
-def test_half_written_folders_are_refused(here):
-    assert main(["simulate", str(CONFIGS / "actuator.yaml"), "--out", "r", *QUICK]) == 0
-    whole = (here / "r" / "timeseries.parquet").read_bytes()
-    (here / "r" / "timeseries.parquet").write_bytes(whole[: len(whole) // 2])
+def test_incomplete_run_folders_are_refused(working_folder):
+    assert main(["simulate", str(CONFIGS / "actuator.yaml"), "--out", "r", *SHORT_RUN]) == 0
+    content = (working_folder / "r" / "timeseries.parquet").read_bytes()
+    (working_folder / "r" / "timeseries.parquet").write_bytes(content[: len(content) // 2])
     with pytest.raises(ValueError, match="unreadable or incomplete"):
-        edhas.open_run(here / "r")
-    (here / "r" / "timeseries.parquet").unlink()
+        edhas.open_run(working_folder / "r")
+    (working_folder / "r" / "timeseries.parquet").unlink()
     with pytest.raises(ValueError, match="timeseries.parquet is missing"):
-        edhas.open_run(here / "r")
+        edhas.open_run(working_folder / "r")
 
 
-def test_lists(here, capsys):
+def test_lists_of_parameters_effects_and_schema(working_folder, capsys):
     assert main(["parameters"]) == 0
     listed = capsys.readouterr().out
     for name in ("piston_clearance", "valve_spring_rate", "polytropic_exponent", "karnopp_velocity", "cylinder_bore"):

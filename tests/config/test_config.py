@@ -1,4 +1,4 @@
-"""Configurations: what is read, what is written, and that the one is the other's inverse."""
+"""Configurations: reading, writing, and that writing is the inverse of reading."""
 
 import json
 import os
@@ -23,7 +23,7 @@ from edhas_jax.machine.rigs import RIGS, ActuatorSystem, PumpBench
 from edhas_jax.simulation.run import Precision, Simulation
 from tests.support import CONFIGS
 
-# sweeps, sensitivities and sizings are read in tests of their own
+# configurations of sweeps, sensitivities and sizings have tests of their own
 SHIPPED = sorted(p for p in CONFIGS.glob("*.yaml") if p.name.split("_")[0] not in ("sweep", "sensitivity.yaml", "size"))
 
 
@@ -34,12 +34,12 @@ def same(a, b) -> bool:
     return all(np.allclose(x, y, rtol=1e-13, atol=0.0) for x, y in pairs)
 
 
-def everything_changed(rig: str):
+def machine_with_changed_parameters(rig: str):
     """A rig with all effects that fit and every parameter moved off its default."""
     machine = RIGS[rig]()
-    here = {slot.name for slot in machine.slots}
-    fitting = [cls() for cls in LIBRARY if any(slot.name in here for slot in cls.slots)]
-    fitting = [e for e in fitting if rig != "actuator_bench" or e.id != "seal_friction"]  # which looks at chambers
+    slot_names = {slot.name for slot in machine.slots}
+    fitting = [cls() for cls in LIBRARY if any(slot.name in slot_names for slot in cls.slots)]
+    fitting = [e for e in fitting if rig != "actuator_bench" or e.id != "seal_friction"]  # it reads chamber pressures
     machine = replace(machine, effects=tuple(fitting))
     values = {}
     for p, value, path in list_parameters(machine):
@@ -50,7 +50,7 @@ def everything_changed(rig: str):
 
 @pytest.mark.parametrize("rig", RIGS)
 def test_round_trip(rig, tmp_path):
-    machine = everything_changed(rig)
+    machine = machine_with_changed_parameters(rig)
     settings = Simulation(duration=1 / 3, accuracy=0.00123, sample_rate=4321.0, precision=Precision.FLOAT32)
     (tmp_path / "dump.yaml").write_text(dump_config(machine, settings), encoding="utf-8")
     config = read_config(tmp_path / "dump.yaml")
@@ -124,7 +124,7 @@ def test_an_override_of_the_step_replaces_the_accuracy(tmp_path):
     assert read_config(tmp_path / "a.yaml", ["step=10us"]).simulation == Simulation(step=1e-5)
 
 
-def test_wrong_overrides_are_all_told():
+def test_all_wrong_overrides_are_reported():
     with pytest.raises(ConfigError) as caught:
         read_config(
             CONFIGS / "paper.yaml", ["piston_clearence=15 um", "duration=5", "frequency", "coil_resistance=-1 ohm"]
@@ -199,7 +199,7 @@ def test_user_effect_and_its_parameters(tmp_path):
     assert same(read_config(tmp_path / "deep/b.yaml").machine, config.machine)
 
 
-def test_build_says_what_is_wrong_without_lines():
+def test_problems_of_a_mapping_have_no_line_numbers():
     with pytest.raises(ConfigError) as caught:
         build_config({"rig": "pump_bench", "parameters": {"piston_diameter": 12.0, "mover_mass": "1 m"}})
     assert str(caught.value).splitlines() == [
@@ -210,7 +210,7 @@ def test_build_says_what_is_wrong_without_lines():
         build_config([])
 
 
-def test_a_name_that_two_parts_have():
+def test_a_parameter_name_of_two_components():
     machine = replace(ActuatorSystem(), reference=Step(), target=Step())
     with pytest.raises(ParameterError, match=r"ambiguous; write one of target\.step_size, reference\.step_size"):
         get_parameter(machine, "step_size")

@@ -1,4 +1,4 @@
-"""Every malformed configuration, and the exact message it gives; see `golden` for how the messages are kept."""
+"""The exact message of every malformed configuration; `tests.support.golden` describes how they are stored."""
 
 import pytest
 

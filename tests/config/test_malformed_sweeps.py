@@ -1,4 +1,4 @@
-"""Every malformed sweep, and the exact message it gives; see `golden` for how the messages are kept."""
+"""The exact message of every malformed sweep; `tests.support.golden` describes how they are stored."""
 
 import pytest
 

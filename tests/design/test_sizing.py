@@ -116,7 +116,7 @@ def test_a_front(tmp_path):
 def test_the_command_leaves_a_configuration_that_runs(tmp_path, capsys):
     config = written(tmp_path, ("starts: 4", "starts: 1"))
     assert main(["size", str(config), "--out", str(tmp_path / "out")]) == 0
-    assert "held back by" in capsys.readouterr().out
+    assert "limited by" in capsys.readouterr().out
     sized = read_config(tmp_path / "out" / "sized.yaml")
     told, path = open_sizing(tmp_path / "out")
     assert sized.machine.pump.piston_diameter == pytest.approx(told["machines"][0]["design"]["piston_diameter"])
