@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.console import console, table
+from edhas_jax.commands.console import console, save_figure, table
 
 
 def add_parser(commands) -> None:
@@ -28,14 +28,14 @@ def run(options) -> None:
         if options.picture:
             _draw_effect(effect, options.picture, out)
         return
-    shown = LIBRARY
+    listed = LIBRARY
     if options.config:
-        shown = tuple(type(e) for e in read_config(options.config).machine.effects)
+        listed = tuple(type(e) for e in read_config(options.config).machine.effects)
     rows = table("effects", "effect", "acts on", "what it is", "parameters")
-    for effect in shown:
+    for effect in listed:
         where = ", ".join(dict.fromkeys(s.location for s in effect.slots))
-        what = (effect.__doc__ or "").strip().split("\n")[0]
-        rows.add_row(effect.id, where, what, ", ".join(p.name for p in structs.parameters(effect)))
+        summary = (effect.__doc__ or "").strip().split("\n")[0]
+        rows.add_row(effect.id, where, summary, ", ".join(p.name for p in structs.parameters(effect)))
     out.print(rows)
 
 
@@ -55,7 +55,7 @@ def _print_effect(effect, out) -> None:
         out.print(f"\n[bold]looks like[/bold]: {effect.looks_like}")
     if effect.confused_with:
         out.print(f"[bold]confused with[/bold]: {', '.join(effect.confused_with)}")
-    out.print("[bold]enters at[/bold]: " + ", ".join(f"{s.name} ({s.location})" for s in effect.slots))
+    out.print("[bold]slots[/bold]: " + ", ".join(f"{s.name} ({s.location})" for s in effect.slots))
     for name, state in effect.states.items():
         out.print(f"[bold]state[/bold]: {name}, {state.doc}, in {state.unit}")
     rows = table(None, "parameter", "default", "plausible", "allowed", "meaning")
@@ -71,13 +71,9 @@ def _draw_effect(effect, path, out) -> None:
     Raises:
         ResultFileError: the picture cannot be written.
     """
-    from edhas_jax.config.run_folder import ResultFileError
     from edhas_jax.simulation.effect_preview import plot_preview, preview_effect
 
     with out.status(f"runs without and with {effect.id}"):
         figure = plot_preview(preview_effect(effect()))
-    try:
-        figure.savefig(path, dpi=130)
-    except (OSError, ValueError) as error:
-        raise ResultFileError(f"{path}: cannot be written: {error}") from None
+    save_figure(figure, path)
     out.print(f"written: {path}", soft_wrap=True)

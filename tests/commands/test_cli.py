@@ -96,17 +96,17 @@ def test_a_run_without_a_whole_cycle_has_no_metrics(working_folder, capsys):
 def test_an_interrupted_run_keeps_the_finished_samples(working_folder, monkeypatch, capsys):
     from edhas_jax.simulation import run
 
-    original_march = run.march
+    original = run.integrate
 
     def interrupted(machine, begin, h, per_sample, samples):
-        if int(begin.step_number) >= 4 * run.STRETCH * int(per_sample):
+        if int(begin.step_number) >= 4 * run.SAMPLES_PER_CALL * int(per_sample):
             raise KeyboardInterrupt
-        return original_march(machine, begin, h, per_sample, samples)
+        return original(machine, begin, h, per_sample, samples)
 
-    monkeypatch.setattr(run, "march", interrupted)
+    monkeypatch.setattr(run, "integrate", interrupted)
     assert main(["simulate", str(CONFIGS / "paper.yaml"), "--out", "cut", "--no-figure"]) == 0
     assert "interrupted" in capsys.readouterr().out
-    assert len(edhas.open_run(working_folder / "cut").frame()) == 4 * run.STRETCH
+    assert len(edhas.open_run(working_folder / "cut").frame()) == 4 * run.SAMPLES_PER_CALL
 
 
 def test_incomplete_run_folders_are_refused(working_folder):
