@@ -1,8 +1,9 @@
-"""Signals shifted in time: a recorder that starts late, channels of different recorders, a column moved by some rows.
+"""Detect time shifts: a recorder that starts late, channels of different recorders, a column moved by some rows.
 
-Each signal of each run is moved against the model's until they look most alike. A wrong or incomplete model moves
-signals too, but it also changes their shape, moves neighbours along, and does so alike in all runs: what is told is a
-shift that the others do not share and that leaves the shape as it is. A sensor's lag is no fault of the files.
+The delay of each signal of each run against the model is estimated by maximising their correlation. A wrong or
+incomplete model delays signals too, but it also changes their shape, delays other signals as well, and does so equally
+in all runs. Therefore only a shift that other signals do not share and that leaves the shape unchanged is reported. A
+sensor lag is a property of the sensor, not an error in the files.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,113 +17,127 @@ from edhas_jax.machine.components.set_points import Sine
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 from edhas_jax.measurements.sensor_models import SensorLag
 
-LAGS = (0.0, 0.5, 1.0, 1.5)  # intervals by which the time constant of a lag may exceed the shift it looks like
-LEAST = 1e-3  # s; smaller shifts cannot be told from what a wrong parameter does
-SAMPLES = 2.0  # and shifts by fewer samples
-BETTER = 0.4  # what moving the signal leaves of the difference to the model
-ALIKE = 0.3  # difference to the model, as a share of the signal, above which shapes are not the same
-SHARED = 0.5  # share of a shift that another signal has too when it comes from the machine
-COUNT = 81  # shifts that are tried
-ENOUGH = 4000  # samples of a run that are looked at
+MIN_SHIFT = 1e-3  # s; a wrong parameter can cause smaller shifts
+MIN_SHIFT_IN_SAMPLES = 2.0
+MAX_REMAINING_DIFFERENCE = 0.4  # shape difference after the shift over that before it, for a shift to explain it
+MAX_SHAPE_DIFFERENCE = 0.3  # shape difference above which a signal does not look like the model's
+MIN_SHARED_PORTION = 0.5  # portion of a shift that another signal has too if the machine causes it
+MAX_COMMON_SPREAD = 0.3  # range of the shifts of all signals over their median, for a shift of the whole run
+LAGS_BEYOND_SHIFT = (0.0, 0.5, 1.0, 1.5)  # intervals by which a time constant may exceed the delay that it resembles
+SHIFTS_PER_SCAN = 81
+REFINEMENTS = 3  # scans, each around the best shift of the one before
+MAX_SAMPLES = 4000  # samples of a run that are used
 
 
 class Shift(NamedTuple):
-    """How late a signal is against the model [s], and the difference to it that remains there."""
+    """Delay of a signal against the model [s], and the shape difference √(1 − ρ²) that remains at that delay."""
 
-    late: float
-    left: float
+    delay: float
+    difference: float
 
 
 class DelayCheck:
-    """The shifts of all signals of all runs against `models`: by run, the model's signals at the samples."""
+    """The delays of all signals of all runs against the model.
+
+    Args:
+        campaign: the campaign.
+        models: signals of the model (samples,) at the time stamps, by run and signal, SI; runs without are not checked.
+    """
 
     def __init__(self, campaign: Campaign, models: Mapping[str, Mapping[str, np.ndarray]]):
         self._runs = {run.name: run for run in campaign.runs if run.name in models}
         self._models = models
-        self._found = {
-            (run.name, name): self._best(campaign, run, name)
+        self._shifts = {
+            (run.name, name): self._best_shift(campaign, run, name)
             for run in self._runs.values()
             for name, values in run.signals.items()
             if np.isfinite(values).any() and np.nanmin(values) < np.nanmax(values)
         }
         names = campaign.channels
-        self._usual = {name: self._median(name) for name in names}
+        self._median_delay = {name: self._median(name) for name in names}
 
     def check(self) -> Iterator[Remark]:
-        """What is shifted: whole runs, signals in single runs, signals in every run."""
-        everywhere = [name for name in self._usual if self._is_shifted_everywhere(name)]
+        """Yield warnings on shifts of a signal in every run, of whole runs, and of single signals in single runs."""
+        everywhere = [name for name in self._median_delay if self._is_shifted_everywhere(name)]
         for name in everywhere:
-            told = _told(self._usual[name])
+            delay = _delay_text(self._median_delay[name])
             for run in list(self._runs.values())[:1]:
-                sentence = f"{name} comes {told} against the model in every run, and no other signal does"
-                yield _warning(run, f"{sentence}; a recorder of its own, or a delay of the sensor?")
+                sentence = f"{name} is {delay} against the model in every run, and no other signal is"
+                yield _warning(run, f"{sentence}; was it recorded separately, or does its sensor delay it?")
         for run in self._runs.values():
-            names = [name for other, name in self._found if other == run.name]
-            if min((self._found[run.name, name].left for name in names), default=0.0) > ALIKE:
-                yield _warning(run, "no signal looks like the model's; are these the conditions that it was run under?")
+            names = [name for other, name in self._shifts if other == run.name]
+            if min((self._shifts[run.name, name].difference for name in names), default=0.0) > MAX_SHAPE_DIFFERENCE:
+                yield _warning(run, "no signal looks like the model's; was the run made under these conditions?")
                 continue
-            moved = {n: self._moved(run, n) for n in names if n not in everywhere}
-            sizes = list(moved.values())
-            sure = [n for n in moved if self._is_sure(run, n, moved[n])]
-            if len(sizes) > 1 and sure and min(sizes) * max(sizes) > 0 and _spread(sizes) < 0.3:
-                told = _told(float(np.median(sizes)))
-                yield _warning(run, f"all signals come {told} against the set point; does its time start with the run?")
+            excess = {n: self._excess_delay(run, n) for n in names if n not in everywhere}
+            delays = list(excess.values())
+            shifted = [n for n in excess if self._is_shifted(run, n, excess[n])]
+            same_sign = len(delays) > 1 and shifted and min(delays) * max(delays) > 0
+            if same_sign and _relative_range(delays) < MAX_COMMON_SPREAD:
+                delay = _delay_text(float(np.median(delays)))
+                yield _warning(run, f"all signals are {delay} against the set point; does its time start with the run?")
                 continue
-            for name in sure:
-                if not any(_shares(moved[other], moved[name]) for other in moved if other != name):
-                    yield _warning(run, f"{name} comes {_told(moved[name])} against the other signals of this run")
+            for name in shifted:
+                if not any(_shares(excess[other], excess[name]) for other in excess if other != name):
+                    yield _warning(run, f"{name} is {_delay_text(excess[name])} against the other signals of this run")
 
-    def _best(self, campaign: Campaign, run: BenchRun, name: str) -> Shift:
-        drive = campaign.machine_of(run).reference
-        span = 1.0 / float(drive.frequency) if isinstance(drive, Sine) else 0.02 * (run.time[-1] - run.time[0])
+    def _best_shift(self, campaign: Campaign, run: BenchRun, name: str) -> Shift:
+        reference = campaign.machine_of(run).reference
+        is_sine = isinstance(reference, Sine)
+        span = 1.0 / float(reference.frequency) if is_sine else 0.02 * (run.time[-1] - run.time[0])
         centre, half = 0.0, span
-        for _ in range(3):
-            tried = np.linspace(centre - half, centre + half, COUNT)
-            left = [self._left(run, name, late) for late in tried]
-            centre, half = float(tried[int(np.argmin(left))]), 2.0 * half / (COUNT - 1)
-        return Shift(centre, min(left))
+        for _ in range(REFINEMENTS):
+            delays = np.linspace(centre - half, centre + half, SHIFTS_PER_SCAN)
+            differences = [self._shape_difference(run, name, delay) for delay in delays]
+            centre, half = float(delays[int(np.argmin(differences))]), 2.0 * half / (SHIFTS_PER_SCAN - 1)
+        return Shift(centre, min(differences))
 
-    def _left(self, run: BenchRun, name: str, late: float, lag: float = 0.0) -> float:
-        """What differs in shape when the model is delayed: √(1 − ρ²), ρ the correlation."""
+    def _shape_difference(self, run: BenchRun, name: str, delay: float, lag: float = 0.0) -> float:
+        """√(1 − ρ²), ρ the correlation of the signal with the model's after a lag and a delay [s]; 1 for ρ ≤ 0."""
         model = self._models[run.name][name]
         if lag:
             model = np.asarray(_lagged(lag, run.time, model))
-        seen = np.isfinite(run.signals[name])
-        seen[np.arange(len(seen)) % (1 + len(seen) // ENOUGH) > 0] = False
-        a, b = run.signals[name][seen], np.interp(run.time[seen] - late, run.time, model)
+        used = np.isfinite(run.signals[name])
+        used[np.arange(len(used)) % (1 + len(used) // MAX_SAMPLES) > 0] = False
+        a, b = run.signals[name][used], np.interp(run.time[used] - delay, run.time, model)
         a, b = a - a.mean(), b - b.mean()
-        both = np.sqrt((a @ a) * (b @ b))
-        return float(np.sqrt(max(0.0, 1.0 - (a @ b / both) ** 2))) if both > 0.0 and a @ b > 0.0 else 1.0
+        norms = np.sqrt((a @ a) * (b @ b))
+        return float(np.sqrt(max(0.0, 1.0 - (a @ b / norms) ** 2))) if norms > 0.0 and a @ b > 0.0 else 1.0
 
     def _median(self, name: str) -> float:
-        late = [shift.late for (_, other), shift in self._found.items() if other == name]
-        return float(np.median(late)) if len(late) > 2 else 0.0
+        delays = [shift.delay for (_, other), shift in self._shifts.items() if other == name]
+        return float(np.median(delays)) if len(delays) > 2 else 0.0
 
-    def _moved(self, run: BenchRun, name: str) -> float:
-        """How much later than usual for this signal [s]."""
-        return self._found[run.name, name].late - self._usual[name]
+    def _excess_delay(self, run: BenchRun, name: str) -> float:
+        """Delay of a signal beyond its median over the runs [s]."""
+        return self._shifts[run.name, name].delay - self._median_delay[name]
 
-    def _is_sure(self, run: BenchRun, name: str, moved: float) -> bool:
-        left = self._found[run.name, name].left
-        unmoved = self._left(run, name, self._usual[name])
-        return abs(moved) > max(LEAST, SAMPLES * run.interval) and left < min(ALIKE, BETTER * unmoved)
+    def _is_shifted(self, run: BenchRun, name: str, excess: float) -> bool:
+        difference = self._shifts[run.name, name].difference
+        before = self._shape_difference(run, name, self._median_delay[name])
+        limit = min(MAX_SHAPE_DIFFERENCE, MAX_REMAINING_DIFFERENCE * before)
+        return abs(excess) > max(MIN_SHIFT, MIN_SHIFT_IN_SAMPLES * run.interval) and difference < limit
 
     def _is_shifted_everywhere(self, name: str) -> bool:
-        """Whether a signal is alone in being late in every run, by a pure shift; a sensor's lag is none."""
-        late = self._usual[name]
-        runs = [self._runs[other] for other, n in self._found if n == name]
-        least = max([LEAST, *(SAMPLES * run.interval for run in runs)])
-        if abs(late) < least or any(_shares(self._usual[n], late) for n in self._usual if n != name):
+        """Whether a signal alone is shifted in every run, by a pure delay rather than by the lag of a sensor."""
+        delay = self._median_delay[name]
+        runs = [self._runs[other] for other, n in self._shifts if n == name]
+        min_shift = max([MIN_SHIFT, *(MIN_SHIFT_IN_SAMPLES * run.interval for run in runs)])
+        others = (self._median_delay[n] for n in self._median_delay if n != name)
+        if abs(delay) < min_shift or any(_shares(other, delay) for other in others):
             return False
-        shifted = np.array([self._left(run, name, late) for run in runs])
-        unmoved = np.array([self._left(run, name, 0.0) for run in runs])
-        if np.median(shifted / unmoved) > BETTER or np.median(shifted) > ALIKE:
+        after = np.array([self._shape_difference(run, name, delay) for run in runs])
+        before = np.array([self._shape_difference(run, name, 0.0) for run in runs])
+        if np.median(after / before) > MAX_REMAINING_DIFFERENCE or np.median(after) > MAX_SHAPE_DIFFERENCE:
             return False
-        if late < 0.0:
+        if delay < 0.0:
             return True
-        # a lag of sampled values is late by half an interval less than its time constant
-        lagged = np.array([min(self._left(run, name, 0.0, lag=late + k * run.interval) for k in LAGS) for run in runs])
-        return np.sum(shifted**2) < np.sum(lagged**2)
+        # a lag of sampled values delays them by half an interval less than its time constant
+        lagged = np.array([
+            min(self._shape_difference(run, name, 0.0, lag=delay + k * run.interval) for k in LAGS_BEYOND_SHIFT)
+            for run in runs
+        ])  # fmt: skip
+        return np.sum(after**2) < np.sum(lagged**2)
 
 
 @jax.jit
@@ -134,13 +149,14 @@ def _warning(run: BenchRun, sentence: str) -> Remark:
     return Remark(Severity.WARNING, run.file, 0, sentence)
 
 
-def _told(late: float) -> str:
-    return f"{format_quantity(abs(late), 's')} {'late' if late > 0.0 else 'early'}"
+def _delay_text(delay: float) -> str:
+    return f"{format_quantity(abs(delay), 's')} {'late' if delay > 0.0 else 'early'}"
 
 
-def _shares(other: float, late: float) -> bool:
-    return other * late > 0.0 and abs(other) > SHARED * abs(late)
+def _shares(other: float, delay: float) -> bool:
+    """Whether another delay has the same sign and a good part of the size."""
+    return other * delay > 0.0 and abs(other) > MIN_SHARED_PORTION * abs(delay)
 
 
-def _spread(sizes: list[float]) -> float:
-    return float(np.ptp(sizes) / abs(np.median(sizes)))
+def _relative_range(delays: list[float]) -> float:
+    return float(np.ptp(delays) / abs(np.median(delays)))

@@ -1,4 +1,4 @@
-"""What drives the model of a bench: its set point and controller, or a measured signal instead of a part of it."""
+"""Drive a model by the set point of a run, or by a measured signal replayed in place of a part of the model."""
 
 import enum
 
@@ -12,35 +12,46 @@ from edhas_jax.machine.components.controllers import OpenLoop, PositionControlle
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
 
-STIFFNESS = 1e4  # rad/s; how fast the piston is held to a replayed position: far above anything the machine does
-BLOCK = 4096  # recordings are continued to a multiple of this many samples, so that few lengths are compiled
-NO_LIMIT = 1e4  # V
+TRACKING_BANDWIDTH = 1e4  # rad/s; bandwidth of the loop that tracks a replayed position, far above the machine's
+LENGTH_MULTIPLE = 4096  # samples; recordings are padded to a multiple of this, so that few array shapes are compiled
+UNLIMITED_SUPPLY = 1e4  # V; no replayed signal reaches it
 
 
 class Replay(enum.Enum):
-    """What the model is given."""
+    """The input that drives the model."""
 
-    SET_POINT = "set_point"  # the bench's own set point, through its controller
-    VOLTAGE = "voltage"  # the command as measured: coil and everything behind it are judged
-    CURRENT = "current"  # the coil current as measured: mover and everything behind it
-    PISTON_POSITION = "piston_position"  # the piston moves as measured: the oil
+    SET_POINT = "set_point"  # the set point of the run, through the controller: validates the whole model
+    VOLTAGE = "voltage"  # the measured command: validates the coil and everything downstream
+    CURRENT = "current"  # the measured coil current: validates the mover and everything downstream
+    PISTON_POSITION = "piston_position"  # the measured motion of the piston: validates the hydraulics
 
 
-# the signals that say nothing of the model because they are given, or because what made them is replaced
+# signals without information about the model, because they are the input or the part that produces them is replaced
 EXCLUDED_SIGNALS = {
     Replay.SET_POINT: (),
     Replay.VOLTAGE: ("voltage",),
     Replay.CURRENT: ("voltage", "current"),
-    # the current that the motion takes hangs on its second derivative, which sensors of position do not give
+    # the current depends on the acceleration, which a position sensor does not resolve
     Replay.PISTON_POSITION: ("voltage", "current", "piston_position"),
 }
 
 
 def machine_with_replay(campaign: Campaign, run: BenchRun, machine: Rig, replay: Replay) -> Rig:
-    """`machine` under the conditions of a run, driven as `replay` says.
+    """A machine under the conditions of a run, driven by a given input.
+
+    Args:
+        campaign: gives the noise of the channels.
+        run: gives the conditions and the measured signals.
+        machine: the machine to drive.
+        replay: the input.
+
+    Returns:
+        The machine; its set point is the measured signal, and its controller and amplifier pass it on unchanged.
 
     Raises:
-        CampaignError: the run lacks the signal, or has holes in it; the rig's set point depends on its own motion.
+        CampaignError: the run lacks the signal or has missing samples in it, or the rig generates the set point of its
+            pump itself.
+        ParameterError: the machine lacks a parameter that the run sets.
     """
     machine = campaign.machine_of(run, machine)
     if replay is Replay.SET_POINT:
@@ -56,9 +67,9 @@ def machine_with_replay(campaign: Campaign, run: BenchRun, machine: Rig, replay:
         recorded = resample_uniformly(run.file, run.time, values)
     except RecordingError as error:
         raise CampaignError(f"{error}: {replay.value} cannot be replayed") from None
-    held = np.pad(np.asarray(recorded.values), (0, -len(recorded.values) % BLOCK), mode="edge")
-    recorded = structs.replace(recorded, values=held)
-    supply, sampling = Supply(supply_voltage=NO_LIMIT), Continuous()
+    padded = np.pad(np.asarray(recorded.values), (0, -len(recorded.values) % LENGTH_MULTIPLE), mode="edge")
+    recorded = structs.replace(recorded, values=padded)
+    supply, sampling = Supply(supply_voltage=UNLIMITED_SUPPLY), Continuous()
     machine = structs.replace(machine, reference=recorded, supply=supply, sampling=sampling)
     if replay is Replay.VOLTAGE:
         return structs.replace(machine, controller=OpenLoop())
@@ -68,16 +79,16 @@ def machine_with_replay(campaign: Campaign, run: BenchRun, machine: Rig, replay:
     mass = float(machine.mover.mover_mass)
     if not isinstance(machine, ActuatorBench):
         mass += float(machine.pump.plunger_mass)
-    per_volt = mass / float(machine.coil.force_constant)
-    holder = PositionController(
-        position_gain=per_volt * STIFFNESS**2, velocity_gain=2.0 * per_volt * STIFFNESS,
-        integral_gain=0.3 * per_volt * STIFFNESS**3, antiwindup_gain=0.0, emf_feedforward=0.0,
+    gain = mass / float(machine.coil.force_constant)
+    tracker = PositionController(
+        position_gain=gain * TRACKING_BANDWIDTH**2, velocity_gain=2.0 * gain * TRACKING_BANDWIDTH,
+        integral_gain=0.3 * gain * TRACKING_BANDWIDTH**3, antiwindup_gain=0.0, emf_feedforward=0.0,
     )  # fmt: skip
-    return structs.replace(machine, controller=holder)
+    return structs.replace(machine, controller=tracker)
 
 
 def _smooth(time: np.ndarray, values: np.ndarray, noise: float) -> np.ndarray:
-    """A position without its noise, whose second derivative is a force: the smoothest spline within the noise."""
+    """A position (samples,) smoothed by a quintic spline whose residual has at most the rms of the noise."""
     from scipy.interpolate import UnivariateSpline
 
     if not np.isfinite(values).all():

@@ -1,8 +1,8 @@
-"""The measurement chain: what sensors and their electronics make of a true signal, one small struct for each link.
+"""Models of sensors and their electronics; a measurement chain is a tuple of them.
 
-`record(chain, time, values)` sends a trace through the links in turn: `time` (n,) [s] increasing, `values` (n, …) in
-SI; the trace is taken as linear from sample to sample, and every link as settled on the first value. Links act on what
-is recorded only: the controller sees the true value. All of it can be traced, batched and differentiated.
+A sensor model treats its input as linear between samples and starts in steady state at the first value. It acts on the
+recorded signal only: the controller of the machine sees the true value. All models can be traced by JAX, batched and
+differentiated in their parameters.
 """
 
 from typing import Any, ClassVar
@@ -15,34 +15,34 @@ from edhas_jax.core.structs import par, struct
 
 @struct
 class SensorLag:
-    """First-order lag: τ ẏ = u − y, each sample of u standing for the interval that it ends.
+    """First-order lag: τ ẏ = u − y, with u constant over each interval at the value of the sample that ends it.
 
     y_k = u_k + (y_{k−1} − u_k) e^{−h/τ}
     """
 
     id: ClassVar[str] = "sensor_lag"
-    looks_like: ClassVar[str] = "this signal alone is late, and its fast parts are too small"
+    looks_like: ClassVar[str] = "this signal alone is late, and its high frequencies are attenuated"
     confused_with: ClassVar[tuple[str, ...]] = ("sensor_delay", "anti_alias_filter")
 
     lag_time: float = par(2e-3, "s", (1e-7, 10.0), "time constant τ", plausible=(1e-4, 50e-3))
 
     def record(self, time, values):
-        """The recorded trace (n, …)."""
+        """The recorded signal (samples, …) for the true signal `values` (samples, …) at `time` (samples,) [s]."""
         values = jnp.asarray(values)
         decay = jnp.exp(-jnp.diff(time) / self.lag_time)
 
-        def one(y, row):
+        def advance(y, row):
             decay, u = row
             y = u + decay * (y - u)
             return y, y
 
-        later = jax.lax.scan(one, values[0], (decay, values[1:]))[1]
-        return jnp.concatenate([values[:1], later])
+        recorded = jax.lax.scan(advance, values[0], (decay, values[1:]))[1]
+        return jnp.concatenate([values[:1], recorded])
 
 
 @struct
 class SensorDelay:
-    """Dead time: y(t) = u(t − T), the first value held until T."""
+    """Dead time: y(t) = u(t − T), and the first value until t = T."""
 
     id: ClassVar[str] = "sensor_delay"
     looks_like: ClassVar[str] = "this signal alone is late, by the same time at every frequency"
@@ -51,92 +51,92 @@ class SensorDelay:
     delay_time: float = par(2e-3, "s", (0.0, 10.0), "dead time T", plausible=(1e-4, 20e-3))
 
     def record(self, time, values):
-        """The recorded trace (n, …)."""
-        return _at(time - self.delay_time, time, values)
+        """The recorded signal (samples, …) for the true signal `values` (samples, …) at `time` (samples,) [s]."""
+        return _interpolate(time - self.delay_time, time, values)
 
 
 @struct
 class SensorGain:
-    """A wrong scale: y = g u."""
+    """Gain error: y = g u."""
 
     id: ClassVar[str] = "sensor_gain"
-    looks_like: ClassVar[str] = "this signal alone is too large or too small by the same share everywhere"
+    looks_like: ClassVar[str] = "this signal alone is too large or too small by a constant factor"
     confused_with: ClassVar[tuple[str, ...]] = ("sensor_offset",)
 
-    gain: float = par(1.05, "-", (1e-3, 1e3), "factor g", plausible=(0.9, 1.1))
+    gain: float = par(1.05, "-", (1e-3, 1e3), "gain g", plausible=(0.9, 1.1))
 
     def record(self, time, values):
-        """The recorded trace (n, …)."""
+        """The recorded signal (samples, …) for the true signal `values` (samples, …) at `time` (samples,) [s]."""
         return self.gain * jnp.asarray(values)
 
 
 @struct
 class SensorOffset:
-    """A wrong zero: y = u + b, b in the SI unit of the signal."""
+    """Offset error: y = u + b, b in the SI unit of the signal."""
 
     id: ClassVar[str] = "sensor_offset"
-    looks_like: ClassVar[str] = "this signal alone is shifted by a constant, before the run starts too"
+    looks_like: ClassVar[str] = "this signal alone is shifted by a constant, even before the run starts"
     confused_with: ClassVar[tuple[str, ...]] = ("sensor_gain",)
 
     offset: float = par(0.0, "-", (-1e12, 1e12), "offset b, in the SI unit of the signal")
 
     def record(self, time, values):
-        """The recorded trace (n, …)."""
+        """The recorded signal (samples, …) for the true signal `values` (samples, …) at `time` (samples,) [s]."""
         return jnp.asarray(values) + self.offset
 
 
 @struct
 class AntiAliasFilter:
-    """Second-order Butterworth low-pass, ÿ + √2 ω ẏ + ω² y = ω² u with ω = 2π f, solved exactly."""
+    """Second-order Butterworth low-pass filter, ÿ + √2 ω ẏ + ω² y = ω² u with ω = 2π f, solved exactly."""
 
     id: ClassVar[str] = "anti_alias_filter"
-    looks_like: ClassVar[str] = "this signal alone is late, and nothing of it is left above some frequency"
+    looks_like: ClassVar[str] = "this signal alone is late, and has no content above some frequency"
     confused_with: ClassVar[tuple[str, ...]] = ("sensor_lag", "sensor_delay")
 
-    cutoff_frequency: float = par(1e3, "Hz", (1e-2, 1e7), "frequency f at which 1/√2 is left", plausible=(20.0, 2e4))
+    cutoff_frequency: float = par(1e3, "Hz", (1e-2, 1e7), "cutoff frequency f (gain 1/√2)", plausible=(20.0, 2e4))
 
     def record(self, time, values):
-        """The recorded trace (n, …)."""
+        """The recorded signal (samples, …) for the true signal `values` (samples, …) at `time` (samples,) [s]."""
         # two lags with complex conjugate poles p, p*: H = 2 Re[c·(−p)/(s − p)], c = (1 − j)/2
         values = jnp.asarray(values)
-        part = jnp.asarray(jnp.pi * 2.0**0.5 * self.cutoff_frequency, values.dtype)
-        pole = jax.lax.complex(-part, part)
-        one = _follow(jnp.asarray(time).astype(pole.dtype), values.astype(pole.dtype), pole)
-        return jnp.real(one) + jnp.imag(one)
+        component = jnp.asarray(jnp.pi * 2.0**0.5 * self.cutoff_frequency, values.dtype)
+        pole = jax.lax.complex(-component, component)
+        output = _first_order_response(jnp.asarray(time).astype(pole.dtype), values.astype(pole.dtype), pole)
+        return jnp.real(output) + jnp.imag(output)
 
 
 @struct
 class Sampling:
-    """Sample and hold: y(t) = u(k Δ), k Δ the last multiple of Δ up to t, counted from the first sample."""
+    """Sample and hold: y(t) = u(k Δ), where k Δ is the last multiple of Δ up to t, counted from the first sample."""
 
     id: ClassVar[str] = "sampling"
-    looks_like: ClassVar[str] = "this signal alone moves in steps of equal length, half of one late"
+    looks_like: ClassVar[str] = "this signal alone is a staircase of equal intervals, late by half an interval"
     confused_with: ClassVar[tuple[str, ...]] = ("sensor_delay",)
 
-    sample_interval: float = par(1e-3, "s", (1e-7, 10.0), "time from sample to sample Δ", plausible=(1e-4, 20e-3))
+    sample_interval: float = par(1e-3, "s", (1e-7, 10.0), "sample interval Δ", plausible=(1e-4, 20e-3))
 
     def record(self, time, values):
-        """The recorded trace (n, …)."""
-        # a hair of slack: 3·0.1 ms counts as 0.3 ms
+        """The recorded signal (samples, …) for the true signal `values` (samples, …) at `time` (samples,) [s]."""
+        # tolerance for rounding, so that 3·0.1 ms counts as 0.3 ms
         count = jnp.floor((time - time[0]) / self.sample_interval + 1e-9)
-        return _at(time[0] + count * self.sample_interval, time, values)
+        return _interpolate(time[0] + count * self.sample_interval, time, values)
 
 
 @struct
 class Quantisation:
-    """Whole steps of the converter: y = q round(u/q), q in the SI unit of the signal.
+    """Quantisation by an analogue-to-digital converter: y = q round(u/q), q in the SI unit of the signal.
 
-    Its slope with respect to u is taken as 1, the mean slope of the staircase, so that a fit sees through it.
+    Its derivative by u is taken as 1, the mean slope of the staircase, so that gradients pass through it.
     """
 
     id: ClassVar[str] = "quantisation"
-    looks_like: ClassVar[str] = "this signal alone takes few values, all multiples of one"
+    looks_like: ClassVar[str] = "this signal alone takes few values, all multiples of one step"
     confused_with: ClassVar[tuple[str, ...]] = ()
 
-    resolution: float = par(1e-3, "-", (1e-15, 1e12), "step q, in the SI unit of the signal")
+    resolution: float = par(1e-3, "-", (1e-15, 1e12), "quantisation step q, in the SI unit of the signal")
 
     def record(self, time, values):
-        """The recorded trace (n, …)."""
+        """The recorded signal (samples, …) for the true signal `values` (samples, …) at `time` (samples,) [s]."""
         values = jnp.asarray(values)
         steps = jax.lax.stop_gradient(jnp.round(values / self.resolution))
         return self.resolution * steps + (values - jax.lax.stop_gradient(values))
@@ -149,34 +149,43 @@ SENSOR_MODELS: tuple[type[SensorModel], ...] = (
 
 
 def record(chain: tuple[SensorModel, ...], time, values) -> Any:
-    """What a chain makes of a trace: `time` (n,) [s], `values` (n, …) in SI; the first link is next to the process."""
-    for link in chain:
-        values = link.record(time, values)
+    """Pass a true signal through a measurement chain.
+
+    Args:
+        chain: sensor models in the order in which the signal passes them, the first one next to the process.
+        time: time stamps (samples,) [s], increasing.
+        values: the true signal (samples, …), SI.
+
+    Returns:
+        The recorded signal (samples, …), SI.
+    """
+    for sensor in chain:
+        values = sensor.record(time, values)
     return values
 
 
-def _follow(time, values, pole):
+def _first_order_response(time, values, pole):
     """The solution of ẏ = p (y − u), y = u at the start, for u linear between samples; the pole p may be complex.
 
-    With d = y − u and Δu over a step h:   d ← e^{ph} d + Δu (1 − e^{ph})/(p h)
+    With the difference d = y − u, and Δu over a step h:   d ← e^{ph} d + Δu (1 − e^{ph})/(p h)
     """
     values = jnp.asarray(values)
     steps = jnp.diff(time) * pole
-    decay, share = jnp.exp(steps), -jnp.expm1(steps) / steps
+    decay, gain = jnp.exp(steps), -jnp.expm1(steps) / steps
 
-    def one(behind, row):
-        decay, share, rise = row
-        behind = decay * behind + share * rise
-        return behind, behind
+    def advance(difference, row):
+        decay, gain, increment = row
+        difference = decay * difference + gain * increment
+        return difference, difference
 
     start = jnp.zeros_like(values[0])
-    behind = jax.lax.scan(one, start, (decay, share, jnp.diff(values, axis=0)))[1]
-    return values + jnp.concatenate([start[None], behind])
+    differences = jax.lax.scan(advance, start, (decay, gain, jnp.diff(values, axis=0)))[1]
+    return values + jnp.concatenate([start[None], differences])
 
 
-def _at(when, time, values):
-    """The trace at the times `when` (n,), its first and last value held outside."""
+def _interpolate(at_times, time, values):
+    """The trace at the times `at_times` (samples,) by linear interpolation; first and last value held outside."""
     values = jnp.asarray(values)
-    flat = values.reshape(len(values), -1)
-    found = jax.vmap(lambda column: jnp.interp(when, time, column), in_axes=1, out_axes=1)(flat)
-    return found.reshape(values.shape)
+    columns = values.reshape(len(values), -1)
+    result = jax.vmap(lambda column: jnp.interp(at_times, time, column), in_axes=1, out_axes=1)(columns)
+    return result.reshape(values.shape)

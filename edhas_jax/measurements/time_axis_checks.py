@@ -1,4 +1,4 @@
-"""What can be wrong with the time axis of a run: gaps, jitter, a late start, a sampling too slow for the drive."""
+"""Check the time axis of a run: gaps, jitter, a late start, and too few samples per cycle of the set point."""
 
 from collections.abc import Iterator
 
@@ -9,46 +9,56 @@ from edhas_jax.machine.components.set_points import Sine
 from edhas_jax.machine.rigs import ActuatorSystem, Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity
 
-GAP_IN_INTERVALS = 1.5  # steps, in usual intervals, above which samples are missing
-MAX_JITTER = 0.02  # rms of the steps about the usual interval, as a share of it
-MOST = 5  # gaps of a run that are told one by one
-PER_CYCLE = 20  # samples that a cycle of the set point needs
+GAP_IN_INTERVALS = 1.5  # sample intervals between two time stamps above which samples are missing
+MAX_JITTER = 0.02  # rms deviation of the time steps, in sample intervals
+MAX_LISTED_GAPS = 5  # gaps of one run that are reported one by one
+MIN_SAMPLES_PER_CYCLE = 20
 
 
 def check_time_axis(run: BenchRun, machine: Rig) -> Iterator[Remark]:
-    """What is wrong with the time of a run; `machine` is the one under its conditions."""
-    steps, usual = np.diff(run.time), run.interval
-    told = format_quantity(usual, "s")
+    """Check the time stamps of a run.
 
-    def warn(at: int, sentence: str) -> Remark:
-        return Remark(Severity.WARNING, run.file, int(run.lines[at]), sentence)
+    Args:
+        run: the run.
+        machine: the machine under the conditions of the run.
 
-    if abs(run.time[0]) > GAP_IN_INTERVALS * usual:
+    Yields:
+        Warnings, each with the line of the sample that it refers to.
+    """
+    steps, interval = np.diff(run.time), run.interval
+    interval_text = format_quantity(interval, "s")
+
+    def warn(sample: int, sentence: str) -> Remark:
+        return Remark(Severity.WARNING, run.file, int(run.lines[sample]), sentence)
+
+    if abs(run.time[0]) > GAP_IN_INTERVALS * interval:
         start = format_quantity(run.time[0], "s")
         yield warn(0, f"the first sample is at {start}; time must count from the start of the run, at rest")
-    gaps = np.flatnonzero(steps > GAP_IN_INTERVALS * usual)
-    for at in gaps[:MOST]:
-        missing, gap = round(steps[at] / usual) - 1, format_quantity(steps[at], "s")
-        yield warn(at, f"a gap of {gap} follows: {missing} samples are missing ({told} apart)")
-    if len(gaps) > MOST:
+    gaps = np.flatnonzero(steps > GAP_IN_INTERVALS * interval)
+    for k in gaps[:MAX_LISTED_GAPS]:
+        missing, gap = round(steps[k] / interval) - 1, format_quantity(steps[k], "s")
+        yield warn(k, f"followed by a gap of {gap}: {missing} samples are missing (sample interval {interval_text})")
+    if len(gaps) > MAX_LISTED_GAPS:
         longest = format_quantity(steps.max(), "s")
-        yield warn(gaps[MOST], f"and {len(gaps) - MOST} more gaps from here on, the longest {longest}")
+        yield warn(gaps[MAX_LISTED_GAPS], f"and {len(gaps) - MAX_LISTED_GAPS} more gaps, the longest {longest}")
     scatter = jitter(run)
     if scatter > MAX_JITTER:
-        at = int(np.argmax(np.where(steps <= GAP_IN_INTERVALS * usual, np.abs(steps - usual), 0.0)))
-        worst = format_quantity(steps[at], "s")
-        yield warn(at, f"time stamps jitter: steps are off {told} by {scatter:.0%} rms, here one of {worst} follows")
+        k = int(np.argmax(np.where(steps <= GAP_IN_INTERVALS * interval, np.abs(steps - interval), 0.0)))
+        worst = format_quantity(steps[k], "s")
+        yield warn(
+            k, f"time stamps jitter: steps deviate from {interval_text} by {scatter:.0%} rms; the worst one is {worst}"
+        )
     if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
         period = 1.0 / float(machine.reference.frequency)
-        if period / usual < PER_CYCLE:
-            yield warn(0, f"sampled too slowly: {period / usual:.1f} samples per cycle of the set point, at least "
-                           f"{PER_CYCLE} are needed; is the unit of time right?")  # fmt: skip
+        if period / interval < MIN_SAMPLES_PER_CYCLE:
+            yield warn(0, f"sampled too slowly: {period / interval:.1f} samples per cycle of the set point, at least "
+                           f"{MIN_SAMPLES_PER_CYCLE} are needed; is the unit of time right?")  # fmt: skip
         if (length := run.time[-1] - run.time[0]) < period:
-            span = f"the run lasts {format_quantity(length, 's')}, a cycle {format_quantity(period, 's')}"
-            yield warn(0, f"{span}: not one whole cycle; is the unit of time right?")
+            lengths = f"the run lasts {format_quantity(length, 's')}, a cycle {format_quantity(period, 's')}"
+            yield warn(0, f"{lengths}: less than one cycle; is the unit of time right?")
 
 
 def jitter(run: BenchRun) -> float:
-    """How much the steps from sample to sample scatter, rms, as a share of the usual one; gaps aside."""
+    """Rms deviation of the time steps from the sample interval, in sample intervals; gaps are not counted."""
     steps = np.diff(run.time) / run.interval
     return float(np.sqrt(np.mean((steps[steps <= GAP_IN_INTERVALS] - 1.0) ** 2)))

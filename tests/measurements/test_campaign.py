@@ -1,4 +1,4 @@
-"""Reading campaigns: what a sound one gives, in three formats, and what is said of an unsound one."""
+"""Reading campaigns: a valid one in three file formats, and the messages for an invalid one."""
 
 import jax
 import numpy as np
@@ -13,23 +13,23 @@ from edhas_jax.machine.components.controllers import CascadeController
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.measurements.campaign import CampaignError, Severity, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
-from tests.support.spoilt_campaign import SOUND, copy, describe, record
+from tests.support.faulty_campaign import VALID_CAMPAIGN, copy_campaign, modify_table, replace_in_yaml
 
 PRESSURE = "outlet_pressure [MPa]"
 
 
 @pytest.fixture()
 def folder(tmp_path):
-    return copy(tmp_path / "bench")
+    return copy_campaign(tmp_path / "bench")
 
 
-def only(remarks):
+def only_error_or_warning(remarks):
     (remark,) = [r for r in remarks if r.severity is not Severity.NOTE]
     return remark
 
 
-def test_a_sound_campaign():
-    campaign = read_campaign(SOUND)
+def test_a_valid_campaign():
+    campaign = read_campaign(VALID_CAMPAIGN)
     assert campaign.name == "bench" and not campaign.remarks
     assert [r.name for r in campaign.runs] == ["run3", "run4", "run8"]
     assert [r.name for r in campaign.runs_for(Use.HOLDOUT)] == ["run8"]
@@ -39,23 +39,23 @@ def test_a_sound_campaign():
     assert campaign.uncertain["coil_resistance"] == 0.02
     run = campaign.runs[0]
     assert run.conditions == {"frequency": 20.0, "amplitude": 3.5e-3, "load_orifice_area": pytest.approx(4.2e-6)}
-    frame = pd.read_csv(SOUND / "run3.csv")
+    frame = pd.read_csv(VALID_CAMPAIGN / "run3.csv")
     assert np.allclose(run.time, frame["time [ms]"] * 1e-3, rtol=1e-14)
     assert np.allclose(run.signals["outlet_pressure"], frame[PRESSURE] * 1e6, rtol=1e-14)
     assert run.interval == pytest.approx(0.2e-3) and list(run.lines[:2]) == [2, 3]
-    assert read_campaign(SOUND / "campaign.yaml").name == "bench"
+    assert read_campaign(VALID_CAMPAIGN / "campaign.yaml").name == "bench"
 
 
-def test_conditions_of_a_run_and_a_factor_on_all_of_them():
-    campaign = read_campaign(SOUND)
+def test_an_uncertain_condition_is_scaled_by_a_factor_common_to_all_runs():
+    campaign = read_campaign(VALID_CAMPAIGN)
     run = campaign.runs[2]
-    here = campaign.machine_of(run)
-    assert edhas.get(here, "frequency") == 25.0 and edhas.get(here, "load_orifice_area") == pytest.approx(1.5e-6)
+    nominal = campaign.machine_of(run)
+    assert edhas.get(nominal, "frequency") == 25.0 and edhas.get(nominal, "load_orifice_area") == pytest.approx(1.5e-6)
     larger = set_parameters(campaign.machine, {"load_orifice_area": 4.2e-6 * 1.1, "frequency": 99.0})
-    there = campaign.machine_of(run, larger)
-    # the orifice is uncertain: what the machine has is a factor; the frequency is not
-    assert edhas.get(there, "load_orifice_area") == pytest.approx(1.5e-6 * 1.1)
-    assert edhas.get(there, "frequency") == 25.0
+    scaled = campaign.machine_of(run, larger)
+    # the orifice area is uncertain, so that the machine's value is a factor; the frequency is not
+    assert edhas.get(scaled, "load_orifice_area") == pytest.approx(1.5e-6 * 1.1)
+    assert edhas.get(scaled, "frequency") == 25.0
 
     def area(factor):
         machine = set_parameters(campaign.machine, {"load_orifice_area": 4.2e-6 * factor})
@@ -64,40 +64,40 @@ def test_conditions_of_a_run_and_a_factor_on_all_of_them():
     assert jax.grad(area)(1.0) == pytest.approx(1.5e-6)
 
 
-def test_the_same_in_parquet_and_matlab(folder):
+def test_parquet_and_matlab_files_give_the_same_campaign(folder):
     frame = pd.read_csv(folder / "run3.csv")
     pq.write_table(pa.Table.from_pandas(frame), folder / "run3.parquet")
-    describe(folder, "run3.csv", "run3.parquet")
+    replace_in_yaml(folder, "run3.csv", "run3.parquet")
     frame = pd.read_csv(folder / "run4.csv")
     vectors = {cell.partition(" ")[0]: frame[cell].to_numpy() for cell in frame}
     savemat(folder / "run4.mat", vectors | {"units": {"time": "ms"}, "comment": "bench 2"})
-    describe(folder, "run4.csv", "run4.mat")
-    sound, same = read_campaign(SOUND), read_campaign(folder)
+    replace_in_yaml(folder, "run4.csv", "run4.mat")
+    expected, same = read_campaign(VALID_CAMPAIGN), read_campaign(folder)
     assert not same.remarks
-    for one, other in zip(sound.runs, same.runs, strict=True):
+    for one, other in zip(expected.runs, same.runs, strict=True):
         assert np.array_equal(one.time, other.time) and one.signals.keys() == other.signals.keys()
         assert all(np.array_equal(one.signals[n], other.signals[n]) for n in one.signals)
 
 
-def test_columns_under_names_of_their_own(folder):
+def test_columns_with_other_names_and_units(folder):
     names = {"time [ms]": "t", PRESSURE: "p_out", "current [A]": "i [mA]"}
     for run in ("run3.csv", "run4.csv", "run8.csv"):
-        record(folder, run, lambda f: f.assign(**{"current [A]": 1e3 * f["current [A]"]}).rename(columns=names))
-    describe(folder, "signals:   #", "time: {column: t, unit: ms}\nsignals:   #")
-    describe(folder, "{unit: MPa, noise: 0.0015}", "{unit: MPa, noise: 0.0015, column: p_out}")
-    describe(folder, "  current: {unit: A, noise: 0.02}", "  current: {unit: mA, noise: 20, column: i}")
-    sound, same = read_campaign(SOUND), read_campaign(folder)
+        modify_table(folder, run, lambda f: f.assign(**{"current [A]": 1e3 * f["current [A]"]}).rename(columns=names))
+    replace_in_yaml(folder, "signals:   #", "time: {column: t, unit: ms}\nsignals:   #")
+    replace_in_yaml(folder, "{unit: MPa, noise: 0.0015}", "{unit: MPa, noise: 0.0015, column: p_out}")
+    replace_in_yaml(folder, "  current: {unit: A, noise: 0.02}", "  current: {unit: mA, noise: 20, column: i}")
+    expected, same = read_campaign(VALID_CAMPAIGN), read_campaign(folder)
     assert not same.remarks
     assert same.channels["current"].noise == pytest.approx(0.02)
-    for name, values in sound.runs[1].signals.items():
+    for name, values in expected.runs[1].signals.items():
         assert np.allclose(values, same.runs[1].signals[name], rtol=1e-5)
 
 
-def test_a_recorded_set_point_drives_the_loop(tmp_path):
+def test_a_recorded_set_point_drives_the_control_loop(tmp_path):
     time = 1e-3 * np.arange(500)
-    wanted = 5e-3 * np.sin(2 * np.pi * 3.0 * time)
-    frame = pd.DataFrame({"time [s]": time, "wanted [mm]": 1e3 * wanted, "voltage [V]": time})
-    frame.assign(**{"piston_position [m]": wanted}).to_csv(tmp_path / "run1.csv", index=False)
+    set_point = 5e-3 * np.sin(2 * np.pi * 3.0 * time)
+    frame = pd.DataFrame({"time [s]": time, "wanted [mm]": 1e3 * set_point, "voltage [V]": time})
+    frame.assign(**{"piston_position [m]": set_point}).to_csv(tmp_path / "run1.csv", index=False)
     (tmp_path / "campaign.yaml").write_text("""
 rig: actuator_bench
 amplifier: {kind: current, gain: 2 A/V}
@@ -118,7 +118,7 @@ runs:
     assert machine.amplifier.amplifier_gain == 2.0 and not machine.effects
     at, rate = machine.reference.value_and_rate(0.1)
     assert at == pytest.approx(5e-3 * np.sin(0.6 * np.pi), rel=1e-4) and rate < 0.0
-    # an uncertain parameter of an effect that the model lacks waits until it is added
+    # an uncertain parameter of an effect that the model lacks is kept for when the effect is added
     assert campaign.uncertain_in(machine) == {"mover_mass": 0.1} and set(campaign.uncertain) == {
         "mover_mass", "coulomb_friction"
     }  # fmt: skip
@@ -126,7 +126,7 @@ runs:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "said"),
+    ("old", "new", "line", "sentence"),
     [
         ("rig: pump_bench", "rig: pump_bensh", 3, "nearest: pump_bench"),
         ("  coil_resistance: 0.02", "  coil_resistence: 0.02", 5, "nearest: coil_resistance"),
@@ -139,15 +139,15 @@ runs:
         ("uncertain:   #", "parameters: {coil_resistance: 2 V}\nuncertain:   #", 4, "resistance"),
     ],
 )
-def test_what_is_wrong_in_the_yaml(folder, old, new, line, said):
-    describe(folder, old, new)
-    with pytest.raises(CampaignError, match=said) as caught:
+def test_errors_in_campaign_yaml(folder, old, new, line, sentence):
+    replace_in_yaml(folder, old, new)
+    with pytest.raises(CampaignError, match=sentence) as caught:
         read_campaign(folder)
     assert str(caught.value).startswith(f"{folder / 'campaign.yaml'}:{line}: ")
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "said"),
+    ("old", "new", "line", "sentence"),
     [
         ("current: {unit: A, noise: 0.02}", "current: {unit: A, noise: 0}", 12, "must be above 0; got 0"),
         ("current: {unit: A, noise: 0.02}", "current: {unit: Amp, noise: 0.02}", 12, 'unknown unit "Amp"'),
@@ -155,33 +155,34 @@ def test_what_is_wrong_in_the_yaml(folder, old, new, line, said):
         ("file: run8.csv", "file: run9.csv", 0, "no such file; the run is left out"),
     ],
 )
-def test_what_is_left_out(folder, old, new, line, said):
-    describe(folder, old, new)
-    remark = only(read_campaign(folder).remarks)
-    assert said in remark.sentence and remark.line == line and remark.severity is Severity.ERROR
+def test_invalid_signals_and_runs_are_left_out(folder, old, new, line, sentence):
+    replace_in_yaml(folder, old, new)
+    remark = only_error_or_warning(read_campaign(folder).remarks)
+    assert sentence in remark.sentence and remark.line == line and remark.severity is Severity.ERROR
 
 
-def test_what_is_unreadable_in_a_file_is_a_hole(folder):
-    def spoil(frame):
+def test_a_value_that_is_not_a_number_is_a_missing_sample(folder):
+    def with_text(frame):
         return frame.astype({"current [A]": object}).replace({"current [A]": {frame["current [A]"][500]: "over"}})
 
-    record(folder, "run3.csv", spoil)
+    modify_table(folder, "run3.csv", with_text)
     campaign = read_campaign(folder)
-    said, hole = campaign.remarks
-    assert said.line == hole.line == 502 and '"over" is not a number' in said.sentence and "a hole" in hole.sentence
-    holes = np.isnan(campaign.runs[0].signals["current"])
-    assert np.flatnonzero(holes).tolist() == [500] and len(campaign.runs[0].time) == 1351
+    unreadable, missing = campaign.remarks
+    assert unreadable.line == missing.line == 502
+    assert '"over" is not a number' in unreadable.sentence and "1 missing sample" in missing.sentence
+    missing_samples = np.isnan(campaign.runs[0].signals["current"])
+    assert np.flatnonzero(missing_samples).tolist() == [500] and len(campaign.runs[0].time) == 1351
 
 
 def test_samples_out_of_order_are_left_out(folder):
-    record(folder, "run3.csv", lambda f: pd.concat([f[:500], f[480:]]))
+    modify_table(folder, "run3.csv", lambda f: pd.concat([f[:500], f[480:]]))
     campaign = read_campaign(folder)
-    remark = only(campaign.remarks)
+    remark = only_error_or_warning(campaign.remarks)
     assert remark.line == 502 and "left out up to line 521" in remark.sentence
     assert (np.diff(campaign.runs[0].time) > 0).all() and len(campaign.runs[0].time) == 1351
 
 
-def test_nothing_usable(folder):
+def test_a_campaign_without_a_usable_run_is_an_error(folder):
     for run in ("run3.csv", "run4.csv", "run8.csv"):
         (folder / run).write_text("a;b\n1;2\n")
     with pytest.raises(CampaignError, match="no run can be used"):

@@ -17,7 +17,7 @@ from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_patterns import find_patterns
 from edhas_jax.measurements.sensor_models import SensorGain, SensorLag, SensorOffset
-from tests.support.spoilt_campaign import SOUND
+from tests.support.faulty_campaign import VALID_CAMPAIGN
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 QUIET = 0.15
@@ -114,11 +114,11 @@ def test_whiteness():
 
 def test_on_the_command_line(tmp_path, capsys):
     out = tmp_path / "compared"
-    assert main(["compare", str(SOUND), "--out", str(out)]) == 0
+    assert main(["compare", str(VALID_CAMPAIGN), "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "residual over noise" in printed and "run8" in printed
     assert {p.name for p in out.iterdir()} == {"report.html", "figures.csv"}
-    assert main(["compare", str(SOUND), "--out", str(out)]) == 2
+    assert main(["compare", str(VALID_CAMPAIGN), "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
-    assert main(["fit", str(SOUND), "--out", str(out), "--profile", "nonsense", "--overwrite"]) == 2
+    assert main(["fit", str(VALID_CAMPAIGN), "--out", str(out), "--profile", "nonsense", "--overwrite"]) == 2
     assert "--profile nonsense" in capsys.readouterr().err
