@@ -1,6 +1,6 @@
-"""The file of a run: columns named `name [unit]` in a CSV or Parquet file, or the variables of a MATLAB file.
+"""Read the table of a run: columns named `name [unit]` in a CSV or Parquet file, or the variables of a MATLAB file.
 
-Nothing is repaired: what cannot be read is left out, a missing number is NaN, and a remark says so.
+Nothing is repaired: unreadable lines and columns are left out, unreadable numbers are NaN, and a remark reports each.
 """
 
 import csv
@@ -16,16 +16,16 @@ SUFFIXES = (".csv", ".parquet", ".mat")
 
 
 class TableError(ValueError):
-    """A file is of no use at all; `line` is 0 when no single line is to blame."""
+    """A file cannot be used at all; `line` is the line at fault, 0 for the file as a whole."""
 
-    def __init__(self, line: int, what: str):
-        super().__init__(what)
+    def __init__(self, line: int, sentence: str):
+        super().__init__(sentence)
         self.line = line
 
 
 @dataclasses.dataclass(frozen=True)
 class Column:
-    """Numbers (n,) as they stand in the file, and the unit that the file gives them ("" when it gives none)."""
+    """The values (samples,) of a column as in the file, and the unit stated there ("" without one)."""
 
     unit: str
     values: np.ndarray
@@ -33,25 +33,36 @@ class Column:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """The columns of a file by name; `lines` (n,) is the line (CSV) or the row (others, from 1) of each sample."""
+    """The columns of a file by name; `lines` (samples,) is the line (CSV) or row (others, from 1) of each sample."""
 
     columns: dict[str, Column]
     lines: np.ndarray
 
 
 def read_table(path: Path, remark: Callable[[Remark], None]) -> Table:
-    """The table in a file; what had to be left out goes to `remark`.
+    """Read the table in a file.
+
+    Args:
+        path: a CSV, Parquet or MATLAB file.
+        remark: called with a remark on everything that is left out.
+
+    Returns:
+        The columns that hold numbers.
 
     Raises:
-        TableError: no such file, another format, damaged, without a sample.
+        TableError: the file does not exist, has another format, is damaged, or has fewer than two samples.
     """
-    readers = {".csv": _csv, ".parquet": _parquet, ".mat": _mat}
+    readers = {".csv": _read_csv, ".parquet": _read_parquet, ".mat": _read_mat}
+
+    def report(line: int, sentence: str) -> None:
+        remark(Remark(Severity.ERROR, path, line, sentence))
+
     if path.suffix not in readers:
         raise TableError(0, f"a file {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} is needed")
     if not path.is_file():
         raise TableError(0, "no such file")
     try:
-        table = readers[path.suffix](path, lambda line, what: remark(Remark(Severity.ERROR, path, line, what)))
+        table = readers[path.suffix](path, report)
     except OSError as error:
         raise TableError(0, f"cannot be read: {error.strerror or error}") from None
     if len(table.lines) < 2:
@@ -59,20 +70,20 @@ def read_table(path: Path, remark: Callable[[Remark], None]) -> Table:
     return table
 
 
-def _named(cells: list[str], units: list[str]) -> list[tuple[str, str]]:
-    """Name and unit of every column, from `name [unit]` or, where a cell gives none, from `units`."""
+def _names_and_units(cells: list[str], units: list[str]) -> list[tuple[str, str]]:
+    """Name and unit of every column, from `name [unit]` or, where a cell has no unit, from `units`."""
     parts = [cell.partition("[") for cell in cells]
-    named = [
+    columns = [
         (name.strip(), inner.rstrip("] ").strip() or unit) for (name, _, inner), unit in zip(parts, units, strict=True)
     ]
-    names = [name for name, _ in named]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice:
-        raise TableError(1, f"has several columns `{twice}`; name each differently")
-    return named
+    names = [name for name, _ in columns]
+    duplicate = next((name for name in names if names.count(name) > 1), None)
+    if duplicate:
+        raise TableError(1, f"has several columns `{duplicate}`; give each its own name")
+    return columns
 
 
-def _csv(path: Path, tell: Callable[[int, str], None]) -> Table:
+def _read_csv(path: Path, report: Callable[[int, str], None]) -> Table:
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -84,40 +95,40 @@ def _csv(path: Path, tell: Callable[[int, str], None]) -> Table:
         raise TableError(0, "is empty; the first line names the columns, such as `time [s],voltage [V]`")
     if len(header) == 1 and ";" in header[0]:
         raise TableError(1, "columns must be separated by commas, not semicolons")
-    named = _named(header, [""] * len(header))
-    rows, lines, no_numbers = [], [], {}
+    named = _names_and_units(header, [""] * len(header))
+    rows, lines, not_numbers = [], [], {}
     for row in reader:
         if not row:
             continue
         if len(row) != len(header):
-            cut = "; the file seems to be cut off" if reader.line_num == len(physical) else ""
-            tell(reader.line_num, f"{len(row)} values where the header has {len(header)}{cut}; the line is left out")
+            truncated = "; the file seems to be truncated" if reader.line_num == len(physical) else ""
+            report(reader.line_num, f"{len(row)} values where the header has {len(header)}{truncated}; line left out")
             continue
-        rows.append([_number(cell, no_numbers, (reader.line_num, at)) for at, cell in enumerate(row)])
+        rows.append([_number(cell, not_numbers, (reader.line_num, at)) for at, cell in enumerate(row)])
         lines.append(reader.line_num)
     if rows and text[-1] not in "\r\n" and lines[-1] == reader.line_num:
-        # "0.0123" cut to "0.0" would pass for a sample
-        tell(lines[-1], "the last line has no end; the file seems to be cut off; the line is left out")
+        # "0.0123" truncated to "0.0" would pass as a number
+        report(lines[-1], "the last line has no line end; the file seems to be truncated; line left out")
         del rows[-1], lines[-1]
     for at, (name, _) in enumerate(named):
-        bad = [(line, cell) for (line, column), cell in no_numbers.items() if column == at]
+        bad = [(line, cell) for (line, column), cell in not_numbers.items() if column == at]
         if bad:
             more = f" (and {len(bad) - 1} more in this column)" if len(bad) > 1 else ""
-            tell(bad[0][0], f'`{name}`: "{bad[0][1]}" is not a number{more}; taken as a hole')
+            report(bad[0][0], f'`{name}`: "{bad[0][1]}" is not a number{more}; taken as missing')
     values = np.array(rows, float).reshape(len(rows), len(named))
     columns = {name: Column(unit, values[:, at]) for at, (name, unit) in enumerate(named)}
     return Table(columns, np.array(lines, int))
 
 
-def _number(cell: str, no_numbers: dict[tuple[int, int], str], place: tuple[int, int]) -> float:
+def _number(cell: str, not_numbers: dict[tuple[int, int], str], place: tuple[int, int]) -> float:
     try:
         return float(cell) if cell.strip() else np.nan
     except ValueError:
-        no_numbers[place] = cell.strip()
+        not_numbers[place] = cell.strip()
         return np.nan
 
 
-def _parquet(path: Path, tell: Callable[[int, str], None]) -> Table:
+def _read_parquet(path: Path, report: Callable[[int, str], None]) -> Table:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -127,16 +138,16 @@ def _parquet(path: Path, tell: Callable[[int, str], None]) -> Table:
         raise TableError(0, "is damaged or not a Parquet file") from None
     units = [(field.metadata or {}).get(b"unit", b"").decode() for field in data.schema]
     columns = {}
-    for field, (name, unit) in zip(data.schema, _named(data.schema.names, units), strict=True):
+    for field, (name, unit) in zip(data.schema, _names_and_units(data.schema.names, units), strict=True):
         if not (pa.types.is_floating(field.type) or pa.types.is_integer(field.type)):
-            tell(0, f"column `{field.name}` holds no numbers; it is left out")
+            report(0, f"column `{field.name}` does not hold numbers; it is left out")
             continue
         columns[name] = Column(unit, data.column(field.name).to_numpy().astype(float))
     return Table(columns, np.arange(1, data.num_rows + 1))
 
 
-def _mat(path: Path, tell: Callable[[int, str], None]) -> Table:
-    """One vector per signal, named as the signal; a struct `units` may give the unit of each as text."""
+def _read_mat(path: Path, report: Callable[[int, str], None]) -> Table:
+    """Read one vector per signal, named as the signal; a struct `units` may give their units as texts."""
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
@@ -156,6 +167,6 @@ def _mat(path: Path, tell: Callable[[int, str], None]) -> Table:
     lengths = [len(values) for values in vectors.values()]
     count = max(lengths, key=lengths.count, default=0)
     for name in [name for name, values in vectors.items() if len(values) != count]:
-        tell(0, f"`{name}` has {len(vectors.pop(name))} samples where others have {count}; it is left out")
+        report(0, f"`{name}` has {len(vectors.pop(name))} samples where others have {count}; it is left out")
     columns = {name: Column(str(units.get(name, "")), values) for name, values in vectors.items()}
     return Table(columns, np.arange(1, count + 1))

@@ -20,7 +20,10 @@ PRESSURE, FLOW = "outlet_pressure [MPa]", "outlet_flow [L/min]"
 
 def in_column(run, column, function):
     """A fault: the values of a column are changed by a function."""
-    return lambda folder: modify_table(folder, run, lambda f: f.assign(**{column: function(f[column].to_numpy().copy())}))
+    def changed(frame):
+        return frame.assign(**{column: function(frame[column].to_numpy().copy())})
+
+    return lambda folder: modify_table(folder, run, changed)
 
 
 def in_table(run, function):
@@ -54,14 +57,14 @@ def truncate(folder):
 
 FAULTS = {
     "gap": (in_table("run3.csv", lambda f: f.drop(index=range(400, 460))), "run3.csv", 401, "60 samples are missing"),
-    "duplicate stamp": (in_table("run3.csv", lambda f: pd.concat([f[:500], f[499:]])), "run3.csv", 502, "not come after"),
+    "duplicate time": (in_table("run3.csv", lambda f: pd.concat([f[:500], f[499:]])), "run3.csv", 502, "not come after"),
     "jitter": (in_table("run3.csv", with_jitter), "run3.csv", None, "time stamps jitter"),
     "clipped": (in_column("run3.csv", PRESSURE, lambda v: v.clip(max=0.9 * v.max())), "run3.csv", None, "clipped"),
     "stuck": (in_column("run3.csv", FLOW, with_value(lambda v: v[700], 700, 780)), "run3.csv", 702, "stuck at"),
     "bar as MPa": (in_column("run8.csv", PRESSURE, lambda v: 10 * v), "run8.csv", 1, "numbers in bar, read as MPa"),
     "gauge": (in_column("run8.csv", PRESSURE, lambda v: v - 0.101325), "run8.csv", 1, "gauge pressure"),
     "late": (in_column("run4.csv", CURRENT, lambda v: delayed(v, 15)), "run4.csv", 0, "current is"),
-    "early": (in_column("run3.csv", POSITION, lambda v: delayed(v, -20)), "run3.csv", 0, "early against the other signals"),
+    "early": (in_column("run3.csv", POSITION, lambda v: delayed(v, -20)), "run3.csv", 0, "early against the other"),
     "slow": (in_table("run4.csv", lambda f: f[::10]), "run4.csv", 2, "sampled too slowly"),
     "missing values": (in_column("run3.csv", CURRENT, with_value(np.nan, 500, 560)), "run3.csv", 502, "up to line 561"),
     "truncated": (truncate, "run4.csv", 901, "truncated"),
