@@ -38,7 +38,8 @@ def run_sweep_plot(options) -> None:
         ResultFileError: the result does not hold what a picture needs, or a picture cannot be written.
     """
     from edhas_jax.config.run_folder import ResultFileError
-    from edhas_jax.design.sweep.figures import FigureError, draw
+    from edhas_jax.design.sweep.design_selection import FigureError
+    from edhas_jax.design.sweep.figures import draw_sweep
     from edhas_jax.design.sweep.run import open_sweep
 
     result = open_sweep(options.result)
@@ -49,7 +50,7 @@ def run_sweep_plot(options) -> None:
         if options.out and len(kinds) > 1:
             path = options.out.with_name(f"{options.out.stem}_{kind}{options.out.suffix}")
         try:
-            figure = draw(
+            figure = draw_sweep(
                 result, kind, metric=options.metric, x=options.x, y=options.y, slices=options.slices,
                 average=options.average, objectives=options.pareto,
             )  # fmt: skip

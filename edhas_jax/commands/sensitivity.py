@@ -20,7 +20,7 @@ def add_parser(commands) -> None:
 def run(options) -> None:
     """Run a sensitivity analysis, write tables and pictures, print the largest elasticities."""
     from edhas_jax.config.run_folder import require_new_folder, unused_folder
-    from edhas_jax.design.batch.design_table import own_name
+    from edhas_jax.design.batch.design_table import resolve_parameter
     from edhas_jax.design.sensitivity.analysis import analyse, load_sensitivity, save_findings
     from edhas_jax.design.sensitivity.figures import draw_local, draw_morris, draw_sobol
 
@@ -33,7 +33,7 @@ def run(options) -> None:
         task = bar.add_task("compiling", total=1.0)
         findings = analyse(analysis, lambda what, share: bar.update(task, completed=share, description=what))
     save_findings(analysis, findings, folder)
-    units = {n: own_name(analysis.machine, n)[0].unit for n in findings.points.columns}
+    units = {n: resolve_parameter(analysis.machine, n)[0].unit for n in findings.points.columns}
     pictures = {"local.png": draw_local(findings, units)}
     if findings.sobol is not None:
         pictures["sobol.png"] = draw_sobol(findings, units)

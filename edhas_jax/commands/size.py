@@ -18,7 +18,7 @@ def run(options) -> None:
     """Size a machine, write configurations, search path and pictures, print dimensions, metrics and active limits."""
     from edhas_jax.config.run_folder import require_new_folder, unused_folder
     from edhas_jax.core.units import format_quantity, from_si
-    from edhas_jax.design.batch.design_table import own_name
+    from edhas_jax.design.batch.design_table import resolve_parameter
     from edhas_jax.design.sizing.config import load_sizing
     from edhas_jax.design.sizing.figures import draw_front, draw_path
     from edhas_jax.design.sizing.result_folder import save_sizing
@@ -45,7 +45,7 @@ def run(options) -> None:
     heads = ["start", *([f"design {k + 1}" for k in range(len(configs))] if sizing.front else ["sized"])]
     rows = table("dimensions", "dimension", *heads)
     for axis in sizing.free:
-        unit = own_name(sizing.machine, axis.name)[0].unit
+        unit = resolve_parameter(sizing.machine, axis.name)[0].unit
         values = [float(get_parameter(sizing.machine, axis.name)), *(s.design[axis.name] for s in result.machines)]
         rows.add_row(axis.name, *(format_quantity(v, unit) for v in values))
     out.print(rows)

@@ -55,9 +55,9 @@ def _executor(address: str | None):
     """A context manager with the Dask executor at an address, or None without one."""
     if address is None:
         return contextlib.nullcontext()
-    from edhas_jax.design.sweep.cluster import executor
+    from edhas_jax.design.sweep.dask_cluster import dask_executor
 
-    return executor(address)
+    return dask_executor(address)
 
 
 class _SweepProgress:

@@ -11,7 +11,7 @@ import pandas as pd
 from rich.console import Console
 
 from edhas_jax.design.batch.batch import run_designs
-from edhas_jax.design.batch.design_table import sobol
+from edhas_jax.design.batch.experiment_design import sobol_sequence
 from edhas_jax.design.sizing.config import load_sizing
 from studies import CONFIGS
 
@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     parser.add_argument("--out", type=Path, default=Path("runs/design_space"))
     options = parser.parse_args(arguments)
     task = load_sizing(options.config)
-    designs = sobol(task.free, options.points, seed=3)
+    designs = sobol_sequence(task.free, options.points, seed=3)
     with Console().status("sweeping"):
         got = run_designs(task.machine, designs | {"frequency": np.full(options.points, 20.0)}, task.settings)
     table = pd.DataFrame(designs | got)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from edhas_jax.design.batch.design_table import own_name
+from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sensitivity.analysis import analyse, load_sensitivity, save_findings
 from edhas_jax.design.sensitivity.figures import draw_local, draw_sobol
 from studies import CONFIGS
@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> dict[str, str]:
     with Console().status("analysing") as status:
         findings = analyse(task, lambda what, share: status.update(f"{what}, {share:.0%}"))
     save_findings(task, findings, options.out)
-    units = {n: own_name(task.machine, n)[0].unit for n in findings.points.columns}
+    units = {n: resolve_parameter(task.machine, n)[0].unit for n in findings.points.columns}
     draw_local(findings, units).savefig(options.out / "local.png", dpi=130)
     draw_sobol(findings, units).savefig(options.out / "sobol.png", dpi=130)
     flow = findings.sobol[findings.sobol["output"] == task.metrics[0]]

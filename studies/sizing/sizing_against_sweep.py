@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 
 from edhas_jax.design.batch.batch import run_designs
-from edhas_jax.design.batch.design_table import sobol
+from edhas_jax.design.batch.experiment_design import sobol_sequence
 from edhas_jax.design.sizing.config import Sizing, load_sizing
 from edhas_jax.design.sizing.figures import draw_path
 from edhas_jax.design.sizing.problem import Problem
@@ -67,7 +67,7 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
 def sweep(task: Sizing, points: int, on_chunk) -> tuple[dict[str, float], float, float, float]:
     """The best allowed design of a Sobol sequence: (design, its J, seconds, machine-seconds)."""
     began = time.perf_counter()
-    designs, cases = sobol(task.free, points, seed=1), task.operating_points()
+    designs, cases = sobol_sequence(task.free, points, seed=1), task.operating_points()
     count = len(next(iter(cases.values())))
     table = {n: np.repeat(v, count) for n, v in designs.items()} | {n: np.tile(v, points) for n, v in cases.items()}
     got = run_designs(task.machine, table, task.settings, on_chunk)

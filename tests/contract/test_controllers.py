@@ -16,7 +16,7 @@ from edhas_jax.config.writer import dump_config
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.design.batch.batch import BatchSettings, run_designs
-from edhas_jax.design.sweep.chunk_task import effect_code
+from edhas_jax.design.sweep.identity import effect_code
 from edhas_jax.machine.components.controller_sampling import Sampled
 from edhas_jax.machine.interface.controller_base import Controller, ControllerError
 from edhas_jax.machine.parameters import COMPONENT_KINDS

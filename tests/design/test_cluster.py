@@ -1,4 +1,4 @@
-"""Chunks on a Dask cluster of this machine: the same numbers, whoever dies."""
+"""Sweeps on a Dask cluster of local processes: the same numbers, also after a worker has died."""
 
 import os
 import signal
@@ -24,27 +24,27 @@ batch: {{step: 100 us, tolerance: 1 %, max_cycles: 6}}
 
 
 @pytest.fixture()
-def here(tmp_path, monkeypatch):
+def workdir(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tiny.yaml").write_text(TEXT)
     return tmp_path
 
 
-def test_bad_clusters_are_refused_before_anything_is_computed(here, capsys, monkeypatch):
+def test_an_invalid_cluster_is_refused_before_anything_is_computed(workdir, capsys, monkeypatch):
     pytest.importorskip("distributed")
-    from edhas_jax.design.sweep import cluster
+    from edhas_jax.design.sweep import dask_cluster
 
-    monkeypatch.setattr(cluster, "WAIT", 1.0)
-    for where, message in (
+    monkeypatch.setattr(dask_cluster, "SCHEDULER_TIMEOUT", 1.0)
+    for address, message in (
         ("local", "write local:2"), ("local:0", "write local:2"), ("http://x", "write local:2"),
         ("tcp://127.0.0.1:9", "no scheduler answers at tcp://127.0.0.1:9 within 1 s"),
     ):  # fmt: skip
-        assert main(["sweep", "tiny.yaml", "--cluster", where]) == 2
+        assert main(["sweep", "tiny.yaml", "--cluster", address]) == 2
         assert message in capsys.readouterr().err
-        assert not (here / "runs").exists()
+        assert not (workdir / "runs").exists()
 
 
-def test_without_dask_the_message_says_what_to_install(here, capsys, monkeypatch):
+def test_the_message_without_dask_says_what_to_install(workdir, capsys, monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "dask", None)
@@ -52,14 +52,14 @@ def test_without_dask_the_message_says_what_to_install(here, capsys, monkeypatch
     assert 'pip install "edhas_jax[cluster]"' in capsys.readouterr().err
 
 
-def test_a_killed_worker_changes_nothing(here):
+def test_a_killed_worker_changes_no_result(workdir):
     pytest.importorskip("distributed")
-    from edhas_jax.design.sweep.cluster import executor
+    from edhas_jax.design.sweep.dask_cluster import dask_executor
 
     sweep = edhas.load_sweep("tiny.yaml")
     edhas.run_sweep(sweep, "plain")
     killed = []
-    with executor("local:2") as workers:
+    with dask_executor("local:2") as workers:
         client = workers._client
         victim = next(iter(client.run(os.getpid).values()))
 
@@ -75,5 +75,5 @@ def test_a_killed_worker_changes_nothing(here):
         thread.start()
         edhas.run_sweep(sweep, "cluster", workers)
         thread.join()
-    assert killed == [True]  # in mid-sweep
+    assert killed == [True]  # during the sweep
     assert Path("plain/table.parquet").read_bytes() == Path("cluster/table.parquet").read_bytes()

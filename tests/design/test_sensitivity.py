@@ -7,8 +7,9 @@ from SALib.analyze import sobol as salib
 from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.design.batch.batch import run_designs
+from edhas_jax.design.batch.experiment_design import designs_at
 from edhas_jax.design.sensitivity.analysis import load_sensitivity, open_findings
-from edhas_jax.design.sensitivity.sobol_morris import at_shares, morris, sobol, sobol_designs, sobol_statistics
+from edhas_jax.design.sensitivity.sobol_morris import morris, sobol, sobol_designs, sobol_statistics
 
 CONFIG = """
 name: small
@@ -66,7 +67,7 @@ def test_the_machine_against_salib_on_the_same_samples(task):
     task = load_sensitivity(task)
     names, n = [axis.name for axis in task.ranges], 64
     a, b, mixed = sobol_designs(len(names), n, 0)
-    got = run_designs(task.machine, at_shares(task.ranges, np.concatenate([a, b, *mixed])), task.settings)
+    got = run_designs(task.machine, designs_at(task.ranges, np.concatenate([a, b, *mixed])), task.settings)
     values = got["mean_flow"]
     ours = sobol_statistics(values[:, None], names, ["mean_flow"], n, 0)
     parts = values.reshape(len(names) + 2, n)

@@ -6,7 +6,7 @@ import pytest
 from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import ConfigError, read_config
 from edhas_jax.design.batch.batch import run_designs
-from edhas_jax.design.batch.design_table import sobol
+from edhas_jax.design.batch.experiment_design import sobol_sequence
 from edhas_jax.design.sizing.config import load_sizing
 from edhas_jax.design.sizing.optimiser import MET
 from edhas_jax.design.sizing.problem import Problem
@@ -59,7 +59,7 @@ def result(tmp_path_factory):
 def test_at_least_as_good_as_a_sweep(result):
     """Of the same space, judged by the same goals and limits."""
     task, found = result
-    designs, frequency = sobol(task.free, 400), task.operating_points()["frequency"]
+    designs, frequency = sobol_sequence(task.free, 400), task.operating_points()["frequency"]
     table = {n: np.repeat(v, len(frequency)) for n, v in designs.items()}
     got = run_designs(task.machine, table | {"frequency": np.tile(frequency, 400)}, task.settings)
     got = {n: v.reshape(400, -1) for n, v in got.items()}

@@ -1,4 +1,4 @@
-"""Sweeps from end to end, in process: complete, resumed, refused, interrupted, killed, drawn."""
+"""Sweeps from end to end: complete, resumed, refused, interrupted, killed, drawn."""
 
 import errno
 import json
@@ -17,7 +17,7 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.design.batch.batch import REASONS, plan_chunks
-from edhas_jax.design.sweep import chunk_task, folder
+from edhas_jax.design.sweep import chunk_job, folder, identity
 from edhas_jax.simulation.metrics import METRICS
 from tests.support import CONFIGS
 
@@ -36,16 +36,16 @@ COMMAND = ["sweep", "tiny.yaml"]
 
 
 @pytest.fixture()
-def here(tmp_path, monkeypatch):
+def workdir(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tiny.yaml").write_text(TEXT)
     return tmp_path
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """The folder of the sweep, run in one go."""
-    folder = tmp_path_factory.mktemp("whole")
+def finished(tmp_path_factory):
+    """The folder of the sweep, run without interruption."""
+    folder = tmp_path_factory.mktemp("finished")
     (folder / "tiny.yaml").write_text(TEXT)
     edhas.run_sweep(edhas.load_sweep(folder / "tiny.yaml"), folder / "runs" / "tiny")
     return folder / "runs" / "tiny"
@@ -56,11 +56,11 @@ def same(one: Path, other: Path) -> bool:
     return (one / "table.parquet").read_bytes() == (other / "table.parquet").read_bytes()
 
 
-def test_a_sweep_gives_a_table_with_units(here, whole, capsys, monkeypatch):
+def test_a_sweep_gives_a_table_with_units(workdir, finished, capsys, monkeypatch):
     assert main(COMMAND) == 0
     said = capsys.readouterr().out
     assert "8 designs, 8 computed" in said and "edhas plot sweep runs/tiny" in said
-    folder = here / "runs" / "tiny"
+    folder = workdir / "runs" / "tiny"
     assert sorted(p.name for p in folder.iterdir() if p.name != ".lock") == [
         "chunks", "designs.parquet", "manifest.json", "table.parquet"
     ]  # fmt: skip
@@ -78,23 +78,24 @@ def test_a_sweep_gives_a_table_with_units(here, whole, capsys, monkeypatch):
     assert manifest["state"] == "finished" and manifest["designs"] == 8 and manifest["chunks"] == 4
     assert manifest["edhas_jax"] == edhas.__version__ and "xla_flags" in manifest
     assert manifest["computed_on"][0]["platform"] and "rig: pump_bench" in manifest["machine"]
-    assert same(folder, whole)
+    assert same(folder, finished)
 
     # again: nothing is computed
-    monkeypatch.setattr(chunk_task, "run_chunk", None)
+    monkeypatch.setattr(chunk_job, "run_chunk", None)
     before = {p: p.stat().st_mtime_ns for p in folder.rglob("*.*") if p.name != ".lock"}
     assert main(COMMAND) == 0
     assert "all of them computed before" in capsys.readouterr().out
     assert before == {p: p.stat().st_mtime_ns for p in before}
     # what was written is a table of designs itself
-    (here / "again.yaml").write_text(TEXT.split("sweep:")[0] + "sweep: {kind: table, file: runs/tiny/designs.parquet}")
+    table_sweep = "sweep: {kind: table, file: runs/tiny/designs.parquet}"
+    (workdir / "again.yaml").write_text(TEXT.split("sweep:")[0] + table_sweep)
     again = edhas.load_sweep("again.yaml")
     np.testing.assert_array_equal(again.designs["piston_clearance"], table["piston_clearance"])
 
 
-def stop_after(monkeypatch, count: int, error: BaseException):
-    """Let `error` happen when chunk number `count` is computed."""
-    run_chunk, calls = chunk_task.run_chunk, []
+def raise_after(monkeypatch, count: int, error: BaseException):
+    """Raise `error` in place of every chunk after the first `count`."""
+    run_chunk, calls = chunk_job.run_chunk, []
 
     def interrupted(*arguments):
         calls.append(1)
@@ -102,13 +103,13 @@ def stop_after(monkeypatch, count: int, error: BaseException):
             raise error
         return run_chunk(*arguments)
 
-    monkeypatch.setattr(chunk_task, "run_chunk", interrupted)
+    monkeypatch.setattr(chunk_job, "run_chunk", interrupted)
     return calls
 
 
-def test_an_interrupted_sweep_goes_on(here, whole, capsys, monkeypatch):
+def test_an_interrupted_sweep_is_resumed(workdir, finished, capsys, monkeypatch):
     with monkeypatch.context() as patch:
-        stop_after(patch, 2, KeyboardInterrupt())
+        raise_after(patch, 2, KeyboardInterrupt())
         assert main(COMMAND) == 130
     said = capsys.readouterr()
     assert "4 of 8 designs are finished" in said.err and "the same command resumes" in said.err
@@ -117,38 +118,38 @@ def test_an_interrupted_sweep_goes_on(here, whole, capsys, monkeypatch):
     assert (part.frame["status"] == "not_run").sum() == 4
     assert part.frame.loc[part.frame["status"] == "not_run", "mean_flow"].isna().all()
     assert main(["plot", "sweep", "runs/tiny", "--kind", "heat"]) == 0
-    (here / "runs/tiny/heat.png").unlink()
-    # a chunk that is damaged is computed anew, what a killed process left is swept up
-    chunk = here / "runs/tiny/chunks/000000.parquet"
+    (workdir / "runs/tiny/heat.png").unlink()
+    # a damaged chunk is computed again, and a partial file of a killed process is removed
+    chunk = workdir / "runs/tiny/chunks/000000.parquet"
     chunk.write_bytes(chunk.read_bytes()[:-100])
-    (here / "runs/tiny/chunks/.000003.parquet.1.partial").write_bytes(b"half")
-    calls = stop_after(monkeypatch, 99, RuntimeError())
+    (workdir / "runs/tiny/chunks/.000003.parquet.1.partial").write_bytes(b"half")
+    calls = raise_after(monkeypatch, 99, RuntimeError())
     assert main(COMMAND) == 0
     assert len(calls) == 3 and "6 computed" in capsys.readouterr().out
-    assert not list((here / "runs/tiny/chunks").glob(".*"))
-    assert same(here / "runs" / "tiny", whole)
+    assert not list((workdir / "runs/tiny/chunks").glob(".*"))
+    assert same(workdir / "runs" / "tiny", finished)
 
 
-def test_a_killed_sweep_goes_on(here, whole):
+def test_a_killed_sweep_is_resumed(workdir, finished):
     code = (
-        "import sys, time; from edhas_jax.design.sweep import chunk_task; run = chunk_task.run_chunk\n"
+        "import sys, time; from edhas_jax.design.sweep import chunk_job; run = chunk_job.run_chunk\n"
         "def slow(*a):\n    out = run(*a); time.sleep(0.7); return out\n"
-        "chunk_task.run_chunk = slow\n"
+        "chunk_job.run_chunk = slow\n"
         "from edhas_jax.commands.cli import main; sys.exit(main(['sweep', 'tiny.yaml']))"
     )
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL)
-    chunks, until = here / "runs" / "tiny" / "chunks", time.time() + 120
+    chunks, until = workdir / "runs" / "tiny" / "chunks", time.time() + 120
     while len(list(chunks.glob("0*.parquet"))) < 2 and process.poll() is None and time.time() < until:
         time.sleep(0.02)
     os.kill(process.pid, signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
     assert 0 < edhas.open_sweep("runs/tiny").done < 8
     assert main(COMMAND) == 0
-    assert same(here / "runs" / "tiny", whole)
+    assert same(workdir / "runs" / "tiny", finished)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("10 um", "12 um", "table of designs: other values"),
         ("count: 2", "count: 3", "number of designs: 8 there, 12 here"),
@@ -157,46 +158,46 @@ def test_a_killed_sweep_goes_on(here, whole):
         ("paper.yaml", "actuator.yaml", "rig: pump_bench there, actuator_bench here"),
     ],
 )
-def test_the_folder_of_another_sweep_is_refused(here, whole, capsys, old, new, told):
+def test_the_folder_of_another_sweep_is_refused(workdir, finished, capsys, old, new, message):
     text = TEXT.replace(old, new).replace("10 um", "10 mm" if new.startswith("piston_fit") else "10 um")
     text = text.replace("40 um", "40 mm" if new.startswith("piston_fit") else "40 um")
     if new == "actuator.yaml":
         text = text.replace("piston_clearance: {from: 10 um, to: 40 um", "mover_mass: {from: 0.1 kg, to: 0.2 kg")
-    (here / "tiny.yaml").write_text(text)
-    before = (whole / "manifest.json").read_bytes()
-    assert main([*COMMAND, "--out", str(whole)]) == 2
+    (workdir / "tiny.yaml").write_text(text)
+    before = (finished / "manifest.json").read_bytes()
+    assert main([*COMMAND, "--out", str(finished)]) == 2
     said = capsys.readouterr().err
-    assert "holds another sweep; nothing was changed" in said and told in said
-    assert (whole / "manifest.json").read_bytes() == before
+    assert "holds another sweep; nothing was changed" in said and message in said
+    assert (finished / "manifest.json").read_bytes() == before
 
 
-def test_another_machine_or_version_is_refused(here, whole, capsys, monkeypatch):
+def test_another_machine_or_version_is_refused(workdir, finished, capsys, monkeypatch):
     base = (CONFIGS / "paper.yaml").read_text().replace("piston_diameter: 12 mm", "piston_diameter: 13 mm")
-    (here / "other.yaml").write_text(base)
-    (here / "tiny.yaml").write_text(TEXT.replace(str(CONFIGS / "paper.yaml"), "other.yaml"))
-    assert main([*COMMAND, "--out", str(whole)]) == 2
+    (workdir / "other.yaml").write_text(base)
+    (workdir / "tiny.yaml").write_text(TEXT.replace(str(CONFIGS / "paper.yaml"), "other.yaml"))
+    assert main([*COMMAND, "--out", str(finished)]) == 2
     assert "parameter pump.piston_diameter: 12 mm there, 13 mm here" in capsys.readouterr().err
-    (here / "tiny.yaml").write_text(TEXT)
+    (workdir / "tiny.yaml").write_text(TEXT)
 
-    newer = chunk_task.versions() | {"jax": "99.0"}
-    monkeypatch.setattr(folder, "versions", lambda: newer)
-    assert main([*COMMAND, "--out", str(whole)]) == 2
+    newer = identity.versions() | {"jax": "99.0"}
+    monkeypatch.setattr(identity, "versions", lambda: newer)
+    assert main([*COMMAND, "--out", str(finished)]) == 2
     assert "99.0 here" in capsys.readouterr().err
 
 
-def test_what_is_no_folder_of_a_sweep_is_left_alone(here, capsys):
-    (here / "precious").mkdir()
-    (here / "precious" / "thesis.txt").write_text("years")
+def test_another_folder_is_not_changed(workdir, capsys):
+    (workdir / "precious").mkdir()
+    (workdir / "precious" / "thesis.txt").write_text("years")
     assert main([*COMMAND, "--out", "precious"]) == 2
     assert "is not the folder of a sweep" in capsys.readouterr().err
-    assert [p.name for p in (here / "precious").iterdir()] == ["thesis.txt"]
+    assert [p.name for p in (workdir / "precious").iterdir()] == ["thesis.txt"]
     assert main(["plot", "sweep", "precious"]) == 2
     assert "manifest.json is missing" in capsys.readouterr().err
     assert main(["sweep", "nowhere.yaml"]) == 2
     assert "no such file" in capsys.readouterr().err
 
 
-def test_a_full_disk_keeps_what_is_finished(here, whole, capsys, monkeypatch):
+def test_a_full_disk_keeps_the_finished_chunks(workdir, finished, capsys, monkeypatch):
     write, written = folder.pq.write_table, []
 
     def full(data, path):
@@ -212,29 +213,29 @@ def test_a_full_disk_keeps_what_is_finished(here, whole, capsys, monkeypatch):
         assert main(COMMAND) == 2
     assert "the disk is full" in capsys.readouterr().err
     assert edhas.open_sweep("runs/tiny").done == 4
-    assert len(list((here / "runs/tiny/chunks").iterdir())) == 2
+    assert len(list((workdir / "runs/tiny/chunks").iterdir())) == 2
     with monkeypatch.context() as patch:
         patch.setattr(folder.shutil, "disk_usage", lambda path: type("", (), {"free": 1000})())
         assert main(COMMAND) == 2
     assert "the disk has 0 MB left; nothing was computed" in capsys.readouterr().err
     assert main(COMMAND) == 0
-    assert same(here / "runs" / "tiny", whole)
+    assert same(workdir / "runs" / "tiny", finished)
 
 
-def test_two_processes_do_not_share_a_folder(here, capsys, monkeypatch):
+def test_two_processes_do_not_share_a_folder(workdir, capsys, monkeypatch):
     sweep = edhas.load_sweep("tiny.yaml")
     with folder.SweepFolder(sweep, "runs/tiny", plan_chunks(sweep.machine, sweep.designs, sweep.settings)):
         assert main(COMMAND) == 2
     assert "is being computed by another process" in capsys.readouterr().err
 
 
-def test_pictures(here, whole, capsys):
-    assert main(["plot", "sweep", str(whole), "--out", "picture.png"]) == 0
+def test_pictures(workdir, finished, capsys):
+    assert main(["plot", "sweep", str(finished), "--out", "picture.png"]) == 0
     for kind in ("heat", "parallel", "pareto"):
-        assert (here / f"picture_{kind}.png").stat().st_size > 10_000
-    heat = ["plot", "sweep", str(whole), "--out", "one.svg", "--kind", "heat"]
+        assert (workdir / f"picture_{kind}.png").stat().st_size > 10_000
+    heat = ["plot", "sweep", str(finished), "--out", "one.svg", "--kind", "heat"]
     assert main([*heat, "--metric", "mean_leakage", "--x", "frequency", "--y", "piston_clearance"]) == 0
-    picture = (here / "one.svg").read_text()
+    picture = (workdir / "one.svg").read_text()
     assert "<svg" in picture
     for arguments, message in (
         (["--metric", "mean_flew"], "nearest: mean_flow"),
@@ -246,12 +247,13 @@ def test_pictures(here, whole, capsys):
     ):
         assert main([*heat, *arguments]) == 2
         assert message in capsys.readouterr().err
-    assert main(["plot", "sweep", str(whole), "--kind", "pareto", "--pareto", "mean_flow:up", "peak_current:min"]) == 2
+    pareto = ["plot", "sweep", str(finished), "--kind", "pareto"]
+    assert main([*pareto, "--pareto", "mean_flow:up", "peak_current:min"]) == 2
     assert "mean_flow:max or mean_flow:min" in capsys.readouterr().err
 
 
-def test_the_front_is_what_nothing_beats():
-    from edhas_jax.design.sweep.figures import front_of
+def test_the_pareto_front_is_the_set_of_non_dominated_points():
+    from edhas_jax.design.sweep.pareto_front import non_dominated
 
     rng = np.random.default_rng(0)
     a, b = rng.random(300), rng.random(300).round(1)
@@ -259,38 +261,38 @@ def test_the_front_is_what_nothing_beats():
         i for i in range(300)
         if not any((a[j] >= a[i]) & (b[j] >= b[i]) & ((a[j] > a[i]) | (b[j] > b[i])) for j in range(300))
     }  # fmt: skip
-    assert set(front_of(a, b)) == expected
+    assert set(non_dominated(a, b)) == expected
 
 
-def test_any_executor_will_do(here, whole):
+def test_any_executor_gives_the_same_table(workdir, finished):
     from concurrent.futures import ThreadPoolExecutor
 
     with ThreadPoolExecutor(2) as executor:
         edhas.run_sweep(edhas.load_sweep("tiny.yaml"), "threads", executor)
-    assert same(here / "threads", whole)
+    assert same(workdir / "threads", finished)
 
 
-def test_what_the_docs_show_is_read(here, whole):
+def test_the_examples_of_the_documentation_are_read(workdir, finished):
     import re
     import shutil
 
     page = (CONFIGS.parent / "docs" / "sweeps.md").read_text(encoding="utf-8")
-    shutil.copytree(CONFIGS, here / "configs")
-    (here / "configs" / "page.yaml").write_text(re.search(r"```yaml\n(.*?)```", page, re.DOTALL)[1])
+    shutil.copytree(CONFIGS, workdir / "configs")
+    (workdir / "configs" / "page.yaml").write_text(re.search(r"```yaml\n(.*?)```", page, re.DOTALL)[1])
     assert len(edhas.load_sweep("configs/page.yaml")) == 100
     assert len(edhas.load_sweep("configs/sweep_clearance.yaml")) == 100
     pumps = edhas.load_sweep("configs/sweep_pumps.yaml")
     assert len(pumps) == 10_000 and pumps.settings.precision.value == "float32"
     for status, reason in ((s.name.lower(), r) for s, r in REASONS.items()):
         assert f"| `{status}` | {reason} |" in page
-    shown = edhas.open_sweep(whole)
+    shown = edhas.open_sweep(finished)
     assert shown.shown("mean_flow") == pytest.approx(shown.frame["mean_flow"].to_numpy() * 60e3)
 
 
-def test_changes_to_the_base_and_an_inline_machine(here):
-    (here / "tiny.yaml").write_text(TEXT + "parameters: {load_orifice_area: 1 mm^2}\n")
+def test_changes_to_the_base_and_an_inline_machine(workdir):
+    (workdir / "tiny.yaml").write_text(TEXT + "parameters: {load_orifice_area: 1 mm^2}\n")
     assert edhas.get(edhas.load_sweep("tiny.yaml").machine, "load_orifice_area") == 1e-6
-    (here / "tiny.yaml").write_text(
+    (workdir / "tiny.yaml").write_text(
         "machine: {rig: actuator_bench}\nsweep: {kind: sobol, count: 5, seed: 2, parameters: "
         "{mover_mass: {from: 100 g, to: 200 g, spacing: log}}}\n"
     )

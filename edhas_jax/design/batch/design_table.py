@@ -1,139 +1,57 @@
-"""Tables of designs: which value (SI) each parameter takes in each design."""
+"""Tables of designs: names of their columns, and CSV or Parquet files of parameter values."""
 
 import csv
-import dataclasses
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si
+from edhas_jax.design.batch.experiment_design import MAX_DESIGNS, DesignError
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import ParameterError, find_parameter, format_span, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import METRICS
 
-MOST = 10_000_000  # designs in one sweep
 
+def resolve_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
+    """Find a parameter that can be varied, and its column name in tables: the shortest unique one.
 
-class DesignError(ValueError):
-    """A table of designs cannot be made."""
+    Args:
+        machine: the machine that owns the parameter.
+        name: its name, with or without the owner.
 
-
-@dataclasses.dataclass(frozen=True)
-class Axis:
-    """A parameter and the values (SI) it takes: those of a list, or `count` of them from `low` to `high`.
-
-    Samples need no count. With `log`, equal steps are equal ratios.
-    """
-
-    name: str
-    low: float = 0.0
-    high: float = 0.0
-    count: int = 0
-    values: tuple[float, ...] = ()
-    log: bool = False
-
-    def __post_init__(self):
-        if self.values:
-            twice = next((v for i, v in enumerate(self.values) if v in self.values[:i]), None)
-            if twice is not None:
-                raise DesignError(f"{self.name}: {twice:g} is listed twice")
-        elif not self.low < self.high:
-            raise DesignError(f"{self.name}: the range from {self.low:g} to {self.high:g} is empty")
-        elif self.log and self.low <= 0.0:
-            raise DesignError(f"{self.name}: logarithmic spacing needs a range above 0")
-
-    def levels(self) -> np.ndarray:
-        """The values of this axis in a grid."""
-        if self.values:
-            return np.array(self.values)
-        if self.count < 2:
-            raise DesignError(f"{self.name}: a range in a grid needs a count of at least 2; got {self.count}")
-        return (np.geomspace if self.log else np.linspace)(self.low, self.high, self.count)
-
-    def at(self, share: np.ndarray) -> np.ndarray:
-        """The values at these shares (0 … 1) of the axis."""
-        if self.values:
-            return np.array(self.values)[np.minimum((share * len(self.values)).astype(int), len(self.values) - 1)]
-        if self.log:
-            value = np.exp(math.log(self.low) + share * (math.log(self.high) - math.log(self.low)))
-        else:
-            value = self.low + share * (self.high - self.low)
-        return np.clip(value, self.low, self.high)
-
-
-def grid(axes: list[Axis] | tuple[Axis, ...]) -> dict[str, np.ndarray]:
-    """Every combination of the axes' values; the last axis changes fastest.
+    Returns:
+        The parameter and its column name.
 
     Raises:
-        DesignError: no axis, a name twice, or more designs than a sweep can have.
-    """
-    _check(axes, 1)
-    levels = [axis.levels() for axis in axes]
-    total = math.prod(len(v) for v in levels)
-    if total > MOST:
-        sizes = " × ".join(str(len(v)) for v in levels)
-        raise DesignError(f"the grid has {sizes} = {total:,} designs; at most {MOST:,}")
-    mesh = np.meshgrid(*levels, indexing="ij")
-    return {axis.name: values.ravel() for axis, values in zip(axes, mesh, strict=True)}
-
-
-def latin_hypercube(axes: list[Axis] | tuple[Axis, ...], n: int, seed: int = 0) -> dict[str, np.ndarray]:
-    """`n` designs of which each axis, cut into `n` equal parts, has one in every part."""
-    from scipy.stats import qmc
-
-    _check(axes, n)
-    return _spread(axes, qmc.LatinHypercube(len(axes), seed=np.random.default_rng(seed)).random(n))
-
-
-def sobol(axes: list[Axis] | tuple[Axis, ...], n: int, seed: int = 0) -> dict[str, np.ndarray]:
-    """The first `n` designs of a scrambled Sobol sequence; a longer one begins with the same designs."""
-    from scipy.stats import qmc
-
-    _check(axes, n)
-    # a fixed number of bits, so that the scrambling is the same for every n
-    engine = qmc.Sobol(len(axes), scramble=True, bits=30, seed=np.random.default_rng(seed))
-    return _spread(axes, engine.random_base2(max(0, math.ceil(math.log2(n))))[:n])
-
-
-def _spread(axes, shares: np.ndarray) -> dict[str, np.ndarray]:
-    return {axis.name: axis.at(shares[:, i]) for i, axis in enumerate(axes)}
-
-
-def _check(axes, n: int) -> None:
-    if not axes:
-        raise DesignError("at least one parameter is needed")
-    names = [axis.name for axis in axes]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice:
-        raise DesignError(f"{twice}: given twice")
-    if not 1 <= n <= MOST:
-        raise DesignError(f"1 … {MOST:,} designs are possible; got {n:,}")
-
-
-def own_name(machine: Rig, name: str) -> tuple[Parameter, str]:
-    """A parameter that can be varied, and the one name by which every table calls it: flat where that is unique.
-
-    Raises:
-        ParameterError: unknown, ambiguous, or no parameter but what a run gives.
+        ParameterError: the name is unknown or ambiguous, or is a result of a run and not a parameter.
     """
     flat = name.rpartition(".")[2]
     if flat in METRICS or flat in SIGNALS and flat not in (p.name for p, _, _ in list_parameters(machine)):
         what = f"a metric ({METRICS[flat][2]})" if flat in METRICS else f"a signal ({SIGNALS[flat].doc})"
-        raise ParameterError(f"is {what}, which a run gives; only parameters can be varied")
+        raise ParameterError(f"is {what}, a result of a run; only parameters can be varied")
     if flat == "ramp_time":
         raise ParameterError("has no effect in a sweep: every design is run to its periodic state; leave it out")
     p, path = find_parameter(machine, name)
     return p, short_names(machine)[path, p.name]
 
 
-def table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
-    """The designs in a CSV or Parquet file: a column `name [unit]` per parameter, a row per design.
+def read_design_table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
+    """Read the designs in a CSV or Parquet file: a column `name [unit]` per parameter, a row per design.
+
+    Args:
+        path: the file.
+        machine: the machine that owns the parameters.
+
+    Returns:
+        By parameter a column of values (SI), shape (designs,).
 
     Raises:
-        DesignError: no such file, a column that is no parameter of this machine, a hole, a value outside its span.
+        DesignError: no such file, a column that is no parameter of this machine, a missing value, or one outside the
+            allowed span.
     """
     path = Path(path)
     if not path.is_file():
@@ -141,43 +59,45 @@ def table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
     if path.suffix not in (".csv", ".parquet"):
         raise DesignError(f"{path}: a file .csv or .parquet is needed")
     try:
-        header, rows, line = _csv(path) if path.suffix == ".csv" else _parquet(path)
+        header, rows, place_of = _read_csv(path) if path.suffix == ".csv" else _read_parquet(path)
     except (OSError, csv.Error, UnicodeDecodeError) as error:
         raise DesignError(f"{path}: cannot be read as {path.suffix[1:]} ({str(error).splitlines()[0]})") from None
     if not len(rows):
         raise DesignError(f"{path}: has no rows")
-    if len(rows) > MOST:
-        raise DesignError(f"{path}: has {len(rows):,} designs; at most {MOST:,}")
-    found: dict[str, np.ndarray] = {}
+    if len(rows) > MAX_DESIGNS:
+        raise DesignError(f"{path}: has {len(rows):,} designs; at most {MAX_DESIGNS:,}")
+    columns: dict[str, np.ndarray] = {}
     for i, cell in enumerate(header):
         name, unit = cell.partition("[")[0].strip(), cell.partition("[")[2].rstrip("] ").strip()
         try:
-            p, own = own_name(machine, name)
-            one = to_si(f"1 {unit}", p.unit, f"{name} [{_example(p)}]")
+            p, column = resolve_parameter(machine, name)
+            one = to_si(f"1 {unit}", p.unit, f"{name} [{_default_unit(p)}]")
             zero = to_si(f"0 {unit}", p.unit)
         except (ParameterError, UnitError) as error:
             raise DesignError(f"{path}: column `{cell}`: {error}") from None
-        if own in found:
-            raise DesignError(f"{path}: column `{cell}`: {own} has a column already")
+        if column in columns:
+            raise DesignError(f"{path}: column `{cell}`: {column} has a column already")
         values = rows[:, i]
-        size = one - zero
+        scale = one - zero
         # dividing by a whole number makes 20 µm the float that 20e-6 is
-        values = values / round(1 / size) if size < 0.7 and not zero else zero + values * size
+        values = values / round(1 / scale) if scale < 0.7 and not zero else zero + values * scale
         low, high = p.span
-        bad = ~((low <= values) & (values <= high))
-        if bad.any():
-            at = int(np.argmax(bad))
-            got = format_quantity(values[at], p.unit)
-            raise DesignError(f"{path}{line(at)}: {own} must lie in {format_span(p)} ({p.doc}); got {got}")
-        found[own] = values
-    return found
+        invalid = ~((low <= values) & (values <= high))
+        if invalid.any():
+            row = int(np.argmax(invalid))
+            got = format_quantity(values[row], p.unit)
+            raise DesignError(f"{path}{place_of(row)}: {column} must lie in {format_span(p)} ({p.doc}); got {got}")
+        columns[column] = values
+    return columns
 
 
-def _example(p: Parameter) -> str:
+def _default_unit(p: Parameter) -> str:
+    """The unit in which the default of a parameter is written."""
     return format_quantity(p.default, p.unit).partition(" ")[2] or "-"
 
 
-def _csv(path: Path):
+def _read_csv(path: Path) -> tuple[list[str], np.ndarray, Callable[[int], str]]:
+    """The header, the rows (designs, columns), and the place of a row as text."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         reader = csv.reader(file)
         header = [cell.strip() for cell in next(reader, [])]
@@ -194,12 +114,12 @@ def _csv(path: Path):
                 raise DesignError(f"{place}: {len(row)} values where the header has {len(header)}")
             rows.append([_number(cell, place, name) for cell, name in zip(row, header, strict=True)])
             lines.append(reader.line_num)
-    return header, np.array(rows, float).reshape(len(rows), len(header)), lambda at: f":{lines[at]}"
+    return header, np.array(rows, float).reshape(len(rows), len(header)), lambda row: f":{lines[row]}"
 
 
 def _number(text: str, place: str, name: str) -> float:
     if not text.strip():
-        raise DesignError(f"{place}: column `{name}` has a hole; every design needs a value")
+        raise DesignError(f"{place}: column `{name}` has no value; every design needs one")
     try:
         value = float(text)
     except ValueError:
@@ -209,7 +129,8 @@ def _number(text: str, place: str, name: str) -> float:
     return value
 
 
-def _parquet(path: Path):
+def _read_parquet(path: Path) -> tuple[list[str], np.ndarray, Callable[[int], str]]:
+    """The header, the rows (designs, columns), and the place of a row as text."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -226,7 +147,7 @@ def _parquet(path: Path):
         values = data.column(i).to_numpy().astype(float)
         if not np.isfinite(values).all():
             row = int(np.argmax(~np.isfinite(values))) + 1
-            raise DesignError(f"{path}: row {row}: column `{field.name}` has a hole or no finite number")
+            raise DesignError(f"{path}: row {row}: column `{field.name}` has a missing or infinite value")
         columns.append(values)
     rows = np.stack(columns, axis=1) if columns else np.zeros((0, 0))
-    return header, rows, lambda at: f": row {at + 1}"
+    return header, rows, lambda row: f": row {row + 1}"

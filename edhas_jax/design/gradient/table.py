@@ -12,7 +12,7 @@ import pandas as pd
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError
 from edhas_jax.design.batch.cycle import REASONS, Status, empty_sums, measured
-from edhas_jax.design.batch.design_table import own_name
+from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.design.gradient.reverse import reverse
@@ -81,7 +81,7 @@ def gradient(
         found = forward(machine, columns, names, metrics, settings, on_cycle)
     else:
         found = reverse(machine, columns, names, metrics, settings)
-    shown = [n for n in columns if points and n in {own_name(machine, p)[1] for p in points}]
+    shown = [n for n in columns if points and n in {resolve_parameter(machine, p)[1] for p in points}]
     return Gradient(_frame(machine, columns, names, metrics, shown, found), machine, settings)
 
 
@@ -103,7 +103,7 @@ def plan(machine: Rig, metrics, parameters, points) -> tuple[list[str], list[str
     given = {}
     for name, values in (points or {}).items():
         try:
-            p, own = own_name(machine, name)
+            p, own = resolve_parameter(machine, name)
             given[own] = np.array([float(parse_value(p, v)) for v in values])
         except (ParameterError, UnitError) as error:
             raise GradientError(f"{name}: {error}") from None
@@ -133,7 +133,7 @@ def _own_names(machine: Rig, parameters: Sequence[str]) -> list[str]:
     names = []
     for name in parameters:
         try:
-            names.append(own_name(machine, name)[1])
+            names.append(resolve_parameter(machine, name)[1])
         except ParameterError as error:
             raise GradientError(f"{name}: {error}") from None
         if find_parameter(machine, names[-1])[1] == "sampling":
@@ -145,7 +145,7 @@ def _own_names(machine: Rig, parameters: Sequence[str]) -> list[str]:
 
 
 def _frame(machine, columns, names, metrics, shown, found: Derivatives) -> pd.DataFrame:
-    units = {n: own_name(machine, n)[0].unit for n in names}
+    units = {n: resolve_parameter(machine, n)[0].unit for n in names}
     rows = []
     for point, status in enumerate(found.status):
         at = {n: columns[n][point] for n in shown}

@@ -14,11 +14,12 @@ from edhas_jax.config.writer import dump_config
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.design.batch.batch import BatchSettings, run_designs
 from edhas_jax.design.batch.cycle import Status
-from edhas_jax.design.batch.design_table import Axis, grid, own_name
+from edhas_jax.design.batch.design_table import resolve_parameter
+from edhas_jax.design.batch.experiment_design import Axis, designs_at, full_factorial
 from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.table import gradient, metrics_of, parameters_of
-from edhas_jax.design.sensitivity.sobol_morris import at_shares, morris, sobol
-from edhas_jax.design.sweep.task_reader import TaskReader
+from edhas_jax.design.sensitivity.sobol_morris import morris, sobol
+from edhas_jax.design.task_reader import TaskReader
 from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run import Simulation
@@ -49,7 +50,7 @@ class Sensitivity:
 
     def operating_points(self) -> dict[str, np.ndarray]:
         """The columns (SI) of the operating points; none: the machine as it stands."""
-        return grid(self.points) if self.points else {}
+        return full_factorial(self.points) if self.points else {}
 
 
 def load_sensitivity(path: Path | str) -> Sensitivity:
@@ -59,16 +60,16 @@ def load_sensitivity(path: Path | str) -> Sensitivity:
         ConfigError: every problem of the file, one line each.
     """
     reader = TaskReader(path, SECTIONS, "ranges", optional=True)
-    points = reader.points("points")
+    points = reader.operating_points("points")
     known = metrics_of(reader.machine) if reader.machine is not None and not reader.problems else []
-    metrics = reader.listed("metrics")
+    metrics = reader.list_section("metrics")
     for i, name in enumerate(metrics):
         if known and name not in known:
             reader.add(("metrics", i), f"no metric `{name}`; {suggest(str(name), known)}")
     local = []
-    for i, name in enumerate(reader.listed("local")):
+    for i, name in enumerate(reader.list_section("local")):
         try:
-            local += [own_name(reader.machine, str(name))[1]] if reader.machine is not None else []
+            local += [resolve_parameter(reader.machine, str(name))[1]] if reader.machine is not None else []
         except ParameterError as error:
             reader.add(("local", i), str(error))
     samples = reader.read_integer(("samples",), reader.data.get("samples", "256"), 0, 2**16)
@@ -131,7 +132,7 @@ def analyse(task: Sensitivity, on_progress: Callable[[str, float], None] | None 
         for k, point in points.iterrows():
 
             def outputs(shares, point=point, k=k, kind=kind):
-                table = at_shares(task.ranges, shares)
+                table = designs_at(task.ranges, shares)
                 table |= {n: np.full(len(shares), value) for n, value in point.items()}
 
                 def on_chunk(done, total):

@@ -5,8 +5,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 
-from edhas_jax.design.batch.design_table import Axis
-
 CONFIDENCE = 0.95
 RESAMPLES = 200
 FEWEST = 16  # rows that indices can be made of
@@ -102,7 +100,3 @@ def morris(f: Outputs, parameters: Sequence[str], outputs: Sequence[str], trajec
                          "trajectories": int(good.sum())})  # fmt: skip
     return pd.DataFrame(rows)
 
-
-def at_shares(axes: Sequence[Axis], shares: np.ndarray) -> dict[str, np.ndarray]:
-    """The designs (SI) at shares of their axes."""
-    return {axis.name: axis.at(shares[:, i]) for i, axis in enumerate(axes)}

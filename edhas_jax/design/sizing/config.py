@@ -13,9 +13,10 @@ from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.design.batch.batch import BatchSettings
-from edhas_jax.design.batch.design_table import Axis, grid, own_name
+from edhas_jax.design.batch.design_table import resolve_parameter
+from edhas_jax.design.batch.experiment_design import Axis, full_factorial
 from edhas_jax.design.gradient.table import metrics_of
-from edhas_jax.design.sweep.task_reader import TaskReader
+from edhas_jax.design.task_reader import TaskReader
 from edhas_jax.machine.parameters import ParameterError, get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import METRICS
@@ -97,7 +98,7 @@ class Sizing:
 
     def operating_points(self) -> dict[str, np.ndarray]:
         """The columns (SI) of the operating points; none: the machine as it stands."""
-        return grid(self.points) if self.points else {}
+        return full_factorial(self.points) if self.points else {}
 
 
 def load_sizing(path: Path | str) -> Sizing:
@@ -107,7 +108,7 @@ def load_sizing(path: Path | str) -> Sizing:
         ConfigError: every problem of the file, one line each.
     """
     r = TaskReader(path, SECTIONS, "free")
-    points = r.points("points")
+    points = r.operating_points("points")
     for name in sorted({a.name for a in points} & {a.name for a in r.axes}):
         r.add(("free", name), "is held at the operating points; leave it out here or there")
     known = metrics_of(r.machine) if r.machine is not None and not r.problems else list(METRICS)
@@ -122,7 +123,7 @@ def load_sizing(path: Path | str) -> Sizing:
     seed = r.read_integer(("seed",), r.data.get("seed", "0"), 0, 2**32 - 1)
     if r.machine is not None:
         for axis in r.axes:
-            value, unit = float(get_parameter(r.machine, axis.name)), own_name(r.machine, axis.name)[0].unit
+            value, unit = float(get_parameter(r.machine, axis.name)), resolve_parameter(r.machine, axis.name)[0].unit
             if not axis.low <= value <= axis.high:
                 low, high, at = (format_quantity(x, unit) for x in (axis.low, axis.high, value))
                 r.add(("free", axis.name), f"the range {low} … {high} excludes the start, {at}; widen it, or set "
@@ -202,7 +203,7 @@ def _robust(r: TaskReader) -> tuple[Robust | None, tuple[Tolerance, ...]]:
     for name, spec in rows.items() if r.machine is not None else ():
         key = ("robust", "tolerances", name)
         try:
-            p, own = own_name(r.machine, str(name))
+            p, own = resolve_parameter(r.machine, str(name))
         except ParameterError as error:
             r.add(key, str(error))
             continue

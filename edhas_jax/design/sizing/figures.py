@@ -3,7 +3,7 @@
 import numpy as np
 
 from edhas_jax.core.units import display_unit, format_number, from_si
-from edhas_jax.design.batch.design_table import own_name
+from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sizing.config import Sizing
 from edhas_jax.design.sizing.optimiser import MET
 from edhas_jax.design.sizing.sizing import SizingResult
@@ -32,7 +32,7 @@ def draw_path(task: Sizing, result: SizingResult):
     grid[0].set(xlabel="iteration", ylabel="best feasible objective, % from the final one", xlim=(0, last))
     grid[0].set_title(f"{len(reached)} starts, {100 * result.alike:.0f} % end within 1 %", fontsize=10)
     for axes, axis in zip(grid[1:], task.free, strict=True):
-        unit = own_name(task.machine, axis.name)[0].unit
+        unit = resolve_parameter(task.machine, axis.name)[0].unit
         shown = display_unit(unit, axis.high)
         for _, rows in result.path.groupby("start"):
             rows = _so_far(rows)
@@ -100,14 +100,14 @@ def draw_front(task: Sizing, result: SizingResult):
     ]  # fmt: skip
     image = right.imshow(shares, cmap="viridis", vmin=0, vmax=1, aspect="auto")
     for i, axis in enumerate(task.free):
-        unit = own_name(task.machine, axis.name)[0].unit
+        unit = resolve_parameter(task.machine, axis.name)[0].unit
         shown = display_unit(unit, axis.high)
         for k, sized in enumerate(met):
             right.text(k, i, format_number(from_si(sized.design[axis.name], unit, shown), 3), ha="center", va="center",
                        fontsize=7.5, color="white" if shares[i][k] < 0.6 else INK)  # fmt: skip
-    right.set_yticks(range(len(task.free)), [
-        f"{a.name.replace('_', ' ')}, {display_unit(own_name(task.machine, a.name)[0].unit, a.high)}" for a in task.free
-    ], fontsize=8.5)  # fmt: skip
+    units = [display_unit(resolve_parameter(task.machine, a.name)[0].unit, a.high) for a in task.free]
+    labels = [f"{a.name.replace('_', ' ')}, {unit}" for a, unit in zip(task.free, units, strict=True)]
+    right.set_yticks(range(len(task.free)), labels, fontsize=8.5)
     right.set_xticks(range(len(met)), [str(k + 1) for k in range(len(met))])
     right.set_xlabel("design along the front")
     bar = figure.colorbar(image, ax=right, pad=0.02, aspect=25)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from edhas_jax.design.batch.cycle import Status
-from edhas_jax.design.batch.design_table import Axis
+from edhas_jax.design.batch.experiment_design import designs_at
 from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.design.sizing.config import Limit, Robust, Sizing, Tolerance
@@ -67,17 +67,17 @@ class Problem:
 
     def start(self) -> np.ndarray:
         """The shares of the machine as it stands."""
-        return np.array([_share(a, float(get_parameter(self.task.machine, a.name))) for a in self.task.free])
+        return np.array([a.fraction_of(float(get_parameter(self.task.machine, a.name))) for a in self.task.free])
 
     def values(self, shares: np.ndarray) -> dict[str, np.ndarray]:
         """The free dimensions (SI) at shares (n, d)."""
-        return {axis.name: axis.at(shares[:, i]) for i, axis in enumerate(self.task.free)}
+        return designs_at(self.task.free, shares)
 
     def judge(self, shares: np.ndarray, weights: np.ndarray | None = None) -> Judged:
         """Designs at shares (n, d); `weights` (n, k) of the goals, by default those of the task for every design."""
         n, cases = len(shares), len(self.cases)
         free = self.values(shares)
-        scale = np.stack([_stretch(axis, free[axis.name]) for axis in self.task.free], axis=1)
+        scale = np.stack([axis.derivative_at(free[axis.name]) for axis in self.task.free], axis=1)
         columns, factor = self._columns(free, n)
         settings = GradientSettings(self.steps_per_cycle, 2e-3, 12)
         found = forward(self._machine, columns, self.names, self._metrics, settings)
@@ -146,17 +146,6 @@ class Problem:
                 share = share * (1.0 + SHARPNESS * sign * around)
             goal_slopes.append((share[..., None] * log_slopes).sum(axis=2).mean(axis=1))
         return np.stack(goals, axis=1), np.stack(goal_slopes, axis=1)
-
-
-def _share(axis: Axis, value: float) -> float:
-    if axis.log:
-        return float(np.log(value / axis.low) / np.log(axis.high / axis.low))
-    return (value - axis.low) / (axis.high - axis.low)
-
-
-def _stretch(axis: Axis, value: np.ndarray) -> np.ndarray:
-    """d value / d share."""
-    return value * np.log(axis.high / axis.low) if axis.log else np.full_like(value, axis.high - axis.low)
 
 
 __all__ = ["Judged", "Problem", "Tolerance"]

@@ -9,7 +9,7 @@ import pandas as pd
 
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.core.units import format_quantity
-from edhas_jax.design.batch.design_table import own_name
+from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sizing.config import Sizing
 from edhas_jax.design.sizing.optimiser import MET, Ends, descend, polish
 from edhas_jax.design.sizing.problem import Judged, Problem
@@ -193,12 +193,12 @@ def _check_met(task: Sizing, problem: Problem, machines: list[Sized]) -> None:
         if (worst - limit.value) * (1 if limit.upper else -1) > MET * abs(limit.value):
             broken.append(f"{limit} ({format_quantity(worst, METRICS[limit.metric][0])})")
     z = np.array([[best.design[n] for n in problem.names]])
-    told = ", ".join(f"{n} {format_quantity(v, own_name(task.machine, n)[0].unit)}"
+    told = ", ".join(f"{n} {format_quantity(v, resolve_parameter(task.machine, n)[0].unit)}"
                      for n, v in zip(problem.names, z[0], strict=True))  # fmt: skip
     raise SizingError(f"the limits cannot be met together: {'; '.join(broken)} at the nearest design found: {told}")
 
 
 def _told(problem: Problem, z: np.ndarray) -> str:
     values = problem.values(z[None])
-    return ", ".join(f"{n} {format_quantity(v[0], own_name(problem.task.machine, n)[0].unit)}"
+    return ", ".join(f"{n} {format_quantity(v[0], resolve_parameter(problem.task.machine, n)[0].unit)}"
                      for n, v in values.items())  # fmt: skip

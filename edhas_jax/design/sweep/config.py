@@ -1,5 +1,4 @@
-"""Sweeps as YAML text: a machine, the designs of it that are to be run, and how they are run."""
-
+"""Configuration of a sweep: a YAML file with a machine, the designs to run, and the settings of the batch."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -22,9 +21,16 @@ from edhas_jax.config.yaml_with_lines import (
     yaml_type,
 )
 from edhas_jax.core.structs import Parameter
-from edhas_jax.design.batch import design_table
 from edhas_jax.design.batch.batch import BatchError, BatchSettings, plan_chunks
-from edhas_jax.design.batch.design_table import Axis, DesignError
+from edhas_jax.design.batch.design_table import read_design_table
+from edhas_jax.design.batch.experiment_design import (
+    MAX_DESIGNS,
+    Axis,
+    DesignError,
+    full_factorial,
+    latin_hypercube,
+    sobol_sequence,
+)
 from edhas_jax.design.sweep.axes_reader import AxesReader
 from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.validation import check_effect
@@ -32,10 +38,34 @@ from edhas_jax.machine.parameters import ParameterError, find_parameter, replace
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run import Precision, Simulation
 
+SECTIONS = ("name", "base", "machine", "parameters", "sweep", "batch")
+SWEEP_KEYS = {
+    "grid": ("kind", "parameters"),
+    "latin_hypercube": ("kind", "count", "seed", "parameters"),
+    "sobol": ("kind", "count", "seed", "parameters"),
+    "table": ("kind", "file"),
+}
+BATCH_QUANTITIES = {
+    "step": SIMULATION_SETTINGS["step"],
+    "tolerance": Parameter("tolerance", 1e-4, "-", (1e-9, 0.1), "change from cycle to cycle", "", BatchSettings),
+    "max_cycles": Parameter("max_cycles", 16, "-", (3, 100_000), "cycles at most", "", BatchSettings),
+}
+
 
 @dataclasses.dataclass(frozen=True)
 class Sweep:
-    """A machine and the designs of it that are to be run: by parameter name a column of SI values."""
+    """A machine and the designs of it that are to be run.
+
+    Attributes:
+        machine: the machine on which all designs are based.
+        designs: by parameter a column of values (SI), shape (designs,).
+        settings: step, tolerance and limits of the batch.
+        kind: "grid", "latin_hypercube", "sobol" or "table".
+        axes: ranges or values of the parameters; empty for a table.
+        seed: of the samples; None for a grid or a table.
+        name: title of the sweep.
+        path: its configuration file.
+    """
 
     machine: Rig
     designs: Mapping[str, np.ndarray]
@@ -51,7 +81,13 @@ class Sweep:
 
 
 def load_sweep(path: Path | str) -> Sweep:
-    """The sweep in a YAML file; its designs are made, and everything about them is checked.
+    """Read a sweep from a YAML file, generate its designs, and check them.
+
+    Args:
+        path: the configuration file.
+
+    Returns:
+        The sweep, ready to run.
 
     Raises:
         ConfigError: every problem of the file, one line each.
@@ -62,63 +98,61 @@ def load_sweep(path: Path | str) -> Sweep:
         data, lines, problems = parse_yaml(text)
     except YamlError as error:
         what = str(error)
-        if "`rig:" in what:  # said of a machine's configuration
+        if "`rig:" in what:  # the message for a file that should describe a machine
             what = "a mapping with the keys `base:` (the configuration of a machine) and `sweep:` is needed"
         raise ConfigError(f"{path}:{error.line}: {what}" if error.line else f"{path}: {what}") from None
     reader = SweepReader(data, path)
     if not isinstance(data.get("sweep"), Mapping) and "rig" in data:
         what = f"describes one machine, not a sweep; name it in a file of its own with `base: {path.name}` and `sweep:`"
         raise ConfigError(f"{path}: {what}")
-    read = reader.problems
-    if not read and not reader.elsewhere:
+    found = reader.problems
+    if not found and not reader.base_problems:
         try:
             plan_chunks(reader.machine, reader.designs, reader.settings)
             for effect in reader.machine.effects:
                 check_effect(effect, reader.machine, reader.settings.precision.value)
         except (BatchError, EffectError) as error:
-            read = [(("base" if "base" in data else "machine",), str(error))]
-    problems += [(line_of(lines, key), f"{key_text(key)}: {what}") for key, what in read]
-    told = [f"{path}:{line}: {what}" for line, what in sorted(problems, key=lambda p: p[0])]
-    if told or reader.elsewhere:
-        raise ConfigError("\n".join(dict.fromkeys([*told, *reader.elsewhere])))
-    r = reader
-    return Sweep(r.machine, r.designs, r.settings, r.kind, r.axes, r.seed, r.name, path)
-
-
-
-TOP = ("name", "base", "machine", "parameters", "sweep", "batch")
-KEYS = {
-    "grid": ("kind", "parameters"),
-    "latin_hypercube": ("kind", "count", "seed", "parameters"),
-    "sobol": ("kind", "count", "seed", "parameters"),
-    "table": ("kind", "file"),
-}
-BATCH = {
-    "step": SIMULATION_SETTINGS["step"],
-    "tolerance": Parameter("tolerance", 1e-4, "-", (1e-9, 0.1), "change from cycle to cycle", "", BatchSettings),
-    "max_cycles": Parameter("max_cycles", 16, "-", (3, 100_000), "cycles at most", "", BatchSettings),
-}
+            found = [(("base" if "base" in data else "machine",), str(error))]
+    problems += [(line_of(lines, key), f"{key_text(key)}: {what}") for key, what in found]
+    messages = [f"{path}:{line}: {what}" for line, what in sorted(problems, key=lambda p: p[0])]
+    if messages or reader.base_problems:
+        raise ConfigError("\n".join(dict.fromkeys([*messages, *reader.base_problems])))
+    return Sweep(
+        reader.machine, reader.designs, reader.settings, reader.kind, reader.axes, reader.seed, reader.name, path
+    )
 
 
 class SweepReader(ProblemList):
-    """One pass over a sweep's mapping; what it has read is worth something only when there are no problems."""
+    """Reads the mapping of a sweep in one pass; its attributes are valid only if there are no problems.
+
+    Attributes:
+        base_problems: problems of the base configuration, which name their own file and line.
+        name: title of the sweep.
+        machine: the machine, with the changes under `parameters:`; None if it has problems.
+        settings: settings of the batch.
+        kind: kind of the sweep.
+        axes: the parameters that are varied.
+        seed: of the samples.
+        designs: by parameter a column of values (SI); None if they cannot be generated.
+    """
 
     def __init__(self, data: Mapping[str, Any], path: Path):
         super().__init__([])
-        self.elsewhere: list[str] = []  # problems of the base, which names its own file
+        self.base_problems: list[str] = []
         self._data, self._path = data, path
-        self.add_unknown_keys((), data, TOP)
+        self.add_unknown_keys((), data, SECTIONS)
         name = data.get("name") or ""
         self.name = str(name)
         if not isinstance(name, str):
             self.add(("name",), f"a text belongs here, not {yaml_type(name)}")
         self.machine, self._simulation = None, Simulation()
-        self._base()
-        self.settings = self._settings()
+        self._read_machine()
+        self.settings = self._read_settings()
         self.kind, self.axes, self.seed = "", (), None
-        self.designs = self._designs()
+        self.designs = self._read_designs()
 
-    def _base(self) -> None:
+    def _read_machine(self) -> None:
+        """The machine of `base:` or `machine:`, changed by `parameters:`."""
         base, inline = self._data.get("base"), self._data.get("machine")
         if (base is None) == (inline is None):
             self.add(("machine",) if base else ("base",), "give either `base: FILE.yaml` or `machine:`, one of them")
@@ -129,7 +163,7 @@ class SweepReader(ProblemList):
                 config = read_config(self._path.parent / base)
                 self.machine, self._simulation = config.machine, config.simulation
             except ConfigError as error:
-                self.elsewhere += str(error).splitlines()
+                self.base_problems += str(error).splitlines()
         elif not isinstance(inline, Mapping):
             self.add(("machine",), f"a mapping such as `machine: {{rig: pump_bench}}` belongs here, not "
                                     f"{yaml_type(inline)}")  # fmt: skip
@@ -143,6 +177,7 @@ class SweepReader(ProblemList):
                 self.machine = self._changed(self.machine, ("parameters", name), name, value)
 
     def _changed(self, machine: Rig, key: KeyPath, name: str, value: Any) -> Rig:
+        """The machine with another value of a parameter; unchanged if the name or the value is invalid."""
         try:
             p, path = find_parameter(machine, name)
         except ParameterError as error:
@@ -151,13 +186,13 @@ class SweepReader(ProblemList):
         number = self.read_quantity(key, p, value)
         return machine if number is None else replace_value(machine, path, p.name, number)
 
-    def _settings(self) -> BatchSettings:
-        """The section `batch:`; the step and precision of the base hold where it names none."""
+    def _read_settings(self) -> BatchSettings:
+        """The section `batch:`; step and precision default to those of the base."""
         base = self._simulation
         values: dict[str, Any] = {"precision": base.precision} | ({"step": base.step} if base.step else {})
-        given = self._section("batch", "{step: 20 us}") or {}
-        self.add_unknown_keys(("batch",), given, (*BATCH, "soft_start", "precision"))
-        for name, value in given.items():
+        section = self._section("batch", "{step: 20 us}") or {}
+        self.add_unknown_keys(("batch",), section, (*BATCH_QUANTITIES, "soft_start", "precision"))
+        for name, value in section.items():
             if name == "precision":
                 valid = [p.value for p in Precision]
                 if value in valid:
@@ -169,8 +204,8 @@ class SweepReader(ProblemList):
                     values[name] = value
                 else:
                     self.add(("batch", name), f"yes or no belongs here, not {yaml_type(value)}")
-            elif name in BATCH:
-                number = self.read_quantity(("batch", name), BATCH[name], value)
+            elif name in BATCH_QUANTITIES:
+                number = self.read_quantity(("batch", name), BATCH_QUANTITIES[name], value)
                 if number is not None:
                     values[name] = int(number) if name == "max_cycles" else number
         return BatchSettings(**values)
@@ -182,40 +217,41 @@ class SweepReader(ProblemList):
         self.add((name,), f"a mapping belongs here, for example `{name}: {example}`, not {yaml_type(value)}")
         return None
 
-    def _designs(self) -> dict[str, np.ndarray] | None:
-        given = self._section("sweep", "{kind: grid, parameters: {…}}")
-        if given is None:
+    def _read_designs(self) -> dict[str, np.ndarray] | None:
+        section = self._section("sweep", "{kind: grid, parameters: {…}}")
+        if section is None:
             if self._data.get("sweep") is None:
-                self.add(("sweep",), f"missing; a mapping with `kind:`, one of {', '.join(KEYS)}")
+                self.add(("sweep",), f"missing; a mapping with `kind:`, one of {', '.join(SWEEP_KEYS)}")
             return None
-        kind = given.get("kind")
-        if not isinstance(kind, str) or kind not in KEYS:
+        kind = section.get("kind")
+        if not isinstance(kind, str) or kind not in SWEEP_KEYS:
             what = "missing" if kind is None else f"no kind `{kind}` of sweep"
-            return self.add(("sweep", "kind"), f"{what}; one of {', '.join(KEYS)}")
+            return self.add(("sweep", "kind"), f"{what}; one of {', '.join(SWEEP_KEYS)}")
         self.kind = kind
-        self.add_unknown_keys(("sweep",), given, KEYS[kind])
+        self.add_unknown_keys(("sweep",), section, SWEEP_KEYS[kind])
         if kind == "table":
-            return self._table(given.get("file"))
-        count = self.read_integer(("sweep", "count"), given.get("count"), 1, design_table.MOST) if kind != "grid" else 0
+            return self._read_table(section.get("file"))
+        count = 0
         if kind != "grid":
-            self.seed = self.read_integer(("sweep", "seed"), given.get("seed", "0"), 0, 2**32 - 1)
-        self.axes = AxesReader(self.machine, kind, self.problems).read(given.get("parameters"))
-        if self.problems or self.elsewhere or self.machine is None:
+            count = self.read_integer(("sweep", "count"), section.get("count"), 1, MAX_DESIGNS)
+            self.seed = self.read_integer(("sweep", "seed"), section.get("seed", "0"), 0, 2**32 - 1)
+        self.axes = AxesReader(self.machine, kind, self.problems).read(section.get("parameters"))
+        if self.problems or self.base_problems or self.machine is None:
             return None
         try:
             if kind == "grid":
-                return design_table.grid(self.axes)
-            make = design_table.latin_hypercube if kind == "latin_hypercube" else design_table.sobol
-            return make(self.axes, count, self.seed)
+                return full_factorial(self.axes)
+            sample = latin_hypercube if kind == "latin_hypercube" else sobol_sequence
+            return sample(self.axes, count, self.seed)
         except DesignError as error:
             return self.add(("sweep", "parameters"), str(error))
 
-    def _table(self, file: Any) -> dict[str, np.ndarray] | None:
+    def _read_table(self, file: Any) -> dict[str, np.ndarray] | None:
         if not isinstance(file, str):
             return self.add(("sweep", "file"), "missing; write for example `file: designs.csv`")
         if self.machine is None:
             return None
         try:
-            return design_table.table(self._path.parent / file, self.machine)
+            return read_design_table(self._path.parent / file, self.machine)
         except DesignError as error:
             return self.add(("sweep", "file"), str(error))

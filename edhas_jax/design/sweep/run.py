@@ -1,4 +1,4 @@
-"""Sweeps: run the designs of one chunk by chunk, and go on where the last run was stopped."""
+"""Run a sweep chunk by chunk, resume an interrupted one, and read its result."""
 
 import concurrent.futures
 from collections.abc import Callable, Iterator
@@ -12,18 +12,18 @@ import pyarrow.parquet as pq
 from edhas_jax.config.machine_config import build_config
 from edhas_jax.config.yaml_with_lines import parse_yaml
 from edhas_jax.design.batch.batch import plan_chunks
-from edhas_jax.design.sweep.chunk_task import Answer, Task, compute, versions
+from edhas_jax.design.sweep.chunk_job import ChunkJob, ChunkResult, compute_chunk
 from edhas_jax.design.sweep.config import Sweep
 from edhas_jax.design.sweep.folder import (
-    CHUNKS,
-    DESIGNS,
+    CHUNKS_FOLDER,
+    DESIGNS_FILE,
     SweepError,
     SweepFolder,
-    machine_text,
     read_chunk,
     read_manifest,
 )
-from edhas_jax.design.sweep.table import TABLE, SweepResult, result_of, table_of
+from edhas_jax.design.sweep.identity import machine_text, versions
+from edhas_jax.design.sweep.table import TABLE_FILE, SweepResult, sweep_table, to_result
 
 
 def run_sweep(
@@ -32,13 +32,21 @@ def run_sweep(
     executor: concurrent.futures.Executor | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> pd.DataFrame:
-    """Run what is missing of a sweep in `folder` and return its table: SI, a row per design, in their order.
+    """Run the missing designs of a sweep and return the table of all.
 
-    Every chunk that is finished is on disk at once, so that a sweep that was stopped goes on from there. With an
-    `executor` chunks are computed by its workers; the numbers are the same. `on_progress(done, total)` counts designs.
+    Every finished chunk is written at once, so that an interrupted sweep is resumed by the same call.
+
+    Args:
+        sweep: the designs to run.
+        folder: of the result; created if it is missing.
+        executor: computes chunks in its workers, with the same results; by default they are computed here.
+        on_progress: called with the numbers of finished and of all designs.
+
+    Returns:
+        A row per design in the order of the sweep, in SI.
 
     Raises:
-        SweepError: the folder holds something else, cannot be written, or the workers are of no use.
+        SweepError: the folder holds something else or cannot be written, or the workers failed.
     """
     chunks = plan_chunks(sweep.machine, sweep.designs, sweep.settings)
     with SweepFolder(sweep, folder, chunks) as store:
@@ -52,44 +60,50 @@ def run_sweep(
             on_progress(done, len(sweep))
         store.check_space(len(sweep) - done)
         text = machine_text(sweep)
-        tasks = [
-            Task(n, text, {k: v[c.rows] for k, v in sweep.designs.items()}, c.steps_per_cycle, sweep.settings)
+        jobs = [
+            ChunkJob(n, text, {k: v[c.rows] for k, v in sweep.designs.items()}, c.steps_per_cycle, sweep.settings)
             for n, c in enumerate(chunks)
             if n not in finished
         ]
-        for answer in map(compute, tasks) if executor is None else _answers(executor, tasks):
-            store.write(answer)
-            finished[answer.number] = answer.metrics
-            done += len(chunks[answer.number].rows)
+        for result in map(compute_chunk, jobs) if executor is None else _compute_in(executor, jobs):
+            store.write(result)
+            finished[result.number] = result.metrics
+            done += len(chunks[result.number].rows)
             if on_progress is not None:
                 on_progress(done, len(sweep))
         return store.complete(finished)
 
 
-def _answers(executor: concurrent.futures.Executor, tasks: list[Task]) -> Iterator[Answer]:
-    """The answers of an executor's workers as they arrive."""
-    futures = [executor.submit(compute, task) for task in tasks]
+def _compute_in(executor: concurrent.futures.Executor, jobs: list[ChunkJob]) -> Iterator[ChunkResult]:
+    """The results of an executor's workers as they arrive."""
+    futures = [executor.submit(compute_chunk, job) for job in jobs]
     try:
         for future in concurrent.futures.as_completed(futures):
             try:
-                answer = future.result()
+                result = future.result()
             except (Exception, concurrent.futures.CancelledError) as error:
                 what = str(error).splitlines()[0] if str(error) else type(error).__name__
                 lost = isinstance(error, concurrent.futures.CancelledError)
                 what = "the workers or their scheduler were lost" if lost else f"a worker failed: {what}"
-                raise SweepError(f"{what}. What is finished is kept; "
-                                 "the same command goes on from there") from error  # fmt: skip
-            if answer.versions != versions():
-                theirs = ", ".join(f"{k} {v}" for k, v in answer.versions.items() if versions()[k] != v)
-                raise SweepError(f"a worker runs other versions ({theirs}); install the same as here")
-            yield answer
+                raise SweepError(f"{what}. Finished chunks are kept; "
+                                 "the same command resumes the sweep") from error  # fmt: skip
+            if result.versions != versions():
+                theirs = ", ".join(f"{k} {v}" for k, v in result.versions.items() if versions()[k] != v)
+                raise SweepError(f"a worker runs other versions ({theirs}); install the versions of this machine")
+            yield result
     finally:
         for future in futures:
             future.cancel()
 
 
 def open_sweep(folder: Path | str) -> SweepResult:
-    """Read the result of a sweep; of an unfinished one, what is finished.
+    """Read the result of a sweep; designs that have not been run yet have the status "not_run".
+
+    Args:
+        folder: the folder of the sweep.
+
+    Returns:
+        The table of all designs with units and meanings.
 
     Raises:
         SweepError: not the folder of a sweep, or its table is damaged.
@@ -97,18 +111,18 @@ def open_sweep(folder: Path | str) -> SweepResult:
     folder = Path(folder)
     manifest = read_manifest(folder)
     try:
-        if (folder / TABLE).exists():
-            return result_of(pq.read_table(folder / TABLE), manifest)
-        data = pq.read_table(folder / DESIGNS)
+        if (folder / TABLE_FILE).exists():
+            return to_result(pq.read_table(folder / TABLE_FILE), manifest)
+        data = pq.read_table(folder / DESIGNS_FILE)
     except (OSError, ValueError, pa.ArrowException) as error:
         raise SweepError(f"{folder}: unreadable or half-written: {error}") from None
     designs = {name: data[name].to_numpy() for name in data.column_names}
     metrics: dict[str, np.ndarray] = {n: np.full(len(data), np.nan) for n in ("cycles", "residual", "status")}
-    for path in sorted((folder / CHUNKS).glob("*.parquet")):
+    for path in sorted((folder / CHUNKS_FOLDER).glob("*.parquet")):
         columns = read_chunk(path, manifest["hash"])
         if columns is not None:
             rows = columns.pop("design")
             for name, column in columns.items():
                 metrics.setdefault(name, np.full(len(data), np.nan))[rows] = column
     machine = build_config(parse_yaml(manifest["machine"])[0]).machine
-    return result_of(table_of(machine, designs, metrics), manifest)
+    return to_result(sweep_table(machine, designs, metrics), manifest)

@@ -1,4 +1,4 @@
-"""The table of a sweep: a row per design, parameters and metrics in SI, with units in its schema."""
+"""Table of a sweep: a row per design with parameters and metrics in SI, and their units in the schema."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -14,17 +14,24 @@ from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import METRICS
 
-TABLE = "table.parquet"
+TABLE_FILE = "table.parquet"
 NOT_RUN = "not_run"
-ACCOUNT = {"cycles": "cycles that were run", "residual": "larger change of the metrics over the last two cycles"}
+CONVERGENCE_COLUMNS = {
+    "cycles": "cycles that were run",
+    "residual": "larger change of the metrics over the last two cycles",
+}
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepResult:
-    """A sweep that was read back.
+    """The result of a sweep, finished or not.
 
-    `frame` has a row per design in SI, `status` "ok" or what became of the design ("not_run" while the sweep is
-    unfinished); `fields` tells SI unit, shown unit and meaning of each column.
+    Attributes:
+        frame: a row per design in SI; its column `status` is "ok", the reason of a failure, or "not_run".
+        parameters: columns that are varied parameters.
+        metrics: columns that are metrics.
+        fields: by column its SI unit, the unit it is shown in, and its meaning.
+        manifest: description of the sweep and its state.
     """
 
     frame: pd.DataFrame
@@ -35,22 +42,31 @@ class SweepResult:
 
     @property
     def done(self) -> int:
-        """How many designs have been run."""
+        """The number of designs that have been run."""
         return int((self.frame["status"] != NOT_RUN).sum())
 
     def shown(self, name: str) -> np.ndarray:
-        """A column in the unit it is shown in."""
+        """A column in the unit it is shown in, shape (designs,)."""
         unit, shown, _ = self.fields[name]
         return from_si(self.frame[name].to_numpy(float), unit, shown)
 
 
-def table_of(machine: Rig, designs: Mapping[str, np.ndarray], metrics: Mapping[str, np.ndarray] | None = None):
-    """An Arrow table of designs, and of what they gave; rows without a status were not run."""
+def sweep_table(
+    machine: Rig, designs: Mapping[str, np.ndarray], metrics: Mapping[str, np.ndarray] | None = None
+) -> pa.Table:
+    """Build the Arrow table of designs and, if given, their results.
+
+    Args:
+        machine: gives the units and meanings of the parameters.
+        designs: by parameter a column of values (SI), shape (designs,).
+        metrics: by metric a column of values (SI), with status, cycles and residual; NaN for a design that has not
+            been run.
+    """
     fields, columns = [], []
 
-    def add(name, values, kind=None, **told):
+    def add(name, values, kind=None, **metadata):
         columns.append(pa.array(values, kind))
-        fields.append(pa.field(name, columns[-1].type, metadata={k: v for k, v in told.items() if v}))
+        fields.append(pa.field(name, columns[-1].type, metadata={k: v for k, v in metadata.items() if v}))
 
     for name, values in designs.items():
         p, _ = find_parameter(machine, name)
@@ -60,22 +76,23 @@ def table_of(machine: Rig, designs: Mapping[str, np.ndarray], metrics: Mapping[s
         for name in (n for n in METRICS if n in metrics):
             unit, shown, doc = METRICS[name]
             add(name, np.asarray(metrics[name], float), role="metric", unit=unit, shown=shown, doc=doc)
-        for name, doc in ACCOUNT.items():
+        for name, doc in CONVERGENCE_COLUMNS.items():
             add(name, np.asarray(metrics[name], float), role="account", unit="-", shown="-", doc=doc)
-        known = [None if np.isnan(s) else Status(int(s)) for s in metrics["status"]]
-        add("status", [NOT_RUN if s is None else s.name.lower() for s in known], pa.string(), doc="what became of it")
-        add("reason", ["not run yet" if s is None else REASONS[s] for s in known], pa.string(), doc="why")
+        statuses = [None if np.isnan(s) else Status(int(s)) for s in metrics["status"]]
+        names = [NOT_RUN if s is None else s.name.lower() for s in statuses]
+        add("status", names, pa.string(), doc="outcome of the run")
+        add("reason", ["not run yet" if s is None else REASONS[s] for s in statuses], pa.string(), doc="why")
     return pa.table(columns, schema=pa.schema(fields))
 
 
-def frame_of(data: pa.Table) -> pd.DataFrame:
-    """The same as a data frame."""
+def to_frame(data: pa.Table) -> pd.DataFrame:
+    """An Arrow table as a data frame."""
     return pd.DataFrame({name: data[name].to_numpy(zero_copy_only=False) for name in data.column_names})
 
 
-def result_of(data: pa.Table, manifest: Mapping[str, Any]) -> SweepResult:
-    """The same with the meaning of its columns."""
-    told = {f.name: {k.decode(): v.decode() for k, v in (f.metadata or {}).items()} for f in data.schema}
-    fields = {n: (t.get("unit", "-"), t.get("shown", "-"), t.get("doc", "")) for n, t in told.items()}
-    parameters, metrics = (tuple(n for n, t in told.items() if t.get("role") == r) for r in ("parameter", "metric"))
-    return SweepResult(frame_of(data), parameters, metrics, fields, manifest)
+def to_result(data: pa.Table, manifest: Mapping[str, Any]) -> SweepResult:
+    """A sweep's Arrow table as a result, with units and meanings from its schema."""
+    metadata = {f.name: {k.decode(): v.decode() for k, v in (f.metadata or {}).items()} for f in data.schema}
+    fields = {n: (t.get("unit", "-"), t.get("shown", "-"), t.get("doc", "")) for n, t in metadata.items()}
+    parameters, metrics = (tuple(n for n, t in metadata.items() if t.get("role") == r) for r in ("parameter", "metric"))
+    return SweepResult(to_frame(data), parameters, metrics, fields, manifest)

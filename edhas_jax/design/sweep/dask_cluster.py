@@ -1,4 +1,4 @@
-"""Clusters: an executor whose workers are processes of this machine or of others, by Dask distributed."""
+"""Executor on a Dask cluster: worker processes of this machine or of other machines."""
 
 import contextlib
 import logging
@@ -10,22 +10,30 @@ from concurrent.futures import Executor
 
 from edhas_jax.config.run_folder import ResultFileError
 from edhas_jax.core.runtime import cores
-from edhas_jax.design.sweep.chunk_task import versions
+from edhas_jax.design.sweep.identity import versions
 
-WAIT = 10.0  # s, for a scheduler to answer
-FAILURES = 1000  # workers that may die with the same chunk before it is given up
+SCHEDULER_TIMEOUT = 10.0  # s, for the connection
+WORKER_TIMEOUT_FACTOR = 6  # times the above, for the first worker
+MAX_WORKER_FAILURES = 1000  # workers that may die with the same chunk before the sweep fails
 
 
 class ClusterError(ResultFileError):
-    """There is no cluster of this description."""
+    """A cluster cannot be reached or used."""
 
 
 @contextlib.contextmanager
-def executor(spec: str) -> Iterator[Executor]:
-    """The executor of "local:4" (four worker processes here) or of a Dask scheduler, "tcp://host:8786".
+def dask_executor(spec: str) -> Iterator[Executor]:
+    """Connect to a cluster for the duration of a context.
+
+    Args:
+        spec: "local:4" for four worker processes on this machine, or the address of a Dask scheduler,
+            "tcp://host:8786".
+
+    Yields:
+        An executor that runs its calls on the workers.
 
     Raises:
-        ClusterError: not such a text, Dask is not installed, nobody answers, or a worker has another version.
+        ClusterError: the text is invalid, Dask is not installed, no scheduler answers, or a worker has other versions.
     """
     local = re.fullmatch(r"local:([1-9]\d{0,3})", spec)
     if not local and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", spec):
@@ -37,10 +45,10 @@ def executor(spec: str) -> Iterator[Executor]:
         raise ClusterError(
             'a cluster needs Dask, which is not installed; install it with: pip install "edhas_jax[cluster]"'
         ) from None
-    # what it has to say about a lost scheduler is a traceback; the client says it in a sentence
+    # Dask logs a traceback for a lost scheduler, which is reported in a sentence instead
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL + 1)
     with contextlib.ExitStack() as stack:
-        stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": FAILURES}))
+        stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": MAX_WORKER_FAILURES}))
         if local:
             with _workers_ignore_interrupts():
                 address = stack.enter_context(
@@ -52,29 +60,31 @@ def executor(spec: str) -> Iterator[Executor]:
         else:
             address = spec
         try:
-            client = stack.enter_context(distributed.Client(address, timeout=WAIT))
+            client = stack.enter_context(distributed.Client(address, timeout=SCHEDULER_TIMEOUT))
         except (OSError, TimeoutError, ValueError):
-            raise ClusterError(f"no scheduler answers at {spec} within {WAIT:.0f} s; nothing was computed") from None
+            seconds = f"{SCHEDULER_TIMEOUT:.0f} s"
+            raise ClusterError(f"no scheduler answers at {spec} within {seconds}; nothing was computed") from None
         _check_workers(client, spec)
         yield client.get_executor(pure=False)
 
 
 @contextlib.contextmanager
 def _workers_ignore_interrupts() -> Iterator[None]:
-    """Ctrl-C reaches every process of a terminal; it is the client that ends its workers."""
+    """Workers started in this context ignore Ctrl-C, which a terminal sends to all processes; the client ends them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous)
 
 
 def _check_workers(client, spec: str) -> None:
+    """Raise ClusterError unless there is a worker, and all workers have the versions of this process."""
     try:
-        client.wait_for_workers(1, timeout=6 * WAIT)
+        client.wait_for_workers(1, timeout=WORKER_TIMEOUT_FACTOR * SCHEDULER_TIMEOUT)
     except TimeoutError:
         raise ClusterError(f"the scheduler at {spec} has no workers; nothing was computed") from None
     try:
@@ -84,5 +94,5 @@ def _check_workers(client, spec: str) -> None:
         raise ClusterError(f"the workers at {spec} cannot load edhas_jax: {what}") from None
     for worker, theirs in found.items():
         if theirs != versions():
-            told = ", ".join(f"{k} {v} instead of {versions()[k]}" for k, v in theirs.items() if versions()[k] != v)
-            raise ClusterError(f"the worker {worker} has {told}; install the same version everywhere")
+            listed = ", ".join(f"{k} {v} instead of {versions()[k]}" for k, v in theirs.items() if versions()[k] != v)
+            raise ClusterError(f"the worker {worker} has {listed}; install the same version everywhere")

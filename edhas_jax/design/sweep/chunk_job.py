@@ -1,0 +1,61 @@
+"""One chunk of a sweep as a self-contained job: what a worker process needs to compute it, and its result."""
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+
+import numpy as np
+
+from edhas_jax.config.machine_config import build_config
+from edhas_jax.config.yaml_with_lines import parse_yaml
+from edhas_jax.design.batch.batch import BatchSettings, Chunk, run_chunk
+from edhas_jax.design.sweep.identity import device, versions
+from edhas_jax.machine.rigs import Rig
+
+
+@dataclasses.dataclass(frozen=True)
+class ChunkJob:
+    """A chunk to compute.
+
+    Attributes:
+        number: of the chunk in the sweep.
+        machine: the machine as configuration text, so that every process builds the same.
+        values: by parameter the values (SI) of its designs, shape (designs,).
+        steps_per_cycle: integration steps per cycle of the set point.
+        settings: settings of the batch.
+    """
+
+    number: int
+    machine: str
+    values: Mapping[str, np.ndarray]
+    steps_per_cycle: int
+    settings: BatchSettings
+
+
+@dataclasses.dataclass(frozen=True)
+class ChunkResult:
+    """The results of a chunk.
+
+    Attributes:
+        number: of the chunk in the sweep.
+        metrics: by metric the values (SI) of its designs, shape (designs,), with status, cycles and residual.
+        versions: versions of the libraries and of the model code.
+        device: processor and compiler flags.
+    """
+
+    number: int
+    metrics: Mapping[str, np.ndarray]
+    versions: Mapping[str, str]
+    device: Mapping[str, str]
+
+
+def compute_chunk(job: ChunkJob) -> ChunkResult:
+    """Run all designs of one chunk in this process."""
+    rows = np.arange(len(next(iter(job.values.values()))))
+    metrics = run_chunk(_build_machine(job.machine), job.values, Chunk(rows, job.steps_per_cycle), job.settings)
+    return ChunkResult(job.number, metrics, versions(), device())
+
+
+@functools.lru_cache(maxsize=8)
+def _build_machine(text: str) -> Rig:
+    return build_config(parse_yaml(text)[0]).machine

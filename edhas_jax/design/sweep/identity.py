@@ -1,0 +1,129 @@
+"""Identity of a sweep: everything its numbers depend on, so that a folder is only resumed by the same sweep."""
+
+import dataclasses
+import functools
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jaxlib
+import llvmlite
+import numpy as np
+
+import edhas_jax
+from edhas_jax.config.writer import config_kind, dump_config
+from edhas_jax.core import runtime
+from edhas_jax.core.units import format_quantity
+from edhas_jax.design.sweep.config import Sweep
+from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters
+from edhas_jax.machine.rigs import Rig
+from edhas_jax.simulation.run import Simulation
+
+# the packages whose code determines the metrics of a design
+MODEL_PACKAGES = ("core", "compiler", "machine", "simulation", "config", "design/batch")
+
+
+def sweep_identity(sweep: Sweep) -> dict[str, Any]:
+    """Everything the results depend on, as plain data: parameters, effects, designs, settings and versions."""
+    varied = {(path, p.name) for p, path in (find_parameter(sweep.machine, name) for name in sweep.designs)}
+    digest = hashlib.sha256()
+    for name, values in sweep.designs.items():
+        digest.update(name.encode() + np.ascontiguousarray(values, "<f8").tobytes())
+    settings = dataclasses.asdict(sweep.settings)
+    return {
+        "rig": sweep.machine.name,
+        "kinds": {s: config_kind(s, getattr(sweep.machine, s)) for s in COMPONENT_KINDS if hasattr(sweep.machine, s)},
+        "effects": effect_code(sweep.machine),
+        "parameters": {
+            f"{path}.{p.name}": [float(v), p.unit]
+            for p, v, path in list_parameters(sweep.machine)
+            if (path, p.name) not in varied
+        },
+        "designs": {"count": len(sweep), "names": list(sweep.designs), "sha256": digest.hexdigest()},
+        "settings": settings | {"precision": sweep.settings.precision.value},
+        "versions": versions(),
+    }
+
+
+def identity_hash(identity: Mapping[str, Any]) -> str:
+    """A short hash of an identity."""
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def machine_text(sweep: Sweep) -> str:
+    """The machine of a sweep as configuration text with every parameter."""
+    return dump_config(sweep.machine, Simulation(precision=sweep.settings.precision))
+
+
+@functools.cache
+def versions() -> dict[str, str]:
+    """The versions that determine the results, with a hash of the model's own code."""
+    return {
+        "edhas_jax": edhas_jax.__version__,
+        "model code": runtime.code_hash(MODEL_PACKAGES)[:12],
+        "jax": jax.__version__,
+        "jaxlib": jaxlib.__version__,
+        "llvmlite": llvmlite.__version__,
+    }
+
+
+def device() -> dict[str, str]:
+    """The processor on which this process computes, the kind of its time loops, and the compiler flags."""
+    return {
+        "platform": jax.default_backend(),
+        "device": str(jax.devices()[0].device_kind),
+        "loops": "machine code" if runtime.native_loops() else "XLA",
+        "xla_flags": os.environ.get("XLA_FLAGS", ""),
+    }
+
+
+def effect_code(machine: Rig) -> dict[str, str]:
+    """By effect `library`, or the hash of the user's file; the same for a controller of the user."""
+    sources = {effect.id: _code_of(effect) for effect in machine.effects}
+    controller = _code_of(machine.controller)
+    return sources if controller == "library" else sources | {"controller": controller}
+
+
+def _code_of(part) -> str:
+    module = sys.modules[type(part).__module__]
+    in_library = module.__name__.startswith("edhas_jax.")
+    return "library" if in_library else hashlib.sha256(Path(module.__file__).read_bytes()).hexdigest()[:12]
+
+
+def identity_differences(stored: Mapping[str, Any], current: Mapping[str, Any]) -> list[str]:
+    """The parameters, effects, designs, settings and versions in which two identities differ, one line each.
+
+    Args:
+        stored: the identity in a folder; its values are called "there".
+        current: the identity of the sweep to run; its values are called "here".
+    """
+    if stored["rig"] != current["rig"]:
+        return [f"rig: {stored['rig']} there, {current['rig']} here"]
+    lines = _differing_values("", stored["kinds"], current["kinds"], str)
+    lines += _differing_values("effect ", stored["effects"], current["effects"], str)
+    lines += _differing_values("parameter ", stored["parameters"], current["parameters"], lambda v: format_quantity(*v))
+    old, new = stored["designs"], current["designs"]
+    if old["names"] != new["names"]:
+        lines.append(f"varied parameters: {', '.join(old['names'])} there, {', '.join(new['names'])} here")
+    elif old["count"] != new["count"]:
+        lines.append(f"number of designs: {old['count']:,} there, {new['count']:,} here")
+    elif old["sha256"] != new["sha256"]:
+        lines.append("table of designs: other values")
+    lines += _differing_values("setting ", stored["settings"], current["settings"], str)
+    return lines + _differing_values("version of ", stored["versions"], current["versions"], str)
+
+
+def _differing_values(what: str, stored: Mapping, current: Mapping, to_text: Callable[[Any], str]) -> list[str]:
+    def text(values, name):
+        return to_text(values[name]) if name in values else "none"
+
+    return [
+        f"{what}{n}: {text(stored, n)} there, {text(current, n)} here"
+        for n in dict.fromkeys([*stored, *current])
+        if stored.get(n) != current.get(n)
+    ]

@@ -1,0 +1,104 @@
+"""Pareto front of a sweep: two metrics of all designs, with those that no other design dominates."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from edhas_jax.design.sweep.design_selection import (
+    GRID,
+    INK,
+    QUIET,
+    DesignSelection,
+    FigureError,
+    require_one_of,
+    tick_label,
+)
+
+FRONT_COLOUR = "#d1490c"
+PUMP_OBJECTIVES = ("mean_flow:max", "mean_electrical_power:min")
+ACTUATOR_OBJECTIVES = ("tracking_error:min", "mean_electrical_power:min")
+MAX_TABLE_ROWS = 6  # designs of the front that are listed with their parameters
+
+
+def non_dominated(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Indices of the rows that no other row dominates (larger is better in both), ascending in the first column."""
+    order = np.lexsort((-second, -first))
+    best = np.maximum.accumulate(second[order])
+    keep = np.concatenate([[True], second[order][1:] > best[:-1]])
+    return order[keep][::-1]
+
+
+def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | None):
+    """Draw two metrics of all designs against each other, with the Pareto front and a table of designs on it.
+
+    Args:
+        selection: the designs to show.
+        objectives: two texts such as "mean_flow:max"; by default those of the machine.
+
+    Returns:
+        A matplotlib figure.
+
+    Raises:
+        FigureError: not two metrics of this sweep with directions, or every design has failed.
+    """
+    from matplotlib.figure import Figure
+
+    metrics = selection.result.metrics
+    if objectives is None:
+        objectives = PUMP_OBJECTIVES if "mean_flow" in metrics else ACTUATOR_OBJECTIVES
+    names, signs = [], []
+    for text in objectives:
+        name, _, direction = text.partition(":")
+        names.append(require_one_of(name, metrics, "no metric"))
+        if direction not in ("max", "min"):
+            raise FigureError(f"{text}: write {name}:max or {name}:min")
+        signs.append(1.0 if direction == "max" else -1.0)
+    if names[0] == names[1]:
+        raise FigureError(f"two different metrics are needed; both are {names[0]}")
+    finite = np.isfinite(selection.values(names[0])) & np.isfinite(selection.values(names[1]))
+    good = np.flatnonzero(selection.ok & finite)
+    if not len(good):
+        raise FigureError("every design that would be shown has failed", missing=True)
+    vertical, horizontal = selection.values(names[0])[good], selection.values(names[1])[good]
+    front = non_dominated(signs[0] * vertical, signs[1] * horizontal)
+    figure = Figure(figsize=(9.0, 7.6), layout="constrained")
+    axes, below = figure.subplots(2, 1, height_ratios=(3.0, 1.0))
+    size = 14 if len(good) < 1000 else 5
+    axes.scatter(horizontal, vertical, s=size, color="#0b62c4", alpha=0.45, lw=0, label="designs")
+    axes.plot(horizontal[front], vertical[front], "-", color=FRONT_COLOUR, lw=1.0, zorder=3)
+    axes.plot(horizontal[front], vertical[front], "o", color=FRONT_COLOUR, ms=5 if len(front) < 60 else 3, zorder=4,
+              label=f"Pareto front: {len(front):,} non-dominated designs")  # fmt: skip
+    listed = front[np.unique(np.linspace(0, len(front) - 1, min(MAX_TABLE_ROWS, len(front))).round().astype(int))]
+    for number, i in enumerate(listed, 1):
+        axes.annotate(str(number), (horizontal[i], vertical[i]), xytext=(-4, 9), textcoords="offset points", ha="right",
+                      fontsize=9, weight="bold", color=FRONT_COLOUR, zorder=5,
+                      bbox={"boxstyle": "circle,pad=0.2", "fc": "white", "ec": FRONT_COLOUR, "lw": 0.8})  # fmt: skip
+    better = {1.0: "more is better", -1.0: "less is better"}
+    axes.set_xlabel(f"{selection.label(names[1])} ({better[signs[1]]})", color=INK)
+    axes.set_ylabel(f"{selection.label(names[0])} ({better[signs[0]]})", color=INK)
+    axes.margins(0.06)
+    axes.grid(True, color=GRID, lw=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(colors=QUIET, labelsize=9)
+    axes.legend(frameon=False, fontsize=9, loc="lower right" if signs[0] * signs[1] < 0 else "upper right")
+    columns = [names[0], names[1], *selection.varied()]
+    rows = [[str(k), *(tick_label(selection.values(n)[good[i]]) for n in columns)] for k, i in enumerate(listed, 1)]
+    below.axis("off")
+    heads = ["design", *(_column_heading(selection.label(n)) for n in columns)]
+    table = below.table(rows, colLabels=heads, loc="center", cellLoc="center", edges="horizontal")
+    table.auto_set_font_size(False)
+    table.set_fontsize(9)
+    for (row, _), cell in table.get_celld().items():
+        cell.set_edgecolor(GRID)
+        cell.get_text().set_color(QUIET if row == 0 else INK)
+        cell.set_height(0.38 if row == 0 else 0.145)
+    figure.suptitle(selection.title(f"{names[0].replace('_', ' ')} against {names[1].replace('_', ' ')}", "left out"),
+                    x=0.01, ha="left", fontsize=11, color=INK)  # fmt: skip
+    return figure
+
+
+def _column_heading(label: str) -> str:
+    """Heading of a column: the words, broken after the first if they are long, above the unit."""
+    words, _, unit = label.partition(", ")
+    return (words.replace(" ", "\n", 1) if len(words) > 16 else words) + (f"\n{unit}" if unit else "")
