@@ -156,4 +156,4 @@ def test_the_documented_steps_from_a_csv_file_to_the_first_comparison(tmp_path, 
     assert (tmp_path / "first" / "report.html").stat().st_size > 10_000
     names = {}
     exec(compile(python, "campaigns.md", "exec"), names)
-    assert np.ptp(names["seen"]) > 1e5
+    assert np.ptp(names["recorded"]) > 1e5
