@@ -1,1 +1,1 @@
-"""The machine as a functional mock-up unit (FMI)."""
+"""Export of a machine as a functional mock-up unit (FMU)."""

@@ -1,6 +1,6 @@
-"""A machine as an FMU: a unit for co-simulation (FMI 2.0) that needs neither Python nor this package.
+"""Export of a machine as an FMU for co-simulation (FMI 2.0) that needs neither Python nor this package.
 
-The step is the package's own, traced and written as C; see `docs/fmu.md`.
+The step is that of the package, traced and written as C; `docs/fmu.md` describes the unit for its users.
 """
 
 import dataclasses
@@ -18,19 +18,19 @@ from pathlib import Path
 from edhas_jax.config.machine_config import Config
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
-from edhas_jax.export.fmu_c_sources import UNIT_FILE, sources
+from edhas_jax.export.fmu_c_sources import UNIT_FILE, c_sources
 from edhas_jax.export.fmu_description import model_description
-from edhas_jax.export.fmu_equations import UnitProgram, unit_program
 from edhas_jax.export.fmu_inputs import FmuError
+from edhas_jax.export.fmu_program import UnitProgram, unit_program
 from edhas_jax.simulation.integrator import DEFAULT_STEP
 from edhas_jax.simulation.run import simulate
 
-OPTIONS = (
+COMPILER_OPTIONS = (
     "-std=c99", "-O2", "-shared", "-fvisibility=hidden", "-fno-math-errno", "-fno-trapping-math",
     "-DFMI2_OVERRIDE_FUNCTION_PREFIX",
 )  # fmt: skip
-# by what a compiler says that it compiles for: the folder of the binary, the ending of a library, further options
-_TARGETS = {
+# {(processor, system) of a compiler: folder of the binary in an FMU, file suffix of a library, further options}
+_PLATFORMS = {
     ("x86_64", "linux"): ("linux64", "so", ["-fPIC"]),
     ("i686", "linux"): ("linux32", "so", ["-fPIC"]),
     ("aarch64", "linux"): ("aarch64-linux", "so", ["-fPIC"]),
@@ -38,12 +38,19 @@ _TARGETS = {
     ("aarch64", "darwin"): ("darwin64", "dylib", ["-fPIC"]),
     ("x86_64", "windows"): ("win64", "dll", []),
 }
-_SYSTEMS = {"linux": ("linux",), "darwin": ("darwin", "macos"), "windows": ("mingw", "windows")}
+# {system: words that stand for it in the target triplet of a compiler}
+_SYSTEM_WORDS = {"linux": ("linux",), "darwin": ("darwin", "macos"), "windows": ("mingw", "windows")}
 
 
 @dataclasses.dataclass(frozen=True)
 class Fmu:
-    """A unit that was written: its file, its variables, and the platforms it has a binary for."""
+    """A written unit.
+
+    Attributes:
+        path: its file.
+        program: its model with the variables.
+        platforms: the platforms for which it has a binary, by the folder names of FMI 2.0.
+    """
 
     path: Path
     program: UnitProgram
@@ -52,88 +59,101 @@ class Fmu:
 
 def export_fmu(
     config: Config, path: Path | str, inputs: Sequence[str] = (), compilers: Sequence[str] = ("cc",),
-    overwrite: bool = False, on_progress: Callable[[str], None] = lambda what: None,
+    overwrite: bool = False, on_progress: Callable[[str], None] = lambda message: None,
 ) -> Fmu:  # fmt: skip
-    """Write the machine of a configuration as the FMU `path`, with a binary by each of the C `compilers`.
+    """Write the machine of a configuration as an FMU.
 
-    `inputs` names parameters that may change during a run, and what comes from another tool in place of what the
-    configuration mounts: "reference", "voltage", on the system "target" and "spool". The step is the configuration's.
-    The unit appears at once when everything is in it.
+    The file is replaced only when the whole unit has been written. The largest internal step is that of the
+    configuration.
+
+    Args:
+        config: the configuration.
+        path: the file to write.
+        inputs: names of parameters that may change during a run, and of what an external tool provides in place of the
+            configuration: "reference", "voltage", on the system also "target" and "spool".
+        compilers: command lines of C compilers; each adds the binary of its platform.
+        overwrite: whether an existing file may be replaced.
+        on_progress: called with a text before each stage.
+
+    Returns:
+        The written unit.
 
     Raises:
         FmuError: the file exists and `overwrite` is false, or cannot be written; an input does not exist; the machine
             uses an operation that cannot be written in C; a C compiler is missing or fails.
-        SimulationError: the run that is to find the step fails.
+        SimulationError: the run that determines the step for a given accuracy fails.
     """
     path = Path(path)
     if path.exists() and not overwrite:
         raise FmuError(f"{path}: exists already; nothing was written. Name another file or add --overwrite")
     if path.is_dir():
         raise FmuError(f"{path}: is a folder, not a file")
-    targets = [(compiler, *_target(compiler)) for compiler in compilers]
-    twice = [folder for folder, count in Counter(folder for _, folder, _, _ in targets).items() if count > 1]
-    if twice:
-        raise FmuError(f"two compilers are for {twice[0]}, where FMI 2.0 has room for one binary")
+    targets = [(compiler, *_platform_of(compiler)) for compiler in compilers]
+    duplicates = [folder for folder, count in Counter(folder for _, folder, _, _ in targets).items() if count > 1]
+    if duplicates:
+        raise FmuError(f"two compilers are for {duplicates[0]}, but an FMU holds one binary per platform")
     settings = config.simulation
     step = DEFAULT_STEP if settings.step is None else settings.step
     if settings.accuracy is not None:
-        on_progress("simulating, to find the step of the accuracy asked")
+        on_progress("simulating, to find the step for the requested accuracy")
         step = simulate(config.machine, settings).step
     on_progress("tracing the step")
     program = unit_program(config.machine, inputs, step)
     title, identifier = config.name or path.stem, _identifier(path.stem)
-    texts, guid = sources(program, title)
+    texts, guid = c_sources(program, title)
     stop, interval = settings.length(config.machine), 1.0 / settings.sample_rate
     parts: dict[str, str | bytes] = {
         "modelDescription.xml": model_description(program, title, identifier, guid, stop, interval),
         "resources/config.yaml": dump_config(config),
         **{f"sources/{name}": text for name, text in texts.items()},
     }
-    for compiler, folder, ending, options in targets:
+    for compiler, folder, suffix, options in targets:
         on_progress(f"compiling for {folder}")
-        parts[f"binaries/{folder}/{identifier}.{ending}"] = _compile(compiler, options, texts)
-    _write(path, parts)
+        parts[f"binaries/{folder}/{identifier}.{suffix}"] = _compile(compiler, options, texts)
+    _write_archive(path, parts)
     return Fmu(path, program, tuple(folder for _, folder, _, _ in targets))
 
 
-def _target(compiler: str) -> tuple[str, str, list[str]]:
-    """The row of `_TARGETS` for a compiler: the words of its command line, as the user gave them."""
+def _platform_of(compiler: str) -> tuple[str, str, list[str]]:
+    """The entry of `_PLATFORMS` for a compiler, given by its command line."""
     words = shlex.split(compiler)
     if not words or shutil.which(words[0]) is None:
-        what = "install one (gcc or clang), name another with --compiler, or add --sources-only"
-        raise FmuError(f"no C compiler `{compiler}` was found; {what} and compile sources/{UNIT_FILE} on the target")
-    told = _ran([*words, "-dumpmachine"], None, compiler)
-    system = next((s for s, names in _SYSTEMS.items() if any(n in told for n in names)), told)
-    processor = told.partition("-")[0].replace("arm64", "aarch64")
-    known = _TARGETS.get((processor, system))
-    if known is None:
-        raise FmuError(f"`{compiler}` compiles for {told}, for which FMI 2.0 has no folder; add --sources-only")
-    return known
+        remedy = "install one (gcc or clang), name another with --compiler, or add --sources-only"
+        raise FmuError(f"no C compiler `{compiler}` was found; {remedy} and compile sources/{UNIT_FILE} on the target")
+    triplet = _run_compiler([*words, "-dumpmachine"], None, compiler)
+    system = next((s for s, names in _SYSTEM_WORDS.items() if any(n in triplet for n in names)), triplet)
+    processor = triplet.partition("-")[0].replace("arm64", "aarch64")
+    platform = _PLATFORMS.get((processor, system))
+    if platform is None:
+        raise FmuError(f"`{compiler}` compiles for {triplet}, for which FMI 2.0 has no folder; add --sources-only")
+    return platform
 
 
 def _compile(compiler: str, options: list[str], texts: dict[str, str]) -> bytes:
+    """The shared library that a compiler makes of the sources `texts`."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in texts.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
-        _ran([*shlex.split(compiler), *OPTIONS, *options, "-o", "unit", UNIT_FILE, "-lm"], folder, compiler)
+        command = [*shlex.split(compiler), *COMPILER_OPTIONS, *options, "-o", "unit", UNIT_FILE, "-lm"]
+        _run_compiler(command, folder, compiler)
         return (Path(folder) / "unit").read_bytes()
 
 
-def _ran(command: list[str], folder: str | None, compiler: str) -> str:
-    """What a command prints."""
+def _run_compiler(command: list[str], folder: str | None, compiler: str) -> str:
+    """Run a command in a folder and return its output; `compiler` is the name for error messages."""
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
+        process = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
     except OSError as error:
         raise FmuError(f"the C compiler `{compiler}` cannot be run: {error.strerror}") from None
-    if done.returncode:
-        lines = (done.stderr.strip() or done.stdout.strip() or f"status {done.returncode}").splitlines()
-        said = next((line for line in lines if "error" in line), lines[0])
-        raise FmuError(f"the C compiler `{compiler}` failed: {said}")
-    return done.stdout.strip()
+    if process.returncode:
+        lines = (process.stderr.strip() or process.stdout.strip() or f"status {process.returncode}").splitlines()
+        message = next((line for line in lines if "error" in line), lines[0])
+        raise FmuError(f"the C compiler `{compiler}` failed: {message}")
+    return process.stdout.strip()
 
 
-def _write(path: Path, parts: dict[str, str | bytes]) -> None:
-    """The archive, whole or not there; the same parts make the same bytes."""
+def _write_archive(path: Path, parts: dict[str, str | bytes]) -> None:
+    """Write the archive atomically; it depends on the parts only, not on the time."""
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
         for name, content in parts.items():
@@ -142,13 +162,13 @@ def _write(path: Path, parts: dict[str, str | bytes]) -> None:
             file.writestr(entry, content)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(path) as beside:
-            beside.write_bytes(archive.getvalue())
+        with atomic_write(path) as temporary:
+            temporary.write_bytes(archive.getvalue())
     except OSError as error:
         raise FmuError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def _identifier(name: str) -> str:
-    """A name as an identifier of C."""
-    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
-    return plain if re.match(r"[A-Za-z_]", plain) else f"m_{plain}"
+    """A name as a C identifier."""
+    identifier = re.sub(r"\W", "_", name, flags=re.ASCII)
+    return identifier if re.match(r"[A-Za-z_]", identifier) else f"m_{identifier}"

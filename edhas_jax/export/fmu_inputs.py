@@ -1,4 +1,4 @@
-"""What an FMU takes from outside while it runs: parameters as inputs, and the set point or command of another tool."""
+"""External inputs of an FMU: parameters that may change during a run, and set points or commands of another tool."""
 
 import enum
 from collections.abc import Mapping, Sequence
@@ -16,20 +16,20 @@ from edhas_jax.machine.rigs import ActuatorSystem, Rig
 
 
 class FmuError(ValueError):
-    """A machine cannot be made into an FMU as it was asked for."""
+    """A machine cannot be exported as an FMU in the requested form."""
 
 
-class Outside(enum.Enum):
-    """What may come from outside in place of what the configuration has mounted."""
+class ExternalSource(enum.Enum):
+    """A set point or command of the configuration that an external input may replace."""
 
-    REFERENCE = "reference"  # what the controller of the piston follows
-    VOLTAGE = "voltage"  # what a controller would ask for
-    TARGET = "target"  # where the cylinder goes
-    SPOOL = "spool"  # what the coordination asks of the reversing valve
+    REFERENCE = "reference"  # set point of the position controller
+    VOLTAGE = "voltage"  # command of the position controller
+    TARGET = "target"  # set point of the cylinder
+    SPOOL = "spool"  # command of the coordination to the reversing valve
 
 
-class Input(NamedTuple):
-    """A quantity that comes from outside: SI unit, meaning."""
+class ExternalInput(NamedTuple):
+    """An input of the unit: name, SI unit, meaning."""
 
     name: str
     unit: str
@@ -37,50 +37,64 @@ class Input(NamedTuple):
 
 
 @struct
-class Given:
-    """A set point given at the time `since` and continued along the rate given with it."""
+class ExternalSetPoint:
+    """A set point that is extrapolated linearly from the time of its last input.
+
+    Attributes:
+        value: the set point at `input_time`.
+        rate: its rate, [unit of the set point/s].
+        input_time: the time of the last input [s].
+    """
 
     value: Any
     rate: Any
-    since: Any
+    input_time: Any
 
     def value_and_rate(self, t):
         """Value and rate at time t [s]."""
-        return self.value + self.rate * (t - self.since), self.rate
+        return self.value + self.rate * (t - self.input_time), self.rate
 
 
 @struct
-class PartlyGiven:
-    """A coordination of pump and reversing valve of which a part, where it is not None, comes from outside."""
+class ExternalCoordination:
+    """The coordination of pump and reversing valve with external values of `share` or `spool`, where not None."""
 
-    inner: Coordination
+    coordination: Coordination
     share: Any = None
     spool: Any = None
 
     def pump_share(self, error):
-        """The share of the pump's amplitude."""
-        return self.inner.pump_share(error) if self.share is None else self.share
+        """The share of the pump's amplitude, 0 … 1."""
+        return self.coordination.pump_share(error) if self.share is None else self.share
 
     def spool_command(self, error):
         """The spool's set point, −1 … 1."""
-        return self.inner.spool_command(error) if self.spool is None else jnp.clip(self.spool, -1.0, 1.0)
+        return self.coordination.spool_command(error) if self.spool is None else jnp.clip(self.spool, -1.0, 1.0)
 
 
-def read_inputs(machine: Rig, names: Sequence[str]) -> tuple[tuple[Outside, ...], tuple[str, ...]]:
-    """What comes from outside, and the names of the parameters that become inputs.
+def parse_inputs(machine: Rig, names: Sequence[str]) -> tuple[tuple[ExternalSource, ...], tuple[str, ...]]:
+    """Sort the names of requested inputs into external sources and parameters.
+
+    Args:
+        machine: the machine to export.
+        names: values of `ExternalSource` or names of parameters.
+
+    Returns:
+        The external sources, and the names of the parameters that become inputs.
 
     Raises:
-        FmuError: a name that is neither, that this machine lacks, that is given twice; two that exclude each other.
+        FmuError: a name is unknown, does not exist on this rig or is given twice; two inputs exclude each other.
     """
-    kinds = [o for o in Outside if isinstance(machine, ActuatorSystem) or o in (Outside.REFERENCE, Outside.VOLTAGE)]
-    valid = {o.value: o for o in kinds}
-    outside, parameters = [], {}
+    benches = (ExternalSource.REFERENCE, ExternalSource.VOLTAGE)
+    sources = [o for o in ExternalSource if isinstance(machine, ActuatorSystem) or o in benches]
+    valid = {o.value: o for o in sources}
+    external, parameters = [], {}
     for name in names:
         if name in valid:
-            if valid[name] not in outside:
-                outside.append(valid[name])
+            if valid[name] not in external:
+                external.append(valid[name])
             continue
-        if name in {o.value for o in Outside}:
+        if name in {o.value for o in ExternalSource}:
             raise FmuError(f"--input {name}: {machine.name} has no {name}; valid: {', '.join(valid)} and parameters")
         try:
             p, path = find_parameter(machine, name)
@@ -90,53 +104,68 @@ def read_inputs(machine: Rig, names: Sequence[str]) -> tuple[tuple[Outside, ...]
         if (path, p.name) in parameters:
             raise FmuError(f"--input {name}: given twice, also as {parameters[path, p.name]}")
         parameters[path, p.name] = name
-    if Outside.REFERENCE in outside and Outside.VOLTAGE in outside:
+    if ExternalSource.REFERENCE in external and ExternalSource.VOLTAGE in external:
         raise FmuError("--input voltage: replaces the controller, so that no reference is followed; give one of them")
-    return tuple(outside), tuple(parameters.values())
+    return tuple(external), tuple(parameters.values())
 
 
-def inputs_of(machine: Rig, outside: Sequence[Outside]) -> list[Input]:
-    """The inputs that `mount` needs, by name."""
-    rows = []
-    if Outside.REFERENCE in outside:
+def external_inputs(machine: Rig, external: Sequence[ExternalSource]) -> list[ExternalInput]:
+    """The inputs that `connect_inputs` needs for the external sources."""
+    inputs = []
+    if ExternalSource.REFERENCE in external:
         unit = "V" if isinstance(machine.controller, OpenLoop) else "m"
-        what = "command" if unit == "V" else "set point of the piston"
-        rows.append(Input("reference", unit, what))
-        rate = f"rate of the {what}; 0 holds it over a communication step"
-        rows.append(Input("reference_velocity", f"{unit}/s", rate))
-    if Outside.VOLTAGE in outside:
-        rows.append(Input("voltage_command", "V", "command of a controller outside, limited by the supply"))
-    if Outside.TARGET in outside:
-        rows.append(Input("target", "m", "set point of the cylinder"))
-    if Outside.SPOOL in outside:
-        rows.append(Input("spool_command", "-", "set point of the reversing valve, -1 … 1"))
-    return rows
+        quantity = "command" if unit == "V" else "set point of the piston"
+        inputs.append(ExternalInput("reference", unit, quantity))
+        rate = f"rate of the {quantity}; 0 holds it over a communication step"
+        inputs.append(ExternalInput("reference_velocity", f"{unit}/s", rate))
+    if ExternalSource.VOLTAGE in external:
+        inputs.append(ExternalInput("voltage_command", "V", "command of an external controller, limited by the supply"))
+    if ExternalSource.TARGET in external:
+        inputs.append(ExternalInput("target", "m", "set point of the cylinder"))
+    if ExternalSource.SPOOL in external:
+        inputs.append(ExternalInput("spool_command", "-", "set point of the reversing valve, -1 … 1"))
+    return inputs
 
 
-def mount(machine: Rig, outside: Sequence[Outside], given: Mapping[str, Any], since: Any) -> Rig:
-    """`machine` with what comes from outside in its place; `given` at the time `since`, by the names of `inputs_of`.
+def connect_inputs(
+    machine: Rig, external: Sequence[ExternalSource], values: Mapping[str, Any], input_time: Any
+) -> Rig:
+    """Replace set points and controllers of a machine by external inputs.
 
-    A pump whose reference or voltage is given is driven by it alone: its share of the stroke is 1.
+    A pump whose reference or voltage is external is driven by it alone: its share of the stroke is 1.
+
+    Args:
+        machine: the machine of the configuration.
+        external: the sources that are replaced.
+        values: the inputs by the names of `external_inputs`, in SI.
+        input_time: the time at which they were set [s].
+
+    Returns:
+        The machine with its inputs.
     """
-    zero = 0.0 * since
-    if Outside.REFERENCE in outside:
-        set_point = Given(value=given["reference"], rate=given["reference_velocity"], since=since)
+    zero = 0.0 * input_time
+    if ExternalSource.REFERENCE in external:
+        set_point = ExternalSetPoint(
+            value=values["reference"], rate=values["reference_velocity"], input_time=input_time
+        )
         machine = structs.replace(machine, reference=set_point)
-    if Outside.VOLTAGE in outside:
-        command = Given(value=given["voltage_command"], rate=zero, since=since)
+    if ExternalSource.VOLTAGE in external:
+        command = ExternalSetPoint(value=values["voltage_command"], rate=zero, input_time=input_time)
         machine = structs.replace(machine, reference=command, controller=OpenLoop(), sampling=Continuous())
-    if Outside.TARGET in outside:
-        machine = structs.replace(machine, target=Given(value=given["target"], rate=zero, since=since))
+    if ExternalSource.TARGET in external:
+        target = ExternalSetPoint(value=values["target"], rate=zero, input_time=input_time)
+        machine = structs.replace(machine, target=target)
     if isinstance(machine, ActuatorSystem):
-        driven = Outside.REFERENCE in outside or Outside.VOLTAGE in outside
-        coordination = PartlyGiven(
-            inner=machine.coordination, share=1.0 if driven else None, spool=given.get("spool_command")
+        driven = ExternalSource.REFERENCE in external or ExternalSource.VOLTAGE in external
+        coordination = ExternalCoordination(
+            coordination=machine.coordination, share=1.0 if driven else None, spool=values.get("spool_command")
         )
         machine = structs.replace(machine, coordination=coordination)
     return machine
 
 
-def replaced_signals(outside: Sequence[Outside]) -> set[str]:
-    """The signals that say nothing beside the inputs."""
-    gone = {"reference", "reference_velocity"} if {Outside.REFERENCE, Outside.VOLTAGE} & set(outside) else set()
-    return gone | ({"target"} if Outside.TARGET in outside else set())
+def replaced_signals(external: Sequence[ExternalSource]) -> set[str]:
+    """The signals that equal an input or have no meaning with it, and so are no outputs of the unit."""
+    reference = {ExternalSource.REFERENCE, ExternalSource.VOLTAGE} & set(external)
+    signals = {"reference", "reference_velocity"} if reference else set()
+    return signals | ({"target"} if ExternalSource.TARGET in external else set())

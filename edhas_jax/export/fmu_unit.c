@@ -1,4 +1,4 @@
-/* An FMI 2.0 co-simulation unit around the machine of machine.h: a fixed step, one flat state, no shared data. */
+/* FMI 2.0 co-simulation interface around the model of machine.h: fixed internal step, no data shared by instances. */
 
 #include <math.h>
 #include <stdio.h>
@@ -15,11 +15,11 @@
 #define EXPORT
 #endif
 
-/* in a program that holds several units at once, each has a prefix of its own */
+/* in a program that contains several units, the functions of each have their own prefix */
 #if defined(FMI2_FUNCTION_PREFIX) && !defined(FMI2_OVERRIDE_FUNCTION_PREFIX)
 #define PASTE(a, b) a##b
-#define PASTED(a, b) PASTE(a, b)
-#define FMI(name) PASTED(FMI2_FUNCTION_PREFIX, name)
+#define PASTE_EXPANDED(a, b) PASTE(a, b)
+#define FMI(name) PASTE_EXPANDED(FMI2_FUNCTION_PREFIX, name)
 #else
 #define FMI(name) name
 #endif
@@ -43,23 +43,23 @@ typedef struct {
 
 typedef enum { INSTANTIATED, INITIALIZING, STEPPING, DONE } Phase;
 
-/* all that a saved state has to hold */
+/* the complete state, which fmi2GetFMUstate saves */
 typedef struct {
     double value[VALUES], y[STATES];
-    double time, since, h; /* since: the time of the last inputs */
+    double time, input_time, h; /* input_time: time of the last inputs */
     Phase phase;
-    Boolean left_range;
+    Boolean out_of_range;
 } State;
 
 typedef struct {
     State now;
-    double kept[KEPT], seen[SIGNALS];
-    Boolean is_kept, is_seen; /* whether `kept` and `seen` belong to `now` */
+    double invariants[INVARIANTS], outputs[OUTPUTS];
+    Boolean invariants_valid, outputs_valid; /* whether these belong to `now` */
     const Callbacks *callbacks;
     char *name;
 } Unit;
 
-static Status say(const Unit *u, Status status, String message)
+static Status report(const Unit *u, Status status, String message)
 {
     if (u->callbacks && u->callbacks->logger)
         u->callbacks->logger(u->callbacks->environment, u->name, status,
@@ -67,36 +67,36 @@ static Status say(const Unit *u, Status status, String message)
     return status;
 }
 
-static void forget(Unit *u)
+static void invalidate(Unit *u)
 {
-    u->is_kept = u->is_seen = 0;
+    u->invariants_valid = u->outputs_valid = 0;
 }
 
-static void rewind_unit(Unit *u)
+static void reset_unit(Unit *u)
 {
     memset(&u->now, 0, sizeof u->now);
     memcpy(u->now.value, START, sizeof START);
-    forget(u);
+    invalidate(u);
 }
 
-/* the machine at rest, as its parameters now are */
-static void rest(Unit *u)
+/* the initial states for the present parameters */
+static void initialize_states(Unit *u)
 {
     State *s = &u->now;
     s->h = s->value[STEP];
-    machine_start(s->value, s->y, s->time, s->h, s->since, NULL, s->y);
-    forget(u);
+    machine_initial_state(s->value, s->y, s->time, s->h, s->input_time, NULL, s->y);
+    invalidate(u);
 }
 
-static void see(Unit *u)
+static void update_outputs(Unit *u)
 {
     State *s = &u->now;
-    double curve[CURVES];
-    if (u->is_seen) return;
-    if (s->phase < STEPPING) rest(u);
-    machine_curves(s->time, curve);
-    machine_see(s->value, s->y, s->time, s->h, s->since, curve, u->seen);
-    u->is_seen = 1;
+    double recorded[RECORDED_VALUES];
+    if (u->outputs_valid) return;
+    if (s->phase < STEPPING) initialize_states(u);
+    machine_recorded_intervals(s->time, recorded);
+    machine_outputs(s->value, s->y, s->time, s->h, s->input_time, recorded, u->outputs);
+    u->outputs_valid = 1;
 }
 
 EXPORT String FMI(fmi2GetTypesPlatform)(void)
@@ -119,13 +119,13 @@ EXPORT Instance FMI(fmi2Instantiate)(String name, Kind kind, String guid, String
     u->name = calloc(name ? strlen(name) + 1 : 1, 1);
     if (u->name && name) strcpy(u->name, name);
     if (!u->name || kind != CO_SIMULATION || !guid || strcmp(guid, GUID)) {
-        say(u, ERROR, kind == CO_SIMULATION ? "the GUID is not that of this unit: modelDescription.xml is another's"
+        report(u, ERROR, kind == CO_SIMULATION ? "the GUID differs: modelDescription.xml belongs to another unit"
                                             : "this unit is for co-simulation only");
         free(u->name);
         free(u);
         return NULL;
     }
-    rewind_unit(u);
+    reset_unit(u);
     return u;
 }
 
@@ -147,17 +147,17 @@ EXPORT Status FMI(fmi2SetupExperiment)(Instance c, Boolean has_tolerance, double
 {
     Unit *u = c;
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
-    if (u->now.phase != INSTANTIATED) return say(u, ERROR, "the experiment is set up before initialization");
-    if (!isfinite(start)) return say(u, ERROR, "the start time is not a finite number");
-    u->now.time = u->now.since = start;
-    forget(u);
+    if (u->now.phase != INSTANTIATED) return report(u, ERROR, "the experiment must be set up before initialization");
+    if (!isfinite(start)) return report(u, ERROR, "the start time is not a finite number");
+    u->now.time = u->now.input_time = start;
+    invalidate(u);
     return OK;
 }
 
 EXPORT Status FMI(fmi2EnterInitializationMode)(Instance c)
 {
     Unit *u = c;
-    if (u->now.phase != INSTANTIATED) return say(u, ERROR, "initialization was entered before");
+    if (u->now.phase != INSTANTIATED) return report(u, ERROR, "initialization was entered already");
     u->now.phase = INITIALIZING;
     return OK;
 }
@@ -165,8 +165,8 @@ EXPORT Status FMI(fmi2EnterInitializationMode)(Instance c)
 EXPORT Status FMI(fmi2ExitInitializationMode)(Instance c)
 {
     Unit *u = c;
-    if (u->now.phase != INITIALIZING) return say(u, ERROR, "initialization was not entered");
-    rest(u);
+    if (u->now.phase != INITIALIZING) return report(u, ERROR, "initialization was not entered");
+    initialize_states(u);
     u->now.phase = STEPPING;
     return OK;
 }
@@ -179,7 +179,7 @@ EXPORT Status FMI(fmi2Terminate)(Instance c)
 
 EXPORT Status FMI(fmi2Reset)(Instance c)
 {
-    rewind_unit(c);
+    reset_unit(c);
     return OK;
 }
 
@@ -190,11 +190,11 @@ EXPORT Status FMI(fmi2GetReal)(Instance c, const Reference which[], size_t count
     for (k = 0; k < count; ++k) {
         if (which[k] < VALUES) {
             out[k] = u->now.value[which[k]];
-        } else if (which[k] < VALUES + SIGNALS) {
-            see(u);
-            out[k] = u->seen[which[k] - VALUES];
+        } else if (which[k] < VALUES + OUTPUTS) {
+            update_outputs(u);
+            out[k] = u->outputs[which[k] - VALUES];
         } else {
-            return say(u, ERROR, "there is no variable with this value reference");
+            return report(u, ERROR, "there is no variable with this value reference");
         }
     }
     return OK;
@@ -207,23 +207,24 @@ EXPORT Status FMI(fmi2SetReal)(Instance c, const Reference which[], size_t count
     size_t k;
     for (k = 0; k < count; ++k) {
         const Reference r = which[k];
-        if (r >= VALUES) return say(u, ERROR, "an output cannot be set");
+        if (r >= VALUES) return report(u, ERROR, "an output cannot be set");
         if (u->now.phase >= STEPPING && !IS_INPUT[r]) {
             snprintf(text, sizeof text,
-                     "%s: a parameter is set before initialization ends; export with --input %s to change it later",
+                     "%s: a parameter can be set only until initialization ends; "
+                     "export with --input %s to change it later",
                      NAMES[r], NAMES[r]);
-            return say(u, ERROR, text);
+            return report(u, ERROR, text);
         }
         if (!(in[k] >= LOWEST[r] && in[k] <= HIGHEST[r])) {
             snprintf(text, sizeof text, "%s: must %s; got %g", NAMES[r], ALLOWED[r], in[k]);
-            return say(u, ERROR, text);
+            return report(u, ERROR, text);
         }
-        if (u->now.value[r] != in[k]) u->is_kept = 0;
+        if (u->now.value[r] != in[k]) u->invariants_valid = 0;
         u->now.value[r] = in[k];
     }
     if (count) {
-        u->now.since = u->now.time;
-        u->is_seen = 0;
+        u->now.input_time = u->now.time;
+        u->outputs_valid = 0;
     }
     return OK;
 }
@@ -232,40 +233,41 @@ EXPORT Status FMI(fmi2DoStep)(Instance c, double begin, double size, Boolean no_
 {
     Unit *u = c;
     State *s = &u->now;
-    double next[STATES + 1], curve[CURVES], count, h, i;
+    double next[STATES + 1], recorded[RECORDED_VALUES], count, h, i;
     char text[512];
     (void)no_return;
-    if (s->phase != STEPPING) return say(u, ERROR, "a step is taken after initialization and before the end");
+    if (s->phase != STEPPING)
+        return report(u, ERROR, "a step can be taken only after initialization and before termination");
     if (!(size >= 0.0) || !isfinite(begin + size))
-        return say(u, ERROR, "the length of a communication step must be a finite number from 0");
+        return report(u, ERROR, "the length of a communication step must be finite and not negative");
     if (fabs(begin - s->time) > 1e-9 * fabs(begin) + 1e-3 * s->value[STEP]) {
-        snprintf(text, sizeof text, "a step from %.9g s was asked for, but this unit stands at %.9g s", begin, s->time);
-        return say(u, ERROR, text);
+        snprintf(text, sizeof text, "a step from %.9g s was requested, but this unit is at %.9g s", begin, s->time);
+        return report(u, ERROR, text);
     }
     if (size == 0.0) return OK;
-    /* equal steps, none longer than asked for; a hair of slack for a length that was added up */
+    /* equal steps, none longer than the largest; the tolerance is for lengths with rounding errors */
     count = fmax(1.0, ceil(size / s->value[STEP] - 1e-6));
     h = size / count;
     if (fabs(h - s->h) <= 1e-9 * h) h = s->h;
-    if (!u->is_kept || h != s->h) {
+    if (!u->invariants_valid || h != s->h) {
         s->h = h;
-        machine_step_invariants(s->value, s->y, begin, h, begin, curve, u->kept);
-        u->is_kept = 1;
+        machine_step_invariants(s->value, s->y, begin, h, begin, recorded, u->invariants);
+        u->invariants_valid = 1;
     }
-    s->since = begin;
-    s->left_range = 0;
-    u->is_seen = 0;
+    s->input_time = begin;
+    s->out_of_range = 0;
+    u->outputs_valid = 0;
     for (i = 0.0; i < count; ++i) {
         const double t = begin + i * h;
-        machine_curves(t + 0.5 * h, curve);
-        machine_step(s->value, s->y, t, h, begin, curve, u->kept, next);
+        machine_recorded_intervals(t + 0.5 * h, recorded);
+        machine_step(s->value, s->y, t, h, begin, recorded, u->invariants, next);
         if (next[STATES] >= 0.0) {
             s->time = t;
-            s->left_range = 1;
+            s->out_of_range = 1;
             snprintf(text, sizeof text,
                      "at %.6g s %s (step %.4g \302\265s); the machine is outside what the model describes, or the step "
                      "is too large for it: try a smaller step", t + h, FAILURES[(int)next[STATES]], h * 1e6);
-            return say(u, DISCARD, text);
+            return report(u, DISCARD, text);
         }
         memcpy(s->y, next, sizeof s->y);
     }
@@ -275,13 +277,13 @@ EXPORT Status FMI(fmi2DoStep)(Instance c, double begin, double size, Boolean no_
 
 EXPORT Status FMI(fmi2CancelStep)(Instance c)
 {
-    return say(c, ERROR, "no step is ever pending");
+    return report(c, ERROR, "no step is ever pending");
 }
 
 EXPORT Status FMI(fmi2GetStatus)(Instance c, const StatusKind kind, Status *out)
 {
     (void)kind;
-    *out = ((Unit *)c)->now.left_range ? DISCARD : OK;
+    *out = ((Unit *)c)->now.out_of_range ? DISCARD : OK;
     return OK;
 }
 
@@ -301,7 +303,7 @@ EXPORT Status FMI(fmi2GetIntegerStatus)(Instance c, const StatusKind kind, int *
 EXPORT Status FMI(fmi2GetBooleanStatus)(Instance c, const StatusKind kind, Boolean *out)
 {
     if (kind != TERMINATED_STATUS) return DISCARD;
-    *out = ((Unit *)c)->now.left_range;
+    *out = ((Unit *)c)->now.out_of_range;
     return OK;
 }
 
@@ -314,7 +316,7 @@ EXPORT Status FMI(fmi2GetStringStatus)(Instance c, const StatusKind kind, String
 EXPORT Status FMI(fmi2GetFMUstate)(Instance c, Saved *state)
 {
     if (!*state) *state = malloc(sizeof(State));
-    if (!*state) return say(c, ERROR, "no memory for a state");
+    if (!*state) return report(c, ERROR, "out of memory for a state");
     memcpy(*state, &((Unit *)c)->now, sizeof(State));
     return OK;
 }
@@ -322,7 +324,7 @@ EXPORT Status FMI(fmi2GetFMUstate)(Instance c, Saved *state)
 EXPORT Status FMI(fmi2SetFMUstate)(Instance c, Saved state)
 {
     memcpy(&((Unit *)c)->now, state, sizeof(State));
-    forget(c);
+    invalidate(c);
     return OK;
 }
 
@@ -345,7 +347,7 @@ EXPORT Status FMI(fmi2SerializedFMUstateSize)(Instance c, Saved state, size_t *s
 
 EXPORT Status FMI(fmi2SerializeFMUstate)(Instance c, Saved state, char bytes[], size_t size)
 {
-    if (size < sizeof GUID + sizeof(State)) return say(c, ERROR, "there are too few bytes for the state");
+    if (size < sizeof GUID + sizeof(State)) return report(c, ERROR, "the buffer is too small for the state");
     memcpy(bytes, GUID, sizeof GUID);
     memcpy(bytes + sizeof GUID, state, sizeof(State));
     return OK;
@@ -354,9 +356,9 @@ EXPORT Status FMI(fmi2SerializeFMUstate)(Instance c, Saved state, char bytes[], 
 EXPORT Status FMI(fmi2DeSerializeFMUstate)(Instance c, const char bytes[], size_t size, Saved *state)
 {
     if (size < sizeof GUID + sizeof(State) || memcmp(bytes, GUID, sizeof GUID))
-        return say(c, ERROR, "these bytes are not a state of this unit");
+        return report(c, ERROR, "the buffer holds no state of this unit");
     if (!*state) *state = malloc(sizeof(State));
-    if (!*state) return say(c, ERROR, "no memory for a state");
+    if (!*state) return report(c, ERROR, "out of memory for a state");
     memcpy(*state, bytes + sizeof GUID, sizeof(State));
     return OK;
 }
@@ -365,36 +367,36 @@ EXPORT Status FMI(fmi2GetDirectionalDerivative)(Instance c, const Reference z[],
                                                 size_t nv, const double dv[], double dz[])
 {
     (void)z, (void)nz, (void)v, (void)nv, (void)dv, (void)dz;
-    return say(c, ERROR, "this unit has no directional derivatives");
+    return report(c, ERROR, "this unit provides no directional derivatives");
 }
 
 EXPORT Status FMI(fmi2SetRealInputDerivatives)(Instance c, const Reference which[], size_t count, const int order[],
                                                const double in[])
 {
     (void)which, (void)order, (void)in;
-    return count ? say(c, ERROR, "inputs of this unit are held; it takes no derivatives of them") : OK;
+    return count ? report(c, ERROR, "this unit holds its inputs constant; input derivatives are not supported") : OK;
 }
 
 EXPORT Status FMI(fmi2GetRealOutputDerivatives)(Instance c, const Reference which[], size_t count, const int order[],
                                                 double out[])
 {
     (void)which, (void)order, (void)out;
-    return count ? say(c, ERROR, "this unit has no derivatives of outputs") : OK;
+    return count ? report(c, ERROR, "this unit provides no derivatives of outputs") : OK;
 }
 
 /* every variable is a real number */
-#define NO_SUCH(Type, Name)                                                                              \
-    EXPORT Status FMI(fmi2Get##Name)(Instance c, const Reference which[], size_t count, Type out[])      \
-    {                                                                                                    \
-        (void)which, (void)out;                                                                          \
-        return count ? say(c, ERROR, "every variable of this unit is a real number") : OK;               \
-    }                                                                                                    \
-    EXPORT Status FMI(fmi2Set##Name)(Instance c, const Reference which[], size_t count, const Type in[]) \
-    {                                                                                                    \
-        (void)which, (void)in;                                                                           \
-        return count ? say(c, ERROR, "every variable of this unit is a real number") : OK;               \
+#define NO_VARIABLES_OF_TYPE(Type, Name)                                                                    \
+    EXPORT Status FMI(fmi2Get##Name)(Instance c, const Reference which[], size_t count, Type out[])         \
+    {                                                                                                       \
+        (void)which, (void)out;                                                                             \
+        return count ? report(c, ERROR, "every variable of this unit is a real number") : OK;               \
+    }                                                                                                       \
+    EXPORT Status FMI(fmi2Set##Name)(Instance c, const Reference which[], size_t count, const Type in[])    \
+    {                                                                                                       \
+        (void)which, (void)in;                                                                              \
+        return count ? report(c, ERROR, "every variable of this unit is a real number") : OK;               \
     }
 
-NO_SUCH(int, Integer)
-NO_SUCH(Boolean, Boolean)
-NO_SUCH(String, String)
+NO_VARIABLES_OF_TYPE(int, Integer)
+NO_VARIABLES_OF_TYPE(Boolean, Boolean)
+NO_VARIABLES_OF_TYPE(String, String)

@@ -195,9 +195,9 @@ def test_a_machine_that_leaves_its_range_says_so_as_a_run_does(unit, capfd):
     [
         (lambda u: u.instance(mover_mass=-1.0), "mover_mass: must lie in 100 mg"),
         (lambda u: u.instance(mover_mass=np.nan), "mover_mass: must lie in 100 mg"),
-        (lambda u: u.give(u.instance(), mover_mass=3.0), "mover_mass: a parameter is set before initialization ends"),
-        (lambda u: u.instance().doStep(1.0, 1e-3), "this unit stands at 0 s"),
-        (lambda u: u.instance().doStep(0.0, -1e-3), "must be a finite number from 0"),
+        (lambda u: u.give(u.instance(), mover_mass=3.0), "a parameter can be set only until initialization ends"),
+        (lambda u: u.instance().doStep(1.0, 1e-3), "this unit is at 0 s"),
+        (lambda u: u.instance().doStep(0.0, -1e-3), "must be finite and not negative"),
         (lambda u: u.instance().getInteger([0]), "every variable of this unit is a real number"),
     ],
 )
