@@ -1,46 +1,55 @@
-"""The picture of `studies.controllers.comparison`: every comparison in one figure."""
+"""The figure of `studies.controllers.comparison`."""
 
 import numpy as np
 
-NAMES = {"pid": "PID", "cascade": "cascade", "antsmc": "ANTSMC"}
+CONTROLLER_LABELS = {"pid": "PID", "cascade": "cascade", "antsmc": "ANTSMC"}
 COLOURS = {"pid": "#0969da", "cascade": "#9a6700", "antsmc": "#d1490c"}
-LINES = {"continuous": {"ls": (0, (4, 2)), "lw": 1.1, "alpha": 0.75}, "5khz": {"ls": "-", "lw": 1.8}}
-FACES = {"continuous": "white", "5khz": None}  # of the dots; None: filled
-HOW = {"continuous": "continuous", "5khz": "5 kHz, one sample late"}
+LINE_STYLES = {"continuous": {"ls": (0, (4, 2)), "lw": 1.1, "alpha": 0.75}, "5khz": {"ls": "-", "lw": 1.8}}
+MARKER_FACES = {"continuous": "white", "5khz": None}  # None: filled
+SAMPLING_LABELS = {"continuous": "continuous", "5khz": "5 kHz, one sample of delay"}
 GREY = "#6e7781"
 
 
-def picture(found, conditions, load_time):
-    """Tracking over frequency, disturbances at both frequencies, both steps, and what sampling costs."""
+def draw_comparison(comparison, conditions, load_time):
+    """Draw tracking over frequency, errors under all conditions, both step responses and the effect of sample time.
+
+    Args:
+        comparison: the results.
+        conditions: names of the conditions, in the order of `comparison.condition_errors`.
+        load_time: time [s] of the load step.
+
+    Returns:
+        A matplotlib figure.
+    """
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     figure = Figure(figsize=(14.5, 8.2), layout="constrained")
     axes = figure.subplots(2, 3)
-    _tracking(axes[0, 0], found)
-    _disturbed(axes[0, 1], found, list(conditions), 0)
-    _disturbed(axes[0, 2], found, list(conditions), 1)
-    _step(axes[1, 0], found)
-    _load_step(axes[1, 1], found, load_time)
-    _sampling(axes[1, 2], found)
-    for one in axes.flat:
-        one.spines[["top", "right"]].set_visible(False)
-    names = dict.fromkeys(name for name, _ in found.errors)
-    handles = [Line2D([], [], color=COLOURS[n], lw=2.2, label=NAMES[n]) for n in names]
-    handles += [
-        Line2D([], [], color=GREY, label=HOW[how], marker="o", markerfacecolor=FACES[how] or GREY, **LINES[how])
-        for how in LINES
-    ]
+    _draw_tracking(axes[0, 0], comparison)
+    _draw_conditions(axes[0, 1], comparison, list(conditions), 0)
+    _draw_conditions(axes[0, 2], comparison, list(conditions), 1)
+    _draw_step(axes[1, 0], comparison)
+    _draw_load_step(axes[1, 1], comparison, load_time)
+    _draw_sample_times(axes[1, 2], comparison)
+    for panel in axes.flat:
+        panel.spines[["top", "right"]].set_visible(False)
+    names = dict.fromkeys(name for name, _ in comparison.condition_errors)
+    handles = [Line2D([], [], color=COLOURS[n], lw=2.2, label=CONTROLLER_LABELS[n]) for n in names]
+    for sampling, style in LINE_STYLES.items():
+        face = MARKER_FACES[sampling] or GREY
+        label = SAMPLING_LABELS[sampling]
+        handles.append(Line2D([], [], color=GREY, label=label, marker="o", markerfacecolor=face, **style))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=10)
-    figure.suptitle("The piston's controllers, tuned by gradient at 10 and 30 Hz under load and with steps", x=0.01,
+    figure.suptitle("Piston controllers, tuned by gradient at 10 and 30 Hz under load and with steps", x=0.01,
                     ha="left", fontsize=13)  # fmt: skip
     return figure
 
 
-def _tracking(axes, found) -> None:
-    for (name, how), errors in found.tracking.items():
-        axes.loglog(found.frequencies, 1e6 * errors, color=COLOURS[name], **LINES[how])
-    axes.set_xlim(found.frequencies[0], found.frequencies[-1])
+def _draw_tracking(axes, comparison) -> None:
+    for (name, sampling), errors in comparison.tracking_errors.items():
+        axes.loglog(comparison.frequencies, 1e6 * errors, color=COLOURS[name], **LINE_STYLES[sampling])
+    axes.set_xlim(comparison.frequencies[0], comparison.frequencies[-1])
     ticks = [1, 2, 5, 10, 20, 30, 60]
     axes.set_xticks(ticks, [str(t) for t in ticks])
     axes.minorticks_off()
@@ -48,16 +57,16 @@ def _tracking(axes, found) -> None:
     axes.grid(axis="y", color="#d8dee4", lw=0.6)
 
 
-def _disturbed(axes, found, conditions, column) -> None:
+def _draw_conditions(axes, comparison, conditions, column) -> None:
     rows = np.arange(len(conditions))[::-1]
-    keys = list(found.errors)
-    for k, (name, how) in enumerate(keys):
-        at = rows + 0.55 * (0.5 - (k + 0.5) / len(keys))
-        face = FACES[how] or COLOURS[name]
-        values = 1e6 * found.errors[name, how][:, column]
-        axes.hlines(at, 1e-2, values, color=COLOURS[name], lw=0.8, alpha=0.35)
-        axes.semilogx(values, at, "o", color=COLOURS[name], markerfacecolor=face, ms=6)
-    values = 1e6 * np.stack([e[:, column] for e in found.errors.values()])
+    keys = list(comparison.condition_errors)
+    for k, (name, sampling) in enumerate(keys):
+        heights = rows + 0.55 * (0.5 - (k + 0.5) / len(keys))
+        face = MARKER_FACES[sampling] or COLOURS[name]
+        values = 1e6 * comparison.condition_errors[name, sampling][:, column]
+        axes.hlines(heights, 1e-2, values, color=COLOURS[name], lw=0.8, alpha=0.35)
+        axes.semilogx(values, heights, "o", color=COLOURS[name], markerfacecolor=face, ms=6)
+    values = 1e6 * np.stack([e[:, column] for e in comparison.condition_errors.values()])
     axes.set_xlim(0.5 * values.min(), 2.0 * values.max())
     axes.set_yticks(rows, conditions)
     axes.set_ylim(-0.6, len(conditions) - 0.4)
@@ -65,34 +74,36 @@ def _disturbed(axes, found, conditions, column) -> None:
     axes.set(title=f"Disturbed, {(10, 30)[column]} Hz", xlabel="rms error, µm")
 
 
-def _step(axes, found) -> None:
-    time, reference, _ = next(iter(found.traces.values()))
-    for (name, how), (_, _, position) in found.traces.items():
-        axes.plot(1e3 * time, 1e3 * position, color=COLOURS[name], **LINES[how])
+def _draw_step(axes, comparison) -> None:
+    time, reference, _ = next(iter(comparison.step_responses.values()))
+    for (name, sampling), (_, _, position) in comparison.step_responses.items():
+        axes.plot(1e3 * time, 1e3 * position, color=COLOURS[name], **LINE_STYLES[sampling])
     axes.plot(1e3 * time, 1e3 * reference, color=GREY, lw=1.0, ls=":")
     axes.set(title="A step of the set point", xlabel="time, ms", ylabel="piston position, mm", xlim=(3, 25))
-    axes.set_ylim(-0.1, max(1.6, min(2.6, 1.05e3 * max(p.max() for _, _, p in found.traces.values()))))
+    highest = max(position.max() for _, _, position in comparison.step_responses.values())
+    axes.set_ylim(-0.1, max(1.6, min(2.6, 1.05e3 * highest)))
 
 
-def _load_step(axes, found, load_time) -> None:
+def _draw_load_step(axes, comparison, load_time) -> None:
     lowest, highest = -1.0, 1.0
-    for (name, how), (time, _, position) in found.traces.items():
+    for (name, sampling), (time, _, position) in comparison.step_responses.items():
         begin = np.searchsorted(time, load_time)
         deviation = 1e6 * (position - position[begin - 1])
         lowest, highest = min(lowest, deviation[begin:].min()), max(highest, deviation[begin:].max())
-        axes.plot(1e3 * (time - load_time), deviation, color=COLOURS[name], **LINES[how])
+        axes.plot(1e3 * (time - load_time), deviation, color=COLOURS[name], **LINE_STYLES[sampling])
     axes.set(title="A force of 50 N at rest", xlabel="time after the force, ms", ylabel="deviation, µm", xlim=(-2, 30))
     axes.set_ylim(1.15 * max(lowest, -400.0), 20.0 + 1.15 * min(highest, 200.0))
     axes.grid(axis="y", color="#d8dee4", lw=0.6)
 
 
-def _sampling(axes, found) -> None:
-    for name, errors in found.sampled.items():
-        axes.loglog(1e3 * found.sample_times, 1e6 * errors, color=COLOURS[name], **LINES["5khz"])
-        if (name, "continuous") in found.errors:
-            axes.axhline(1e6 * found.errors[name, "continuous"][0, 1], color=COLOURS[name], **LINES["continuous"])
+def _draw_sample_times(axes, comparison) -> None:
+    for name, errors in comparison.sample_time_errors.items():
+        axes.loglog(1e3 * comparison.sample_times, 1e6 * errors, color=COLOURS[name], **LINE_STYLES["5khz"])
+        if (name, "continuous") in comparison.condition_errors:
+            continuous = 1e6 * comparison.condition_errors[name, "continuous"][0, 1]
+            axes.axhline(continuous, color=COLOURS[name], **LINE_STYLES["continuous"])
     axes.axvline(0.2, color=GREY, lw=0.8, ls=":")
-    axes.annotate("tuned here", (0.2, 0.97), (4, 0), xycoords=("data", "axes fraction"), textcoords="offset points",
+    axes.annotate("tuned for this", (0.2, 0.97), (4, 0), xycoords=("data", "axes fraction"), textcoords="offset points",
                   fontsize=8, va="top", color=GREY)  # fmt: skip
     ticks = [0.05, 0.1, 0.2, 0.5]
     axes.set_xticks(ticks, [f"{t:g}" for t in ticks])

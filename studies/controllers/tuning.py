@@ -1,13 +1,13 @@
-"""Gains of a controller by gradient: the same objective, optimiser and budget for each.
+"""Tunes the gains of a controller by gradient descent with the same objective, optimiser and budget for each.
 
     J = mean of  ln(rms error) + 0.2 ln(rms current) + 10 max(0, peak voltage / (0.9 U_max) − 1)²  over sines
            and of  ln(rms error)  over steps
 
-Sines are run to their periodic state. One per cent of error is worth five per cent of current; a tenth of the supply is
-kept in reserve. The steps are there because a loop that is tuned with sines alone may ring, or not be stable at rest.
-Of settings drawn at random around the defaults, the best few are descended from side by side, by Adam in the logarithms
-of the gains. A start that falls over the edge of stability, where derivatives say nothing, goes back to where it was
-best and takes smaller steps from there.
+Runs with sines are simulated to their periodic state. One per cent of error weighs as much as five per cent of current,
+and a tenth of the supply voltage is kept in reserve. The steps are included because a loop tuned with sines alone may
+oscillate or be unstable at rest. Candidates are drawn at random around the default gains; Adam improves the best few in
+the logarithms of the gains, all in one batch. A start that becomes unstable, where the derivatives are meaningless,
+returns to its last stable gains and continues with a smaller step.
 """
 
 import dataclasses
@@ -25,132 +25,171 @@ from edhas_jax.machine.parameters import find_parameter, get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.batch_trajectories import march_lanes
 
-METRICS = ("tracking_error", "rms_current", "peak_voltage")
-RESERVE = 0.9
-CURRENT = 0.2  # weight of the current
-RANGE = 5.0  # settings are drawn within this factor of the defaults
-STEEPEST = 10.0  # derivatives of J by a logarithm are cut here: what is steeper is the edge of stability
-WORSE = 0.3  # a start that is so much above its best has fallen over that edge
-STEP, PER_SAMPLE, SAMPLES = 2e-5, 5, 800  # of the runs with steps
+OBJECTIVE_METRICS = ("tracking_error", "rms_current", "peak_voltage")
+VOLTAGE_SHARE = 0.9  # of the supply voltage, above which the peak voltage is penalised
+CURRENT_WEIGHT = 0.2
+CANDIDATE_FACTOR = 5.0  # candidates are drawn within this factor of the default gains
+MAX_SLOPE = 10.0  # derivatives of J are clipped here; larger ones occur only at the limit of stability
+INSTABILITY_MARGIN = 0.3  # rise of J above its best value that counts as loss of stability
+STEP_RUN_STEP, STEPS_PER_SAMPLE, STEP_RUN_SAMPLES = 2e-5, 5, 800  # time step [s] and samples of the runs with steps
 
 
-class Task(NamedTuple):
-    """What a controller is tuned for: the machine under sines and under steps, and the parameters (SI) of each run."""
+class TuningTask(NamedTuple):
+    """What a controller is tuned for.
 
-    sines: Rig
-    points: Mapping[str, np.ndarray]
-    steps: Rig
-    variants: Mapping[str, np.ndarray]
+    Attributes:
+        sine_machine: the machine with a sine as set point.
+        sine_runs: parameters of its runs in SI, by name, shape (sine runs,).
+        step_machine: the machine with steps.
+        step_runs: parameters of its runs in SI, by name, shape (step runs,).
+    """
+
+    sine_machine: Rig
+    sine_runs: Mapping[str, np.ndarray]
+    step_machine: Rig
+    step_runs: Mapping[str, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
 class Budget:
-    """How long is sought: settings drawn, starts among them, iterations; steps per cycle and cycles of each run."""
+    """Effort of the tuning.
 
-    drawn: int = 384
+    Attributes:
+        candidates: gains drawn at random.
+        starts: best candidates that are improved.
+        iterations: steps of the optimiser.
+        steps_per_cycle: time steps per cycle of a sine.
+        cycles: cycles to the periodic state, at most.
+        learning_rate: largest step in the logarithm of a gain.
+    """
+
+    candidates: int = 384
     starts: int = 6
     iterations: int = 40
     steps_per_cycle: int = 2500
     cycles: int = 5
-    rate: float = 0.1
+    learning_rate: float = 0.1
 
 
-class Tuned(NamedTuple):
-    """The best gains (SI), their J, and the lowest J so far after each iteration."""
+class TunedGains(NamedTuple):
+    """The best gains (SI), their J, and the lowest J so far at the start and after each iteration."""
 
     gains: dict[str, float]
     objective: float
     history: np.ndarray
 
 
-def tune(task: Task, names: tuple[str, ...], budget: Budget, on_iteration: Callable[[float], None]) -> Tuned:
-    """The best gains `names` of the controller of a task."""
-    bounds = np.log([np.clip(find_parameter(task.sines, n)[0].span, 1e-9, 1e12) for n in names])
-    begin = np.log([float(get_parameter(task.sines, n)) for n in names])
-    wide = np.log(RANGE) * np.random.default_rng(1).uniform(-1.0, 1.0, (budget.drawn, len(names)))
-    wide[0] = 0.0  # the defaults themselves
-    x = np.clip(begin + wide, *bounds.T)
-    if budget.drawn > budget.starts:
-        x = x[np.argsort(_drawn(task, names, x, budget))[: budget.starts]]
+def tune(task: TuningTask, names: tuple[str, ...], budget: Budget, on_iteration: Callable[[float], None]) -> TunedGains:
+    """Find the gains `names` of the controller of a task that minimise J.
+
+    Args:
+        task: the machines and runs.
+        names: parameters of the controller.
+        budget: effort of the search.
+        on_iteration: called with the finished share after each iteration.
+    """
+    bounds = np.log([np.clip(find_parameter(task.sine_machine, n)[0].span, 1e-9, 1e12) for n in names])
+    defaults = np.log([float(get_parameter(task.sine_machine, n)) for n in names])
+    offsets = np.random.default_rng(1).uniform(-1.0, 1.0, (budget.candidates, len(names)))
+    offsets = np.log(CANDIDATE_FACTOR) * offsets
+    offsets[0] = 0.0  # the defaults themselves
+    x = np.clip(defaults + offsets, *bounds.T)
+    if budget.candidates > budget.starts:
+        x = x[np.argsort(_objective_values(task, names, x, budget))[: budget.starts]]
     adam = optax.scale_by_adam(b2=0.95)
-    state, rate = adam.init(x), np.full(len(x), budget.rate)
+    state, rate = adam.init(x), np.full(len(x), budget.learning_rate)
     values, slopes = objective(task, names, x, budget)
-    best, keep, at, downhill, history = values, x, x, slopes, [values.min()]
+    best, best_x, stable_x, stable_slopes, history = values, x, x, slopes, [values.min()]
     for k in range(budget.iterations):
-        with jax.numpy_dtype_promotion("standard"):  # optax mixes whole and real numbers
-            direction, state = adam.update(downhill, state)
-        x = np.clip(at - rate[:, None] * np.asarray(direction), *bounds.T)
+        with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats
+            direction, state = adam.update(stable_slopes, state)
+        x = np.clip(stable_x - rate[:, None] * np.asarray(direction), *bounds.T)
         values, slopes = objective(task, names, x, budget)
-        fallen = ~(values <= best + WORSE)
-        rate = np.where(fallen, 0.5 * rate, np.minimum(1.05 * rate, budget.rate))
-        at = np.where(fallen[:, None], at, x)
-        downhill = np.where(fallen[:, None], downhill, slopes)
-        lower = values < best
-        best = np.where(lower, values, best)
-        keep = np.where(lower[:, None], x, keep)
+        unstable = ~(values <= best + INSTABILITY_MARGIN)
+        rate = np.where(unstable, 0.5 * rate, np.minimum(1.05 * rate, budget.learning_rate))
+        stable_x = np.where(unstable[:, None], stable_x, x)
+        stable_slopes = np.where(unstable[:, None], stable_slopes, slopes)
+        improved = values < best
+        best = np.where(improved, values, best)
+        best_x = np.where(improved[:, None], x, best_x)
         history.append(best.min())
         on_iteration((k + 1) / budget.iterations)
-    gains = np.exp(keep[int(np.argmin(best))])
-    return Tuned(dict(zip(names, gains.tolist(), strict=True)), float(best.min()), np.array(history))
+    gains = np.exp(best_x[int(np.argmin(best))])
+    return TunedGains(dict(zip(names, gains.tolist(), strict=True)), float(best.min()), np.array(history))
 
 
-def objective(task: Task, names: tuple[str, ...], x: np.ndarray, budget: Budget) -> tuple[np.ndarray, np.ndarray]:
-    """J (starts,) and its derivatives (starts, gains) by the logarithms `x` (starts, gains); inf where a run fails."""
-    columns = _columns(names, x, task.points)
+def objective(task: TuningTask, names: tuple[str, ...], x: np.ndarray, budget: Budget) -> tuple[np.ndarray, np.ndarray]:
+    """J and its derivatives by the logarithms of the gains.
+
+    Args:
+        task: the machines and runs.
+        names: the gains.
+        x: logarithms of the gains in SI, shape (starts, gains).
+        budget: steps and cycles of the runs with sines.
+
+    Returns:
+        J, shape (starts,), inf where a run fails, and its derivatives, shape (starts, gains), clipped to `MAX_SLOPE`.
+    """
+    columns = _design_columns(names, x, task.sine_runs)
     settings = GradientSettings(budget.steps_per_cycle, 1e-3, budget.cycles)
-    got = forward(task.sines, columns, names, METRICS, settings)
-    error, current, peak = (got.values[n] for n in METRICS)
-    by_error, by_current, by_peak = (got.slopes[n] for n in METRICS)
-    reserve = _reserve(task.sines)
-    over = np.maximum(peak / reserve - 1.0, 0.0)
-    slope = by_error / error[:, None] + CURRENT * by_current / current[:, None]
-    slope = slope + (20.0 * over / reserve)[:, None] * by_peak
+    got = forward(task.sine_machine, columns, names, OBJECTIVE_METRICS, settings)
+    error, current, peak = (got.values[n] for n in OBJECTIVE_METRICS)
+    error_slope, current_slope, peak_slope = (got.slopes[n] for n in OBJECTIVE_METRICS)
+    limit = _voltage_limit(task.sine_machine)
+    excess = np.maximum(peak / limit - 1.0, 0.0)
+    slope = error_slope / error[:, None] + CURRENT_WEIGHT * current_slope / current[:, None]
+    slope = slope + (20.0 * excess / limit)[:, None] * peak_slope
     slope = slope * np.stack([columns[n] for n in names], axis=1)
-    of_steps, slope_of_steps = _steps(task, names, x, derive=True)
-    value = np.concatenate([_value(task, error, current, peak).reshape(len(x), -1), of_steps], axis=1)
-    slope = np.concatenate([slope.reshape(len(x), -1, len(names)), slope_of_steps], axis=1)
-    slope = np.nan_to_num(slope.mean(axis=1), nan=0.0, posinf=STEEPEST, neginf=-STEEPEST)
-    return value.mean(axis=1), np.clip(slope, -STEEPEST, STEEPEST)
+    step_terms, step_slopes = _step_terms(task, names, x, derive=True)
+    value = np.concatenate([_sine_terms(task, error, current, peak).reshape(len(x), -1), step_terms], axis=1)
+    slope = np.concatenate([slope.reshape(len(x), -1, len(names)), step_slopes], axis=1)
+    slope = np.nan_to_num(slope.mean(axis=1), nan=0.0, posinf=MAX_SLOPE, neginf=-MAX_SLOPE)
+    return value.mean(axis=1), np.clip(slope, -MAX_SLOPE, MAX_SLOPE)
 
 
-def _drawn(task: Task, names, x: np.ndarray, budget: Budget) -> np.ndarray:
-    """J (settings,) without derivatives."""
+def _objective_values(task: TuningTask, names, x: np.ndarray, budget: Budget) -> np.ndarray:
+    """J (candidates,) without derivatives."""
     settings = BatchSettings(step=4e-5, max_cycles=budget.cycles)
-    got = run_designs(task.sines, _columns(names, x, task.points), settings)
-    sines = _value(task, *(got[n] for n in METRICS)).reshape(len(x), -1)
-    return np.concatenate([sines, _steps(task, names, x, derive=False)[0]], axis=1).mean(axis=1)
+    got = run_designs(task.sine_machine, _design_columns(names, x, task.sine_runs), settings)
+    sines = _sine_terms(task, *(got[n] for n in OBJECTIVE_METRICS)).reshape(len(x), -1)
+    return np.concatenate([sines, _step_terms(task, names, x, derive=False)[0]], axis=1).mean(axis=1)
 
 
-def _steps(task: Task, names, x: np.ndarray, derive: bool) -> tuple[np.ndarray, np.ndarray | None]:
-    """ln(rms error) under steps (settings, variants) and its derivatives (settings, variants, gains)."""
-    columns = _columns(names, x, task.variants)
-    many, seeds = len(names) if derive else 1, None
-    lanes = {n: np.repeat(v, many) for n, v in columns.items()}
+def _step_terms(task: TuningTask, names, x: np.ndarray, derive: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    """ln(rms error) under steps (starts, step runs) and its derivatives (starts, step runs, gains)."""
+    columns = _design_columns(names, x, task.step_runs)
+    tangents, seeds = len(names) if derive else 1, None
+    lanes = {n: np.repeat(v, tangents) for n, v in columns.items()}
     if derive:
         count = len(columns[names[0]])
-        seeds = {n: np.tile(np.arange(many) == i, count) * lanes[n] for i, n in enumerate(names)}
-    traces = march_lanes(task.steps, lanes, seeds, STEP, PER_SAMPLE, SAMPLES, ("reference", "piston_position"))
-    off = traces.values["piston_position"] - traces.values["reference"]
-    square = np.mean(off**2, axis=0)
-    value = np.where(np.isfinite(square), 0.5 * np.log(square), np.inf).reshape(len(x), -1, many)[:, :, 0]
+        seeds = {n: np.tile(np.arange(tangents) == i, count) * lanes[n] for i, n in enumerate(names)}
+    signals = ("reference", "piston_position")
+    traces = march_lanes(
+        task.step_machine, lanes, seeds, STEP_RUN_STEP, STEPS_PER_SAMPLE, STEP_RUN_SAMPLES, signals
+    )
+    error = traces.values["piston_position"] - traces.values["reference"]
+    square = np.mean(error**2, axis=0)
+    value = np.where(np.isfinite(square), 0.5 * np.log(square), np.inf).reshape(len(x), -1, tangents)[:, :, 0]
     if not derive:
         return value, None
-    slope = np.mean(off * traces.slopes["piston_position"], axis=0) / square
-    return value, slope.reshape(len(x), -1, many)
+    slope = np.mean(error * traces.slopes["piston_position"], axis=0) / square
+    return value, slope.reshape(len(x), -1, tangents)
 
 
-def _columns(names, x: np.ndarray, points: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    count = len(next(iter(points.values())))
+def _design_columns(names, x: np.ndarray, runs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Every set of gains with every run, as columns of a batch, shape (starts × runs,)."""
+    count = len(next(iter(runs.values())))
     columns = {n: np.repeat(np.exp(x[:, i]), count) for i, n in enumerate(names)}
-    return columns | {n: np.tile(v, len(x)) for n, v in points.items()}
+    return columns | {n: np.tile(v, len(x)) for n, v in runs.items()}
 
 
-def _value(task: Task, error, current, peak) -> np.ndarray:
+def _sine_terms(task: TuningTask, error, current, peak) -> np.ndarray:
     """J of single sines; inf where a run failed."""
-    over = np.maximum(peak / _reserve(task.sines) - 1.0, 0.0)
-    value = np.log(error) + CURRENT * np.log(current) + 10.0 * over**2
+    excess = np.maximum(peak / _voltage_limit(task.sine_machine) - 1.0, 0.0)
+    value = np.log(error) + CURRENT_WEIGHT * np.log(current) + 10.0 * excess**2
     return np.where(np.isfinite(value), value, np.inf)
 
 
-def _reserve(machine: Rig) -> float:
-    return RESERVE * float(get_parameter(machine, "supply_voltage"))
+def _voltage_limit(machine: Rig) -> float:
+    """The voltage [V] above which the peak voltage is penalised."""
+    return VOLTAGE_SHARE * float(get_parameter(machine, "supply_voltage"))

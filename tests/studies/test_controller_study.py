@@ -1,4 +1,4 @@
-"""The study of controllers in short form: its errors are those of plain runs, its derivatives are right."""
+"""The comparison of controllers in short form: its errors agree with plain runs, its derivatives with differences."""
 
 from itertools import product
 
@@ -18,14 +18,14 @@ KEYS = [("pid", "5khz"), ("cascade", "5khz")]
 @pytest.fixture(scope="module")
 def findings():
     """Two sampled controllers, tuned by two iterations."""
-    budget = study.Budget(drawn=1, starts=1, iterations=2, steps_per_cycle=1250, cycles=2)
-    return study.study(KEYS, budget, 3)
+    budget = study.Budget(candidates=1, starts=1, iterations=2, steps_per_cycle=1250, cycles=2)
+    return study.compare_controllers(KEYS, budget, 3)
 
 
 def test_the_errors_are_those_of_plain_runs_with_the_tuned_gains(findings):
     """At 30 Hz, nominal and with more mass and friction: rms over the last of ten cycles from rest."""
-    base = edhas.change(edhas.load(study.CONFIG).machine, load_orifice_area=study.LOAD)
-    base = structs.replace(base, effects=(*base.effects, study.AmplifierLag(amplifier_time=study.LAG)))
+    base = edhas.change(edhas.load(study.CONFIG).machine, load_orifice_area=study.LOAD_ORIFICE_AREA)
+    base = structs.replace(base, effects=(*base.effects, study.AmplifierLag(amplifier_time=study.INVERTER_TIME)))
     key = KEYS[0]
     machine = structs.replace(base, controller=study.CONTROLLERS[key[0]][0], sampling=study.SAMPLINGS[key[1]])
     machine = edhas.change(machine, **findings.tuned[key].gains, frequency=30.0)
@@ -35,7 +35,7 @@ def test_the_errors_are_those_of_plain_runs_with_the_tuned_gains(findings):
     difference = (signals["piston_position"] - signals["reference"])[-100:]
     rows = [list(study.CONDITIONS).index(condition) for condition in ("nominal", "mass and friction")]
     expected = np.sqrt(np.mean(difference**2, axis=0))
-    np.testing.assert_allclose(findings.errors[key][rows, 1], expected, rtol=0.01)
+    np.testing.assert_allclose(findings.condition_errors[key][rows, 1], expected, rtol=0.01)
 
 
 def test_tuning_lowers_the_objective(findings):
@@ -50,26 +50,26 @@ def test_the_short_form_prints_its_errors_and_draws_them(findings, monkeypatch, 
         assert keys == KEYS and budget.iterations < study.Budget().iterations
         return findings
 
-    monkeypatch.setattr(study, "study", found)
+    monkeypatch.setattr(study, "compare_controllers", found)
     returned = study.main(["--short", "--out", str(tmp_path)])
     printed = headline(capsys)
     names = ("".join(parts) for parts in product(("pid", "cascade"), ("_10", "_30"), ("", "_disturbed"), ("_5khz",)))
     assert set(printed) == set(returned) == set(names)
-    assert float(printed["pid_30_5khz"]) == pytest.approx(1e6 * findings.errors[KEYS[0]][0, 1], rel=5e-3)
+    assert float(printed["pid_30_5khz"]) == pytest.approx(1e6 * findings.condition_errors[KEYS[0]][0, 1], rel=5e-3)
     assert (tmp_path / "controllers.png").stat().st_size > 20_000
 
 
 @pytest.mark.parametrize("sampling", ["continuous", "5khz"])
 def test_the_derivatives_of_the_objective(sampling):
-    """By central differences: what tuning descends along is the slope of what it lowers."""
+    """The derivatives that tuning descends along agree with central differences of the objective."""
     controller, gains = study.CONTROLLERS["cascade"]
     controller = structs.replace(controller, cascade_position_gain=120.0, cascade_velocity_gain=25.0)
     machine = edhas.ActuatorBench(controller=controller, sampling=study.SAMPLINGS[sampling])
     sines, steps = {"frequency": np.array([20.0])}, {"mover_mass": np.array([0.12])}
-    task = tuning.Task(machine, sines, study.with_steps(machine), steps)
+    task = tuning.TuningTask(machine, sines, study.with_step_inputs(machine), steps)
     budget = tuning.Budget(steps_per_cycle=1000, cycles=6)
     at = np.log([[120.0, 25.0]])
-    nudge = 1e-5 * np.concatenate([np.eye(2), -np.eye(2)])
+    offset = 1e-5 * np.concatenate([np.eye(2), -np.eye(2)])
     _, slopes = tuning.objective(task, gains, at, budget)
-    values, _ = tuning.objective(task, gains, at + nudge, budget)
+    values, _ = tuning.objective(task, gains, at + offset, budget)
     np.testing.assert_allclose(slopes[0], (values[:2] - values[2:]) / 2e-5, rtol=1e-4)
