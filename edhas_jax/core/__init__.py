@@ -1,1 +1,1 @@
-"""What everything else stands on: units, parameter declarations, files, runtime settings, pages and plots."""
+"""Basics for every package: units, parameter declarations, files, runtime settings, HTML pages and plot colours."""

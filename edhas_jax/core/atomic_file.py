@@ -1,4 +1,4 @@
-"""Files that are either whole or not there, whatever stops the process that writes them."""
+"""Atomic writing of files: a file is complete or absent, whatever interrupts the process that writes it."""
 
 import contextlib
 import os
@@ -6,19 +6,19 @@ import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
-PARTIAL_SUFFIX = ".partial"  # how the names of files that are being written end
+PARTIAL_SUFFIX = ".partial"  # suffix of files that are being written
 
 
 @contextlib.contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """A path beside `path` to write to; what was written there takes its place in the end, or is gone if that failed.
+    """Give a temporary path beside `path` to write to; at the end it replaces `path`, after an error it is removed.
 
     Raises:
         OSError: the file cannot be written.
     """
-    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}{PARTIAL_SUFFIX}")
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}{PARTIAL_SUFFIX}")
     try:
-        yield beside
-        os.replace(beside, path)
+        yield temporary
+        os.replace(temporary, path)
     finally:
-        beside.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)

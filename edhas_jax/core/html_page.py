@@ -1,4 +1,4 @@
-"""A report as one file: HTML with its pictures inside."""
+"""Elements of an HTML report that is one self-contained file, with its figures embedded."""
 
 import base64
 import html
@@ -15,41 +15,41 @@ img { max-width: 100% } p.quiet { color: #6e7781 } li { margin: 0.3em 0 }
 
 
 def page(title: str, *parts: str) -> str:
-    """The whole file."""
+    """A complete HTML file with a title and the elements of its body."""
     head = f'<meta charset="utf-8"><title>{html.escape(title)}</title><style>{STYLE}</style>'
     return f"<!doctype html><html lang=en><head>{head}</head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
 
 
 def heading(text: str, depth: int = 2) -> str:
-    """A heading."""
+    """A heading of level `depth`."""
     return f"<h{depth}>{html.escape(text)}</h{depth}>"
 
 
 def paragraph(text: str) -> str:
-    """A paragraph in a quiet colour: how to read what follows."""
+    """A paragraph in grey, for explanations."""
     return f'<p class="quiet">{html.escape(text)}</p>'
 
 
 def numbered_list(sentences: Sequence[str]) -> str:
-    """Sentences as a numbered list."""
+    """A numbered list of sentences."""
     return "<ol>" + "".join(f"<li>{html.escape(s)}</li>" for s in sentences) + "</ol>"
 
 
 def table(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
-    """A table; every column but the first and the last is set as numbers."""
+    """A table; all columns but the first and the last are aligned as numbers."""
 
-    def cell(at: int, text: str) -> str:
-        number = ' class="number"' if 0 < at < len(header) - 1 else ""
+    def cell(column: int, text: str) -> str:
+        number = ' class="number"' if 0 < column < len(header) - 1 else ""
         return f"<td{number}>{html.escape(text)}</td>"
 
-    top = "".join(f"<th>{html.escape(text)}</th>" for text in header)
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in header)
     lines = "".join("<tr>" + "".join(cell(k, t) for k, t in enumerate(row)) + "</tr>" for row in body)
-    return f"<table><tr>{top}</tr>{lines}</table>"
+    return f"<table><tr>{head}</tr>{lines}</table>"
 
 
-def image(figure, says: str) -> str:
-    """A matplotlib figure, with the sentence that says what it shows."""
+def image(figure, caption: str) -> str:
+    """A matplotlib figure embedded as PNG; `caption` says what it shows, as title and as text for screen readers."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110)
     data = base64.b64encode(buffer.getvalue()).decode()
-    return f'<img alt="{html.escape(says)}" title="{html.escape(says)}" src="data:image/png;base64,{data}">'
+    return f'<img alt="{html.escape(caption)}" title="{html.escape(caption)}" src="data:image/png;base64,{data}">'

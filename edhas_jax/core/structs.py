@@ -1,4 +1,4 @@
-"""Parameters declared once, and the frozen structs (JAX pytrees) that hold them."""
+"""Declaration of physical parameters, and the frozen dataclasses (JAX pytrees) that hold them."""
 
 import dataclasses
 import functools
@@ -9,10 +9,17 @@ import jax
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """What is known of one physical parameter: everything but its present value.
+    """The declaration of one physical parameter: everything but its present value.
 
-    `default`, `span` (the closed interval of allowed values) and `plausible` (the narrower one in which a search for
-    its value looks; None: the value is taken as known) are in SI; `unit` is the SI unit as text.
+    Attributes:
+        name: field name.
+        default: default value, SI.
+        unit: SI unit as text.
+        span: closed interval of allowed values, SI.
+        doc: meaning.
+        source: where the default comes from.
+        owner: the struct that declares it.
+        plausible: narrower interval in which a search for the value starts, SI; None if the value counts as known.
     """
 
     name: str
@@ -26,7 +33,7 @@ class Parameter:
 
 
 def owner_id(owner: type) -> str:
-    """The id by which texts name a struct: its `id` if it has one, else its class name in snake case."""
+    """The id of a struct in texts: its attribute `id` if it has one, else its class name in snake case."""
     return owner.__dict__.get("id") or snake_case(owner.__name__)
 
 
@@ -39,7 +46,16 @@ def par(
     default: float, unit: str, span: tuple[float, float], doc: str, source: str = "", *,
     plausible: tuple[float, float] | None = None,
 ) -> Any:  # fmt: skip
-    """Declare one parameter of a struct: SI default, SI unit, allowed span, meaning, source, plausible range."""
+    """Declare one parameter of a struct.
+
+    Args:
+        default: default value, SI.
+        unit: SI unit as text, "-" for a number.
+        span: closed interval of allowed values, SI.
+        doc: meaning.
+        source: where the default comes from.
+        plausible: interval in which a search for the value starts, SI; None if the value counts as known.
+    """
     return dataclasses.field(default=default, metadata={"par": (unit, span, doc, source), "plausible": plausible})
 
 
@@ -53,7 +69,7 @@ def struct(cls):
 
 @functools.cache
 def parameters(owner: type) -> tuple[Parameter, ...]:
-    """The parameters that `owner` declares, in the order of declaration."""
+    """The parameters that the struct `owner` declares, in the order of declaration."""
     return tuple(
         Parameter(f.name, f.default, *f.metadata["par"], owner, f.metadata["plausible"])
         for f in dataclasses.fields(owner)
@@ -62,5 +78,5 @@ def parameters(owner: type) -> tuple[Parameter, ...]:
 
 
 def replace(node: Any, **values: Any) -> Any:
-    """A copy of `node` with some fields changed; nothing is mutated."""
+    """A copy of a struct with some fields changed."""
     return dataclasses.replace(node, **values)

@@ -1,4 +1,4 @@
-"""Quantities as text: where they enter they become SI, where they leave they get a unit an engineer would choose."""
+"""Physical quantities as text: conversion to SI on input, and to units of convenient size on output."""
 
 import functools
 import math
@@ -7,14 +7,14 @@ from fractions import Fraction
 
 
 class UnitError(ValueError):
-    """A text is no quantity of the kind that is needed."""
+    """A text is not a quantity of the required dimension."""
 
 
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)
 _INFINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)\b", re.IGNORECASE)
-_SAME = str.maketrans({"·": "*", "⋅": "*", "−": "-", "\u00a0": " ", "\u202f": " "})
+_CHARACTER_VARIANTS = str.maketrans({"·": "*", "⋅": "*", "−": "-", "\u00a0": " ", "\u202f": " "})
 
-_WORDS = {
+_DIMENSION_NAMES = {
     "m": "length", "m^2": "area", "m^3": "volume", "kg": "mass", "s": "time", "Hz": "frequency", "N": "force",
     "Pa": "pressure", "V": "voltage", "A": "current", "ohm": "resistance", "H": "inductance", "rad": "angle",
     "m/s": "speed", "m^3/s": "flow", "kg/m^3": "density", "Pa*s": "dynamic viscosity", "N/m": "stiffness",
@@ -23,12 +23,13 @@ _WORDS = {
 
 
 def _prefixed(unit: str, *prefixes: str) -> tuple[tuple[str, float, float], ...]:
+    """Rows of `_DISPLAY_UNITS` for a unit with SI prefixes."""
     size = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
     return tuple((p + unit, size[p], size[p]) for p in prefixes)
 
 
-# SI unit → (shown unit, its size in SI, smallest magnitude in SI for which it is chosen), the largest first
-_SHOWN: dict[str, tuple[tuple[str, float, float], ...]] = {
+# SI unit → (unit for display, its size in SI, smallest SI magnitude for which it is chosen), the largest first
+_DISPLAY_UNITS: dict[str, tuple[tuple[str, float, float], ...]] = {
     "-": (("", 1.0, 0.0),),
     "m": _prefixed("m", "", "m", "µ", "n"),
     "m^2": (("m²", 1.0, 1e-3), ("mm²", 1e-6, 1e-8), ("µm²", 1e-12, 0.0)),
@@ -52,21 +53,22 @@ _SHOWN: dict[str, tuple[tuple[str, float, float], ...]] = {
     "V/m": _prefixed("V/m", "M", "k", ""),
     "rad": (("deg", math.pi / 180.0, 0.0),),
 }
-_USUAL = {"m": "mm", "m^2": "mm²", "m^3": "mL", "Pa": "MPa", "rad": "deg"}
+_USUAL_UNITS = {"m": "mm", "m^2": "mm²", "m^3": "mL", "Pa": "MPa", "rad": "deg"}
 _POWERS = str.maketrans("234", "²³⁴")
 
 
 @functools.lru_cache(maxsize=1)
 def _registry():
-    import pint  # half a second, which a program that reads no text need not spend
+    """The unit registry."""
+    import pint  # takes half a second to import
 
     return pint.UnitRegistry()
 
 
 @functools.lru_cache(maxsize=1024)
 def _base(unit: str) -> str | None:
-    """The base units (radian counted as one) of a unit text, None when it is no unit."""
-    text = "" if unit == "-" else unit.translate(_SAME)
+    """The base units of a unit text (radian counts as dimensionless), None if it is not a unit."""
+    text = "" if unit == "-" else unit.translate(_CHARACTER_VARIANTS)
     try:
         return str(_registry().get_base_units(_registry().parse_units(text))[1])
     except Exception:  # pint parses with Python's tokenizer, which may raise anything
@@ -75,36 +77,39 @@ def _base(unit: str) -> str | None:
 
 @functools.lru_cache(maxsize=1024)
 def _conversion(given: str, unit: str) -> tuple[Fraction, float] | None:
-    """(size, offset) with SI = size × number + offset, None when `given` is not of the kind of `unit`."""
+    """(size, offset) with SI = size × number + offset, None if the dimension of `given` is not that of `unit`."""
     if _base(given) is None or _base(given) != _base(unit):
         return None
     ureg = _registry()
-    source, goal = (ureg.parse_units("" if u == "-" else u.translate(_SAME)) for u in (given, unit))
+    source, target = (ureg.parse_units("" if u == "-" else u.translate(_CHARACTER_VARIANTS)) for u in (given, unit))
     try:
-        at = [float(ureg.Quantity(x, source).to(goal).magnitude) for x in (0.0, 1.0, 2.0)]
+        converted = [float(ureg.Quantity(x, source).to(target).magnitude) for x in (0.0, 1.0, 2.0)]
     except Exception:
         return None
-    size, offset = at[1] - at[0], at[0]
-    if not size > 0.0 or not math.isclose(at[2] - at[1], size, rel_tol=1e-9):
+    size, offset = converted[1] - converted[0], converted[0]
+    if not size > 0.0 or not math.isclose(converted[2] - converted[1], size, rel_tol=1e-9):
         return None
     inverse = 1.0 / size
-    # an exact fraction, so that "20 µm" is the float that 20e-6 is
+    # an exact fraction, so that "20 µm" gives exactly the float 20e-6
     if offset == 0.0 and inverse > 1.5 and math.isclose(inverse, round(inverse), rel_tol=1e-12):
         return Fraction(1, round(inverse)), 0.0
     return Fraction(size), offset
 
 
 def to_si(text: str, unit: str, example: str = "") -> float:
-    """The value in SI of a quantity such as "12 mm", where `unit` is the SI unit of the kind that is needed.
+    """The SI value of a quantity such as "12 mm".
 
-    A number without unit is a value only where the unit is "-". `example` is a quantity of this kind for messages.
+    Args:
+        text: number and unit; a number alone is accepted only if `unit` is "-".
+        unit: SI unit of the required dimension.
+        example: a quantity of this dimension for messages.
 
     Raises:
-        UnitError: no number, not finite, no unit, an unknown unit, a unit of another kind.
+        UnitError: no number, not finite, no unit, an unknown unit, a unit of another dimension.
     """
     if _base(unit) is None:
         raise UnitError(f'"{unit}" is not a unit')
-    given = str(text).translate(_SAME).strip()
+    given = str(text).translate(_CHARACTER_VARIANTS).strip()
     match = _NUMBER.fullmatch(given)
     if _INFINITE.match(given):
         raise UnitError(f'"{text}" is not a finite number; {_hint(unit, example)}')
@@ -121,7 +126,7 @@ def to_si(text: str, unit: str, example: str = "") -> float:
     if conversion is None:
         raise UnitError(_mismatch(str(text), given_unit, unit, example))
     size, offset = conversion
-    # a Fraction of 1e-99999999 would be a number of that many digits
+    # an exact Fraction of 1e-99999999 would have that many digits
     exact = Fraction(number) if float(number) else Fraction(0)
     try:
         value = float(exact * size) + offset
@@ -131,10 +136,10 @@ def to_si(text: str, unit: str, example: str = "") -> float:
 
 
 def from_si(value, unit: str, shown: str):
-    """A value (or array) in SI of unit `unit`, in the unit `shown`.
+    """Convert a value (or array) in the SI unit `unit` to the unit `shown`.
 
     Raises:
-        UnitError: `shown` is not a unit of this kind.
+        UnitError: `shown` is not a unit of this dimension.
     """
     conversion = _conversion(shown or "-", unit)
     if conversion is None:
@@ -146,18 +151,18 @@ def from_si(value, unit: str, shown: str):
 
 
 def display_unit(unit: str, value: float | None = None) -> str:
-    """The unit in which a quantity of SI unit `unit` is shown at this magnitude; without a value, the usual one."""
-    return _USUAL.get(unit, _row(unit, 1.0)[0]) if value is None else _row(unit, value)[0]
+    """The unit for display of a quantity in the SI unit `unit` of this magnitude; without a value, the usual one."""
+    return _USUAL_UNITS.get(unit, _display_row(unit, 1.0)[0]) if value is None else _display_row(unit, value)[0]
 
 
 def format_quantity(value: float, unit: str) -> str:
-    """A value in SI as text, with four significant digits and a sensible prefix: "12 mm", "0.2 MPa", "20 µm"."""
-    shown, size, _ = _row(unit, float(value))
+    """A value in SI as text with four significant digits and a suitable prefix: "12 mm", "0.2 MPa", "20 µm"."""
+    shown, size, _ = _display_row(unit, float(value))
     return f"{format_number(float(value) / size)} {shown}".rstrip()
 
 
 def format_number(value: float, digits: int = 4) -> str:
-    """A number with at most `digits` significant digits, in plain notation where that is short."""
+    """A number with at most `digits` significant digits, without exponent where that is short."""
     if not math.isfinite(value):
         return str(value)
     rounded = float(f"{value:.{digits}g}")
@@ -172,9 +177,9 @@ def format_number(value: float, digits: int = 4) -> str:
 
 
 def exact_quantity(value: float, unit: str) -> str:
-    """A value in SI as the shortest text that `to_si` reads back to it; in the SI unit when no friendly one does."""
+    """A value in SI as the shortest text that `to_si` converts back exactly; in the SI unit if no other does."""
     value = float(value)
-    shown, _, _ = _row(unit, value)
+    shown, _, _ = _display_row(unit, value)
     for digits in (4, 6, 9, 12, 15, 17):
         text = f"{format_number(from_si(value, unit, shown), digits)} {shown}".rstrip()
         if to_si(text, unit) == value:
@@ -183,52 +188,56 @@ def exact_quantity(value: float, unit: str) -> str:
 
 
 def with_article(word: str) -> str:
-    """`an angle`, `a length`."""
+    """The word with its indefinite article: "an angle", "a length"."""
     return f"an {word}" if word[0].lower() in "aeiou" else f"a {word}"
 
 
 def _usual(number: str, unit: str) -> float:
-    """A bare number as an example: in the unit it was most likely meant in."""
+    """A number without unit as an example for a message, in the unit in which it was most likely meant."""
     return float(from_number * _conversion(display_unit(unit), unit)[0]) if (from_number := Fraction(number)) else 1.0
 
 
 def _plain(unit: str) -> str:
+    """A unit text with raised powers and multiplication dots: "m^3/(s*Pa)" as "m³/(s·Pa)"."""
     return re.sub(r"\^([234])", lambda m: m[1].translate(_POWERS), unit).replace("*", "·")
 
 
-def _row(unit: str, value: float) -> tuple[str, float, float]:
-    rows = _SHOWN.get(unit, ((_plain(unit), 1.0, 0.0),))
+def _display_row(unit: str, value: float) -> tuple[str, float, float]:
+    """The row of `_DISPLAY_UNITS` for a value in SI."""
+    rows = _DISPLAY_UNITS.get(unit, ((_plain(unit), 1.0, 0.0),))
     if value == 0.0:
         return next((r for r in rows if r[1] == 1.0), rows[0])
-    # a hair of slack: 1e-3 m is 1 mm even when it came out as 0.0009999999999999998
+    # with a tolerance: 1e-3 m is 1 mm even if rounding made it 0.0009999999999999998
     return next((r for r in rows if abs(value) >= r[2] * (1.0 - 1e-9)), rows[-1])
 
 
 def _hint(unit: str, example: str) -> str:
+    """What to write, for an error message."""
     if unit == "-":
         return f'write a plain number, for example "{example or "0.65"}"'
-    word = _WORDS.get(unit)
+    word = _DIMENSION_NAMES.get(unit)
     kind = f"any unit of {word}" if word else f"any unit that converts to {_plain(unit)}"
     return f'write for example "{example or format_quantity(1.0, unit)}" ({kind})'
 
 
 def _mismatch(text: str, given: str, unit: str, example: str) -> str:
+    """The message for a unit of another dimension, or an unknown one."""
     base = _base(given)
     if base is None:
         return f'unknown unit "{given}" in "{text}"; {_hint(unit, example)}'
-    is_word = next((w for u, w in _WORDS.items() if _base(u) == base), None)
-    needed = _WORDS.get(unit)
+    given_name = next((w for u, w in _DIMENSION_NAMES.items() if _base(u) == base), None)
+    needed = _DIMENSION_NAMES.get(unit)
     if unit in ("Hz", "1/s") and base == _base("rad/s"):
         return f'"{text}" counts angle, not cycles (60 rpm is 1 Hz); {_hint(unit, example)}'
-    if is_word and needed and is_word != needed:
-        return f'"{text}" is {with_article(is_word)}, not {with_article(needed)}; {_hint(unit, example)}'
+    if given_name and needed and given_name != needed:
+        return f'"{text}" is {with_article(given_name)}, not {with_article(needed)}; {_hint(unit, example)}'
     return f'"{text}" does not convert to {needed and with_article(needed) or _plain(unit)}; {_hint(unit, example)}'
 
 
 def format_with_error(value: float, error: float, unit: str) -> str:
-    """A value (SI) with its standard error, in the unit that suits the value: "0.80020 ± 0.00038 V".
+    """A value in SI with its standard error, in the unit that suits the value: "0.80020 ± 0.00038 V".
 
-    Where that takes a power of ten, it is one for both: "(4.0010 ± 0.0016)e-13 m³/Pa".
+    A power of ten is common to both: "(4.0010 ± 0.0016)e-13 m³/Pa".
     """
     shown = display_unit(unit, value)
     number, spread = from_si(value, unit, shown), from_si(error, unit, shown) - from_si(0.0, unit, shown)

@@ -1,1 +1,1 @@
-"""The physics: components, effects, the equations that join them, and parameters by name."""
+"""The machine model: components, effects, the equations that join them, and access to parameters by name."""

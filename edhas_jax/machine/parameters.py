@@ -1,4 +1,4 @@
-"""The parameters of a machine by name: find, read and change them."""
+"""Access to the parameters of a machine by name: list, find, read and change them."""
 
 import dataclasses
 import math
@@ -37,33 +37,42 @@ COMPONENT_KINDS: dict[str, dict[str, type]] = {
 
 
 class ParameterError(ValueError):
-    """A parameter does not exist here, or a value is none for it."""
+    """A parameter does not exist on this machine, or a value is not allowed for it."""
 
 
 def list_parameters(machine: Rig) -> list[tuple[Parameter, Any, str]]:
-    """Every parameter of a machine with its present value and the part (field name or effect id) that holds it.
+    """Every parameter of a machine.
 
-    With an open-loop controller the reference is a voltage, and its parameters are listed so.
+    Returns:
+        Tuples of declaration, present value (SI) and component (field name or effect id). With an open-loop controller
+        the reference is a voltage, and its parameters are listed in volts.
     """
     return [
-        (_as_mounted(p, path, machine), getattr(part, p.name), path)
-        for path, part in components_by_name(machine).items()
-        for p in structs.parameters(type(part))
+        (_as_mounted(p, path, machine), getattr(component, p.name), path)
+        for path, component in components_by_name(machine).items()
+        for p in structs.parameters(type(component))
     ]
 
 
 def short_names(machine: Rig) -> dict[tuple[str, str], str]:
-    """By part and field, what tables and files call each parameter: flat where that is unique, else `part.name`."""
+    """The name of each parameter in tables and files, by component and field: flat if unique, else `component.name`."""
     rows = list_parameters(machine)
     count = Counter(p.name for p, _, _ in rows)
     return {(path, p.name): p.name if count[p.name] == 1 else f"{path}.{p.name}" for p, _, path in rows}
 
 
 def find_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
-    """The parameter of that name, flat or as `owner.name`, and the part that holds it.
+    """Find a parameter by name.
+
+    Args:
+        machine: the machine.
+        name: flat or as `owner.name`, where the owner is a component, an effect or a class in snake case.
+
+    Returns:
+        The declaration, and the component (field name or effect id) that holds the parameter.
 
     Raises:
-        ParameterError: unknown (with the nearest), or several of this name (with their qualified names).
+        ParameterError: unknown name (the message has similar ones), or ambiguous name (with the qualified names).
     """
     owner, _, flat = name.rpartition(".")
     rows = list_parameters(machine)
@@ -79,11 +88,11 @@ def find_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
         raise ParameterError(
             f"{owner} has no such parameter here; write {' or '.join(f'{o}.{flat}' for _, o in named)}"
         )
-    raise ParameterError(_unknown(machine, owner, flat, [p.name for p, _, _ in rows]))
+    raise ParameterError(_unknown_reason(machine, owner, flat, [p.name for p, _, _ in rows]))
 
 
 def get_parameter(machine: Rig, name: str) -> Any:
-    """The value (SI) of the parameter of that name.
+    """The value (SI) of a parameter, by flat name or `owner.name`.
 
     Raises:
         ParameterError: unknown or ambiguous name.
@@ -98,18 +107,21 @@ def get_parameter(machine: Rig, name: str) -> Any:
 def set_parameters(machine: Rig, values: Mapping[str, Any]) -> Rig:
     """A copy of the machine with some parameters changed.
 
-    A value is a number in SI, a JAX scalar (traced ones are taken as they are) or a text with unit ("15 µm").
+    Args:
+        machine: the machine.
+        values: by flat name or `owner.name`, a number in SI, a JAX scalar (a traced one is not checked) or a text with
+            unit ("15 µm").
 
     Raises:
-        ParameterError: unknown or ambiguous name, a value that is none or lies outside the span.
+        ParameterError: unknown or ambiguous name, not a number, or a value outside the span.
     """
-    seen: dict[tuple[str, str], str] = {}
+    given: dict[tuple[str, str], str] = {}
     for name, value in values.items():
         try:
             p, path = find_parameter(machine, name)
-            if (path, p.name) in seen:
-                raise ParameterError(f"given twice, also as {seen[path, p.name]}")
-            seen[path, p.name] = name
+            if (path, p.name) in given:
+                raise ParameterError(f"given twice, also as {given[path, p.name]}")
+            given[path, p.name] = name
             machine = replace_value(machine, path, p.name, parse_value(p, value))
         except (ParameterError, UnitError) as error:
             raise ParameterError(f"{name}: {error}") from None
@@ -117,7 +129,7 @@ def set_parameters(machine: Rig, values: Mapping[str, Any]) -> Rig:
 
 
 def replace_value(machine: Rig, path: str, name: str, value: Any) -> Rig:
-    """A copy of the machine with the parameter `name` of the part `path` set to a value in SI, unchecked."""
+    """A copy of the machine with the parameter `name` of the component `path` set to a value in SI, unchecked."""
     for i, effect in enumerate(machine.effects):
         if effect.id == path:
             changed = structs.replace(effect, **{name: value})
@@ -126,11 +138,11 @@ def replace_value(machine: Rig, path: str, name: str, value: Any) -> Rig:
 
 
 def parse_value(p: Parameter, value: Any) -> Any:
-    """A value for `p` in SI from a number, a JAX scalar or a text with unit; the span holds for what is concrete.
+    """The SI value for a parameter from a number in SI, a JAX scalar or a text with unit; a traced one is not checked.
 
     Raises:
-        ParameterError: no number, not finite, outside the span.
-        UnitError: a text that is no quantity of this kind.
+        ParameterError: not a number, not finite, or outside the span.
+        UnitError: a text that is not a quantity of this dimension.
     """
     if isinstance(value, str):
         value = to_si(value, p.unit, format_quantity(p.default, p.unit))
@@ -148,39 +160,44 @@ def parse_value(p: Parameter, value: Any) -> Any:
 
 
 def format_span(p: Parameter) -> str:
-    """The allowed interval of a parameter in friendly units."""
+    """The allowed interval of a parameter as text, in units of convenient size."""
     return f"{format_quantity(p.span[0], p.unit)} … {format_quantity(p.span[1], p.unit)}"
 
 
 def _as_mounted(p: Parameter, path: str, machine: Rig) -> Parameter:
+    """The declaration of a parameter on this machine: with an open-loop controller the reference is in volts."""
     if path == "reference" and p.unit == "m" and isinstance(machine.controller, OpenLoop):
-        # an input holds bare numbers; the controller gives them their meaning
         volts = (p.span[0] * 1e3, p.span[1] * 1e3)
         return dataclasses.replace(p, unit="V", span=volts, default=12.0, doc=p.doc.replace("set point", "command"))
     return p
 
 
-def _unknown(machine: Rig, owner: str, flat: str, known: list[str]) -> str:
-    """Why there is no such parameter: what it belongs to is not mounted, or the name is wrong."""
+def _unknown_reason(machine: Rig, owner: str, flat: str, known: list[str]) -> str:
+    """Why a parameter does not exist: its component or effect is not mounted, or the name is wrong."""
     for cls in LIBRARY:
         if flat in (p.name for p in structs.parameters(cls)) and owner in ("", cls.id):
             return f"belongs to the effect {cls.id}, which is not among the effects here"
     for section, kinds in COMPONENT_KINDS.items():
-        named = {k: [p.name for p in structs.parameters(cls)] for k, cls in kinds.items() if cls is not Recorded}
-        of = [k for k, names in named.items() if flat in names]
-        if of and hasattr(machine, section) and owner in ("", section):
-            return f"belongs to {with_article(section)} of kind {' or '.join(of)}, which is not mounted here"
+        names = {k: [p.name for p in structs.parameters(cls)] for k, cls in kinds.items() if cls is not Recorded}
+        having = [k for k in names if flat in names[k]]
+        if having and hasattr(machine, section) and owner in ("", section):
+            return f"belongs to {with_article(section)} of kind {' or '.join(having)}, which is not mounted here"
     for rig in RIGS.values():
-        for path, part in components_by_name(rig()).items():
-            if flat in (p.name for p in structs.parameters(type(part))) and owner in ("", path):
+        for path, component in components_by_name(rig()).items():
+            if flat in (p.name for p in structs.parameters(type(component))) and owner in ("", path):
                 return f"belongs to the {path.replace('_', ' ')}, which {machine.name} does not have"
     return f"unknown parameter; {suggest(flat, set(known))}"
 
 
 def change(machine: Rig, **values: Any) -> Rig:
-    """A copy of `machine` with parameters changed by name: text with a unit, or a number in SI.
+    """A copy of `machine` with parameters changed: `change(machine, piston_clearance="15 µm", frequency=20.0)`.
+
+    Args:
+        machine: the machine.
+        values: by flat parameter name, a text with unit or a number in SI. `**{"owner.name": value}` gives qualified
+            names.
 
     Raises:
-        ParameterError: see `set_parameters`; owners are written with it, `{"owner.name": value}`.
+        ParameterError: unknown or ambiguous name, not a number, or a value outside the span.
     """
     return set_parameters(machine, values)

@@ -1,4 +1,4 @@
-"""A controller of the user: found by its name in a file or a module, and checked before a run."""
+"""Controllers of the user: load a class from a file or a module, and check it before a run."""
 
 import inspect
 import math
@@ -25,12 +25,17 @@ METHODS = {"initial": "(self)", "command": "(self, y, s)", "rates": "(self, y, s
 
 
 def load_controller(spec: str, base_dir: Path | str = ".") -> type[Controller]:
-    """The controller class that `spec` names: "my_controllers.py:LeadLag" or "package.module:LeadLag".
+    """Load a controller class.
 
-    A relative file is looked up from `base_dir`. A file that has not changed gives the same class again.
+    Args:
+        spec: "my_controllers.py:LeadLag" or "package.module:LeadLag".
+        base_dir: folder from which a relative file is looked up.
+
+    Returns:
+        The class; an unchanged file gives the same class again.
 
     Raises:
-        ControllerError: file or class missing, an error in the file, or a class that declares no good controller.
+        ControllerError: missing file or class, an error in the file, or an incorrect declaration.
     """
     source, colon, name = (part.strip() for part in spec.rpartition(":"))
     if not colon:
@@ -54,16 +59,18 @@ def load_controller(spec: str, base_dir: Path | str = ".") -> type[Controller]:
 
 
 def check_controller(machine: Rig, precision: str = "float64") -> None:
-    """Refuse a machine whose controller cannot act on it in a run of this precision.
+    """Check that the controller of a machine can act on it; the equations are traced, and nothing is computed.
 
-    Nothing is computed: the equations are only traced.
+    Args:
+        machine: the machine.
+        precision: floating-point type of the run.
 
     Raises:
-        ControllerError: states or returned values are not as `Controller` asks, or its code fails (class.method, file,
-            line, reason).
+        ControllerError: states or returned values are not what `Controller` requires, or its code fails (class.method,
+            file, line, reason).
     """
     kind = np.dtype(precision)
-    names = _states(machine)
+    names = _state_names(machine)
     trial = structs.replace(machine, sampling=Continuous())
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf, kind), trial)
     try:
@@ -72,8 +79,8 @@ def check_controller(machine: Rig, precision: str = "float64") -> None:
         raise ControllerError(str(error)) from error
 
 
-def _states(machine: Rig) -> list[str]:
-    """The names of the controller's states."""
+def _state_names(machine: Rig) -> list[str]:
+    """The names of the controller's states, checked."""
     cls, where = type(machine.controller), locate(type(machine.controller), "initial")
     try:
         states = machine.controller.initial()
@@ -81,7 +88,7 @@ def _states(machine: Rig) -> list[str]:
         raise ControllerError(f"{locate(cls, 'initial', error)}: {code_reason(error)}") from error
     if not isinstance(states, dict):
         raise ControllerError(f'{where}: returns no dict; return {{"name of a state": value at the start}}')
-    taken = structs.replace(machine, controller=_Nothing(), sampling=Sampled()).initial_state()
+    taken = structs.replace(machine, controller=_NoCommand(), sampling=Sampled()).initial_state()
     for name, value in states.items():
         if not isinstance(name, str) or not name.isidentifier():
             raise ControllerError(f"{where}: a state is named by letters, digits and underscores, not {name!r}")
@@ -92,32 +99,32 @@ def _states(machine: Rig) -> list[str]:
     return list(states)
 
 
-class _Nothing(Controller):
-    """No command."""
+class _NoCommand(Controller):
+    """A controller without states that commands 0 V."""
 
     def command(self, y, s):
         return jnp.zeros_like(s.piston_position)
 
 
 def _dry_run(machine: Rig, zero, names: list[str]):
-    """The equations once, with the methods of the controller under watch."""
+    """Evaluate the equations once, with the results of the controller's methods checked."""
     for method in ("command", "rates"):
-        # this copy was made by the trace and ends with it, so that nobody sees the watched methods
-        object.__setattr__(machine.controller, method, _watched(machine, method, names, zero.dtype))
+        # the trace works on a copy of the machine, so the replaced methods do not outlive it
+        object.__setattr__(machine.controller, method, _checked(machine, method, names, zero.dtype))
     y = {name: zero + jnp.asarray(value, zero.dtype) for name, value in machine.initial_state().items()}
     return machine.evaluate(y, zero, zero, y)[1]
 
 
-def _watched(machine: Rig, method: str, names: list[str], kind: Any) -> Callable:
-    """The method, with every failure of the user's code told as one sentence."""
+def _checked(machine: Rig, method: str, names: list[str], kind: Any) -> Callable:
+    """The method with its result checked; an error in the user's code becomes a `ControllerError` of one sentence."""
     cls, inner = type(machine.controller), getattr(machine.controller, method)
 
     def call(y, s):
         try:
             value = inner(y, s)
         except Exception as error:
-            own = cls.__module__.startswith("edhas_jax.")  # no line of the package is to blame
-            at = cls.__name__ if own else locate(cls, method, error)
+            built_in = cls.__module__.startswith("edhas_jax.")  # then the machine is at fault, not a line of code
+            at = cls.__name__ if built_in else locate(cls, method, error)
             raise ControllerError(f"{at}: {_reason(error, machine, names)}") from error
         where = locate(cls, method)
         if method == "command":
@@ -134,6 +141,7 @@ def _watched(machine: Rig, method: str, names: list[str], kind: Any) -> Callable
 
 
 def _reason(error: Exception, machine: Rig, names: list[str]) -> str:
+    """What is wrong in the code of a controller, and what to do instead."""
     if isinstance(error, UnknownNameError):
         if getattr(error, "name", None) == "current":
             why = "with a current amplifier it follows from the command; mount a voltage amplifier"

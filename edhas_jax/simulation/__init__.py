@@ -1,1 +1,1 @@
-"""The time step, single runs and many runs side by side, energy balance and metrics."""
+"""Time integration: the step, single runs, batches of trajectories, energy balance and metrics."""

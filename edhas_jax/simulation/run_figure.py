@@ -1,4 +1,4 @@
-"""The figure of a run: what it did over time, and where its energy went."""
+"""The figure of a run: signals over time, and the energy balance."""
 
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
@@ -11,7 +11,7 @@ GROUP_COLOURS = {
     "copper": "#d1490c", "mechanical": "#9a6700", "fluid": "#0b62c4", "stored": GREY, "delivered": "#1a7f4b"
 }  # fmt: skip
 SHOWN_CYCLES = 2
-SMALL = 5e-3  # share of the input below which a row of the ledger is shown with the rest
+SMALL_SHARE = 5e-3  # share of the input below which rows of the energy balance are summed as "other"
 
 PANELS = (
     ("piston", ("reference", "piston_position")),
@@ -34,15 +34,20 @@ LABELS = {
 
 
 def plot_run(machine: Rig, signals: dict, ledger, names: list[str] | None = None):
-    """A matplotlib figure: signals over time in engineering units, and where the electrical energy went.
+    """A matplotlib figure: signals over time in engineering units, and the energy balance.
 
-    `signals` are SI arrays by name, `ledger` the table of `Run.ledger`. Benches driven by a sine show their last
-    cycles, everything else the whole run. `names` are the signals to draw, each in a panel of its own.
+    A bench with a sine as set point shows its last cycles, any other run is shown whole.
+
+    Args:
+        machine: the machine.
+        signals: SI arrays (samples,) by name.
+        ledger: the table of `Run.ledger`.
+        names: signals to draw, each in a panel of its own; None draws the usual ones.
 
     Raises:
         ValueError: a name is no signal of this run.
     """
-    from matplotlib.figure import Figure  # slow to import, and not every run is drawn
+    from matplotlib.figure import Figure  # slow to import
 
     if names is None:
         panels = [(title, [n for n in listed if n in signals]) for title, listed in PANELS]
@@ -55,17 +60,18 @@ def plot_run(machine: Rig, signals: dict, ledger, names: list[str] | None = None
     figure = Figure(figsize=(12.5, 1.2 + 1.45 * len(panels)), layout="constrained")
     grid = figure.add_gridspec(len(panels), 2, width_ratios=(2.1, 1.0))
     inside = signals["time"] >= _first_shown(machine, signals["time"][-1]) - 1e-12
-    above = None
+    axes = None
     for row, (title, listed) in enumerate(panels):
-        above = figure.add_subplot(grid[row, 0], sharex=above)
-        _panel(above, signals, title, listed, inside, last=row == len(panels) - 1)
-    _ledger(figure.add_subplot(grid[: max(3, len(panels) * 2 // 3), 1]), ledger)
+        axes = figure.add_subplot(grid[row, 0], sharex=axes)
+        _draw_panel(axes, signals, title, listed, inside, last=row == len(panels) - 1)
+    _draw_energy_balance(figure.add_subplot(grid[: max(3, len(panels) * 2 // 3), 1]), ledger)
     effects = ", ".join(e.id for e in machine.effects) or "no effects"
     figure.suptitle(f"{machine.name} with {effects}", x=0.01, ha="left", fontsize=11, color=INK)
     return figure
 
 
 def _first_shown(machine: Rig, end: float) -> float:
+    """The time [s] from which a run is drawn."""
     if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
         try:
             first, last = metric_window(machine, end)
@@ -75,13 +81,14 @@ def _first_shown(machine: Rig, end: float) -> float:
     return 0.0
 
 
-def _panel(axes, signals: dict, title: str, names: list[str], inside, last: bool) -> None:
+def _draw_panel(axes, signals: dict, title: str, names: list[str], inside, last: bool) -> None:
+    """Draw signals of one unit over time."""
     unit = SIGNALS[names[0]].display_unit
     for name, colour in zip(names, COLOURS, strict=False):
-        planned = name in ("reference", "target")
+        is_set_point = name in ("reference", "target")
         axes.plot(
             1e3 * signals["time"][inside], from_si(signals[name][inside], SIGNALS[name].unit, unit),
-            color=GREY if planned else colour, lw=1.0 if planned else 1.4, ls="--" if planned else "-",
+            color=GREY if is_set_point else colour, lw=1.0 if is_set_point else 1.4, ls="--" if is_set_point else "-",
             label=LABELS.get(name, name.replace("_", " ")),
         )  # fmt: skip
     axes.set_ylabel(f"{title}\n{unit}", color=INK, fontsize=9)
@@ -94,11 +101,12 @@ def _panel(axes, signals: dict, title: str, names: list[str], inside, last: bool
         axes.set_xlabel("time, ms", color=INK, fontsize=9)
 
 
-def _ledger(axes, table) -> None:
+def _draw_energy_balance(axes, table) -> None:
+    """Draw the shares of the electrical input as bars."""
     spent = table[table["group"] != "input"]
-    small = spent["share"].abs() < SMALL
+    small = spent["share"].abs() < SMALL_SHARE
     rows = sorted(((row.Index, row.group, row.share) for row in spent[~small].itertuples()), key=lambda row: row[2])
-    rows.insert(0, ("all the rest", "stored", spent["share"][small].sum()))
+    rows.insert(0, ("other", "stored", spent["share"][small].sum()))
     names, groups, shares = zip(*rows, strict=True)
     axes.barh(names, [100 * x for x in shares], color=[GROUP_COLOURS[g] for g in groups], height=0.7)
     for y, share in enumerate(shares):
@@ -106,7 +114,7 @@ def _ledger(axes, table) -> None:
     axes.set_xlim(right=118 * max(0.01, *shares))
     axes.axvline(0.0, color=GREY, lw=0.8)
     total = format_quantity(float(table.loc["electrical input", "energy"]), "J")
-    axes.set_title(f"electrical energy: {total}, and where it went", fontsize=9, loc="left", color=INK, x=-0.5)
+    axes.set_title(f"electrical energy: {total}, by use", fontsize=9, loc="left", color=INK, x=-0.5)
     axes.set_xlabel("share of the electrical input, %", fontsize=9, color=INK)
     axes.tick_params(colors=INK, labelsize=8)
     axes.spines[["top", "right", "left"]].set_visible(False)

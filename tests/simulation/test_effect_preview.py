@@ -10,16 +10,16 @@ from edhas_jax.simulation.effect_preview import preview_effect
 
 def test_an_effect_is_shown_where_it_shows():
     """A supply that gives way matters where the command is clipped, and nowhere else."""
-    shown = preview_effect(SupplySag())
-    assert shown.conditions["supply_voltage"] == 15.0 and shown.strength() > 0.01
-    limit = 15.0 - 0.3 * np.abs(shown.present["current"])
-    assert (np.abs(shown.present["voltage"]) <= limit + 1e-9).all()
-    assert (np.abs(shown.without["voltage"]) > limit).any()
+    preview = preview_effect(SupplySag())
+    assert preview.conditions["supply_voltage"] == 15.0 and preview.largest_change() > 0.01
+    limit = 15.0 - 0.3 * np.abs(preview.with_effect["current"])
+    assert (np.abs(preview.with_effect["voltage"]) <= limit + 1e-9).all()
+    assert (np.abs(preview.without_effect["voltage"]) > limit).any()
 
 
 def test_a_refined_effect_is_shown_against_the_machine_without_it():
-    shown = preview_effect(LugreFriction())
-    assert "lugre_friction" not in [e.id for e in shown.machine.effects] and shown.strength() > 0.01
+    preview = preview_effect(LugreFriction())
+    assert "lugre_friction" not in [e.id for e in preview.machine.effects] and preview.largest_change() > 0.01
 
 
 def test_command_line(tmp_path, capsys):

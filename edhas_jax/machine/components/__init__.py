@@ -1,8 +1,3 @@
-"""The parts of the machine: each its parameters and its own equation, none knowing the others."""
-
-
-
-
-
+"""The components of the machine: each holds its parameters and its own equation, and none knows another."""
 
 PAPER = "Actuators 2022, 11(10), 281, Table 1"

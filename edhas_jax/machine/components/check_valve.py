@@ -9,7 +9,7 @@ from edhas_jax.machine.interface.slots import CHECK_VALVE_FORCE, apply_slot
 
 @struct
 class CheckValve:
-    """A spring-loaded ball on a conical seat, with inertia, seat and lift stop; four alike.
+    """A spring-loaded ball on a conical seat, with inertia, seat contact and lift stop; the pump has four of them.
 
     A(y) = π d_seat max(y, 0) sin θ
     m_v ÿ = (π d_seat²/4) Δp − F_0 − k_v y − c_v ẏ + contact
@@ -33,17 +33,22 @@ class CheckValve:
         return jnp.pi * self.valve_seat_diameter * jnp.sin(self.valve_seat_angle) * jnp.maximum(lift, 0.0)
 
     def acceleration(self, ball: Signals):
-        """ÿ [m/s²] of a ball with `lift`, `lift_velocity` and the `pressure_drop` [Pa] in flow direction."""
+        """The acceleration ÿ [m/s²] of a ball.
+
+        Args:
+            ball: signals with the local ones `lift` [m], `lift_velocity` [m/s] and `pressure_drop` [Pa], positive in
+                flow direction.
+        """
         k, d = self.valve_contact_stiffness, self.valve_contact_damping
-        lift, speed = ball.lift, ball.lift_velocity
-        below, above = jnp.maximum(-lift, 0.0), jnp.maximum(lift - self.valve_max_lift, 0.0)
-        seat = k * below * jnp.maximum(1.0 - d * speed, 0.0)
-        stop = k * above * jnp.maximum(1.0 + d * speed, 0.0)
+        lift, velocity = ball.lift, ball.lift_velocity
+        seat_depth, stop_depth = jnp.maximum(-lift, 0.0), jnp.maximum(lift - self.valve_max_lift, 0.0)
+        seat = k * seat_depth * jnp.maximum(1.0 - d * velocity, 0.0)
+        stop = k * stop_depth * jnp.maximum(1.0 + d * velocity, 0.0)
         force = (
             0.25 * jnp.pi * jnp.square(self.valve_seat_diameter) * ball.pressure_drop
             - self.valve_preload
             - self.valve_spring_rate * lift
-            - self.valve_damping * speed
+            - self.valve_damping * velocity
             + seat
             - stop
         )

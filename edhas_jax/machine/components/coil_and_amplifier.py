@@ -17,7 +17,9 @@ from edhas_jax.machine.interface.slots import (
 class Coil:
     """Moving coil: resistance, inductance and a force constant that is also the back-EMF constant.
 
-    L di/dt = u − R i − Km v,   F_e = Km i                                     (Actuators 2022, 11(10), 281, Eq. 1)
+    L di/dt = u − R i − Km v,   F_e = Km i
+
+    Source: Actuators 2022, 11(10), 281, Eq. (1); `VoltageAmplifier.rates` solves it for di/dt.
     """
 
     coil_resistance: float = par(1.41, "ohm", (1e-3, 1e4), "resistance R", PAPER)
@@ -25,7 +27,7 @@ class Coil:
     force_constant: float = par(24.61, "N/A", (1e-3, 1e4), "force constant and back-EMF constant Km", PAPER)
 
     def set_signals(self, s: Signals) -> None:
-        """Resistance, inductance and force constant as they are now, and the motor force."""
+        """Set resistance, inductance and force constant with the contributions of effects, motor force and back-EMF."""
         s.set(
             resistance=apply_slot(COIL_RESISTANCE, self.coil_resistance, s),
             inductance=apply_slot(COIL_INDUCTANCE, self.coil_inductance, s),
@@ -39,10 +41,10 @@ class Coil:
 
 @struct
 class VoltageAmplifier:
-    """The amplifier puts the command on the coil as a voltage; the current is a state."""
+    """A voltage source: the command is the voltage at the coil, and the current is a state."""
 
     def initial(self) -> dict:
-        """No current at the start."""
+        """The current at the start of a run [A]."""
         return {"current": 0.0}
 
     def current(self, y: dict, s: Signals):
@@ -50,22 +52,22 @@ class VoltageAmplifier:
         return y["current"]
 
     def coil_voltage(self, s: Signals):
-        """The voltage at the coil [V]: the command and what effects add to it."""
+        """The voltage at the coil [V]: the command with the contributions of effects."""
         return apply_slot(COIL_VOLTAGE, s.voltage, s)
 
     def rates(self, s: Signals) -> dict:
-        """di/dt [A/s]."""
+        """The rate of the current di/dt = (u − R i − Km v)/L [A/s], Eq. (1)."""
         return {"current": (s.coil_voltage - s.resistance * s.current - s.back_emf) / s.inductance}
 
 
 @struct
 class CurrentAmplifier:
-    """The amplifier has its own current loop, much faster than the rest: current = gain × command."""
+    """A current source: an internal current loop, much faster than the machine, gives current = gain × command."""
 
     amplifier_gain: float = par(1.0, "A/V", (-1e4, 1e4), "current per volt of command")
 
     def initial(self) -> dict:
-        """The current is no state."""
+        """No state: the current follows from the command."""
         return {}
 
     def current(self, y: dict, s: Signals):
@@ -73,9 +75,9 @@ class CurrentAmplifier:
         return self.amplifier_gain * s.voltage
 
     def coil_voltage(self, s: Signals):
-        """The voltage [V] that the loop puts on the coil, inductance aside; what effects add changes no current."""
+        """The voltage [V] at the coil, without that of the inductance; voltage effects do not change the current."""
         return s.resistance * s.current + s.back_emf
 
     def rates(self, s: Signals) -> dict:
-        """No state, no rate."""
+        """No rate, as there is no state."""
         return {}

@@ -9,14 +9,14 @@ from edhas_jax.machine.interface.slots import SUPPLY_VOLTAGE, apply_slot
 
 
 def clip_to_supply(command, s: Signals):
-    """The command clipped to the supply [V], after what effects do to the supply."""
+    """The command limited to the supply voltage [V], which effects may change."""
     limit = apply_slot(SUPPLY_VOLTAGE, s.supply_voltage, s)
     return jnp.clip(command, -limit, limit)
 
 
 @struct
 class Supply:
-    """The DC supply: it limits the command, whatever the controller."""
+    """The DC supply, which limits the command of any controller."""
 
     supply_voltage: float = par(48.0, "V", (1e-2, 1e4), "limit of the command U_max", "Actuators 2022, 11(10), 281")
 
@@ -26,7 +26,7 @@ class PositionController(Controller):
 
     u_c = Kp (r − x) + Ki ξ + Kd (ṙ − v) + k_ff Km ṙ,   u = clip(u_c, ±U_max),   ξ̇ = (r − x) + Kaw (u − u_c)/Kp
 
-    Km in the feedforward is the parameter `force_constant`: what effects do to the motor does not reach it.
+    Km in the feedforward is the parameter `force_constant`; effects on the motor do not change it.
     """
 
     position_gain: float = par(1.5e4, "V/m", (1e-3, 1e8), "proportional gain Kp")
@@ -40,7 +40,7 @@ class PositionController(Controller):
         return {"control_integral": 0.0}
 
     def command(self, y: dict, s: Signals):
-        """u_c [V], before the limit."""
+        """The command u_c [V] before the supply limit."""
         return (
             self.position_gain * (s.reference - s.piston_position)
             + self.integral_gain * y["control_integral"]
@@ -63,22 +63,25 @@ class CascadeController(Controller):
     cascade_velocity_gain: float = par(240.0, "V*s/m", (0.0, 1e7), "gain of the velocity loop kv")
 
     def command(self, y: dict, s: Signals):
-        """u_c [V], before the limit."""
-        wanted = self.cascade_position_gain * (s.reference - s.piston_position)
-        return self.cascade_velocity_gain * (wanted - s.piston_velocity)
+        """The command u_c [V] before the supply limit."""
+        velocity_set_point = self.cascade_position_gain * (s.reference - s.piston_position)
+        return self.cascade_velocity_gain * (velocity_set_point - s.piston_velocity)
 
 
 class OpenLoop(Controller):
-    """No controller: the reference of the run, in volts, is the command; with a current amplifier, in amperes/gain."""
+    """No feedback: the reference, in volts, is the command; a current amplifier multiplies it by its gain."""
 
     def command(self, y: dict, s: Signals):
-        """The replayed signal [V]."""
+        """The reference as command [V]."""
         return s.reference
 
 
 @struct
 class Coordination:
-    """Pump and reversing valve follow the cylinder's error e: amplitude·min(|e|/e_band, 1), w = clip(e/e_dead, ±1)."""
+    """Coordination of pump and reversing valve by the position error e of the cylinder.
+
+    pump amplitude: amplitude · min(|e|/e_band, 1),   spool command: w = clip(e/e_dead, ±1)
+    """
 
     amplitude_band: float = par(1e-3, "m", (1e-6, 1.0), "error at which the pump runs at full amplitude e_band")
     deadband: float = par(0.1e-3, "m", (1e-7, 1.0), "error at which the spool is fully open e_dead")

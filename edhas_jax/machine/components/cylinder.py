@@ -1,4 +1,4 @@
-"""The double-rod cylinder with its load, and the reversing valve before it."""
+"""The double-rod cylinder with its load, and the reversing valve that feeds it."""
 
 import jax.numpy as jnp
 
@@ -35,5 +35,8 @@ class Cylinder:
     load_force: float = par(0.0, "N", (-1e6, 1e6), "external force against x_c > 0, F_load")
 
     def area(self):
-        """A [m²]."""
+        """The effective area A = π (D² − d_rod²)/4 [m²], one for both sides as Eq. (10) implies.
+
+        Source: Actuators 2022, 11(10), 281, Eq. (10).
+        """
         return 0.25 * jnp.pi * (jnp.square(self.cylinder_bore) - jnp.square(self.cylinder_rod))

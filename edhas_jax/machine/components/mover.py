@@ -26,8 +26,9 @@ class EndStops:
     stop_damping: float = par(2.0, "s/m", (0.0, 1e4), "damping of an end stop d_stop")
 
     def force(self, x, v, low, high):
-        """The force [N] of the stops at `low` and `high`, positive at `high`: it opposes the motion into the stop."""
-        return self._push(x - high, v) - self._push(low - x, -v)
+        """The force [N] of stops at `low` and `high` [m] at position `x` [m] and velocity `v` [m/s]."""
+        return self._contact_force(x - high, v) - self._contact_force(low - x, -v)
 
-    def _push(self, depth, speed):
+    def _contact_force(self, depth, speed):
+        """Force [N] of one stop at a penetration [m] that grows at `speed` [m/s]."""
         return jnp.maximum(0.0, self.stop_stiffness * jnp.maximum(depth, 0.0) * (1.0 + self.stop_damping * speed))

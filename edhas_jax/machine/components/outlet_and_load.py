@@ -14,12 +14,12 @@ class Outlet:
     relief_conductance: float = par(1e-10, "m^3/(s*Pa)", (0.0, 1e-5), "flow per pressure above opening G_rv")
 
     def relief_flow(self, pressure):
-        """Q_rv [m³/s] at the outlet pressure [Pa]."""
+        """The relief flow Q_rv [m³/s] at an absolute outlet pressure [Pa]."""
         return self.relief_conductance * jnp.maximum(pressure - self.relief_pressure, 0.0)
 
 
 @struct
 class LoadOrifice:
-    """The bench's load: an orifice from the outlet node back to the accumulator."""
+    """The load of the bench: an orifice from the outlet node back to the accumulator."""
 
     load_orifice_area: float = par(4.2e-6, "m^2", (1e-12, 1e-2), "area of the load orifice A_load")

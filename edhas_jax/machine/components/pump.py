@@ -16,12 +16,12 @@ class Pump:
     pump_damping: float = par(5.0, "N*s/m", (0.0, 1e5), "viscous damping of the plungers c_p")
 
     def area(self):
-        """S_p [m²]."""
+        """The area of a plunger S_p [m²]."""
         return 0.25 * jnp.pi * jnp.square(self.piston_diameter)
 
     def volume(self, travel_left):
-        """Volume [m³] of a chamber whose plunger has `travel_left` [m] to its end stop; never below a tenth of V_dead.
+        """The volume [m³] of a chamber whose plunger is `travel_left` [m] from its end stop; at least V_dead/10.
 
-        An end stop gives way a little: a plunger that runs over it must not turn the chamber inside out.
+        End stops are elastic; the lower limit keeps the volume positive when a plunger penetrates one.
         """
         return jnp.maximum(self.pump_dead_volume + self.area() * travel_left, 0.1 * self.pump_dead_volume)

@@ -1,4 +1,7 @@
-"""The library of physical effects: one small class each, all alike, each removable."""
+"""The library of physical effects: one class each, which can be added to a machine or left out.
+
+A new effect is a module in the folder of the section where it acts, and an entry in `LIBRARY`.
+"""
 
 from edhas_jax.machine.effects.base import Effect, EffectError, state
 from edhas_jax.machine.effects.cylinder.cylinder_leakage_rise import CylinderLeakageRise

@@ -1,4 +1,4 @@
-"""What an effect is: one small class with its parameters, its states and its equation in one place."""
+"""Base class of effects: one class with parameters, states and the terms it adds to the equations."""
 
 import types
 from typing import Any, ClassVar, NamedTuple, dataclass_transform
@@ -11,11 +11,11 @@ from edhas_jax.machine.interface.slots import SLOTS, Slot
 
 
 class EffectError(ValueError):
-    """An effect is wrong in itself or cannot act on the machine it was given to."""
+    """An effect is not declared correctly or cannot act on its machine."""
 
 
 class EffectState(NamedTuple):
-    """A state that an effect brings along: SI unit, meaning, value at the start of a run."""
+    """A state of an effect: SI unit, meaning, value at the start of a run."""
 
     unit: str
     doc: str
@@ -29,21 +29,26 @@ def state(unit: str, doc: str, initial: float = 0.0) -> Any:
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(par,))
 class Effect:
-    """One physical effect: what it adds to the base equations, at the slots it names.
+    """One physical effect: the terms it adds to the equations at its slots.
 
-    A subclass declares parameters with `par` and states with `state`, and defines one method per slot it enters, named
-    as the slot in `edhas_jax.machine.interface.slots`: `method(self, s, z)` with `s` the signals (and parameters) of
+    A subclass declares parameters with `par` and states with `state`, and defines one method per slot, with the slot's
+    name from `edhas_jax.machine.interface.slots`: `method(self, s, z)`, where `s` holds the signals and parameters of
     the machine and `z` the effect's own states. It returns the contribution in the slot's unit. An effect with states
-    also defines `rates(self, s, z)`, which returns a dict {state: d state/dt}. `looks_like` says in one sentence what
-    the effect does to measurements; `confused_with` has the ids of effects and the names of parameters that do nearly
-    the same.
+    also defines `rates(self, s, z)`, which returns a dict {state: d state/dt}.
 
-    The step linearises whatever an effect returns, so a stiff effect is implicit without another line. Physics must be
-    written with `jax.numpy`; a value decides by `jnp.where`, not by `if`.
+    The step linearises all contributions, so a stiff effect is integrated implicitly without further code. Use
+    `jax.numpy`, and `jnp.where` instead of `if` for decisions that depend on values.
+
+    Attributes:
+        id: name in snake case.
+        states: states by name.
+        slots: the slots at which the effect acts.
+        looks_like: what the effect does to measurements, in one sentence.
+        confused_with: ids of effects and names of parameters whose influence is similar.
 
     Raises:
-        EffectError: at class creation, for a class derived from an effect, a public method that is no slot, something
-            else than a plain method under the name of a slot, or a state without a rate.
+        EffectError: at class creation, for a class derived from an effect, a public method that is no slot, a slot
+            that is not a plain method, or a state without a rate.
     """
 
     id: ClassVar[str]
@@ -78,7 +83,7 @@ class Effect:
 
 
 def bind_states(effects: tuple[Effect, ...], y: dict[str, Any]) -> tuple[tuple[Effect, types.SimpleNamespace], ...]:
-    """Each effect with its own states, taken from the machine's state `y` (named `effect.state` there)."""
+    """Each effect with its own states, which the machine's state `y` holds under the names `effect.state`."""
     return tuple((e, types.SimpleNamespace(**{n: y[f"{e.id}.{n}"] for n in e.states})) for e in effects)
 
 
@@ -88,5 +93,5 @@ def initial_effect_states(effects: tuple[Effect, ...]) -> dict[str, float]:
 
 
 def effect_rates(s: Signals) -> dict[str, Any]:
-    """The rates of the states of all effects that act in `s`."""
+    """The rates of the states of all effects, named `effect.state`."""
     return {f"{e.id}.{n}": rate for e, z in s.effects for n, rate in e.rates(s, z).items()}

@@ -1,4 +1,4 @@
-"""Effects by name: from the library, from a file of the user, from a module."""
+"""Load effect classes by name, from the library, from a file of the user or from a module."""
 
 import difflib
 import functools
@@ -15,35 +15,47 @@ from edhas_jax.machine.effects.base import Effect, EffectError
 from edhas_jax.machine.effects.validation import check_declaration
 from edhas_jax.machine.interface.controller_base import ControllerError
 
-_FILES = "_edhas_effects_of_"  # how the modules made from users' files are named
+_MODULE_PREFIX = "_edhas_effects_of_"  # of the names of modules made from files of the user
 
 
 def load_effect(spec: str, base_dir: Path | str = ".") -> type[Effect]:
-    """The effect class that `spec` names: "lugre_friction", "my_effects.py:SealDrag" or "package.module:SealDrag".
+    """Load an effect class.
 
-    A relative file is looked up from `base_dir`. A file that has not changed gives the same class again.
+    Args:
+        spec: "lugre_friction", "my_effects.py:SealDrag" or "package.module:SealDrag".
+        base_dir: folder from which a relative file is looked up.
+
+    Returns:
+        The class; an unchanged file gives the same class again.
 
     Raises:
-        EffectError: unknown id, file or class missing, an error in the file, or a class that declares no good effect.
+        EffectError: unknown id, missing file or class, an error in the file, or an incorrect declaration.
     """
     source, colon, name = (part.strip() for part in str(spec).rpartition(":"))
     if not colon:
         return _library_effect(name)
-    cls = load_user_class(source, name, Path(base_dir), Effect, "edhas_jax.effects.Effect")
+    cls = load_user_class(source, name, Path(base_dir), Effect, "edhas_jax.Effect")
     check_declaration(cls)
     return cls
 
 
 def load_user_class(source: str, name: str, base_dir: Path, base: type, base_name: str) -> type:
-    """The class `name`, derived from `base`, in a file or module of the user.
+    """Load a class from a file or module of the user.
+
+    Args:
+        source: file ending in .py, or module.
+        name: name of the class.
+        base_dir: folder from which a relative file is looked up.
+        base: the class it must be derived from.
+        base_name: name of `base` in messages.
 
     Raises:
         EffectError: file or class missing, an error in the file, or a class that is not derived from `base`.
     """
-    module, shown = _file(source, base_dir) if source.endswith(".py") else _module(source, base_dir)
+    module, shown = (_load_file if source.endswith(".py") else _load_module)(source, base_dir)
     cls = getattr(module, name, None)
     if cls is None:
-        raise EffectError(f"{shown}: no class {name}; {_classes(module, name, base)}")
+        raise EffectError(f"{shown}: no class {name}; {_class_hint(module, name, base)}")
     if not (isinstance(cls, type) and issubclass(cls, base)) or cls is base:
         raise EffectError(f"{shown}: {name} is not a subclass of {base_name}")
     return cls
@@ -55,13 +67,14 @@ def effect_spec(cls: type[Effect]) -> str:
 
 
 def class_spec(cls: type) -> str:
-    """The text that names a class of the user; files are named by their absolute path."""
-    if cls.__module__.startswith(_FILES):
+    """The text by which a class of the user is found again; files are named by their absolute path."""
+    if cls.__module__.startswith(_MODULE_PREFIX):
         return f"{sys.modules[cls.__module__].__file__}:{cls.__name__}"
     return f"{cls.__module__}:{cls.__name__}"
 
 
 def _library_effect(name: str) -> type[Effect]:
+    """The effect of the library with this id."""
     by_id = {cls.id: cls for cls in LIBRARY}
     if name.endswith(".py"):
         raise EffectError(f"{name} names no class; write {name}:ClassName")
@@ -72,7 +85,8 @@ def _library_effect(name: str) -> type[Effect]:
     return by_id[name]
 
 
-def _file(source: str, base_dir: Path) -> tuple[types.ModuleType, str]:
+def _load_file(source: str, base_dir: Path) -> tuple[types.ModuleType, str]:
+    """The module made from a file, and its path for messages."""
     path = base_dir / source
     shown = display_path(path)
     try:
@@ -87,8 +101,9 @@ def _file(source: str, base_dir: Path) -> tuple[types.ModuleType, str]:
 
 @functools.lru_cache(maxsize=256)
 def _run_file(path: str, stamp: int) -> types.ModuleType:
+    """Run a file as a module; `stamp` is its time of modification, so that a changed file is read again."""
     shown = display_path(Path(path))
-    module = types.ModuleType(f"{_FILES}{Path(path).stem}_{abs(hash((path, stamp)))}")
+    module = types.ModuleType(f"{_MODULE_PREFIX}{Path(path).stem}_{abs(hash((path, stamp)))}")
     module.__file__ = path
     try:
         code = compile(Path(path).read_bytes(), path, "exec")
@@ -96,18 +111,19 @@ def _run_file(path: str, stamp: int) -> types.ModuleType:
         raise EffectError(f"{shown}:{error.lineno or 1}: syntax error: {error.msg}") from None
     except (ValueError, OSError) as error:
         raise EffectError(f"{shown}: is not a file of Python code: {first_line(error)}") from None
-    sys.modules[module.__name__] = module  # dataclasses look a class's module up there
+    sys.modules[module.__name__] = module  # dataclasses look up the module of a class there
     try:
         exec(code, module.__dict__)
     except (Exception, SystemExit) as error:
         del sys.modules[module.__name__]
-        known = isinstance(error, EffectError | ControllerError)
-        what = "" if known else f"{type(error).__name__} while the file is read: "
+        is_own_error = isinstance(error, EffectError | ControllerError)
+        what = "" if is_own_error else f"{type(error).__name__} while the file is read: "
         raise EffectError(f"{shown}:{error_line(error, path) or 1}: {what}{first_line(error)}") from error
     return module
 
 
-def _module(source: str, base_dir: Path) -> tuple[types.ModuleType, str]:
+def _load_module(source: str, base_dir: Path) -> tuple[types.ModuleType, str]:
+    """An imported module, and its name for messages."""
     try:
         return importlib.import_module(source), source
     except (Exception, SystemExit) as error:
@@ -119,6 +135,7 @@ def _module(source: str, base_dir: Path) -> tuple[types.ModuleType, str]:
         raise EffectError(f"{at}: {type(error).__name__} while {source} is read: {first_line(error)}") from error
 
 
-def _classes(module: types.ModuleType, name: str, base: type) -> str:
+def _class_hint(module: types.ModuleType, name: str, base: type) -> str:
+    """The classes of a module that may have been meant, for a message."""
     own = [n for n, v in vars(module).items() if isinstance(v, type) and issubclass(v, base) and v is not base]
     return suggest(name, own) if own else f"there is no {base.__name__.lower()} in it"

@@ -1,4 +1,7 @@
-"""The check of an effect: that it is declared as it should, and that it acts on a rig without a failure."""
+"""Checks of an effect: its declaration, and that it acts on a machine without an error.
+
+`check_parameters`, `check_number` and `code_reason` also serve the checks of controllers.
+"""
 
 import dataclasses
 import difflib
@@ -18,14 +21,14 @@ from edhas_jax.machine.effects.base import Effect, EffectError
 from edhas_jax.machine.interface.signals import SIGNALS, UnknownNameError
 from edhas_jax.machine.interface.slots import SLOTS
 
-_FORCED = (
+_PRECISION_HINT = (
     "a constant forces another precision on the run; write numbers as float(np.sqrt(2.0)), "
     "tables as jnp.asarray(table, s.current.dtype)"
 )
 
 
 def check_declaration(cls: type[Effect]) -> None:
-    """Refuse an effect whose id, parameters or method signatures are not as `Effect` asks.
+    """Check id, parameters and method signatures of an effect class.
 
     Raises:
         EffectError: what is wrong, with class, file and line.
@@ -41,7 +44,7 @@ def check_declaration(cls: type[Effect]) -> None:
 
 
 def check_parameters(cls: type) -> None:
-    """Refuse a class of the user with a field that is no well-declared parameter.
+    """Check that every field of a class of the user is a correctly declared parameter.
 
     Raises:
         EffectError: what is wrong, with class, file and line.
@@ -56,12 +59,16 @@ def check_parameters(cls: type) -> None:
 
 
 def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> None:
-    """Refuse an effect that cannot act on this machine in a run of this precision.
+    """Check that an effect can act on a machine; the equations are traced, and nothing is computed.
 
-    Nothing is computed: the equations are only traced.
+    Args:
+        effect: the effect, mounted on the machine or not.
+        machine: the machine.
+        precision: floating-point type of the run.
 
     Raises:
-        EffectError: no slot of it exists here, its id is taken, or its code fails (class.method, file, line, reason).
+        EffectError: the machine has none of its slots, its id is taken, or its code fails (class.method, file, line,
+            reason).
     """
     cls = type(effect)
     check_declaration(cls)
@@ -70,8 +77,8 @@ def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> No
         raise EffectError(f"{effect.id} is given twice; every effect of a machine needs its own id")
     if effect.id in {f.name for f in dataclasses.fields(machine)}:
         raise EffectError(f"{locate(cls)}: the id `{effect.id}` is taken by a part of {machine.name}")
-    here = {slot.name for slot in machine.slots}
-    if not any(slot.name in here for slot in effect.slots):
+    available = {slot.name for slot in machine.slots}
+    if not any(slot.name in available for slot in effect.slots):
         places = " and ".join(dict.fromkeys(f"the {slot.location.replace('_', ' ')}" for slot in effect.slots))
         names = ", ".join(slot.name for slot in effect.slots)
         word = "slot" if len(effect.slots) == 1 else "slots"
@@ -87,11 +94,11 @@ def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> No
 
 
 def _dry_run(machine, zero):
-    """The equations once, with the methods of the last effect under watch."""
+    """Evaluate the equations once, with the results of the last effect's methods checked."""
     probe = machine.effects[-1]
     for method in _methods(type(probe)):
-        # this copy was made by the trace and ends with it, so that nobody sees the watched methods
-        object.__setattr__(probe, method, _watched(probe, method, machine, zero.dtype))
+        # the trace works on a copy of the effect, so the replaced methods do not outlive it
+        object.__setattr__(probe, method, _checked(probe, method, machine, zero.dtype))
     y = {name: zero + jnp.asarray(value, zero.dtype) for name, value in machine.initial_state().items()}
     s, rates = machine.evaluate(y, zero, zero, y)
     if not any(probe.id in found for found in s.record.contributions.values()):
@@ -100,8 +107,8 @@ def _dry_run(machine, zero):
     return rates
 
 
-def _watched(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
-    """The method, with every failure of the user's code told as one sentence."""
+def _checked(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
+    """The method with its result checked; an error in the user's code becomes an `EffectError` of one sentence."""
     cls, inner = type(effect), getattr(effect, method)
     unit = SLOTS[method].unit if method in SLOTS else ""
 
@@ -117,10 +124,10 @@ def _watched(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
             check_number(where, value, f"a real number in {unit}" if unit != "-" else "a real factor", kind)
             return value
         if not isinstance(value, dict):
-            raise EffectError(f"{where}: returns {_kind(value)}, not a dict of the rates of {_listed(cls.states)}")
+            raise EffectError(f"{where}: returns {_type_text(value)}, not a dict of the rates of {_listed(cls.states)}")
         for name in value:
             if name not in cls.states:
-                raise EffectError(f"{where}: gives a rate of `{name}`, which is no state; {_states(name, cls)}")
+                raise EffectError(f"{where}: gives a rate of `{name}`, which is no state; {_state_hint(name, cls)}")
         missing = [name for name in cls.states if name not in value]
         if missing:
             raise EffectError(f"{where}: gives no rate of {_listed(missing)}")
@@ -132,38 +139,38 @@ def _watched(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
 
 
 def check_number(where: str, value: Any, wanted: str, kind: Any) -> None:
-    """Refuse what a method of the user returned if it is not one real number in the precision `kind`.
+    """Check that a method of the user returned one real number in the precision `kind`.
 
     Raises:
-        EffectError: what it is instead, and what was wanted.
+        EffectError: what it returned instead of `wanted`.
     """
     if value is None:
         raise EffectError(f"{where}: returns nothing; return {wanted}")
     if not isinstance(value, float) and not hasattr(value, "dtype"):
-        raise EffectError(f"{where}: returns {_kind(value)}; return {wanted}")
+        raise EffectError(f"{where}: returns {_type_text(value)}; return {wanted}")
     if jnp.shape(value) != ():
         raise EffectError(f"{where}: returns an array of shape {jnp.shape(value)}; return {wanted}, one at a time")
     if not jnp.issubdtype(jnp.result_type(value), jnp.floating):
         raise EffectError(f"{where}: returns a value of type {jnp.result_type(value)}; return {wanted}")
     is_bare = type(value) is float or getattr(value, "weak_type", False)
     if not is_bare and jnp.result_type(value) != kind:
-        raise EffectError(f"{where}: {_FORCED}")
+        raise EffectError(f"{where}: {_PRECISION_HINT}")
 
 
 def _reason(error: Exception, cls: type[Effect], machine: Any) -> str:
-    """What went wrong in the user's code, and what to do instead."""
+    """What is wrong in the code of an effect, and what to do instead."""
     if isinstance(error, UnknownNameError):
         name, known = getattr(error, "name", None), getattr(getattr(error, "obj", None), "_values", None)
         if name is None or known is None:
             return f"on {machine.name}, {first_line(error)}"
         return f"{machine.name} has no signal or parameter `{name}` at this slot; {_instead(name, known, machine)}"
     if isinstance(error, AttributeError) and isinstance(getattr(error, "obj", None), types.SimpleNamespace):
-        return f"`z` has no state `{error.name}`; {_states(error.name, cls)}"
+        return f"`z` has no state `{error.name}`; {_state_hint(error.name, cls)}"
     return code_reason(error)
 
 
 def code_reason(error: Exception) -> str:
-    """What went wrong in code that JAX was to trace, and what to do instead."""
+    """What is wrong in code that JAX cannot trace, and what to do instead."""
     if isinstance(error, jax.errors.TracerBoolConversionError):
         return "a value decides by `if`, `and`, `or`, `not`, `min` or `max`; decide with jnp.where"
     if isinstance(error, jax.errors.TracerArrayConversionError):
@@ -171,22 +178,23 @@ def code_reason(error: Exception) -> str:
     if isinstance(error, jax.errors.ConcretizationTypeError):
         return "a value of the run is turned into a Python number (float, int, math); stay with jax.numpy"
     if type(error).__name__ == "TypePromotionError":
-        return _FORCED
+        return _PRECISION_HINT
     return f"{type(error).__name__}: {first_line(error)}"
 
 
 def _instead(name: str, known, machine: Any) -> str:
-    """Where a signal exists that is not known here, or what it may have been meant for."""
+    """At which slots an unknown signal exists, or which similar names exist."""
     slots = [slot.name for slot in machine.slots if name in slot.local_signals]
     if slots:
         return f"it is known at {', '.join(slots)}"
     if name in SIGNALS or any(name in slot.local_signals for slot in SLOTS.values()):
         return "it belongs to another rig, or is computed only after this slot"
     close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-    return f"nearest: {', '.join(close)}" if close else "edhas_jax/signals.py lists the signals"
+    return f"nearest: {', '.join(close)}" if close else "edhas_jax/machine/interface/signals.py lists the signals"
 
 
 def _check_parameter(where: str, field: dataclasses.Field) -> None:
+    """Check the declaration of one parameter."""
     try:
         unit, (low, high), doc, _ = field.metadata["par"]
         low, high, default = float(low), float(high), float(field.default)
@@ -203,19 +211,23 @@ def _check_parameter(where: str, field: dataclasses.Field) -> None:
 
 
 def _methods(cls: type[Effect]) -> list[str]:
+    """The methods of an effect that the equations call."""
     return [slot.name for slot in cls.slots] + ["rates"] * bool(cls.states or "rates" in vars(cls))
 
 
-def _kind(value: Any) -> str:
+def _type_text(value: Any) -> str:
+    """The type of a value with an article, for a message."""
     if value is None:
         return "nothing"
     name = "number" if isinstance(value, jax.Array) else type(value).__name__
     return f"an {name}" if name[0] in "aeiou" else f"a {name}"
 
 
-def _states(name: str, cls: type[Effect]) -> str:
+def _state_hint(name: str, cls: type[Effect]) -> str:
+    """The states that may have been meant, for a message."""
     return suggest(name, cls.states) if cls.states else f"{cls.__name__} declares no states"
 
 
 def _listed(names) -> str:
+    """Names in backticks, separated by commas."""
     return ", ".join(f"`{n}`" for n in names) or "no states"

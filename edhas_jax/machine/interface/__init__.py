@@ -1,1 +1,1 @@
-"""What components, effects and controllers may rely on: signals, slots and base classes."""
+"""The interface of components, effects and controllers to the equations: signals, slots and the controller base."""

@@ -1,4 +1,4 @@
-"""What a controller is: one small class with its parameters, its states and its law in one place."""
+"""Base class of controllers: one class with parameters, states and control law."""
 
 from typing import Any, dataclass_transform
 
@@ -8,18 +8,19 @@ from edhas_jax.machine.interface.signals import Signals
 
 
 class ControllerError(ValueError):
-    """A controller is wrong in itself or cannot act on the machine it was given to."""
+    """A controller is not declared correctly or cannot act on its machine."""
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(par,))
 class Controller:
-    """A controller of the piston: from set point and measured motion to the voltage that the amplifier is asked for.
+    """A controller of the piston: from set point and measured motion to the voltage command for the amplifier.
 
     A subclass declares parameters with `par` and defines `command(self, y, s)`; one with states also defines `initial`
     and `rates`. `y` holds its states by name, `s` the signals and parameters of the machine: `s.reference` [m],
-    `s.reference_velocity` [m/s], `s.piston_position`, `s.piston_velocity`, and `s.current` [A] with a voltage
-    amplifier. In `rates` there are besides `s.unlimited_voltage`, what `command` gave, and `s.voltage`, what the supply
-    left of it. Write with `jax.numpy`; a value decides by `jnp.where`. `docs/controllers.md` has an example.
+    `s.reference_velocity` [m/s], `s.piston_position` [m], `s.piston_velocity` [m/s], and `s.current` [A] with a voltage
+    amplifier. `rates` may also use `s.unlimited_voltage` [V], the result of `command`, and `s.voltage` [V], the command
+    within the supply. Use `jax.numpy`, and `jnp.where` for decisions that depend on values. `docs/controllers.md` has
+    an example.
 
     Raises:
         ControllerError: at class creation, for a class derived from another controller, without `command`, or with
@@ -42,9 +43,9 @@ class Controller:
         return {}
 
     def command(self, y: dict[str, Any], s: Signals):
-        """The voltage [V] that is asked for, before the limit of the supply."""
+        """The voltage command [V] before the supply limit."""
         raise NotImplementedError
 
     def rates(self, y: dict[str, Any], s: Signals) -> dict[str, Any]:
-        """The rate of every state; none by default."""
+        """The rate of every state, SI unit of the state per second; none by default."""
         return {}

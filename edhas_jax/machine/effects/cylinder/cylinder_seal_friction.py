@@ -1,4 +1,4 @@
-"""Seals of the cylinder that pressure presses on."""
+"""Friction of the cylinder seals that grows with the pressure."""
 
 import jax.numpy as jnp
 
@@ -18,5 +18,6 @@ class CylinderSealFriction(Effect):
     seal_coefficient: float = par(0.02, "-", (0.0, 10.0), "friction over pressure force μ_r", plausible=(0.005, 0.1))
 
     def cylinder_friction_level(self, s, z):
+        """Added friction level [N]."""
         gauge = jnp.maximum(s.head_pressure - s.atmospheric_pressure, 0.0)
         return self.seal_coefficient * s.cylinder_area * gauge

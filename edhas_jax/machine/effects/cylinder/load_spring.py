@@ -1,11 +1,11 @@
-"""A spring at the cylinder."""
+"""A spring load of the cylinder."""
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect
 
 
 class LoadSpring(Effect):
-    """A load that pushes back the further it is moved: F = −k x_c.
+    """A load whose force grows with the position: F = −k x_c.
 
     Source: statics.
     """

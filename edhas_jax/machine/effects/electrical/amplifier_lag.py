@@ -1,4 +1,4 @@
-"""An amplifier that follows its command late."""
+"""First-order lag of the amplifier."""
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect, state
@@ -7,7 +7,7 @@ from edhas_jax.machine.effects.base import Effect, state
 class AmplifierLag(Effect):
     """A first-order lag between the command and the voltage at the coil.
 
-    τ du_a/dt = u − u_a; the coil sees u_a
+    τ du_a/dt = u − u_a,   u_a the voltage at the coil
 
     Source: switching period, filter and dead time of a drive as one time constant.
     """

@@ -1,15 +1,15 @@
-"""A coil that becomes warm."""
+"""Heating of the coil by its copper loss."""
 
 import jax.numpy as jnp
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect, state
 
-COPPER = 0.00393  # 1/K, temperature coefficient of the resistance of copper
+COPPER_TEMPERATURE_COEFFICIENT = 0.00393  # 1/K, of the resistance
 
 
 class CoilHeating(Effect):
-    """Copper loss warms the coil and its resistance rises.
+    """The copper loss heats the coil, and its resistance rises.
 
     R → R (1 + 0.00393 ϑ),   C dϑ/dt = R i² − ϑ/R_th
 
@@ -27,7 +27,7 @@ class CoilHeating(Effect):
     temperature_rise = state("K", "temperature above that at the start")
 
     def coil_resistance_factor(self, s, z):
-        return 1.0 + COPPER * z.temperature_rise
+        return 1.0 + COPPER_TEMPERATURE_COEFFICIENT * z.temperature_rise
 
     def rates(self, s, z):
         heat = s.resistance * jnp.square(s.current) - z.temperature_rise / self.thermal_resistance

@@ -8,7 +8,7 @@ from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
 
 
 class ForceConstantDroop(Effect):
-    """The coil leaves the even field of the magnet at the ends of its travel.
+    """The coil leaves the uniform field of the magnet at the ends of its travel.
 
     Km → Km (1 − κ (x/x_m)²), x_m = 5 mm, in force and back-EMF alike
 

@@ -5,11 +5,13 @@ import jax.numpy as jnp
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect
 
+SIGN_SMOOTHING_CURRENT = 0.05  # A, current at which tanh has nearly reached the sign
+
 
 class InverterDeadTime(Effect):
-    """While both switches of a half bridge are off, the current and not the command decides about the voltage.
+    """While both switches of a half bridge are off, the current and not the command determines the voltage.
 
-    The coil sees u − V_dt tanh(i / 50 mA).
+    u → u − V_dt tanh(i / 50 mA)
 
     Source: V_dt = 2 U t_d f_s and the drop of the devices; 1.9 V at 48 V, 1 µs, 20 kHz.
     """
@@ -20,4 +22,4 @@ class InverterDeadTime(Effect):
     dead_time_voltage: float = par(1.0, "V", (0.0, 100.0), "voltage that is lost V_dt", plausible=(0.3, 3.0))
 
     def coil_voltage_change(self, s, z):
-        return -self.dead_time_voltage * jnp.tanh(s.current / 0.05)
+        return -self.dead_time_voltage * jnp.tanh(s.current / SIGN_SMOOTHING_CURRENT)

@@ -1,4 +1,4 @@
-"""A motor force that grows less than the current."""
+"""Saturation of the motor force at large current."""
 
 import jax.numpy as jnp
 
@@ -7,7 +7,7 @@ from edhas_jax.machine.effects.base import Effect
 
 
 class MagneticSaturation(Effect):
-    """Iron that saturates under the field of the coil.
+    """The iron saturates under the field of the coil.
 
     F_e = Km i / √(1 + (i/i_s)²), back-EMF unchanged
 

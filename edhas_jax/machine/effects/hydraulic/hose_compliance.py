@@ -1,11 +1,11 @@
-"""A hose behind the delivery valves."""
+"""Compliance of a hose behind the delivery valves."""
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect
 
 
 class HoseCompliance(Effect):
-    """A hose that widens with pressure: V_d/β → V_d/β + C_h.
+    """A hose that expands with pressure: V_d/β → V_d/β + C_h.
 
     Source: V/β of a hose with a bulk modulus of 50 … 700 MPa.
     """

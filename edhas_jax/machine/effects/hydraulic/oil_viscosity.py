@@ -1,15 +1,15 @@
-"""A viscosity that depends on temperature and pressure."""
+"""Viscosity of the oil as a function of temperature, and of pressure."""
 
 import jax.numpy as jnp
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect
 
-MEASURED_AT = 313.15  # K, the temperature at which `oil_viscosity` holds: 40 °C
+REFERENCE_TEMPERATURE = 313.15  # K (40 °C), temperature at which `oil_viscosity` applies
 
 
 class OilTemperature(Effect):
-    """Warm oil is thin.
+    """Viscosity that falls with temperature.
 
     μ → μ exp(−b (T − 40 °C)), T the `oil_temperature` of the run
 
@@ -22,11 +22,11 @@ class OilTemperature(Effect):
     viscosity_exponent: float = par(0.03, "1/K", (-1.0, 1.0), "relative fall per kelvin b", plausible=(0.02, 0.05))
 
     def oil_viscosity_factor(self, s, z):
-        return jnp.exp(-self.viscosity_exponent * (s.oil_temperature - MEASURED_AT))
+        return jnp.exp(-self.viscosity_exponent * (s.oil_temperature - REFERENCE_TEMPERATURE))
 
 
 class PressureViscosity(Effect):
-    """Oil under pressure is thick: in the gap of a plunger at the mean of the pressures at its ends.
+    """Viscosity that rises with pressure, in the gap of a plunger with the mean of the pressures at its ends.
 
     μ → μ exp(a (p + p_s)/2) in the pressure-driven part of the leakage
 

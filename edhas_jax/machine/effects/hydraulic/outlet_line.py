@@ -1,15 +1,15 @@
-"""The line between outlet node and load orifice."""
+"""Line between outlet node and load orifice: its inertance, and its resistance."""
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect, state
 
 
 class OutletLineInertance(Effect):
-    """The oil in the line to the load has to be accelerated; its flow is a state.
+    """Inertia of the oil in the line to the load; the flow is a state.
 
     I dQ/dt = p_d − p_s − R Q − Δp_load(Q),   Δp_load the pressure drop of the load orifice at Q
 
-    Source: I = ρ l/A of a line; Actuators 2022, 11(10), 281, has none.
+    Source: I = ρ l/A of a line.
     """
 
     looks_like = (

@@ -7,13 +7,13 @@ from edhas_jax.machine.effects.base import Effect
 
 
 class PistonLeakage(Effect):
-    """Laminar flow through the gap of an inclined plunger: a pressure-driven part and a part that the plunger drags.
+    """Laminar flow through the gap of an inclined plunger: pressure flow, and shear flow due to its motion.
 
     Q_L = π d δ³ (p − p_s) / (8.68 μ L_fit) − (π d δ / 2) v_p,   v_p the plunger's speed into the chamber
 
-    8.68 = 12 atan(√1.5)/√1.5 is the inclined gap's factor in place of 12 for a concentric one. Laminar: Re < 1000.
+    8.68 = 12 atan(√1.5)/√1.5 replaces the factor 12 of a concentric gap. Valid for Re < 1000.
 
-    Source: Actuators 2022, 11(10), 281, Eq. 9, with the shear term signed so that it follows the plunger.
+    Source: Actuators 2022, 11(10), 281, Eq. (9), with the sign of the shear term such that it follows the plunger.
     """
 
     looks_like = "mean flow lower by an amount that grows with pressure and not with frequency"
@@ -25,6 +25,7 @@ class PistonLeakage(Effect):
     piston_fit_length: float = par(20e-3, "m", (1e-4, 1.0), "length of the gap, L_fit", plausible=(5e-3, 50e-3))
 
     def chamber_leakage(self, s, z):
-        around = jnp.pi * s.piston_diameter * self.piston_clearance
-        conductance = around * jnp.square(self.piston_clearance) / (8.68 * s.viscosity * self.piston_fit_length)
-        return conductance * (s.chamber_pressure - s.accumulator_pressure) - 0.5 * around * s.plunger_velocity
+        """Leakage out of one chamber [m³/s] by Eq. (9)."""
+        gap_area = jnp.pi * s.piston_diameter * self.piston_clearance
+        conductance = gap_area * jnp.square(self.piston_clearance) / (8.68 * s.viscosity * self.piston_fit_length)
+        return conductance * (s.chamber_pressure - s.accumulator_pressure) - 0.5 * gap_area * s.plunger_velocity

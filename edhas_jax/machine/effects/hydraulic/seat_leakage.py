@@ -1,4 +1,4 @@
-"""Check valves that do not close tightly."""
+"""Leakage of the check valve seats."""
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect

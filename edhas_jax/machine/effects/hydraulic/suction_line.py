@@ -1,11 +1,11 @@
-"""The line between accumulator and suction valves."""
+"""Line between accumulator and suction valves: its resistance, and its inertance."""
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect, state
 
 
 class SuctionLineResistance(Effect):
-    """A narrow line, filter or cold oil before a manifold of 10 mL.
+    """A laminar resistance (narrow line, filter, cold oil) before a manifold of 10 mL.
 
     Q_l = (p_s − p_m)/R,   10 mL/β(p_m) dp_m/dt = Q_l − Q_sA − Q_sB; leakage still drains to p_s
 
@@ -22,7 +22,7 @@ class SuctionLineResistance(Effect):
 
 
 class SuctionLineInertance(Effect):
-    """The oil in the line to the manifold of 10 mL has to be accelerated; its flow is a state.
+    """Inertia of the oil in the line to the manifold of 10 mL; the flow is a state.
 
     I dQ_l/dt = p_s − p_m − R Q_l,   10 mL/β(p_m) dp_m/dt = Q_l − Q_sA − Q_sB
 

@@ -1,4 +1,4 @@
-"""The force of the flow on the ball of a check valve."""
+"""Flow force on the ball of a check valve."""
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect
@@ -7,7 +7,7 @@ from edhas_jax.machine.effects.base import Effect
 class ValveFlowForce(Effect):
     """The momentum of the jet closes the valve.
 
-    F = −K A(y) Δp,   K = 2 Cd² cos of the angle of the jet in theory
+    F = −K A(y) Δp,   K = 2 Cd² cos(jet angle) in theory
 
     Source: flow forces on poppets after Rundo and Altare; Shu, Burrows, Edge, Proc. IMechE I 211 (1997).
     """

@@ -1,4 +1,4 @@
-"""More viscous friction in one direction than in the other."""
+"""Viscous friction that differs between the directions."""
 
 import jax.numpy as jnp
 
@@ -9,9 +9,9 @@ from edhas_jax.machine.effects.base import Effect
 class AsymmetricDamping(Effect):
     """Viscous friction that differs between forward and backward, as of a worn screw or of guides under a side load.
 
-    F = −c_a |v|: the coefficient of damping is higher by c_a forward, and lower by c_a backward
+    F = −c_a |v|: the damping coefficient is higher by c_a forward and lower by c_a backward
 
-    Source: found on a real linear drive, 167 and 240 N·s/m (Janot, Gautier, Brunot: EMPS, 2019).
+    Source: measured on a linear drive, 167 and 240 N·s/m (Janot, Gautier, Brunot: EMPS, 2019).
     """
 
     looks_like = "an offset of the current that grows with speed, of one sign in both directions"

@@ -1,4 +1,4 @@
-"""More friction in one direction than in the other."""
+"""Dry friction that differs between the directions."""
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect
@@ -6,7 +6,7 @@ from edhas_jax.machine.effects.reference_scales import smooth_sign
 
 
 class AsymmetricFriction(Effect):
-    """Dry friction of the forward stroke alone, as of a seal with a lip.
+    """Additional dry friction in the forward stroke, as of a lip seal.
 
     F = F_a th(v) (1 + th(v))/2,   th(v) = tanh(v / 5 mm/s)
 

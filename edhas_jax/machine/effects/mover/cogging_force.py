@@ -1,4 +1,4 @@
-"""A force that repeats with the position of the mover."""
+"""Cogging force: periodic in the position of the mover."""
 
 import math
 
@@ -9,7 +9,7 @@ from edhas_jax.machine.effects.base import Effect
 
 
 class CoggingForce(Effect):
-    """Teeth or magnet edges that hold the mover at regular positions.
+    """Attraction of the mover to the positions of teeth or magnet edges.
 
     F = −A sin(2π x/τ + φ)
 

@@ -5,7 +5,7 @@ from edhas_jax.machine.effects.base import Effect
 
 
 class ConstantBiasForce(Effect):
-    """Weight on a tilted bench, unequal rod areas, a magnet that pulls: F = −F_b.
+    """A constant force, as of weight on a tilted bench, unequal rod areas or a magnet: F = −F_b.
 
     Source: statics.
     """

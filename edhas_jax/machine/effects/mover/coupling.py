@@ -1,4 +1,4 @@
-"""Coil carrier and plungers that are not one body."""
+"""Coupling between coil carrier and plungers: its elasticity, and its backlash."""
 
 import jax.numpy as jnp
 
@@ -9,9 +9,9 @@ from edhas_jax.machine.effects.base import Effect
 class CouplingCompliance(Effect):
     """An elastic rod between the coil carrier and the plungers.
 
-    F = k Δ + d Δ̇,   Δ by how much the plungers lag behind the coil carrier, which the sensor and the controller see
+    F = k Δ + d Δ̇,   Δ the lag of the plungers behind the coil carrier, whose position is measured
 
-    Source: two masses and a Kelvin-Voigt element.
+    Source: two masses joined by a Kelvin-Voigt element.
     """
 
     looks_like = (
@@ -31,7 +31,7 @@ class Backlash(Effect):
 
     F = sgn Δ max(k (|Δ| − b/2) + d Δ̇ sgn Δ, 0) while |Δ| > b/2, else 0: never adhesive
 
-    Source: Modelica.Mechanics.Translational, ElastoGap, with the damping of the contact alone.
+    Source: Modelica.Mechanics.Translational, ElastoGap, with damping in contact only.
     """
 
     looks_like = "the same volume of flow lost in every cycle, at any load; a spike of the current after each reversal"
@@ -42,9 +42,9 @@ class Backlash(Effect):
     contact_damping: float = par(20.0, "N*s/m", (0.0, 1e6), "damping of a contact d")
 
     def coupling_force(self, s, z):
-        ahead = s.coupling_deflection > 0.0
+        is_positive = s.coupling_deflection > 0.0
         depth = jnp.abs(s.coupling_deflection) - 0.5 * self.backlash_width
-        speed = jnp.where(ahead, s.coupling_velocity, -s.coupling_velocity)
-        push = jnp.maximum(self.contact_stiffness * depth + self.contact_damping * speed, 0.0)
-        push = jnp.where(depth > 0.0, push, 0.0)
-        return jnp.where(ahead, push, -push)
+        speed = jnp.where(is_positive, s.coupling_velocity, -s.coupling_velocity)
+        force = jnp.maximum(self.contact_stiffness * depth + self.contact_damping * speed, 0.0)
+        force = jnp.where(depth > 0.0, force, 0.0)
+        return jnp.where(is_positive, force, -force)

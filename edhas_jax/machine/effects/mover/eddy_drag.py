@@ -1,4 +1,4 @@
-"""Eddy currents in the coil carrier."""
+"""Drag by eddy currents in the coil carrier."""
 
 import jax.numpy as jnp
 
@@ -7,7 +7,7 @@ from edhas_jax.machine.effects.base import Effect
 
 
 class EddyDrag(Effect):
-    """Eddy currents brake a moving conductor, less so where they shield themselves from the field.
+    """Eddy currents brake a moving conductor; at high speed their own field weakens the drag.
 
     F = −c_e v / (1 + (v/v_e)²)
 

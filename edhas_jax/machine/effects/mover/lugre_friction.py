@@ -7,12 +7,12 @@ from edhas_jax.machine.effects.base import Effect, state
 
 
 class LugreFriction(Effect):
-    """Dry friction as the bending of bristles between the surfaces, with Stribeck effect and pre-sliding.
+    """Dry friction as the deflection of bristles between the surfaces, with Stribeck effect and pre-sliding.
 
     F_f = σ0 z + σ1 ż + σ2 v,   ż = v − σ0 |v| z / G(v),   G(v) = F_C + (F_S − F_C) exp(−(v/v_S)²)
 
     Source: Canudas de Wit, Olsson, Åström, Lischinsky, IEEE Trans. Autom. Control 40 (1995) 419; Actuators 2022,
-    11(10), 281, Eq. 2.
+    11(10), 281, Eq. (2).
     """
 
     looks_like = "current in phase with speed and nearly independent of it, a step at each reversal of the piston"
@@ -27,16 +27,18 @@ class LugreFriction(Effect):
     bristle_damping: float = par(100.0, "N*s/m", (0.0, 1e6), "damping of the bristles, σ1", plausible=(10.0, 1000.0))
     viscous_friction: float = par(2.0, "N*s/m", (0.0, 1e4), "viscous part, σ2", plausible=(0.5, 400.0))
 
-    deflection = state("m", "mean bending of the bristles")
+    deflection = state("m", "mean deflection of the bristles")
 
-    def _rate(self, v, z):
+    def _deflection_rate(self, v, z):
+        """ż [m/s] by Eq. (2)."""
         level = self.coulomb_friction + (self.static_friction - self.coulomb_friction) * jnp.exp(
             -jnp.square(v / self.stribeck_velocity)
         )
         return v - self.bristle_stiffness * jnp.abs(v) * z / level
 
     def mover_friction(self, s, z):
-        rate = self._rate(s.sliding_velocity, z.deflection)
+        """F_f = σ0 z + σ1 ż + σ2 v [N] by Eq. (2)."""
+        rate = self._deflection_rate(s.sliding_velocity, z.deflection)
         return (
             self.bristle_stiffness * z.deflection
             + self.bristle_damping * rate
@@ -44,4 +46,4 @@ class LugreFriction(Effect):
         )
 
     def rates(self, s, z):
-        return {"deflection": self._rate(s.sliding_velocity, z.deflection)}
+        return {"deflection": self._deflection_rate(s.sliding_velocity, z.deflection)}

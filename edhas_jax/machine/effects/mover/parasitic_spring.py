@@ -1,4 +1,4 @@
-"""A spring between mover and frame."""
+"""A parasitic spring between mover and frame."""
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect

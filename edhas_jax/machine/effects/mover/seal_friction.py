@@ -1,4 +1,4 @@
-"""Seals of the plungers that pressure presses on."""
+"""Friction of the plunger seals that grows with the pressure."""
 
 import jax.numpy as jnp
 
@@ -8,7 +8,7 @@ from edhas_jax.machine.effects.reference_scales import smooth_sign
 
 
 class SealFriction(Effect):
-    """Dry friction of the plunger seals, which grows with the pressure in the chambers.
+    """Dry friction of the plunger seals, in proportion to the pressure in the chambers.
 
     F = μ_s S_p (max(p_A − p_atm, 0) + max(p_B − p_atm, 0)) th(v),   th(v) = tanh(v / 5 mm/s)
 

@@ -8,7 +8,7 @@ from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL, smooth_
 
 
 class StrokeDependentFriction(Effect):
-    """A bore that is narrower, or a guide that is misaligned, at its ends.
+    """Dry friction that grows towards the ends of the stroke, as of a narrow bore or a misaligned guide.
 
     F = F_s (x/x_m)² th(v),   x_m = 5 mm,   th(v) = tanh(v / 5 mm/s)
 
