@@ -66,6 +66,18 @@ def diagnosed(*hidden: Effect, chains=None, seed: int, on_progress=None) -> Diag
     return diagnose(synthesise(plan, truth, rng, chains), LIBRARY, on_progress=on_progress)
 
 
+@pytest.fixture(scope="module")
+def of_windage() -> Diagnosis:
+    """The diagnosis of a bench with a drag that the library does not have."""
+    return diagnosed(Windage(windage=40.0), seed=4)
+
+
+@pytest.fixture(scope="module")
+def of_a_lagging_sensor() -> Diagnosis:
+    """The diagnosis of a bench whose current sensor lags."""
+    return diagnosed(chains={"current": (SensorLag(lag_time=1e-3),)}, seed=5)
+
+
 def errors(found: Diagnosis) -> tuple[float, float, float]:
     """Residual over noise on the run that no fit has seen: before, calibrated, after."""
     return tuple(found.errors()[state]["holdout"]["overall"] for state in ("before", "calibrated", "after"))
@@ -130,8 +142,8 @@ def test_two_effects():
     assert lead(found, 0) > DECISIVE and lead(found, 1) > DECISIVE
 
 
-def test_an_effect_outside_the_library():
-    found = diagnosed(Windage(windage=40.0), seed=4)
+def test_an_effect_outside_the_library(of_windage):
+    found = of_windage
     before, calibrated, after = errors(found)
     assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
     assert before > calibrated > 1.1
@@ -175,8 +187,8 @@ def test_an_effect_with_a_value_that_nobody_believes_only_stands_in():
 
 
 @pytest.mark.parametrize(("kept", "share"), [(-1.0, 0.0), (0.0, 0.0), (0.5, 0.5), (2.0, 1.0)])
-def test_a_part_counts_as_far_as_its_laws_keep_their_promises(kept, share):
-    calibrated = diagnosed(Windage(windage=40.0), seed=4).calibrated
+def test_a_part_counts_as_far_as_its_laws_keep_their_promises(of_windage, kept, share):
+    calibrated = of_windage.calibrated
     assert not calibrated.near_noise
     one = Suspect(MagneticSaturation)
     screen = Screen(calibrated.fit, ())
@@ -192,8 +204,8 @@ def test_a_part_counts_as_far_as_its_laws_keep_their_promises(kept, share):
     assert found == pytest.approx(max(share * span, kept * score.fall, 0.0) / whole)
 
 
-def test_a_sensor_counts_as_far_as_what_remains_is_its_own():
-    found = diagnosed(chains={"current": (SensorLag(lag_time=1e-3),)}, seed=5)
+def test_a_sensor_counts_as_far_as_what_remains_is_its_own(of_a_lagging_sensor):
+    found = of_a_lagging_sensor
     calibrated, (trial,) = found.calibrated, found.accepted
     whole = Screen(calibrated.fit, ()).residual @ Screen(calibrated.fit, ()).residual
 
@@ -213,8 +225,8 @@ def test_a_sensor_counts_as_far_as_what_remains_is_its_own():
     assert share(voltage=5.0) < 0.02
 
 
-def test_what_suspects_take_up_together():
-    calibrated = diagnosed(Windage(windage=40.0), seed=4).calibrated
+def test_what_suspects_take_up_together(of_windage):
+    calibrated = of_windage.calibrated
     screen = Screen(calibrated.fit, ())
     one, two = Suspect(AsymmetricFriction), Suspect(MagneticSaturation)
     scores = [screen.score(s) for s in (one, two)]
@@ -230,8 +242,8 @@ def test_what_suspects_take_up_together():
     assert 0.9e4 < screen.together([two])[1] <= 1.0001e4 and screen.together([one])[1] < 0.5e4
 
 
-def test_a_sensor_that_lags():
-    found = diagnosed(chains={"current": (SensorLag(lag_time=1e-3),)}, seed=5)
+def test_a_sensor_that_lags(of_a_lagging_sensor):
+    found = of_a_lagging_sensor
     before, calibrated, after = errors(found)
     assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
     assert [t.suspect.name for t in found.accepted] == ["sensor_lag on current"]
