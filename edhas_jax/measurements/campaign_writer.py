@@ -8,7 +8,7 @@ from edhas_jax.core.units import exact_quantity, from_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters, short_names
 from edhas_jax.measurements.campaign import Campaign, CampaignError
-from edhas_jax.measurements.campaign_reader import CAMPAIGN_FILE, DEFAULT_EFFECTS
+from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, DEFAULT_EFFECTS
 
 NUMBER_FORMAT = "%.6g"
 

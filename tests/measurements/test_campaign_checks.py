@@ -57,7 +57,7 @@ def truncate(folder):
 
 FAULTS = {
     "gap": (in_table("run3.csv", lambda f: f.drop(index=range(400, 460))), "run3.csv", 401, "60 samples are missing"),
-    "duplicate time": (in_table("run3.csv", lambda f: pd.concat([f[:500], f[499:]])), "run3.csv", 502, "not come after"),
+    "repeated time": (in_table("run3.csv", lambda f: pd.concat([f[:500], f[499:]])), "run3.csv", 502, "not come after"),
     "jitter": (in_table("run3.csv", with_jitter), "run3.csv", None, "time stamps jitter"),
     "clipped": (in_column("run3.csv", PRESSURE, lambda v: v.clip(max=0.9 * v.max())), "run3.csv", None, "clipped"),
     "stuck": (in_column("run3.csv", FLOW, with_value(lambda v: v[700], 700, 780)), "run3.csv", 702, "stuck at"),

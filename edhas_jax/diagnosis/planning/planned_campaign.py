@@ -5,19 +5,19 @@ from pathlib import Path
 
 import numpy as np
 
-from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.planning.candidate_runs import periodic_duration
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
-from edhas_jax.measurements.campaign_reader import CAMPAIGN_FILE, CampaignReader, read_campaign
+from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, CampaignDescription, read_description
+from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
 
 APERIODIC_DURATION = 0.6  # s, of a run whose set point is not periodic
 MIN_SAMPLES = 100  # of a run
 
 
-class PlannedCampaignReader(CampaignReader):
-    """Reads the description of a campaign whose runs need not have data files."""
+class PlannedCampaignDescription(CampaignDescription):
+    """The description of a campaign whose runs need not have data files."""
 
     def planned_runs(self, rate: float) -> tuple[BenchRun, ...]:
         """The runs without signals, sampled at `rate` [Hz] for some cycles of their set point.
@@ -25,12 +25,12 @@ class PlannedCampaignReader(CampaignReader):
         Raises:
             CampaignError: the set point is a recording, or a run would have too few samples.
         """
-        if self._set_point:
+        if self.set_point:
             raise CampaignError(
-                f"{self._folder / CAMPAIGN_FILE}: `reference: {self._set_point}` is recorded with the runs, so they "
+                f"{self.folder / CAMPAIGN_FILE}: `reference: {self.set_point}` is recorded with the runs, so they "
                 "cannot be planned before they are made; describe the set point instead"
             )
-        return tuple(self._planned_run(*row, rate) for row in self._runs)
+        return tuple(self._planned_run(*row, rate) for row in self.run_entries)
 
     def _planned_run(self, name, file, use, conditions, rate: float) -> BenchRun:
         duration = periodic_duration(self.machine, conditions) or APERIODIC_DURATION
@@ -57,23 +57,15 @@ def read_planned_campaign(path: Path | str, rate: float) -> Campaign:
     """
     path = Path(path)
     file = path / CAMPAIGN_FILE if path.is_dir() else path
-    try:
-        data, lines, problems = parse_yaml(file.read_text(encoding="utf-8-sig"))
-    except YamlError as error:
-        raise CampaignError(f"{file}:{error.line}: {error}" if error.line else f"{file}: {error}") from None
-    except (OSError, UnicodeDecodeError):
-        return read_campaign(path)  # raises the precise error
-    reader = PlannedCampaignReader(data, file.parent)
-    problems += [(line_of(lines, key), f"{key_text(key)}: {what}") for key, what in reader.problems]
-    if problems:
-        problems.sort(key=lambda problem: problem[0])
-        raise CampaignError("\n".join(dict.fromkeys(f"{file}:{line}: {what}" for line, what in problems)))
-    planned = reader.planned_runs(rate)
+    description, _ = read_description(file, PlannedCampaignDescription)
+    planned = description.planned_runs(rate)
     measured = {}
     if all(run.file.exists() for run in planned):
         measured = {run.name: run for run in read_campaign(path).runs}
     runs = tuple(measured.get(run.name, run) for run in planned)
-    return Campaign(reader.name, file.parent, reader.machine, reader.uncertain, reader.channels, runs, ())
+    return Campaign(
+        description.name, file.parent, description.machine, description.uncertain, description.channels, runs, ()
+    )
 
 
 def with_predicted_signals(campaign: Campaign, per_sample: int) -> Campaign:

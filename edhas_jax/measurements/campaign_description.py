@@ -1,0 +1,263 @@
+"""Parse `campaign.yaml`: the machine, its uncertain parameters, the measured signals and the entries of the runs."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from edhas_jax.config.machine_reader import MachineReader
+from edhas_jax.config.problem_list import ProblemList
+from edhas_jax.config.recorded_signal import encode_samples
+from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, read_text_file, yaml_type
+from edhas_jax.core import structs
+from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.units import UnitError, to_si
+from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
+from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.parameters import COMPONENT_KINDS, ParameterError, find_parameter, list_parameters
+from edhas_jax.machine.rigs import RIGS, Rig
+from edhas_jax.measurements.campaign import CampaignError, Channel, Remark, Severity, Use
+from edhas_jax.measurements.run_reader import ColumnSource
+from edhas_jax.simulation.integrator import evaluate_signals
+
+CAMPAIGN_FILE = "campaign.yaml"
+DEFAULT_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)  # in the machine unless listed without
+KEYS = (
+    "name", "rig", "parameters", "without", "uncertain", "amplifier", "controller", "reference", "time", "signals",
+    "runs",
+)  # fmt: skip
+# short names of parameters by section or kind of controller
+SHORT_NAMES = {
+    "amplifier": {"gain": "amplifier_gain"},
+    "cascade": {"kp": "cascade_position_gain", "kv": "cascade_velocity_gain"},
+    "position": {
+        "kp": "position_gain",
+        "ki": "integral_gain",
+        "kd": "velocity_gain",
+        "kaw": "antiwindup_gain",
+        "kff": "emf_feedforward",
+    },  # fmt: skip
+}
+
+
+class RunEntry(NamedTuple):
+    """An entry under `runs`: name of the run, its file, what it is used for, and its conditions by parameter (SI)."""
+
+    name: str
+    file: Path
+    use: Use
+    conditions: dict[str, float]
+
+
+class CampaignDescription(ProblemList):
+    """The contents of `campaign.yaml`, valid only if `problems` is empty.
+
+    Args:
+        data: the mapping in the file.
+        folder: the folder of the file, to which the files of the runs are relative.
+
+    Attributes:
+        name: name of the campaign.
+        machine: the machine; None if its description has problems.
+        uncertain: relative standard deviations by parameter.
+        channels: the measured signals by name.
+        sources: the columns of these signals in the files.
+        time: the column of the time stamps.
+        set_point: name of the column with the recorded set point, or None.
+        run_entries: the entries of the runs.
+        remarks: severity, key and sentence of everything that is left out or worth knowing.
+    """
+
+    def __init__(self, data: Mapping[str, Any], folder: Path):
+        super().__init__([])
+        self.remarks: list[tuple[Severity, tuple, str]] = []
+        self._data, self.folder = data, folder
+        self.add_unknown_keys((), data, KEYS)
+        self.name = str(data.get("name") or folder.resolve().name)
+        reference = data.get("reference")
+        self.set_point = reference if isinstance(reference, str) else None
+        self.machine = self._read_machine()
+        self.uncertain: dict[str, float] = {}
+        self.channels: dict[str, Channel] = {}
+        self.sources: dict[str, ColumnSource] = {}
+        self.time = self._read_time()
+        self.run_entries: list[RunEntry] = []
+        if self.machine is not None:
+            self._read_uncertain()
+            self._read_signals()
+            self._read_runs()
+
+    def _mapping(self, value: Any, key: tuple, example: str) -> Mapping[str, Any]:
+        if value is None or isinstance(value, Mapping):
+            return value or {}
+        self.add(key, f"a mapping belongs here, for example `{example}`, not {yaml_type(value)}")
+        return {}
+
+    def _read_machine(self) -> Rig | None:
+        """The rig with its parameters and all default effects except those listed under `without`."""
+        data = self._data
+        config = {key: data[key] for key in ("rig", "parameters", *COMPONENT_KINDS) if key in data}
+        for section in ("amplifier", "controller"):
+            if isinstance(config.get(section), Mapping):
+                kind = config[section].get("kind", "position") if section == "controller" else section
+                config[section] = {SHORT_NAMES.get(kind, {}).get(n, n): v for n, v in config[section].items()}
+        if self.set_point:
+            placeholder = Recorded(values=jnp.zeros(2), interval=1.0)
+            config["reference"] = {"kind": "recorded", **encode_samples(placeholder)}
+        rig = RIGS.get(str(data.get("rig")))
+        available = [effect.id for effect in DEFAULT_EFFECTS if rig is None or set(effect.slots) <= set(rig.slots)]
+        without = data.get("without") or []
+        if not isinstance(without, list):
+            self.add(("without",), f"a list belongs here, for example `[lugre_friction]`, not {yaml_type(without)}")
+            without = []
+        for k, name in enumerate(without):
+            if name not in available:
+                self.add(("without", k), f"no refined effect `{name}` of this rig; {suggest(str(name), available)}")
+        config["effects"] = [name for name in available if name not in without]
+        reader = MachineReader(config, self.folder, ())
+        self.problems += reader.problems
+        return None if self.problems else reader.machine
+
+    def _canonical_name(self, key: tuple, name: str) -> str | None:
+        """The name of a parameter of the machine: without its path where that is unique; None if there is none."""
+        try:
+            p, path = find_parameter(self.machine, "target.step_size" if name == "target" else name)
+        except ParameterError as error:
+            self.add(key, str(error))
+            return None
+        is_unique = sum(q.name == p.name for q, _, _ in list_parameters(self.machine)) == 1
+        return p.name if is_unique else f"{path}.{p.name}"
+
+    def _read_uncertain(self) -> None:
+        owners = {p.name: effect.id for effect in DEFAULT_EFFECTS for p in structs.parameters(effect)}
+        present = {effect.id for effect in self.machine.effects}
+        for name, text in self._mapping(self._data.get("uncertain"), ("uncertain",), "coil_resistance: 0.02").items():
+            key = ("uncertain", name)
+            spread = self._positive_number(key, text, "-", "0.1")
+            if spread is None:
+                continue
+            if name in owners and owners[name] not in present:
+                self.uncertain[name] = spread
+                sentence = f"belongs to {owners[name]}, which the model lacks; it is used once that effect is added"
+                self.remarks.append((Severity.NOTE, key, sentence))
+            elif (canonical := self._canonical_name(key, name)) is not None:
+                self.uncertain[canonical] = spread
+
+    def _positive_number(self, key: tuple, text: Any, unit: str, example: str) -> float | None:
+        """A positive number with or without its unit, in SI; None, and a problem, for anything else."""
+        try:
+            value = to_si(str(text), unit, example)
+        except UnitError as error:
+            self.add(key, str(error))
+            return None
+        if not (value > 0.0 and math.isfinite(value)):
+            self.add(key, f"must be above 0, for example {example}; got {text}")
+            return None
+        return value
+
+    def _read_time(self) -> ColumnSource:
+        section = self._mapping(self._data.get("time"), ("time",), "{column: t, unit: ms}")
+        self.add_unknown_keys(("time",), section, ("column", "unit"))
+        return ColumnSource(str(section.get("column", "time")), str(section.get("unit", "")))
+
+    def _read_signals(self) -> None:
+        section = self._mapping(self._data.get("signals"), ("signals",), "current: {unit: A, noise: 0.02}")
+        if not section:
+            self.add(("signals",), "missing; name the measured signals, such as `current: {unit: A, noise: 0.02}`")
+        signals = jax.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), self.machine)
+        available = signals.keys() - {"time"}
+        for name, value in section.items():
+            key = ("signals", name)
+            entry = self._mapping(value, key, "{unit: A, noise: 0.02}")
+            self.add_unknown_keys(key, entry, ("unit", "noise", "column"))
+            if name not in available:
+                problem = f"{self.machine.name} has no such signal" if name in SIGNALS else "unknown signal"
+                self._leave_out(key, f"{problem}; {suggest(str(name), available)}")
+                continue
+            try:
+                unit, si = str(entry.get("unit") or ""), SIGNALS[name].unit
+                size = to_si(f"1 {unit}", si, f"1 {SIGNALS[name].display_unit}") - to_si(f"0 {unit}", si)
+            except UnitError as error:
+                self._leave_out((*key, "unit"), str(error))
+                continue
+            try:
+                noise = float(str(entry.get("noise")))
+            except ValueError:
+                noise = math.nan
+            if not (noise > 0.0 and math.isfinite(noise)):
+                found = f"got {entry['noise']}" if "noise" in entry else "it is missing"
+                unit = unit or "its unit"
+                sentence = f"the standard deviation of the sensor noise in {unit} must be above 0; {found}"
+                self._leave_out((*key, "noise"), sentence)
+                continue
+            self.channels[name] = Channel(unit, noise * size)
+            self.sources[name] = ColumnSource(str(entry.get("column", name)), unit)
+        if section and not self.channels and not self.problems:
+            self.problems += [(key, sentence) for _, key, sentence in self.remarks if key[0] == "signals"]
+
+    def _leave_out(self, key: tuple, problem: str) -> None:
+        self.remarks.append((Severity.ERROR, key, f"{problem}; the signal is left out"))
+
+    def _read_runs(self) -> None:
+        section = self._data.get("runs")
+        if not isinstance(section, list) or not section:
+            found = f", not {yaml_type(section)}" if section is not None else ""
+            self.add(("runs",), f"a list belongs here, for example `- {{file: run1.csv, use: fit}}`{found}")
+            return
+        for k, row in enumerate(section):
+            key = ("runs", k)
+            row = self._mapping(row, key, "{file: run1.csv, use: fit, frequency: 10 Hz}")
+            file, use = row.get("file"), row.get("use")
+            if not isinstance(file, str):
+                self.add((*key, "file"), "missing; write for example `file: run1.csv`")
+            if use not in [u.value for u in Use]:
+                found = f"got {use}" if use is not None else "it is missing"
+                self.add((*key, "use"), f"one of fit, holdout belongs here; {found}")
+            conditions = {}
+            for name, value in row.items():
+                if name in ("file", "use") or (canonical := self._canonical_name((*key, name), name)) is None:
+                    continue
+                p, _ = find_parameter(self.machine, canonical)
+                size = self.read_quantity((*key, name), p, value)
+                if size is not None:
+                    conditions[canonical] = size
+            if not self.problems:
+                names = [entry.name for entry in self.run_entries]
+                stem = Path(file).stem
+                name = stem if stem not in names else f"{stem}-{k + 1}"
+                self.run_entries.append(RunEntry(name, self.folder / file, Use(use), conditions))
+
+
+def read_description(
+    path: Path, description: type[CampaignDescription] = CampaignDescription
+) -> tuple[CampaignDescription, list[Remark]]:
+    """Read a `campaign.yaml`.
+
+    Args:
+        path: the file.
+        description: the class to read it with.
+
+    Returns:
+        The description, and its remarks with the lines that they refer to.
+
+    Raises:
+        CampaignError: the file cannot be read, or is wrong (every problem, one line each).
+    """
+    try:
+        data, lines, problems = parse_yaml(read_text_file(path, CampaignError))
+    except YamlError as error:
+        raise CampaignError(f"{path}:{error.line}: {error}" if error.line else f"{path}: {error}") from None
+    found = description(data, path.parent)
+    problems += [(line_of(lines, key), f"{key_text(key)}: {sentence}") for key, sentence in found.problems]
+    if problems:
+        problems.sort(key=lambda problem: problem[0])
+        raise CampaignError("\n".join(dict.fromkeys(f"{path}:{line}: {sentence}" for line, sentence in problems)))
+    remarks = [
+        Remark(severity, path, line_of(lines, key), f"{key_text(key)}: {sentence}")
+        for severity, key, sentence in found.remarks
+    ]
+    return found, remarks
