@@ -1,4 +1,4 @@
-"""The report of a comparison: one page, the matrix first, then where the model fails, in words and pictures."""
+"""Write the report of a comparison as one HTML page: residual matrix, patterns, figures and tables."""
 
 import numpy as np
 
@@ -18,38 +18,44 @@ from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
 from edhas_jax.measurements.residual_patterns import Pattern
 
-DRAWN = 4  # patterns with a picture of their own
+MAX_DRAWN_PATTERNS = 4  # patterns with a figure of their own
 
 
 def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
-    """The page as HTML."""
+    """The report as HTML.
+
+    Args:
+        comparison: the model beside the measurements.
+        patterns: the patterns in its residuals, the most important first.
+    """
     campaign = comparison.campaign
     effects = ", ".join(e.id for e in comparison.machine.effects) or "no effects"
     step = campaign.runs[0].interval / comparison.resolution.fine
-    replayed = comparison.replay is not Replay.SET_POINT
-    driven = f"the measured {comparison.replay.value}" if replayed else "set point and controller"
-    notes = {run: text for run, text in run_descriptions(campaign).items() if run in comparison.rms_over_noise()}
+    is_replay = comparison.replay is not Replay.SET_POINT
+    model_input = f"the measured {comparison.replay.value}" if is_replay else "set point and controller"
+    matrix = comparison.rms_over_noise()
+    notes = {run: text for run, text in run_descriptions(campaign).items() if run in matrix}
     parts = [
-        html_page.heading(f"{campaign.name}: model beside measurements", 1),
+        html_page.heading(f"{campaign.name}: model and measurements", 1),
         html_page.paragraph(
-            f"{comparison.machine.name} with {effects}, driven by {driven.replace('_', ' ')}; step "
-            f"{format_quantity(step, 's')}, whose error is {comparison.resolution.error:.2f} of the noise at most. "
-            "1 means that only the sensor's noise is left."
+            f"{comparison.machine.name} with {effects}, driven by {model_input.replace('_', ' ')}; time step "
+            f"{format_quantity(step, 's')}, whose error is at most {comparison.resolution.error:.2f} of the noise. "
+            "A residual over noise of 1 means that only the noise of the sensor remains."
         ),
-        html_page.image(
-            draw_residual_matrix({"residual over noise": comparison.rms_over_noise()}, notes), "residual over noise"
+        html_page.image(draw_residual_matrix({"residual over noise": matrix}, notes), "residual over noise"),
+        html_page.heading("Where the model deviates"),
+        html_page.numbered_list(
+            sentences(patterns) or ["Nowhere: the residuals hold nothing but the noise of the sensors."]
         ),
-        html_page.heading("Where the model fails"),
-        html_page.numbered_list(sentences(patterns) or ["Nowhere: what is left is the sensors' noise."]),
         *(
             html_page.image(draw_pattern(comparison, p), p.sentence)
-            for p in patterns[:DRAWN]
+            for p in patterns[:MAX_DRAWN_PATTERNS]
             if np.isfinite(p.weight)
         ),
-        html_page.heading("What is left, against cycle, position, speed, current and pressure"),
+        html_page.heading("Mean residual against phase, position, velocity, current and pressure"),
         html_page.image(draw_binned_residuals(comparison), "mean residual in bins"),
-        *_over_conditions(comparison),
-        html_page.heading("Spectra of what is left"),
+        *_residuals_over_conditions(comparison),
+        html_page.heading("Spectra of the residuals"),
         html_page.image(draw_spectra(comparison), "spectra of the residuals"),
     ]
     for signal in comparison.signals:
@@ -57,29 +63,29 @@ def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
             html_page.heading(f"{signal.replace('_', ' ')}"),
             html_page.image(draw_traces(comparison, signal), f"{signal}, measured and model"),
         ]
-    meaning = html_page.numbered_list([f"{n}: {doc}" for n, doc in COLUMNS.items()])
-    parts += [html_page.heading("Figures"), meaning, _figures(comparison)]
+    meanings = html_page.numbered_list([f"{n}: {doc}" for n, doc in COLUMNS.items()])
+    parts += [html_page.heading("Figures of merit"), meanings, _figures_of_merit_table(comparison)]
     remarks = [*campaign.remarks, *comparison.remarks]
     if remarks:
         listed = html_page.numbered_list([str(remark) for remark in remarks])
-        parts += [html_page.heading("What was noticed and left out"), listed]
+        parts += [html_page.heading("Remarks on the data, and data that were left out"), listed]
     return html_page.page(f"{campaign.name}: comparison", *parts)
 
 
-def _over_conditions(comparison: Comparison) -> list[str]:
+def _residuals_over_conditions(comparison: Comparison) -> list[str]:
     figure = draw_residuals_over_conditions(comparison)
     if figure is None:
         return []
-    drawn = html_page.image(figure, "residual over noise over the conditions")
-    return [html_page.heading("What is left, run by run"), drawn]
+    image = html_page.image(figure, "residual over noise against the conditions")
+    return [html_page.heading("Residual over noise against the conditions of the runs"), image]
 
 
 def sentences(patterns: list[Pattern]) -> list[str]:
-    """The patterns as sentences, each with what it explains of its signal's excess over the noise."""
-    return [f"{p.sentence[0].upper()}{p.sentence[1:]} ({p.share:.0%} of what is left of it)." for p in patterns]
+    """The patterns as sentences, each with the share that it explains of the excess of its signal over the noise."""
+    return [f"{p.sentence[0].upper()}{p.sentence[1:]} ({p.share:.0%} of its excess over the noise)." for p in patterns]
 
 
-def _figures(comparison: Comparison) -> str:
+def _figures_of_merit_table(comparison: Comparison) -> str:
     table = figures_of_merit(comparison)
     body = []
     for (run, signal), row in zip(table.index, table.itertuples(index=False), strict=True):
@@ -91,5 +97,5 @@ def _figures(comparison: Comparison) -> str:
               ((row.amplitude, "{:.4f}"), (np.degrees(row.phase), "{:+.2f}°"), (1e3 * row.delay, "{:+.3f} ms"))),
             f"{row.memory:+.2f}", "white" if row.white else "not white",
         ])  # fmt: skip
-    header = ["", "off / noise", "NRMSE", "peak", "mean", "amplitude", "phase", "delay", "memory", ""]
+    header = ["", "residual / noise", "NRMSE", "peak", "mean", "amplitude", "phase", "delay", "autocorrelation", ""]
     return html_page.table(header, body)

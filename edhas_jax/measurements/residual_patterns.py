@@ -1,4 +1,8 @@
-"""Where a model fails: the simplest patterns that its residuals follow, ranked, each with a size and a sentence."""
+"""Find patterns in the residuals of a comparison: offset, gain, delay, steps, proportions, regions of the stroke.
+
+Each signal is treated by matching pursuit: of all candidate shapes, the one that explains most of the sum of squares is
+subtracted, and the search repeated. Every pattern is ranked by what it explains and described in one sentence.
+"""
 
 import dataclasses
 import math
@@ -9,20 +13,25 @@ from edhas_jax.core.units import format_number, format_quantity
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.comparison import Comparison, RunComparison
 
-WORTH = 0.15  # share of the excess over the noise that a pattern must explain to be told
-MOST = 3  # patterns told of one signal
-UNSEEN = 1.15  # residual over noise below which nothing is said of a signal
-SHARP = 0.03  # of the range of a quantity: the width of a step at its zero
-GROWS = 1.6  # ratio of a pattern's size between the upper and the lower runs that is called growth
-NAMES = {"reference": "set point"}
+MIN_SHARE = 0.15  # share of the excess over the noise that a pattern must explain
+MAX_PATTERNS_PER_SIGNAL = 3
+NEGLIGIBLE_RESIDUAL = 1.15  # residual over noise below which a signal is not searched for patterns
+STEP_WIDTH = 0.03  # width of a smoothed step, as a share of the range of the quantity that changes sign
+MIN_GROWTH = 1.6  # ratio of the sizes of a pattern in the runs above and below the median of a condition
+MIN_STROKE_CYCLES = 0.2  # duration of a stroke, in cycles, below which a change of direction is noise
+DISPLAY_NAMES = {"reference": "set point"}
 
 
 @dataclasses.dataclass(frozen=True)
 class Pattern:
-    """A pattern that residuals of one signal follow.
+    """A pattern that the residuals of one signal follow.
 
-    `axis` is the quantity (signal name, or "phase") against which it shows. `share` of the excess of χ² over the noise
-    is explained by it beyond the patterns before, in all `weight` units of noise². `sentence` says it in plain words.
+    Args:
+        signal: name of the signal.
+        axis: the quantity that explains the pattern: a signal name, "phase" or "time".
+        share: share of the excess of χ² over the noise that this pattern explains beyond those found before it.
+        weight: the explained χ² itself, in units of the squared noise; inf where the simulation failed.
+        sentence: a description in plain words.
     """
 
     signal: str
@@ -34,139 +43,157 @@ class Pattern:
 
 @dataclasses.dataclass(frozen=True)
 class _Shape:
-    """A candidate: its values by run view, the quantity against which it shows, and how it is told."""
+    """A candidate: the quantity that explains it, its values (samples,) by run, and the template of its sentence."""
 
     axis: str
     values: list[np.ndarray]
-    told: str  # with {size}, the change of the signal that one unit of the shape stands for
+    sentence: str  # with fields such as {size}, the change of the signal for one unit of the shape
 
 
 def find_patterns(comparison: Comparison) -> list[Pattern]:
-    """The patterns in the residuals of all signals, the heaviest first."""
-    found = [pattern for signal in comparison.signals for pattern in _patterns_of(comparison, signal)]
-    return sorted(found, key=lambda pattern: -pattern.weight)
+    """Find the patterns in the residuals of all signals.
+
+    Args:
+        comparison: the model beside the measurements.
+
+    Returns:
+        The patterns, the largest `weight` first; none where all residuals are at the level of the noise.
+    """
+    patterns = [pattern for signal in comparison.signals for pattern in _patterns_of_signal(comparison, signal)]
+    return sorted(patterns, key=lambda pattern: -pattern.weight)
 
 
-def _patterns_of(comparison: Comparison, signal: str) -> list[Pattern]:
-    views = [view for view in comparison.runs if signal in view.residuals]
-    rows = [view.residuals[signal] for view in views]
-    if not all(np.isfinite(view.model[signal]).all() for view in views):
-        return [Pattern(signal, "phase", 1.0, math.inf, f"the model fails before it gives {_name(signal)} in some run")]
-    there = [np.isfinite(row) for row in rows]
-    left = np.concatenate([row[ok] for row, ok in zip(rows, there, strict=True)])
-    count, excess = len(left), float(left @ left) - len(left)
-    if excess < (UNSEEN**2 - 1.0) * count:
+def _patterns_of_signal(comparison: Comparison, signal: str) -> list[Pattern]:
+    runs = [compared for compared in comparison.runs if signal in compared.residuals]
+    residuals = [compared.residuals[signal] for compared in runs]
+    if not all(np.isfinite(compared.model[signal]).all() for compared in runs):
+        sentence = f"the model fails before it gives {_display_name(signal)} in some run"
+        return [Pattern(signal, "phase", 1.0, math.inf, sentence)]
+    measured = [np.isfinite(values) for values in residuals]
+    remaining = np.concatenate([values[ok] for values, ok in zip(residuals, measured, strict=True)])
+    count, excess = len(remaining), float(remaining @ remaining) - len(remaining)
+    if excess < (NEGLIGIBLE_RESIDUAL**2 - 1.0) * count:
         return []
-    shapes = _shapes(views, signal)
-    stacked = [np.concatenate([v[ok] for v, ok in zip(shape.values, there, strict=True)]) for shape in shapes]
-    run_of = np.concatenate([np.full(ok.sum(), k) for k, ok in enumerate(there)])
+    shapes = _candidate_shapes(runs, signal)
+    columns = [np.concatenate([v[ok] for v, ok in zip(shape.values, measured, strict=True)]) for shape in shapes]
+    run_of_sample = np.concatenate([np.full(ok.sum(), k) for k, ok in enumerate(measured)])
     noise = comparison.campaign.channels[signal].noise
-    out: list[Pattern] = []
-    for _ in range(MOST):
-        best, gain = None, 0.0
-        for k, column in enumerate(stacked):
+    patterns: list[Pattern] = []
+    for _ in range(MAX_PATTERNS_PER_SIGNAL):
+        best, largest = None, 0.0
+        for k, column in enumerate(columns):
             power = float(column @ column)
-            explained = float(left @ column) ** 2 / power if power > 0.0 else 0.0
-            if explained > gain:
-                best, gain = k, explained
-        if best is None or gain < WORTH * excess:
+            explained = float(remaining @ column) ** 2 / power if power > 0.0 else 0.0
+            if explained > largest:
+                best, largest = k, explained
+        if best is None or largest < MIN_SHARE * excess:
             break
-        column, shape = stacked[best], shapes[best]
-        size = float(left @ column) / float(column @ column)
-        told = _told(shape, signal, size * noise) + _growth(views, left, column, run_of)
-        out.append(Pattern(signal, shape.axis, gain / excess, gain, told))
-        left = left - size * column
-    return out or [_scattered(signal, left, noise, excess)]
+        column, shape = columns[best], shapes[best]
+        size = float(remaining @ column) / float(column @ column)
+        sentence = _sentence(shape, signal, size * noise) + _trend_clause(runs, remaining, column, run_of_sample)
+        patterns.append(Pattern(signal, shape.axis, largest / excess, largest, sentence))
+        remaining = remaining - size * column
+    return patterns or [_without_pattern(signal, remaining, noise, excess)]
 
 
-def _shapes(views: list[RunComparison], signal: str) -> list[_Shape]:
-    """What is tried: zero, scale, delay, steps and proportions against every quantity, regions of the cycle."""
-    name = _name(signal)
-    ones = [np.ones(len(view.run.time)) for view in views]
+def _candidate_shapes(runs: list[RunComparison], signal: str) -> list[_Shape]:
+    """Offset, gain and delay of the signal, functions of every other signal, and regions of the stroke."""
+    name = _display_name(signal)
+    ones = [np.ones(len(compared.run.time)) for compared in runs]
     shapes = [_Shape("time", ones, f"{name} reads {{size}} {{high}} throughout")]
-    own = [view.model[signal] for view in views]
+    own = [compared.model[signal] for compared in runs]
     middle = float(np.mean(np.concatenate([values[:1] for values in own])))
     span = max(np.ptp(values) for values in own)
-    told = f"{name} is {{large}} in proportion: {{size}} over its whole range of {_span(signal, span)}"
-    shapes.append(_Shape(signal, [(v - middle) / span for v in own], told))
-    rates = [np.gradient(v, view.run.time) for v, view in zip(own, views, strict=True)]
+    sentence = f"{name} is {{large}} in proportion: {{size}} over its whole range of {_quantity(signal, span)}"
+    shapes.append(_Shape(signal, [(v - middle) / span for v in own], sentence))
+    rates = [np.gradient(v, compared.run.time) for v, compared in zip(own, runs, strict=True)]
     shapes.append(_Shape("time", [-rate * 1e-3 for rate in rates], f"{name} is {{late}} by {{delay}}"))
-    for axis in views[0].model:
-        values = [view.model[axis] for view in views]
-        reach = max(float(np.abs(v).max()) for v in values)
-        if reach <= 0.0 or SIGNALS[axis].unit == "Pa" or axis == signal:
+    for axis in runs[0].model:
+        values = [compared.model[axis] for compared in runs]
+        largest = max(float(np.abs(v).max()) for v in values)
+        if largest <= 0.0 or SIGNALS[axis].unit == "Pa" or axis == signal:
             continue
-        told = f"{name} steps by {{twice}} where {_name(axis)} changes sign ({{high}} while it is positive)"
-        shapes.append(_Shape(axis, [np.tanh(v / (SHARP * reach)) for v in values], told))
-        told = f"{name} is off in proportion to {_name(axis)}: {{size}} {{high}} at {_span(axis, reach)}"
-        shapes.append(_Shape(axis, [v / reach for v in values], told))
-        told = f"{name} reads {{size}} {{high}} where {_name(axis)} is largest, either sign, and right where it is 0"
-        shapes.append(_Shape(axis, [np.square(v / reach) for v in values], told))
-        told = f"{name} is off as the square of {_name(axis)}, with its sign: {{size}} {{high}} at {_span(axis, reach)}"
-        shapes.append(_Shape(axis, [v * np.abs(v) / reach**2 for v in values], told))
-    return shapes + _regions(views, name)
+        other, at_largest = _display_name(axis), _quantity(axis, largest)
+        sentence = f"{name} steps by {{twice}} where {other} changes sign ({{high}} while it is positive)"
+        shapes.append(_Shape(axis, [np.tanh(v / (STEP_WIDTH * largest)) for v in values], sentence))
+        sentence = f"{name} deviates in proportion to {other}: {{size}} {{high}} at {at_largest}"
+        shapes.append(_Shape(axis, [v / largest for v in values], sentence))
+        sentence = (
+            f"{name} reads {{size}} {{high}} where {other} is largest in either direction, and right where it is 0"
+        )
+        shapes.append(_Shape(axis, [np.square(v / largest) for v in values], sentence))
+        sentence = f"{name} deviates as the square of {other}, with its sign: {{size}} {{high}} at {at_largest}"
+        shapes.append(_Shape(axis, [v * np.abs(v) / largest**2 for v in values], sentence))
+    return shapes + _stroke_regions(runs, name)
 
 
-def _regions(views: list[RunComparison], name: str) -> list[_Shape]:
-    """Tenths of each stroke, and the samples just after the piston has turned."""
-    if not all(np.isfinite(view.frequency) and "piston_velocity" in view.model for view in views):
+def _stroke_regions(runs: list[RunComparison], name: str) -> list[_Shape]:
+    """The first two and the last two tenths of each stroke, next to the reversals of the piston."""
+    if not all(np.isfinite(compared.frequency) and "piston_velocity" in compared.model for compared in runs):
         return []
     shapes = []
-    for way, sign in (("outward (x rising)", 1.0), ("return (x falling)", -1.0)):
+    for direction, sign in (("outward (x rising)", 1.0), ("return (x falling)", -1.0)):
         for tenth, words in ((0, "first tenth"), (1, "second tenth"), (8, "ninth tenth"), (9, "last tenth")):
-            values = [(_stroke_share(view, sign) * 10.0 // 1.0 == tenth).astype(float) for view in views]
-            shapes.append(_Shape("phase", values, f"{name} reads {{size}} {{high}} in the {words} of the {way} stroke"))
+            values = [(_stroke_position(compared, sign) * 10.0 // 1.0 == tenth).astype(float) for compared in runs]
+            sentence = f"{name} reads {{size}} {{high}} in the {words} of the {direction} stroke"
+            shapes.append(_Shape("phase", values, sentence))
     return shapes
 
 
-def _stroke_share(view: RunComparison, sign: float) -> np.ndarray:
-    """How much of a stroke in this direction is behind, 0 … 1 in time; −1 during the other one."""
-    moving = np.sign(view.model["piston_velocity"]) == sign
-    out = np.full(len(moving), -1.0)
+def _stroke_position(compared: RunComparison, sign: float) -> np.ndarray:
+    """Elapsed share of the duration of each stroke in one direction (samples,), 0 … 1; −1 outside such strokes."""
+    moving = np.sign(compared.model["piston_velocity"]) == sign
+    position = np.full(len(moving), -1.0)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], moving.astype(int), [0]])))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
-        if (last - first) * view.run.interval * view.frequency > 0.2:
-            out[first:last] = (np.arange(last - first) + 0.5) / (last - first)
-    return out
+        if (last - first) * compared.run.interval * compared.frequency > MIN_STROKE_CYCLES:
+            position[first:last] = (np.arange(last - first) + 0.5) / (last - first)
+    return position
 
 
-def _told(shape: _Shape, signal: str, size: float) -> str:
-    return shape.told.format(
-        size=_span(signal, abs(size)), twice=_span(signal, 2.0 * abs(size)), high="high" if size > 0.0 else "low",
+def _sentence(shape: _Shape, signal: str, size: float) -> str:
+    return shape.sentence.format(
+        size=_quantity(signal, abs(size)),
+        twice=_quantity(signal, 2.0 * abs(size)), high="high" if size > 0.0 else "low",
         large="too large" if size > 0.0 else "too small", late="late" if size > 0.0 else "early",
         delay=format_quantity(float(f"{abs(size) * 1e-3:.2g}"), "s"),
     )  # fmt: skip
 
 
-def _growth(views: list[RunComparison], left: np.ndarray, column: np.ndarray, run_of: np.ndarray) -> str:
-    """Whether the size of a pattern changes with a condition of the runs, as a clause."""
+def _trend_clause(
+    runs: list[RunComparison], remaining: np.ndarray, column: np.ndarray, run_of_sample: np.ndarray
+) -> str:
+    """A clause on the condition of the runs with which the size of a pattern changes most; empty if none does."""
     sizes = np.array([
-        float(left[run_of == k] @ column[run_of == k]) / max(float(column[run_of == k] @ column[run_of == k]), 1e-30)
-        for k in range(len(views))
+        float(remaining[part] @ column[part]) / max(float(column[part] @ column[part]), 1e-30)
+        for part in (run_of_sample == k for k in range(len(runs)))
     ])  # fmt: skip
-    conditions = {n for view in views for n in view.run.conditions}
-    best, word = GROWS, ""
+    conditions = {n for compared in runs for n in compared.run.conditions}
+    largest, clause = MIN_GROWTH, ""
     for name in sorted(conditions):
-        values = np.array([view.run.conditions.get(name, np.nan) for view in views])
+        values = np.array([compared.run.conditions.get(name, np.nan) for compared in runs])
         levels = np.unique(values[np.isfinite(values)])
         if len(levels) < 2:
             continue
         low, high = (np.abs(np.mean(sizes[side])) for side in (values < np.median(levels), values > np.median(levels)))
-        for big, small, verb in ((high, low, "growing"), (low, high, "falling")):
-            if small > 0.0 and big / small > best:
-                best, word = big / small, f", {verb} with {_name(name)}"
-    return word
+        for larger, smaller, verb in ((high, low, "growing"), (low, high, "falling")):
+            if smaller > 0.0 and larger / smaller > largest:
+                largest, clause = larger / smaller, f", {verb} with {_display_name(name)}"
+    return clause
 
 
-def _scattered(signal: str, left: np.ndarray, noise: float, excess: float) -> Pattern:
-    size = _span(signal, noise * math.sqrt(excess / len(left)))
-    return Pattern(signal, "phase", 1.0, excess, f"{_name(signal)} is off by {size} (rms) in no simple pattern")
+def _without_pattern(signal: str, remaining: np.ndarray, noise: float, excess: float) -> Pattern:
+    size = _quantity(signal, noise * math.sqrt(excess / len(remaining)))
+    return Pattern(
+        signal, "phase", 1.0, excess, f"{_display_name(signal)} deviates by {size} (rms) without a simple pattern"
+    )
 
 
-def _name(name: str) -> str:
-    return NAMES.get(name, name.replace("_", " "))
+def _display_name(name: str) -> str:
+    return DISPLAY_NAMES.get(name, name.replace("_", " "))
 
 
-def _span(signal: str, size: float) -> str:
+def _quantity(signal: str, size: float) -> str:
+    """A size of a signal (SI) with two significant digits and its unit."""
     number, _, unit = format_quantity(size, SIGNALS[signal].unit).partition(" ")
     return f"{format_number(float(number), 2)} {unit}".rstrip()

@@ -29,9 +29,7 @@ def rms_over_noise(residuals: Iterable[np.ndarray]) -> float:
     return math.sqrt(square_sum / count) if count else math.inf
 
 
-def rms_by_signal(
-    campaign: Campaign, residuals: Mapping[str, Mapping[str, np.ndarray]], use: Use
-) -> dict[str, float]:
+def rms_by_signal(campaign: Campaign, residuals: Mapping[str, Mapping[str, np.ndarray]], use: Use) -> dict[str, float]:
     """The rms of normalised residuals over all runs of one use.
 
     Args:

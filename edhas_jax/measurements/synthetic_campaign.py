@@ -1,8 +1,7 @@
-"""Campaigns of a bench that is known: what its sensors would have read, by an integrator that no fit uses.
+"""Synthesise the measurements of a campaign from a known machine, with an integrator that the fit does not use.
 
-The trajectories come from `edhas_jax.simulation.rk4_reference`, on a grid finer than the sampling. What a sensor's
-front end does to its signal is followed on that grid; then come sampling, the faults of what records it, noise and a
-converter.
+The trajectories come from `edhas_jax.simulation.rk4_reference`, on a time grid finer than the sampling. The front ends
+of the sensors act on that grid; then follow sampling, faults of the recording electronics, noise and the converter.
 """
 
 import dataclasses
@@ -18,16 +17,16 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, C
 from edhas_jax.measurements.sensor_models import SensorModel, record
 from edhas_jax.simulation.rk4_reference import trajectories
 
-FINER = 5  # instants at which a front end is followed for one that is sampled
-BITS = 16  # of the converter
-HEADROOM = 1.25  # its range over the largest value in any run
-CLIP = 2.0  # standard deviations beyond which no parameter is drawn
-EVEN = 1e-6  # share of the interval by which time stamps may be off
+GRID_REFINEMENT = 5  # grid intervals per sample interval, on which the front ends act
+CONVERTER_BITS = 16
+CONVERTER_HEADROOM = 1.25  # range of the converter over the largest value in any run
+MAX_DEVIATION = 2.0  # standard deviations at which drawn parameters are clipped
+MAX_TIMESTAMP_ERROR = 1e-6  # in sample intervals; time stamps further off the regular grid are refused
 
 
 @dataclasses.dataclass(frozen=True)
 class PlannedRun:
-    """A run that is to be made: how long [s], for what, under which conditions (SI)."""
+    """A run to be made: its use, its duration [s], and its conditions by parameter (SI)."""
 
     use: Use
     duration: float
@@ -38,24 +37,41 @@ def planned_campaign(
     name: str, machine: Rig, uncertain: Mapping[str, float], channels: Mapping[str, Channel],
     runs: Sequence[PlannedRun], interval: float,
 ) -> Campaign:  # fmt: skip
-    """A campaign whose runs have a time, sampled every `interval` [s], but no signals yet."""
-    made = []
+    """A campaign whose runs have time stamps but no signals yet.
+
+    Args:
+        name: name of the campaign.
+        machine: the engineer's model.
+        uncertain: relative standard deviations by parameter.
+        channels: the signals to be measured.
+        runs: the runs to be made.
+        interval: sample interval [s].
+    """
+    bench_runs = []
     for k, run in enumerate(runs):
         time = interval * np.arange(round(run.duration / interval) + 1)
-        file = f"run{k + 1}.csv"
-        made.append(
-            BenchRun(Path(file).stem, Path(file), run.use, dict(run.conditions), time, {}, np.arange(len(time)) + 2)
-        )
-    return Campaign(name, Path(name), machine, dict(uncertain), dict(channels), tuple(made), ())
+        file = Path(f"run{k + 1}.csv")
+        lines = np.arange(len(time)) + 2
+        bench_runs.append(BenchRun(file.stem, file, run.use, dict(run.conditions), time, {}, lines))
+    return Campaign(name, Path(name), machine, dict(uncertain), dict(channels), tuple(bench_runs), ())
 
 
 def draw_parameters(campaign: Campaign, machine: Rig, rng: np.random.Generator) -> Rig:
-    """`machine` with every uncertain parameter that it has drawn: known · exp(σ n), n normal, within ±2."""
+    """Draw the uncertain parameters of a machine: known · exp(σ n), n standard normal, clipped to ±2.
+
+    Args:
+        campaign: gives the relative standard deviations σ.
+        machine: gives the known values.
+        rng: the random generator.
+
+    Returns:
+        The machine with the drawn values.
+    """
     spreads = campaign.uncertain_in(machine)
-    n = np.clip(rng.standard_normal(len(spreads)), -CLIP, CLIP)
+    n = np.clip(rng.standard_normal(len(spreads)), -MAX_DEVIATION, MAX_DEVIATION)
     values = {
-        name: float(get_parameter(machine, name)) * float(np.exp(spread * size))
-        for (name, spread), size in zip(spreads.items(), n, strict=True)
+        name: float(get_parameter(machine, name)) * float(np.exp(spread * deviation))
+        for (name, spread), deviation in zip(spreads.items(), n, strict=True)
     }
     return set_parameters(machine, values)
 
@@ -67,49 +83,56 @@ def synthesise(
     faults: Mapping[str, tuple[SensorModel, ...]] | None = None,
     front_ends: Mapping[str, tuple[SensorModel, ...]] | None = None,
 ) -> Campaign:
-    """The campaign as it would have been measured on the machine `truth`.
+    """Synthesise the measurements of a campaign.
 
-    Times, conditions and noise are those of the campaign; its signals, if it has any, are not looked at. By signal,
-    `front_ends` are links that act before it is sampled, `faults` those that act on what was recorded.
+    Args:
+        campaign: gives time stamps, conditions and noise; signals that it has already are ignored.
+        truth: the machine that is measured.
+        rng: the random generator of the noise.
+        faults: sensor models by signal that act on the sampled values.
+        front_ends: sensor models by signal that act before sampling.
+
+    Returns:
+        The campaign with signals.
 
     Raises:
-        CampaignError: runs with a recorded set point, sampled unevenly or at different rates.
+        CampaignError: a run has a recorded set point or uneven time stamps, or the runs differ in sample interval.
         Unstable: see `edhas_jax.simulation.rk4_reference`.
     """
-    interval, values = _common(campaign, truth)
-    samples = FINER * (max(len(run.time) for run in campaign.runs) - 1) + 1
-    fine = interval / FINER
-    exact = trajectories(truth, values, fine, samples, tuple(campaign.channels))
-    exact = _through(front_ends or {}, fine, exact)
-    seen = _through(faults or {}, interval, {n: v[::FINER] for n, v in exact.items()})
+    interval, conditions = _common_grid(campaign, truth)
+    samples = GRID_REFINEMENT * (max(len(run.time) for run in campaign.runs) - 1) + 1
+    grid_interval = interval / GRID_REFINEMENT
+    traces = trajectories(truth, conditions, grid_interval, samples, tuple(campaign.channels))
+    traces = _recorded(front_ends or {}, grid_interval, traces)
+    sampled = _recorded(faults or {}, interval, {n: v[::GRID_REFINEMENT] for n, v in traces.items()})
     signals: list[dict[str, np.ndarray]] = [{} for _ in campaign.runs]
     for name, channel in campaign.channels.items():
-        rows = [seen[name][: len(run.time), r] for r, run in enumerate(campaign.runs)]
+        rows = [sampled[name][: len(run.time), r] for r, run in enumerate(campaign.runs)]
         rows = [row + channel.noise * rng.standard_normal(len(row)) for row in rows]
-        bit = 2.0 * HEADROOM * max(np.abs(row).max() for row in rows) / 2**BITS
-        for found, row in zip(signals, rows, strict=True):
-            found[name] = bit * np.round(row / bit)
-    runs = tuple(dataclasses.replace(run, signals=found) for run, found in zip(campaign.runs, signals, strict=True))
+        resolution = 2.0 * CONVERTER_HEADROOM * max(np.abs(row).max() for row in rows) / 2**CONVERTER_BITS
+        for of_run, row in zip(signals, rows, strict=True):
+            of_run[name] = resolution * np.round(row / resolution)
+    runs = tuple(dataclasses.replace(run, signals=of_run) for run, of_run in zip(campaign.runs, signals, strict=True))
     return dataclasses.replace(campaign, runs=runs)
 
 
-def _through(
+def _recorded(
     chains: Mapping[str, tuple[SensorModel, ...]], interval: float, traces: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """The traces (samples, runs) after the chains of their signals."""
-    out = dict(traces)
+    """The traces (samples, runs) by signal after their measurement chains."""
+    recorded = dict(traces)
     for signal, chain in chains.items():
-        time = interval * np.arange(len(out[signal]))
-        out[signal] = np.asarray(jax.jit(record)(jax.tree.map(np.asarray, chain), time, out[signal]))
-    return out
+        time = interval * np.arange(len(recorded[signal]))
+        recorded[signal] = np.asarray(jax.jit(record)(jax.tree.map(np.asarray, chain), time, recorded[signal]))
+    return recorded
 
 
-def _common(campaign: Campaign, truth: Rig) -> tuple[float, dict[str, np.ndarray]]:
-    """The time from sample to sample, and the parameters that runs set, each (runs,)."""
+def _common_grid(campaign: Campaign, truth: Rig) -> tuple[float, dict[str, np.ndarray]]:
+    """The sample interval [s] of all runs, and the parameters that they set, each (runs,)."""
     intervals = [run.interval for run in campaign.runs]
     for run in campaign.runs:
-        off = np.abs(run.time - intervals[0] * np.arange(len(run.time))).max()
-        if off > EVEN * intervals[0]:
+        error = np.abs(run.time - intervals[0] * np.arange(len(run.time))).max()
+        if error > MAX_TIMESTAMP_ERROR * intervals[0]:
             raise CampaignError(f"{run.file}: only runs that are sampled evenly, all at one rate, can be synthesised")
         if run.reference is not None:
             raise CampaignError(f"{run.file}: a run with a recorded set point cannot be synthesised")

@@ -20,6 +20,7 @@ PRESSURE, FLOW = "outlet_pressure [MPa]", "outlet_flow [L/min]"
 
 def in_column(run, column, function):
     """A fault: the values of a column are changed by a function."""
+
     def changed(frame):
         return frame.assign(**{column: function(frame[column].to_numpy().copy())})
 

@@ -1,4 +1,4 @@
-"""The measurement chain against closed forms, and its derivatives against finite differences."""
+"""Sensor models against closed-form solutions, and their derivatives against finite differences."""
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ def test_a_lag_follows_a_step_exactly(time):
     assert np.allclose(SensorLag(lag_time=tau).record(time, step), exact, rtol=0, atol=1e-13)
 
 
-def test_a_lag_follows_a_ramp_the_better_the_denser_the_samples():
+def test_the_error_of_a_lag_on_a_ramp_is_of_first_order_in_the_sample_interval():
     tau, errors = 3e-3, []
     for count in (101, 201, 401):
         time = np.linspace(0.0, 0.05, count)
@@ -101,14 +101,14 @@ def test_quantisation_rounds_and_lets_slopes_through():
     assert np.allclose(slope, SINE)
 
 
-@pytest.mark.parametrize("link", [SensorLag, SensorDelay, SensorGain, SensorOffset, AntiAliasFilter])
-def test_derivatives_agree_with_finite_differences(link):
-    (p,) = parameters(link)
+@pytest.mark.parametrize("sensor", [SensorLag, SensorDelay, SensorGain, SensorOffset, AntiAliasFilter])
+def test_derivatives_agree_with_finite_differences(sensor):
+    (p,) = parameters(sensor)
     at = max(p.default, 1e-3) * 1.0137
     smooth = 1.0 + np.cos(400.0 * TIME)
 
     def trace(x):
-        return link(**{p.name: x}).record(TIME, smooth)
+        return sensor(**{p.name: x}).record(TIME, smooth)
 
     value, slope = jax.jvp(trace, (at,), (1.0,))
     step = 1e-5 * at
@@ -117,31 +117,31 @@ def test_derivatives_agree_with_finite_differences(link):
     assert np.allclose(slope, near, rtol=1e-5, atol=1e-5 * np.abs(near).max())
 
 
-@pytest.mark.parametrize("link", SENSOR_MODELS)
-def test_traces_side_by_side_are_traces_alone(link):
+@pytest.mark.parametrize("sensor", SENSOR_MODELS)
+def test_a_batch_of_traces_gives_the_same_as_each_alone(sensor):
     both = np.stack([SINE, 2.0 + SINE**2], axis=1).reshape(501, 1, 2)
-    together = jax.jit(lambda one, v: one.record(TIME, v))(link(), both)
-    assert together.shape == both.shape
+    batch = jax.jit(lambda one, v: one.record(TIME, v))(sensor(), both)
+    assert batch.shape == both.shape
     for k in range(2):
-        assert np.allclose(together[:, 0, k], link().record(TIME, both[:, 0, k]), rtol=1e-12, atol=1e-12)
+        assert np.allclose(batch[:, 0, k], sensor().record(TIME, both[:, 0, k]), rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("link", SENSOR_MODELS)
-def test_the_precision_of_a_trace_is_kept(link):
-    single = jax.tree.map(jnp.float32, link())
+@pytest.mark.parametrize("sensor", SENSOR_MODELS)
+def test_single_precision_is_preserved(sensor):
+    single = jax.tree.map(jnp.float32, sensor())
     assert single.record(jnp.asarray(TIME, jnp.float32), jnp.asarray(SINE, jnp.float32)).dtype == jnp.float32
 
 
-def test_links_declare_what_a_diagnosis_asks_for():
-    assert [owner_id(link) for link in SENSOR_MODELS[:4]] == [
+def test_sensor_models_declare_what_a_diagnosis_needs():
+    assert [owner_id(sensor) for sensor in SENSOR_MODELS[:4]] == [
         "sensor_lag",
         "sensor_delay",
         "sensor_gain",
         "sensor_offset",
     ]
-    for link in SENSOR_MODELS:
-        (p,) = parameters(link)
-        assert p.span[0] <= p.default <= p.span[1] and link.looks_like
+    for sensor in SENSOR_MODELS:
+        (p,) = parameters(sensor)
+        assert p.span[0] <= p.default <= p.span[1] and sensor.looks_like
         if p.plausible:
             assert p.span[0] <= p.plausible[0] <= p.default <= p.plausible[1] <= p.span[1]
     assert replace(SensorLag(), lag_time=1e-3).lag_time == 1e-3

@@ -1,4 +1,4 @@
-"""The second integrator against an independent solver and theory; campaigns made with it, and as folders."""
+"""The Runge-Kutta reference against an independent solver and its order; campaigns made with it, and their files."""
 
 import dataclasses
 
@@ -37,24 +37,24 @@ def planned(machine=None):
 
 
 @pytest.mark.parametrize("name", ["open02", "open06", "open09"])
-def test_explains_what_an_independent_solver_made(name):
-    """With the parameters and effects that made a run, nothing but the noise of its sensors is left."""
+def test_the_trajectories_are_those_of_an_independent_solver(name):
+    """With the parameters and effects of a run made by another solver, only the noise of its sensors remains."""
     answer = yaml.safe_load((CAMPAIGNS / "answers.yaml").read_text())[name]
     table = pd.read_csv(CAMPAIGNS / f"{name}.csv")
     kinds = {kind.id: kind for kind in library.LIBRARY}
-    own = tuple(kinds[effect](**values) for effect, values in answer["hidden"].items())
+    hidden = tuple(kinds[effect](**values) for effect, values in answer["hidden"].items())
     machine = nominal(PumpBench)
-    machine = edhas.change(structs.replace(machine, effects=(*machine.effects, *own)), **answer["parameters"])
+    machine = edhas.change(structs.replace(machine, effects=(*machine.effects, *hidden)), **answer["parameters"])
     units = {column.split(" [")[0]: column.split("[")[1][:-1] for column in table.columns}
     si = {n: table[f"{n} [{u}]"].to_numpy() * to_si(f"1 {u}", SIGNALS[n].unit) for n, u in units.items()}
     noise = {"voltage": 0.02, "current": 0.02, "piston_position": 5e-6, "outlet_pressure": 1500.0, "outlet_flow": 2e-7}
     lanes = {"frequency": np.array([float(get_parameter(machine, "frequency"))])}
-    seen = trajectories(machine, lanes, si["time"][1], len(table), tuple(noise))
-    left = [(si[n] - seen[n][:, 0]) / size for n, size in noise.items()]
-    assert np.sqrt(np.mean(np.square(left))) == pytest.approx(1.0, abs=0.02)
+    model = trajectories(machine, lanes, si["time"][1], len(table), tuple(noise))
+    residuals = [(si[n] - model[n][:, 0]) / size for n, size in noise.items()]
+    assert np.sqrt(np.mean(np.square(residuals))) == pytest.approx(1.0, abs=0.02)
 
 
-def test_is_of_fourth_order():
+def test_the_reference_is_of_fourth_order():
     lanes = {"frequency": np.array([10.0, 30.0])}
     machine = edhas.change(ActuatorBench(), ramp_time="0 s")
     exact, *found = (
@@ -67,8 +67,8 @@ def test_is_of_fourth_order():
         assert (np.abs(orders - 4.0) < 0.25).all(), (name, errors)
 
 
-def test_a_step_that_does_not_hold_is_halved_or_refused():
-    """At little air and high pressure 2 µs are too long for a chamber, with plausible looks."""
+def test_an_unstable_step_is_halved_or_refused():
+    """With little air and high pressure a step of 2 µs is too long for a chamber, though its result looks plausible."""
     machine = edhas.change(nominal(PumpBench), air_fraction=0.002)
     lanes = {"frequency": np.array([20.0]), "load_orifice_area": np.array([1e-6])}
     found = [trajectories(machine, lanes, 2e-4, 300, ("outlet_pressure", "current"), h) for h in (2e-6, 2.5e-7)]
@@ -78,7 +78,7 @@ def test_a_step_that_does_not_hold_is_halved_or_refused():
         trajectories(machine, lanes, 2e-4, 300, ("current",), 5e-5)
 
 
-def test_draws_factors_within_two_deviations():
+def test_parameters_are_drawn_within_two_standard_deviations():
     campaign, rng = planned(), np.random.default_rng(3)
     draws = np.array(
         [
@@ -94,7 +94,7 @@ def test_draws_factors_within_two_deviations():
     assert abs(np.corrcoef(sizes.T)[0, 1]) < 0.2
 
 
-def test_sensors_add_noise_of_their_size_in_whole_bits():
+def test_signals_have_the_stated_noise_and_whole_converter_steps():
     campaign = planned()
     one, other = (synthesise(campaign, campaign.machine, np.random.default_rng(seed)) for seed in (0, 1))
     for a, b in zip(one.runs, other.runs, strict=True):
@@ -108,24 +108,24 @@ def test_sensors_add_noise_of_their_size_in_whole_bits():
     np.testing.assert_allclose(steps / steps.min(), np.round(steps / steps.min()), atol=1e-6 * steps.max() / bit)
 
 
-def test_a_fault_of_a_sensor_touches_its_signal_alone():
+def test_a_sensor_fault_changes_its_signal_only():
     campaign = planned()
     quiet = {n: dataclasses.replace(c, noise=1e-12) for n, c in CHANNELS.items()}
     campaign = dataclasses.replace(campaign, channels=quiet)
     chains = {"current": (SensorGain(gain=1.1),)}
-    well = synthesise(campaign, campaign.machine, np.random.default_rng(0)).runs[0].signals
-    ill = synthesise(campaign, campaign.machine, np.random.default_rng(0), chains).runs[0].signals
-    np.testing.assert_allclose(ill["current"], 1.1 * well["current"], atol=2e-3)
-    np.testing.assert_array_equal(ill["piston_position"], well["piston_position"])
-    slow = {"current": (SensorLag(lag_time=1e-3),)}
-    late = synthesise(campaign, campaign.machine, np.random.default_rng(0), None, slow)
-    # the lag's own equation, τ ẏ = u − y, integrated over the run
-    after, time = late.runs[0].signals["current"], campaign.runs[0].time
-    assert np.trapezoid(well["current"] - after, time) == pytest.approx(1e-3 * (after[-1] - after[0]), rel=0.08)
-    assert np.abs(after - well["current"]).max() > 0.02
+    without = synthesise(campaign, campaign.machine, np.random.default_rng(0)).runs[0].signals
+    with_gain = synthesise(campaign, campaign.machine, np.random.default_rng(0), chains).runs[0].signals
+    np.testing.assert_allclose(with_gain["current"], 1.1 * without["current"], atol=2e-3)
+    np.testing.assert_array_equal(with_gain["piston_position"], without["piston_position"])
+    lag = {"current": (SensorLag(lag_time=1e-3),)}
+    lagged = synthesise(campaign, campaign.machine, np.random.default_rng(0), None, lag)
+    # the equation of the lag, τ ẏ = u − y, integrated over the run
+    after, time = lagged.runs[0].signals["current"], campaign.runs[0].time
+    assert np.trapezoid(without["current"] - after, time) == pytest.approx(1e-3 * (after[-1] - after[0]), rel=0.08)
+    assert np.abs(after - without["current"]).max() > 0.02
 
 
-def test_a_folder_reads_back_as_it_was(tmp_path):
+def test_a_written_campaign_reads_back_unchanged(tmp_path):
     machine = edhas.change(PumpBench(effects=(library.PistonLeakage(),)), coil_resistance="1.5 ohm")
     runs = [PlannedRun(Use.FIT, 0.02, {"frequency": 20.0}), PlannedRun(Use.HOLDOUT, 0.01, {"load_orifice_area": 2e-6})]
     channels = CHANNELS | {"outlet_pressure": Channel("MPa", 1.5e3)}
@@ -146,12 +146,12 @@ def test_a_folder_reads_back_as_it_was(tmp_path):
         write_campaign(campaign, folder)
 
 
-def test_says_what_it_cannot_make(tmp_path):
+def test_what_cannot_be_synthesised_or_written_is_refused(tmp_path):
     campaign = planned()
     run = campaign.runs[0]
-    bent = dataclasses.replace(run, time=run.time**1.01)
+    uneven = dataclasses.replace(run, time=run.time**1.01)
     with pytest.raises(CampaignError, match="sampled evenly"):
-        synthesise(dataclasses.replace(campaign, runs=(bent,)), campaign.machine, np.random.default_rng(0))
+        synthesise(dataclasses.replace(campaign, runs=(uneven,)), campaign.machine, np.random.default_rng(0))
     stepped = dataclasses.replace(campaign, machine=structs.replace(campaign.machine, reference=edhas.Step()))
     with pytest.raises(CampaignError, match="another reference"):
         write_campaign(stepped, tmp_path / "stepped")

@@ -1,4 +1,4 @@
-"""Campaigns made from a machine that is known: the actuator bench with friction, a few short runs."""
+"""Synthetic campaigns of a known machine: the actuator bench with friction, three short runs."""
 
 import dataclasses
 from pathlib import Path
@@ -24,20 +24,20 @@ def bench():
 
 
 def empty_campaign(machine=None, conditions=CONDITIONS, uncertain=None, lengths=(401, 301, 301)) -> Campaign:
-    """Runs at 2 kHz without signals yet; the last is held out."""
+    """Runs sampled at 2 kHz that have no signals yet; the last one is held out."""
     runs = tuple(
         BenchRun(
-            f"run{k + 1}", Path(f"run{k + 1}.csv"), Use.HOLDOUT if k == len(conditions) - 1 else Use.FIT, dict(given),
-            5e-4 * np.arange(count), {}, np.arange(count) + 2,
+            f"run{k + 1}", Path(f"run{k + 1}.csv"), Use.HOLDOUT if k == len(conditions) - 1 else Use.FIT,
+            dict(run_conditions), 5e-4 * np.arange(count), {}, np.arange(count) + 2,
         )
-        for k, (given, count) in enumerate(zip(conditions, lengths, strict=False))
+        for k, (run_conditions, count) in enumerate(zip(conditions, lengths, strict=False))
     )  # fmt: skip
     uncertain = UNCERTAIN if uncertain is None else uncertain
     return Campaign("synthetic", Path("synthetic"), machine or bench(), uncertain, CHANNELS, runs, ())
 
 
 def measured(campaign: Campaign, truth, instruments=Instruments(), seed=0, each=None) -> Campaign:
-    """The campaign with what its sensors read on the machine `truth`; `each` gives another one for each run.
+    """The campaign with signals measured on the machine `truth`, or on another machine in `each` run.
 
     The trajectories come from the explicit Runge-Kutta reference, which shares no time stepping with the fitted model.
     """
