@@ -22,7 +22,7 @@ def run(options) -> None:
     from edhas_jax.design.sizing.config import load_sizing
     from edhas_jax.design.sizing.figures import draw_front, draw_path
     from edhas_jax.design.sizing.result_folder import save_sizing
-    from edhas_jax.design.sizing.sizing import size
+    from edhas_jax.design.sizing.size import size
     from edhas_jax.machine.parameters import get_parameter
     from edhas_jax.simulation.metrics import METRICS
 
@@ -38,13 +38,13 @@ def run(options) -> None:
     if sizing.front:
         save_figure(draw_front(sizing, result), folder / "front.png")
 
-    out.print(f"[bold]{sizing.name or options.config.stem}[/bold]: {len(sizing.free)} dimensions, "
+    out.print(f"[bold]{sizing.name or options.config.stem}[/bold]: {len(sizing.variables)} dimensions, "
               f"{len(result.start.metrics)} cases; {result.machine_seconds:,.0f} machine-seconds in "
               f"{result.seconds:.0f} s; "
-              f"{100 * result.alike:.0f} % of the starts end within 1 % of the best")  # fmt: skip
+              f"{100 * result.share_near_best:.0f} % of the starts end within 1 % of the best")  # fmt: skip
     heads = ["start", *([f"design {k + 1}" for k in range(len(configs))] if sizing.front else ["sized"])]
     rows = table("dimensions", "dimension", *heads)
-    for axis in sizing.free:
+    for axis in sizing.variables:
         unit = resolve_parameter(sizing.machine, axis.name)[0].unit
         values = [float(get_parameter(sizing.machine, axis.name)), *(s.design[axis.name] for s in result.machines)]
         rows.add_row(axis.name, *(format_quantity(v, unit) for v in values))

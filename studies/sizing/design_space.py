@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     parser.add_argument("--out", type=Path, default=Path("runs/design_space"))
     options = parser.parse_args(arguments)
     task = load_sizing(options.config)
-    designs = sobol_sequence(task.free, options.points, seed=3)
+    designs = sobol_sequence(task.variables, options.points, seed=3)
     with Console().status("sweeping"):
         got = run_designs(task.machine, designs | {"frequency": np.full(options.points, 20.0)}, task.settings)
     table = pd.DataFrame(designs | got)
@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     options.out.mkdir(parents=True, exist_ok=True)
     table.to_parquet(options.out / "table.parquet")
     picture(task, sound, best).savefig(options.out / "design_space.png", dpi=130)
-    for axis in task.free:
+    for axis in task.variables:
         low, high = best[axis.name].quantile([0.1, 0.9])
         print(f"{axis.name}: the best lie in {low:.3g} … {high:.3g} of {axis.low:.3g} … {axis.high:.3g} (SI)")
     print(f"designs={options.points} sound={len(sound)} best_flow_lpm={best['mean_flow'].max() * LPM:.3f} "
@@ -61,10 +61,10 @@ def picture(task, sound: pd.DataFrame, best: pd.DataFrame):
     left.legend(frameon=False, fontsize=8.5)
     figure.colorbar(dots, ax=left, pad=0.01, label="piston diameter, mm").outline.set_visible(False)
     shares = [np.log(best[a.name] / a.low) / np.log(a.high / a.low) if a.log
-              else (best[a.name] - a.low) / (a.high - a.low) for a in task.free]  # fmt: skip
+              else (best[a.name] - a.low) / (a.high - a.low) for a in task.variables]  # fmt: skip
     right.boxplot(shares, orientation="horizontal", widths=0.5, showfliers=False,
                   medianprops={"color": "#d1490c", "lw": 2})  # fmt: skip
-    right.set_yticks(range(1, len(task.free) + 1), [a.name.replace("_", " ") for a in task.free])
+    right.set_yticks(range(1, len(task.variables) + 1), [a.name.replace("_", " ") for a in task.variables])
     right.set(xlim=(0, 1), xlabel="place of the best within the bounds, 0 … 1")
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)

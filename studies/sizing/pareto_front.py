@@ -12,7 +12,7 @@ from rich.console import Console
 from edhas_jax.design.sizing.config import load_sizing
 from edhas_jax.design.sizing.figures import draw_front
 from edhas_jax.design.sizing.result_folder import save_sizing
-from edhas_jax.design.sizing.sizing import size
+from edhas_jax.design.sizing.size import size
 from studies import CONFIGS
 
 CONFIG = CONFIGS / "size_pump.yaml"

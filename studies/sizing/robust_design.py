@@ -14,9 +14,9 @@ import numpy as np
 from rich.console import Console
 
 from edhas_jax.design.batch.batch import run_designs
-from edhas_jax.design.sizing.config import Sizing, load_sizing
-from edhas_jax.design.sizing.optimiser import MET
-from edhas_jax.design.sizing.sizing import size
+from edhas_jax.design.sizing.config import SizingTask, load_sizing
+from edhas_jax.design.sizing.optimiser import FEASIBILITY_TOLERANCE
+from edhas_jax.design.sizing.size import size
 from edhas_jax.machine.parameters import get_parameter
 from studies import CONFIGS
 
@@ -56,7 +56,7 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     return summary
 
 
-def draw(task: Sizing, design: dict[str, float], count: int) -> dict[str, np.ndarray]:
+def draw(task: SizingTask, design: dict[str, float], count: int) -> dict[str, np.ndarray]:
     """Metrics of machines of a design, every tolerance spread evenly; per machine the worst of the points."""
     rng = np.random.default_rng(1)
     table = {n: np.full(count, v) for n, v in design.items()}
@@ -64,30 +64,34 @@ def draw(task: Sizing, design: dict[str, float], count: int) -> dict[str, np.nda
         stands = float(get_parameter(task.machine, tolerance.name))
         base = table.get(tolerance.name, np.full(count, stands))
         table[tolerance.name] = np.array(
-            [tolerance.applied(v, s) for v, s in zip(base, rng.random(count), strict=True)]
+            [tolerance.apply(v, s) for v, s in zip(base, rng.random(count), strict=True)]
         )
     cases = task.operating_points()
     points = len(next(iter(cases.values())))
     table = {n: np.repeat(v, points) for n, v in table.items()} | {n: np.tile(v, count) for n, v in cases.items()}
     got = run_designs(task.machine, table, task.settings)
-    out = {limit.metric: got[limit.metric].reshape(count, points).max(axis=1) for limit in task.limits}
+    out = {limit.metric: got[limit.metric].reshape(count, points).max(axis=1) for limit in task.constraints}
     out["objective"] = sum(w * np.log(got[m]).reshape(count, points).mean(axis=1) for m, w in task.weights.items())
     return out
 
 
-def kept(task: Sizing, got: dict[str, np.ndarray]) -> np.ndarray:
+def kept(task: SizingTask, got: dict[str, np.ndarray]) -> np.ndarray:
     """Which machines keep every limit, by the rule that the sizing itself has."""
-    return np.all([got[limit.metric] <= limit.value * (1.0 + MET) for limit in task.limits], axis=0)
+    allowed = 1.0 + FEASIBILITY_TOLERANCE
+    return np.all([got[limit.metric] <= limit.value * allowed for limit in task.constraints], axis=0)
 
 
-def picture(task: Sizing, drawn: dict[str, dict[str, np.ndarray]]):
+def picture(task: SizingTask, drawn: dict[str, dict[str, np.ndarray]]):
     """Histograms of the objective and of the metrics that are limited, nominal and robust over each other."""
     from matplotlib.figure import Figure
 
     from edhas_jax.core.units import from_si
     from edhas_jax.simulation.metrics import METRICS
 
-    near = [m.metric for m in task.limits if max(np.nanmax(got[m.metric]) for got in drawn.values()) > 0.8 * m.value]
+    near = [
+        limit.metric for limit in task.constraints
+        if max(np.nanmax(got[limit.metric]) for got in drawn.values()) > 0.8 * limit.value
+    ]  # fmt: skip
     names = ["objective", *near]
     figure = Figure(figsize=(4.2 * len(names), 3.6), layout="constrained")
     best = max(np.nanmedian(got["objective"]) for got in drawn.values())
@@ -105,7 +109,7 @@ def picture(task: Sizing, drawn: dict[str, dict[str, np.ndarray]]):
             axes.legend(frameon=False, fontsize=8, loc="upper left")
             axes.set_ylim(0, 1.35 * axes.get_ylim()[1])
         else:
-            limit = next(limit for limit in task.limits if limit.metric == name)
+            limit = next(limit for limit in task.constraints if limit.metric == name)
             at = from_si(limit.value, *METRICS[name][:2])
             axes.axvline(at, color="#1b1f24", lw=1.2)
             axes.annotate("limit", (at, 0.97), (4, 0), xycoords=("data", "axes fraction"), textcoords="offset points",

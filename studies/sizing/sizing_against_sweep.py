@@ -16,10 +16,10 @@ from rich.console import Console
 
 from edhas_jax.design.batch.batch import run_designs
 from edhas_jax.design.batch.experiment_design import sobol_sequence
-from edhas_jax.design.sizing.config import Sizing, load_sizing
+from edhas_jax.design.sizing.config import SizingTask, load_sizing
 from edhas_jax.design.sizing.figures import draw_path
-from edhas_jax.design.sizing.problem import Problem
-from edhas_jax.design.sizing.sizing import size
+from edhas_jax.design.sizing.problem import SizingProblem
+from edhas_jax.design.sizing.size import size
 from studies import CONFIGS
 
 CONFIG = CONFIGS / "size_pump.yaml"
@@ -48,33 +48,34 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     told = ", ".join(f"{n} {v:.4g}" for n, v in sized.design.items())
     console.print(f"sized: J = {sized.objective:.4f} at {told}; {result.machine_seconds:,.0f} machine-seconds in "
                   f"{result.seconds:.0f} s; limited by {'; '.join(sized.active)}")  # fmt: skip
-    # the same judge for both, at the finest step
-    judge = Problem(task, 4096)
-    shares = [[(np.log(v / a.low) / np.log(a.high / a.low)) if a.log else (v - a.low) / (a.high - a.low)
-               for a, v in zip(task.free, d.values(), strict=True)] for d in (design, sized.design)]  # fmt: skip
-    judged = judge.judge(np.array(shares))
-    gain = float(np.expm1(judged.objective[1] - judged.objective[0]))
+    # both designs are evaluated with the finest step
+    problem = SizingProblem(task, 4096)
+    fractions = [
+        [a.fraction_of(v) for a, v in zip(task.variables, d.values(), strict=True)] for d in (design, sized.design)
+    ]
+    evaluation = problem.evaluate(np.array(fractions))
+    gain = float(np.expm1(evaluation.objective[1] - evaluation.objective[0]))
     options.out.mkdir(parents=True, exist_ok=True)
     draw_path(task, result).savefig(options.out / "starts.png", dpi=130)
     summary = {
-        "gain": gain, "violation": float(judged.violation[1]), "starts_within_1_percent": result.alike,
+        "gain": gain, "violation": float(evaluation.violation[1]), "starts_within_1_percent": result.share_near_best,
         "machine_seconds_sizing": result.machine_seconds, "machine_seconds_sweep": machine_seconds,
     }  # fmt: skip
     print(" ".join(f"{n}={v:.4g}" for n, v in summary.items()))
     return summary
 
 
-def sweep(task: Sizing, points: int, on_chunk) -> tuple[dict[str, float], float, float, float]:
+def sweep(task: SizingTask, points: int, on_chunk) -> tuple[dict[str, float], float, float, float]:
     """The best allowed design of a Sobol sequence: (design, its J, seconds, machine-seconds)."""
     began = time.perf_counter()
-    designs, cases = sobol_sequence(task.free, points, seed=1), task.operating_points()
+    designs, cases = sobol_sequence(task.variables, points, seed=1), task.operating_points()
     count = len(next(iter(cases.values())))
     table = {n: np.repeat(v, count) for n, v in designs.items()} | {n: np.tile(v, points) for n, v in cases.items()}
     got = run_designs(task.machine, table, task.settings, on_chunk)
     machine_seconds = float(np.sum(got["cycles"] / table["frequency"]))
     got = {n: v.reshape(points, count) for n, v in got.items()}
     allowed = (got["status"] == 0).all(axis=1) & (got["peak_voltage"] < 48.0 * (1 - 1e-3)).all(axis=1)
-    for limit in task.limits:
+    for limit in task.constraints:
         value = got[limit.metric]
         allowed &= ((value <= limit.value) if limit.upper else (value >= limit.value)).all(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):

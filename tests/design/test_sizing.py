@@ -1,4 +1,4 @@
-"""Sizing: derivatives of the problem, the result against a sweep of the same space, limits, bad input, the command."""
+"""Sizing: derivatives, comparison with a sweep of the same space, constraints, invalid input, the command."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,10 @@ from edhas_jax.config.machine_config import ConfigError, read_config
 from edhas_jax.design.batch.batch import run_designs
 from edhas_jax.design.batch.experiment_design import sobol_sequence
 from edhas_jax.design.sizing.config import load_sizing
-from edhas_jax.design.sizing.optimiser import MET
-from edhas_jax.design.sizing.problem import Problem
+from edhas_jax.design.sizing.optimiser import FEASIBILITY_TOLERANCE
+from edhas_jax.design.sizing.problem import SizingProblem
 from edhas_jax.design.sizing.result_folder import open_sizing
-from edhas_jax.design.sizing.sizing import SizingError, size
+from edhas_jax.design.sizing.size import SizingError, size
 from tests.support.reference import DATA
 
 CONFIG = f"""
@@ -57,55 +57,58 @@ def result(tmp_path_factory):
 
 
 def test_at_least_as_good_as_a_sweep(result):
-    """Of the same space, judged by the same goals and limits."""
+    """The sweep covers the same space with the same goals and constraints."""
     task, found = result
-    designs, frequency = sobol_sequence(task.free, 400), task.operating_points()["frequency"]
+    designs, frequency = sobol_sequence(task.variables, 400), task.operating_points()["frequency"]
     table = {n: np.repeat(v, len(frequency)) for n, v in designs.items()}
     got = run_designs(task.machine, table | {"frequency": np.tile(frequency, 400)}, task.settings)
     got = {n: v.reshape(400, -1) for n, v in got.items()}
     allowed = (got["status"] == 0).all(axis=1) & (got["peak_voltage"] < 48.0).all(axis=1)
-    for limit in task.limits:
-        allowed &= (got[limit.metric] <= limit.value * (1 + MET)).all(axis=1)
+    for constraint in task.constraints:
+        allowed &= (got[constraint.metric] <= constraint.value * (1 + FEASIBILITY_TOLERANCE)).all(axis=1)
     objective = np.log(got["mean_flow"] * got["overall_efficiency"]).mean(axis=1)
     assert 10 < allowed.sum() < 400
     assert found.machines[0].objective >= objective[allowed].max() - 1e-3
-    assert found.machines[0].violation <= MET
-    assert any("rms_current" in told for told in found.machines[0].active)
-    assert found.alike >= 0.5 and found.machine_seconds > 0.0
+    assert found.machines[0].violation <= FEASIBILITY_TOLERANCE
+    assert any("rms_current" in text for text in found.machines[0].active)
+    assert found.share_near_best >= 0.5 and found.machine_seconds > 0.0
 
 
-def test_the_path_is_kept(result):
+def test_the_path_contains_all_starts(result):
     _, found = result
     assert set(found.path["start"]) == {0, 1, 2, 3}
-    best = found.path[found.path["violation"] <= MET]["objective"].max()
+    best = found.path[found.path["violation"] <= FEASIBILITY_TOLERANCE]["objective"].max()
     assert found.machines[0].objective >= best - 0.02
-    assert found.machines[0].objective > found.start.objective or found.start.violation > MET
+    assert found.machines[0].objective > found.start.objective or found.start.violation > FEASIBILITY_TOLERANCE
 
 
 @pytest.mark.parametrize("more", ["", ROBUST, ROBUST.replace("worst_case", "expected")])
-def test_derivatives_of_objective_and_limits(tmp_path, more):
+def test_gradients_of_objective_and_constraints_match_finite_differences(tmp_path, more):
     task = load_sizing(written(tmp_path, ("starts: 4\n", "starts: 4\n" + more)))
-    problem = Problem(task, 8192)
+    problem = SizingProblem(task, 8192)
     z, d = np.array([0.45, 0.55]), 0.01
-    judged = problem.judge(z[None])
-    moved = problem.judge(np.array([z + d * e for e in (*np.eye(2), *-np.eye(2))]))
-    for value, slope in ((moved.objective, judged.slope[0]), (moved.excess, judged.excess_slope[0].T)):
+    evaluation = problem.evaluate(z[None])
+    moved = problem.evaluate(np.array([z + d * e for e in (*np.eye(2), *-np.eye(2))]))
+    pairs = (
+        (moved.objective, evaluation.gradient[0]), (moved.constraints, evaluation.constraint_gradients[0].T)
+    )  # fmt: skip
+    for value, gradient in pairs:
         differences = (value[:2] - value[2:]) / (2 * d)
-        np.testing.assert_allclose(slope, differences, atol=0.03 * np.abs(differences).max() + 1e-3)
+        np.testing.assert_allclose(gradient, differences, atol=0.03 * np.abs(differences).max() + 1e-3)
 
 
-def test_the_worst_case_lies_below_the_expected(tmp_path):
+def test_the_worst_case_is_below_the_expected_value(tmp_path):
     texts = {kind: ROBUST.replace("worst_case", kind) for kind in ("worst_case", "expected")}
-    judged = {}
+    objective = {}
     for kind, text in texts.items():
         task = load_sizing(written(tmp_path, ("starts: 4\n", "starts: 4\n" + text)))
-        problem = Problem(task, 1024)
+        problem = SizingProblem(task, 1024)
         assert len(problem.cases) == 2 * 9
-        judged[kind] = problem.judge(problem.start()[None]).objective[0]
-    assert judged["worst_case"] < judged["expected"]
+        objective[kind] = problem.evaluate(problem.initial_fractions()[None]).objective[0]
+    assert objective["worst_case"] < objective["expected"]
 
 
-def test_a_front(tmp_path):
+def test_a_pareto_front_is_monotonic(tmp_path):
     found = size(load_sizing(written(tmp_path, ("starts: 4", "front: 3\nstarts: 2"))))
     flow, efficiency = (
         np.array([sized.metrics[m].mean() for sized in found.machines]) for m in ("mean_flow", "overall_efficiency")
@@ -113,35 +116,35 @@ def test_a_front(tmp_path):
     assert (np.diff(flow) < 0).all() and (np.diff(efficiency) > 0).all()
 
 
-def test_the_command_leaves_a_configuration_that_runs(tmp_path, capsys):
+def test_the_command_writes_a_configuration_that_runs(tmp_path, capsys):
     config = written(tmp_path, ("starts: 4", "starts: 1"))
     assert main(["size", str(config), "--out", str(tmp_path / "out")]) == 0
     assert "limited by" in capsys.readouterr().out
     sized = read_config(tmp_path / "out" / "sized.yaml")
-    told, path = open_sizing(tmp_path / "out")
-    assert sized.machine.pump.piston_diameter == pytest.approx(told["machines"][0]["design"]["piston_diameter"])
+    saved, path = open_sizing(tmp_path / "out")
+    assert sized.machine.pump.piston_diameter == pytest.approx(saved["machines"][0]["design"]["piston_diameter"])
     assert len(path) and (tmp_path / "out" / "path.png").stat().st_size > 10_000
     assert main(["simulate", str(tmp_path / "out" / "sized.yaml"), "--set", "duration=0.25 s", "--no-figure",
                  "--out", str(tmp_path / "run")]) == 0  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "says"), [
+@pytest.mark.parametrize(("old", "new", "message"), [
     ("{max: 4 A}", "{max: 0.1 A}", "cannot be met together: rms_current ≤ 0.1 A.*nearest design"),
     ("mean_flow: 1, overall_efficiency: 1", "peak_voltage: 1", None),
 ])  # fmt: skip
-def test_what_no_search_can_help(tmp_path, old, new, says):
+def test_an_unsolvable_task_is_refused(tmp_path, old, new, message):
     changes = [(old, new), ("starts: 4", "starts: 1")]
-    if says is None:  # the relief valve opens at 6 MPa, far above this pump
+    if message is None:  # the relief valve opens at 6 MPa, far above this pump
         changes += [("piston_diameter: {from: 8 mm, to: 14 mm}", "relief_pressure: {from: 5.8 MPa, to: 6.5 MPa}"),
                     ("valve_spring_rate: {from: 50 N/m, to: 1 kN/m, spacing: log}",
                      "relief_conductance: {from: 0.5e-10 m^3/(s·Pa), to: 2e-10 m^3/(s·Pa)}"),
                     ("rms_current: {max: 4 A}", "rms_current: {max: 40 A}")]  # fmt: skip
-        says = "objective.peak_voltage: does not depend on any free dimension"
-    with pytest.raises(SizingError, match=says):
+        message = "objective.peak_voltage: does not depend on any free dimension"
+    with pytest.raises(SizingError, match=message):
         size(load_sizing(written(tmp_path, *changes)))
 
 
-@pytest.mark.parametrize(("old", "new", "says"), [
+@pytest.mark.parametrize(("old", "new", "message"), [
     ("from: 8 mm, to: 14 mm", "from: 13 mm, to: 14 mm", ":7: free.piston_diameter: the range 13 mm … 14 mm excludes"),
     ("mean_flow: 1", "mean_flw: 1", ":10: objective.maximise.mean_flw: no metric `mean_flw`.*mean_flow"),
     ("rms_current: {max: 4 A}", "rms_current: {max: 4 V}", ":12: constraints.rms_current.max: .*not a current"),
@@ -150,20 +153,20 @@ def test_what_no_search_can_help(tmp_path, old, new, says):
     ("starts: 4", "starts: none", ":14: starts: a whole number"),
     ("starts: 4", "front: 4\nobjectives: 3", ":15: objectives: unknown key"),
 ])  # fmt: skip
-def test_bad_configurations(tmp_path, old, new, says):
-    with pytest.raises(ConfigError, match=says):
+def test_an_invalid_configuration_is_refused(tmp_path, old, new, message):
+    with pytest.raises(ConfigError, match=message):
         load_sizing(written(tmp_path, (old, new)))
 
 
-def test_an_interrupted_search_keeps_its_best(tmp_path, monkeypatch):
-    judge, calls = Problem.judge, []
+def test_an_interrupted_search_returns_its_best_design(tmp_path, monkeypatch):
+    evaluate, calls = SizingProblem.evaluate, []
 
-    def interrupted(self, shares, weights=None):
-        calls.append(len(shares))
+    def interrupted(self, fractions, weights=None):
+        calls.append(len(fractions))
         if len(calls) == 6:
             raise KeyboardInterrupt
-        return judge(self, shares, weights)
+        return evaluate(self, fractions, weights)
 
-    monkeypatch.setattr(Problem, "judge", interrupted)
+    monkeypatch.setattr(SizingProblem, "evaluate", interrupted)
     found = size(load_sizing(written(tmp_path, ("starts: 4", "starts: 2"))))
     assert "interrupted" in found.machines[0].convergence and set(found.path["iteration"]) == {0, 1, 2}

@@ -1,1 +1,1 @@
-"""Gradient-based sizing under bounds and limits."""
+"""Sizing: gradient-based optimisation of dimensions under bounds and constraints."""

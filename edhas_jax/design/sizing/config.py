@@ -1,4 +1,4 @@
-"""Configurations of sizing tasks."""
+"""Configuration of a sizing task: design variables, objective, constraints, tolerances."""
 
 import dataclasses
 import enum
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.config.run_settings import quantity_text
+from edhas_jax.config.yaml_with_lines import KeyPath
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si
@@ -25,8 +26,14 @@ SECTIONS = ("points", "free", "objective", "front", "constraints", "robust", "st
 
 
 @dataclasses.dataclass(frozen=True)
-class Limit:
-    """A metric must not exceed (`upper`) or fall below (not `upper`) a value (SI) at any operating point."""
+class Constraint:
+    """A bound on a metric at every operating point.
+
+    Attributes:
+        metric: the metric.
+        upper: whether `value` is an upper bound, or else a lower one.
+        value: the bound, SI.
+    """
 
     metric: str
     upper: bool
@@ -37,57 +44,80 @@ class Limit:
         return f"{self.metric} {'≤' if self.upper else '≥'} {format_quantity(self.value, unit)}"
 
 
-@dataclasses.dataclass(frozen=True)
-class Tolerance:
-    """A parameter of made machines: within `low` … `high`, which are values (SI), differences or factors."""
-
-    name: str
-    kind: "ToleranceKind"
-    low: float
-    high: float
-
-    def applied(self, value, share: float):
-        """The parameter of a machine for a design's `value`, from the lower (share 0) to the upper end (share 1)."""
-        at = self.low + share * (self.high - self.low)
-        return {ToleranceKind.RANGE: at + 0.0 * value, ToleranceKind.DIFFERENCE: value + at,
-                ToleranceKind.FACTOR: value * at}[self.kind]  # fmt: skip
-
-    def slope(self, share: float) -> float:
-        """d applied / d value."""
-        at = self.low + share * (self.high - self.low)
-        return {ToleranceKind.RANGE: 0.0, ToleranceKind.DIFFERENCE: 1.0, ToleranceKind.FACTOR: at}[self.kind]
-
-
 class ToleranceKind(enum.Enum):
-    """What the ends of a tolerance are."""
+    """The meaning of the ends of a tolerance."""
 
     RANGE = "range"
     DIFFERENCE = "difference"
     FACTOR = "factor"
 
 
-class Robust(enum.Enum):
-    """What is made best when a machine varies within its tolerances."""
+@dataclasses.dataclass(frozen=True)
+class Tolerance:
+    """The variation of a parameter between manufactured machines or conditions.
+
+    Attributes:
+        name: the parameter.
+        kind: whether the ends are values (SI), differences from the nominal value (SI), or factors on it.
+        low: lower end.
+        high: upper end.
+    """
+
+    name: str
+    kind: ToleranceKind
+    low: float
+    high: float
+
+    def apply(self, value, fraction: float):
+        """The value (SI) of a machine from the nominal one, at a fraction 0 … 1 of the tolerance."""
+        end = self._end(fraction)
+        return {ToleranceKind.RANGE: end + 0.0 * value, ToleranceKind.DIFFERENCE: value + end,
+                ToleranceKind.FACTOR: value * end}[self.kind]  # fmt: skip
+
+    def derivative(self, fraction: float) -> float:
+        """The derivative of `apply` by the nominal value."""
+        return {ToleranceKind.RANGE: 0.0, ToleranceKind.DIFFERENCE: 1.0,
+                ToleranceKind.FACTOR: self._end(fraction)}[self.kind]  # fmt: skip
+
+    def _end(self, fraction: float) -> float:
+        return self.low + fraction * (self.high - self.low)
+
+
+class RobustObjective(enum.Enum):
+    """The statistic over the tolerances that is optimised."""
 
     EXPECTED = "expected"
     WORST_CASE = "worst_case"
 
 
 @dataclasses.dataclass(frozen=True)
-class Sizing:
-    """What is to be made best (`weights` of the logarithms of metrics), by which dimensions, within which limits.
+class SizingTask:
+    """An optimisation of dimensions: maximise J = Σ weight · ln(metric) within bounds and constraints.
 
-    `points` are operating points, all at once. With a `front` of n the two metrics of the objective are traded off
-    by n weightings. `robust` and `tolerances` make the objective one over machines as they are made.
+    Attributes:
+        machine: the machine to size; its parameters are the first start.
+        variables: the design variables with their bounds.
+        weights: weight of each metric of the objective, negative for one to minimise.
+        constraints: bounds on metrics at every operating point.
+        points: axes that span a grid of operating points.
+        front: number of designs on a Pareto front of the two metrics of the objective; 0 for a single design.
+        robust: statistic over the tolerances; None without them.
+        tolerances: variations of parameters.
+        starts: number of starts.
+        iterations: of the descent from each start.
+        seed: of the starts.
+        settings: settings of the batch.
+        name: title of the task.
+        text: the configuration file.
     """
 
     machine: Rig
-    free: tuple[Axis, ...]
+    variables: tuple[Axis, ...]
     weights: Mapping[str, float]
-    limits: tuple[Limit, ...]
+    constraints: tuple[Constraint, ...]
     points: tuple[Axis, ...] = ()
     front: int = 0
-    robust: Robust | None = None
+    robust: RobustObjective | None = None
     tolerances: tuple[Tolerance, ...] = ()
     starts: int = 32
     iterations: int = 60
@@ -97,12 +127,18 @@ class Sizing:
     text: str = ""
 
     def operating_points(self) -> dict[str, np.ndarray]:
-        """The columns (SI) of the operating points; none: the machine as it stands."""
+        """The columns (SI) of the operating points, shape (points,) each; empty for the machine as it is."""
         return full_factorial(self.points) if self.points else {}
 
 
-def load_sizing(path: Path | str) -> Sizing:
-    """The task in a YAML file.
+def load_sizing(path: Path | str) -> SizingTask:
+    """Read a sizing task from a YAML file.
+
+    Args:
+        path: the configuration file.
+
+    Returns:
+        The task.
 
     Raises:
         ConfigError: every problem of the file, one line each.
@@ -110,39 +146,40 @@ def load_sizing(path: Path | str) -> Sizing:
     r = TaskReader(path, SECTIONS, "free")
     points = r.operating_points("points")
     for name in sorted({a.name for a in points} & {a.name for a in r.axes}):
-        r.add(("free", name), "is held at the operating points; leave it out here or there")
+        r.add(("free", name), "is fixed by the operating points; leave it out here or there")
     known = metrics_of(r.machine) if r.machine is not None and not r.problems else list(METRICS)
-    weights = _objective(r, known)
+    weights = _read_objective(r, known)
     front = r.read_integer(("front",), r.data.get("front", "0"), 0, 100)
     if front and len(weights) != 2:
         r.add(("front",), f"trades off two metrics; `objective:` names {len(weights)}")
-    limits = _limits(r, known)
-    robust, tolerances = _robust(r)
+    constraints = _read_constraints(r, known)
+    robust, tolerances = _read_robust(r)
     starts = r.read_integer(("starts",), r.data.get("starts", "32"), 1, 4096)
     iterations = r.read_integer(("iterations",), r.data.get("iterations", "60"), 5, 10_000)
     seed = r.read_integer(("seed",), r.data.get("seed", "0"), 0, 2**32 - 1)
     if r.machine is not None:
         for axis in r.axes:
-            value, unit = float(get_parameter(r.machine, axis.name)), resolve_parameter(r.machine, axis.name)[0].unit
+            value = float(get_parameter(r.machine, axis.name))
+            unit = resolve_parameter(r.machine, axis.name)[0].unit
             if not axis.low <= value <= axis.high:
-                low, high, at = (format_quantity(x, unit) for x in (axis.low, axis.high, value))
-                r.add(("free", axis.name), f"the range {low} … {high} excludes the start, {at}; widen it, or set "
+                low, high, start = (format_quantity(x, unit) for x in (axis.low, axis.high, value))
+                r.add(("free", axis.name), f"the range {low} … {high} excludes the start, {start}; widen it, or set "
                       "another start under `parameters:`")  # fmt: skip
     r.finish()
-    return Sizing(r.machine, r.axes, weights, limits, points, front, robust, tolerances, starts, iterations, seed,
-                  r.settings, r.name, r.text)  # fmt: skip
+    return SizingTask(r.machine, r.axes, weights, constraints, points, front, robust, tolerances, starts, iterations,
+                      seed, r.settings, r.name, r.text)  # fmt: skip
 
 
-def _objective(r: TaskReader, known: list[str]) -> dict[str, float]:
-    """{metric: weight}, negative where it is to be small."""
-    given = r.section("objective", "{maximise: {mean_flow: 1, overall_efficiency: 1}}")
-    r.add_unknown_keys(("objective",), given, ("maximise", "minimise"))
+def _read_objective(r: TaskReader, known: list[str]) -> dict[str, float]:
+    """By metric its weight, negative where it is to be minimised."""
+    section = r.section("objective", "{maximise: {mean_flow: 1, overall_efficiency: 1}}")
+    r.add_unknown_keys(("objective",), section, ("maximise", "minimise"))
     weights = {}
-    for way, sign in (("maximise", 1.0), ("minimise", -1.0)):
-        rows = given.get(way) or {}
+    for direction, sign in (("maximise", 1.0), ("minimise", -1.0)):
+        rows = section.get(direction) or {}
         rows = {rows: "1"} if isinstance(rows, str) else {n: "1" for n in rows} if isinstance(rows, list) else rows
         for name, weight in rows.items():
-            key = ("objective", way, name)
+            key = ("objective", direction, name)
             if name not in known:
                 r.add(key, f"no metric `{name}`; {suggest(str(name), known)}")
             try:
@@ -153,12 +190,12 @@ def _objective(r: TaskReader, known: list[str]) -> dict[str, float]:
                 r.add(key, f"a weight above 0 belongs here, not {weight}")
             weights[name] = sign * number
     if not weights:
-        r.add(("objective",), "nothing is to be made best; write for example {maximise: [mean_flow]}")
+        r.add(("objective",), "no metric is given; write for example {maximise: [mean_flow]}")
     return weights
 
 
-def _limits(r: TaskReader, known: list[str]) -> tuple[Limit, ...]:
-    limits = []
+def _read_constraints(r: TaskReader, known: list[str]) -> tuple[Constraint, ...]:
+    constraints = []
     for name, spec in r.section("constraints", "{rms_current: {max: 4 A}}").items():
         key = ("constraints", name)
         if name not in known:
@@ -168,59 +205,60 @@ def _limits(r: TaskReader, known: list[str]) -> tuple[Limit, ...]:
         else:
             r.add_unknown_keys(key, spec, ("min", "max"))
             unit = METRICS[name][0]
-            p = Parameter(name, 1.0, unit, (-np.inf, np.inf), METRICS[name][2], "", Limit)
-            for way in ("min", "max"):
-                if way in spec:
-                    value = _quantity(r, (*key, way), p, spec[way])
+            p = Parameter(name, 1.0, unit, (-np.inf, np.inf), METRICS[name][2], "", Constraint)
+            for bound in ("min", "max"):
+                if bound in spec:
+                    value = _read_quantity(r, (*key, bound), p, spec[bound])
                     if value is not None:
-                        limits.append(Limit(name, way == "max", value))
-            if {"min", "max"} <= set(spec) and len(limits) > 1 and limits[-2].value > limits[-1].value:
+                        constraints.append(Constraint(name, bound == "max", value))
+            if {"min", "max"} <= set(spec) and len(constraints) > 1 and constraints[-2].value > constraints[-1].value:
                 r.add(key, "`min` lies above `max`: they cannot be met together")
-    return tuple(limits)
+    return tuple(constraints)
 
 
-def _quantity(r: TaskReader, key, p: Parameter, value: Any) -> float | None:
+def _read_quantity(r: TaskReader, key: KeyPath, p: Parameter, value: Any) -> float | None:
     try:
         return to_si(quantity_text(p, value), p.unit)
     except (ParameterError, UnitError) as error:
         return r.add(key, str(error))
 
 
-def _robust(r: TaskReader) -> tuple[Robust | None, tuple[Tolerance, ...]]:
-    given = r.section("robust", "{judge: expected, tolerances: {piston_clearance: {plus_minus: 3 um}}}")
-    if not given:
+def _read_robust(r: TaskReader) -> tuple[RobustObjective | None, tuple[Tolerance, ...]]:
+    section = r.section("robust", "{judge: expected, tolerances: {piston_clearance: {plus_minus: 3 um}}}")
+    if not section:
         return None, ()
-    r.add_unknown_keys(("robust",), given, ("judge", "tolerances"))
-    valid = [kind.value for kind in Robust]
-    if given.get("judge") not in valid:
+    r.add_unknown_keys(("robust",), section, ("judge", "tolerances"))
+    valid = [kind.value for kind in RobustObjective]
+    if section.get("judge") not in valid:
         r.add(("robust", "judge"), f"one of {', '.join(valid)} belongs here")
         return None, ()
     tolerances = []
-    rows = given.get("tolerances")
+    rows = section.get("tolerances")
     if not isinstance(rows, Mapping) or not rows:
         r.add(("robust", "tolerances"), "at least one belongs here, for example {piston_clearance: {plus_minus: 3 um}}")
         return None, ()
     for name, spec in rows.items() if r.machine is not None else ():
         key = ("robust", "tolerances", name)
         try:
-            p, own = resolve_parameter(r.machine, str(name))
+            p, column = resolve_parameter(r.machine, str(name))
         except ParameterError as error:
             r.add(key, str(error))
             continue
         if isinstance(spec, Mapping) and set(spec) == {"plus_minus"}:
             text = str(spec["plus_minus"])
             if text.rstrip().endswith("%"):
-                share = _quantity(r, (*key, "plus_minus"), Parameter(name, 0.05, "-", (0, 1), "", "", Limit), text)
+                percentage = Parameter(name, 0.05, "-", (0, 1), "", "", Constraint)
+                share = _read_quantity(r, (*key, "plus_minus"), percentage, text)
                 if share is not None:
-                    tolerances.append(Tolerance(own, ToleranceKind.FACTOR, 1.0 - share, 1.0 + share))
+                    tolerances.append(Tolerance(column, ToleranceKind.FACTOR, 1.0 - share, 1.0 + share))
             else:
-                size = _quantity(r, (*key, "plus_minus"), p, text)
+                size = _read_quantity(r, (*key, "plus_minus"), p, text)
                 if size is not None:
-                    tolerances.append(Tolerance(own, ToleranceKind.DIFFERENCE, -size, size))
+                    tolerances.append(Tolerance(column, ToleranceKind.DIFFERENCE, -size, size))
         elif isinstance(spec, Mapping) and set(spec) == {"from", "to"}:
             ends = [r.read_quantity((*key, end), p, spec[end]) for end in ("from", "to")]
             if None not in ends:
-                tolerances.append(Tolerance(own, ToleranceKind.RANGE, *ends))
+                tolerances.append(Tolerance(column, ToleranceKind.RANGE, *ends))
         else:
             r.add(key, "{plus_minus: 3 um}, {plus_minus: 5 %} or {from: 20 degC, to: 60 degC} belongs here")
-    return Robust(given["judge"]), tuple(tolerances)
+    return RobustObjective(section["judge"]), tuple(tolerances)

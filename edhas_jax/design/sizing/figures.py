@@ -1,41 +1,41 @@
-"""Pictures of a sizing: the way of every start, and the front of two metrics."""
+"""Figures of a sizing: paths of all starts, and the Pareto front of two metrics."""
 
 import numpy as np
 
 from edhas_jax.core.units import display_unit, format_number, from_si
 from edhas_jax.design.batch.design_table import resolve_parameter
-from edhas_jax.design.sizing.config import Sizing
-from edhas_jax.design.sizing.optimiser import MET
-from edhas_jax.design.sizing.sizing import SizingResult
+from edhas_jax.design.sizing.config import SizingTask
+from edhas_jax.design.sizing.optimiser import FEASIBILITY_TOLERANCE
+from edhas_jax.design.sizing.size import SizingResult
 from edhas_jax.simulation.metrics import METRICS
 
 INK, QUIET, BEST, START = "#1b1f24", "#6e7781", "#d1490c", "#0969da"
 
 
-def draw_path(task: Sizing, result: SizingResult):
-    """Best feasible objective of each start over the iterations, and where each dimension went within its bounds."""
+def draw_path(task: SizingTask, result: SizingResult):
+    """A matplotlib figure: best feasible objective of each start, and each design variable, over the iterations."""
     from matplotlib.figure import Figure
 
-    names = [axis.name for axis in task.free]
+    names = [axis.name for axis in task.variables]
     columns = 1 + len(names)
     figure = Figure(figsize=(3.0 + 1.9 * columns, 3.8), layout="constrained")
     grid = figure.subplots(1, columns, width_ratios=[2.2] + [1.0] * len(names))
     last = result.path["iteration"].max()
-    reached, final = [], result.machines[0].objective
+    best_of_starts, final = [], result.machines[0].objective
     for _, rows in result.path.groupby("start"):
         rows = rows.sort_values("iteration")
-        best = rows["objective"].where(rows["violation"] <= MET).cummax()
-        reached.append(best.max())
+        best = rows["objective"].where(rows["violation"] <= FEASIBILITY_TOLERANCE).cummax()
+        best_of_starts.append(best.max())
         grid[0].plot(rows["iteration"], 100 * np.expm1(best - final), color=QUIET, lw=0.8, alpha=0.6)
-    grid[0].set_ylim(max(-60.0, 100 * np.expm1(np.nanmin(reached) - final) - 5), 3)
+    grid[0].set_ylim(max(-60.0, 100 * np.expm1(np.nanmin(best_of_starts) - final) - 5), 3)
     grid[0].axhline(0.0, color=BEST, lw=1.2)
     grid[0].set(xlabel="iteration", ylabel="best feasible objective, % from the final one", xlim=(0, last))
-    grid[0].set_title(f"{len(reached)} starts, {100 * result.alike:.0f} % end within 1 %", fontsize=10)
-    for axes, axis in zip(grid[1:], task.free, strict=True):
+    grid[0].set_title(f"{len(best_of_starts)} starts, {100 * result.share_near_best:.0f} % end within 1 %", fontsize=10)
+    for axes, axis in zip(grid[1:], task.variables, strict=True):
         unit = resolve_parameter(task.machine, axis.name)[0].unit
         shown = display_unit(unit, axis.high)
         for _, rows in result.path.groupby("start"):
-            rows = _so_far(rows)
+            rows = _improvements(rows)
             values = from_si(rows[axis.name].to_numpy(), unit, shown)
             axes.plot(rows["iteration"], values, color=QUIET, lw=0.7, alpha=0.6)
         for sized in result.machines:
@@ -43,7 +43,7 @@ def draw_path(task: Sizing, result: SizingResult):
         low, high = (from_si(end, unit, shown) for end in (axis.low, axis.high))
         axes.set_ylim(low - 0.03 * (high - low), high + 0.03 * (high - low))
         if axis.log:
-            _log(axes, low, high)
+            _set_log_scale(axes, low, high)
         axes.set_title(f"{axis.name.replace('_', ' ')}\n{shown}", fontsize=8.5)
         axes.set_xlabel("iteration", fontsize=8)
         axes.tick_params(labelsize=7.5)
@@ -53,14 +53,14 @@ def draw_path(task: Sizing, result: SizingResult):
     return figure
 
 
-def _so_far(rows):
-    """The designs of one start that were the best of it so far: feasible before infeasible, then by the objective."""
+def _improvements(rows):
+    """The rows of one start that improve on all before: feasible before infeasible, then by the objective."""
     rows = rows.sort_values("iteration")
-    rank = np.where(rows["violation"] <= MET, rows["objective"], -1e3 - rows["violation"])
+    rank = np.where(rows["violation"] <= FEASIBILITY_TOLERANCE, rows["objective"], -1e3 - rows["violation"])
     return rows[rank >= np.maximum.accumulate(np.nan_to_num(rank, nan=-np.inf))]
 
 
-def _log(axes, low: float, high: float) -> None:
+def _set_log_scale(axes, low: float, high: float) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axes.set_yscale("log")
@@ -70,8 +70,8 @@ def _log(axes, low: float, high: float) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def draw_front(task: Sizing, result: SizingResult):
-    """The two metrics of the objective, averaged over the operating points, and the designs along the front."""
+def draw_front(task: SizingTask, result: SizingResult):
+    """A matplotlib figure: the two metrics of the objective, averaged over the cases, and the designs on the front."""
     from matplotlib.figure import Figure
 
     metrics = list(task.weights)
@@ -82,38 +82,35 @@ def draw_front(task: Sizing, result: SizingResult):
         unit, shown, _ = METRICS[metric]
         return from_si(float(sized.metrics[metric].mean()), unit, shown)
 
-    met = [sized for sized in result.machines if sized.violation <= MET]
-    x, y = ([mean(sized, m) for sized in met] for m in metrics)
+    feasible = [sized for sized in result.machines if sized.violation <= FEASIBILITY_TOLERANCE]
+    x, y = ([mean(sized, m) for sized in feasible] for m in metrics)
     left.plot(x, y, "-o", color=BEST, ms=5, lw=1.2)
-    for k, at in enumerate(zip(x, y, strict=True)):
-        left.annotate(str(k + 1), at, (6, 4), textcoords="offset points", fontsize=8.5, color=INK)
+    for k, point in enumerate(zip(x, y, strict=True)):
+        left.annotate(str(k + 1), point, (6, 4), textcoords="offset points", fontsize=8.5, color=INK)
     start = [mean(result.start, m) for m in metrics]
-    said = "start" if result.start.violation <= MET else "start, breaks limits"
+    label = "start" if result.start.violation <= FEASIBILITY_TOLERANCE else "start, infeasible"
     left.plot(*start, "s", color=START, ms=6)
-    left.annotate(said, start, (7, -11), textcoords="offset points", fontsize=8.5, color=START)
+    left.annotate(label, start, (7, -11), textcoords="offset points", fontsize=8.5, color=START)
     labels = [f"{m.replace('_', ' ')}, {METRICS[m][1]}, mean of the points" for m in metrics]
     left.set(xlabel=labels[0], ylabel=labels[1])
     left.margins(0.1)
-    shares = [
-        [(np.log(s.design[a.name] / a.low) / np.log(a.high / a.low)) if a.log
-         else (s.design[a.name] - a.low) / (a.high - a.low) for s in met] for a in task.free
-    ]  # fmt: skip
-    image = right.imshow(shares, cmap="viridis", vmin=0, vmax=1, aspect="auto")
-    for i, axis in enumerate(task.free):
+    fractions = [[a.fraction_of(s.design[a.name]) for s in feasible] for a in task.variables]
+    image = right.imshow(fractions, cmap="viridis", vmin=0, vmax=1, aspect="auto")
+    for i, axis in enumerate(task.variables):
         unit = resolve_parameter(task.machine, axis.name)[0].unit
         shown = display_unit(unit, axis.high)
-        for k, sized in enumerate(met):
+        for k, sized in enumerate(feasible):
             right.text(k, i, format_number(from_si(sized.design[axis.name], unit, shown), 3), ha="center", va="center",
-                       fontsize=7.5, color="white" if shares[i][k] < 0.6 else INK)  # fmt: skip
-    units = [display_unit(resolve_parameter(task.machine, a.name)[0].unit, a.high) for a in task.free]
-    labels = [f"{a.name.replace('_', ' ')}, {unit}" for a, unit in zip(task.free, units, strict=True)]
-    right.set_yticks(range(len(task.free)), labels, fontsize=8.5)
-    right.set_xticks(range(len(met)), [str(k + 1) for k in range(len(met))])
+                       fontsize=7.5, color="white" if fractions[i][k] < 0.6 else INK)  # fmt: skip
+    units = [display_unit(resolve_parameter(task.machine, a.name)[0].unit, a.high) for a in task.variables]
+    labels = [f"{a.name.replace('_', ' ')}, {unit}" for a, unit in zip(task.variables, units, strict=True)]
+    right.set_yticks(range(len(task.variables)), labels, fontsize=8.5)
+    right.set_xticks(range(len(feasible)), [str(k + 1) for k in range(len(feasible))])
     right.set_xlabel("design along the front")
     bar = figure.colorbar(image, ax=right, pad=0.02, aspect=25)
-    bar.set_label("place within the bounds")
+    bar.set_label("fraction of the range")
     bar.outline.set_visible(False)
     left.spines[["top", "right"]].set_visible(False)
     right.spines[:].set_visible(False)
-    figure.suptitle(f"{task.name or 'sizing'}: what one metric costs of the other", x=0.01, ha="left", fontsize=11)
+    figure.suptitle(f"{task.name or 'sizing'}: Pareto front", x=0.01, ha="left", fontsize=11)
     return figure

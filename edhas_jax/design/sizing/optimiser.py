@@ -1,4 +1,4 @@
-"""Many starts at once: projected Adam on an augmented Lagrangian, then SLSQP, all in one batch."""
+"""Multistart optimisers on batches: projected Adam on an augmented Lagrangian, and SLSQP."""
 
 import dataclasses
 import queue
@@ -11,23 +11,30 @@ import optax
 import pandas as pd
 from scipy.optimize import minimize
 
-from edhas_jax.design.sizing.problem import Judged, Problem
+from edhas_jax.design.sizing.problem import DesignEvaluation, SizingProblem
 
-RATE, LAST_RATE = 0.06, 0.004  # Adam's step, as a share of a dimension's range, at the start and at the end
-PENALTY = 20.0
-EVERY = 5  # iterations between updates of the multipliers
-MET = 2e-3  # a limit that is exceeded by less than this share counts as met
+INITIAL_STEP, FINAL_STEP = 0.06, 0.004  # learning rates of Adam, as shares of the range of a variable
+PENALTY_FACTOR = 20.0  # ρ of the augmented Lagrangian
+MULTIPLIER_INTERVAL = 5  # iterations between updates of the multipliers
+MAX_MULTIPLIER = 1e3
+FEASIBILITY_TOLERANCE = 2e-3  # largest relative violation of a constraint that counts as feasible
+SLSQP_TOLERANCE = 1e-5  # change of J
+FAILED_OBJECTIVE = 1e3  # what SLSQP minimises at a design that fails, so that its line search turns back
 
 
 @dataclasses.dataclass(frozen=True)
-class Ends:
-    """Where the starts ended: shares (n, d), the best that each visited, and the way there.
+class SearchResult:
+    """The best design that each of n starts has visited.
 
-    `objective` and `violation` (n,) belong to `shares`; `path` has a row per iteration and start. `stopped`: the user
-    has interrupted the search, and these are the best designs until then.
+    Attributes:
+        fractions: its d variables as fractions of their ranges, shape (n, d).
+        objective: its J, shape (n,).
+        violation: its largest relative constraint violation, shape (n,).
+        path: a row per iteration and start with variables (SI), objective and violation.
+        stopped: whether the user has interrupted the search.
     """
 
-    shares: np.ndarray
+    fractions: np.ndarray
     objective: np.ndarray
     violation: np.ndarray
     path: pd.DataFrame
@@ -35,145 +42,165 @@ class Ends:
 
     @property
     def best(self) -> int:
-        """The feasible end with the largest objective, or the one that violates least."""
-        feasible = self.violation <= MET
+        """The start with the largest feasible objective, or with the smallest violation if none is feasible."""
+        feasible = self.violation <= FEASIBILITY_TOLERANCE
         if feasible.any():
             return int(np.argmax(np.where(feasible, self.objective, -np.inf)))
         return int(np.argmin(self.violation))
 
 
-def descend(
-    problem: Problem,
+def augmented_lagrangian_descent(
+    problem: SizingProblem,
     starts: np.ndarray,
     iterations: int,
     weights: np.ndarray | None = None,
     on_iteration: Callable[[int, float], None] | None = None,
-) -> Ends:
-    """Follow every start for so many iterations, all in one batch; `on_iteration(number, best objective)`.
+) -> SearchResult:
+    """Minimise the augmented Lagrangian from every start by projected Adam, all starts in one batch.
 
-    L = −J + Σ (max(0, λ + ρ g)² − λ²) / (2ρ),   λ ← max(0, λ + ρ g) every few iterations
+        L = −J + Σ (max(0, λ + ρ g)² − λ²) / (2ρ),   λ ← max(0, λ + ρ g) every `MULTIPLIER_INTERVAL` iterations
 
-    Designs that fail go half way back to the last one that did not, or to the best of all.
+    A design that fails is replaced by the mean of it and its start's last valid design, or the best of all starts.
+
+    Args:
+        problem: evaluates the designs.
+        starts: fractions of the ranges, shape (n, d).
+        iterations: number of iterations.
+        weights: weights of the goals of each start, shape (n, k); by default those of the task.
+        on_iteration: called with the number of the iteration and the best objective.
+
+    Returns:
+        The best design of each start; after an interruption by the user, until then.
     """
     z = np.clip(starts, 0.0, 1.0)
-    schedule = optax.cosine_decay_schedule(RATE, iterations, LAST_RATE / RATE)
+    schedule = optax.cosine_decay_schedule(INITIAL_STEP, iterations, FINAL_STEP / INITIAL_STEP)
     adam = optax.adam(schedule)
     state, update = adam.init(z), jax.jit(adam.update)
     multipliers = None
-    best = Ends(z.copy(), np.full(len(z), -np.inf), np.full(len(z), np.inf), pd.DataFrame())
-    last_good, rows = np.full_like(z, np.nan), []
+    best = SearchResult(z.copy(), np.full(len(z), -np.inf), np.full(len(z), np.inf), pd.DataFrame())
+    last_valid, rows = np.full_like(z, np.nan), []
     for number in range(iterations):
         try:
-            judged = problem.judge(z, weights)
+            evaluation = problem.evaluate(z, weights)
         except KeyboardInterrupt:
             if not rows:
                 raise
             return dataclasses.replace(best, path=pd.concat(rows, ignore_index=True), stopped=True)
         if multipliers is None:
-            multipliers = np.zeros_like(judged.excess)
-        good = np.isfinite(judged.objective)
-        best = _better(best, z, judged)
-        rows.append(_row(problem, number, z, judged))
+            multipliers = np.zeros_like(evaluation.constraints)
+        valid = np.isfinite(evaluation.objective)
+        best = _update_best(best, z, evaluation)
+        rows.append(_path_rows(problem, number, z, evaluation))
         if on_iteration is not None:
             on_iteration(number, float(best.objective[best.best]))
-        last_good[good] = z[good]
-        pressure = np.maximum(0.0, multipliers + PENALTY * np.nan_to_num(judged.excess))
-        if number % EVERY == EVERY - 1:
-            multipliers = np.where(good[:, None], np.minimum(pressure, 1e3), multipliers)
-        slope = -judged.slope + (pressure[:, :, None] * judged.excess_slope).sum(axis=1)
+        last_valid[valid] = z[valid]
+        updated = np.maximum(0.0, multipliers + PENALTY_FACTOR * np.nan_to_num(evaluation.constraints))
+        if number % MULTIPLIER_INTERVAL == MULTIPLIER_INTERVAL - 1:
+            multipliers = np.where(valid[:, None], np.minimum(updated, MAX_MULTIPLIER), multipliers)
+        gradient = -evaluation.gradient + (updated[:, :, None] * evaluation.constraint_gradients).sum(axis=1)
         with jax.numpy_dtype_promotion("standard"):  # optax mixes whole and real numbers
-            step, state = update(np.nan_to_num(slope), state)
+            step, state = update(np.nan_to_num(gradient), state)
         moved = np.clip(z + np.asarray(step), 0.0, 1.0)
-        refuge = np.where(np.isfinite(last_good), last_good, best.shares[best.best])
-        z = np.where(good[:, None], moved, 0.5 * (z + refuge))
-    best = _better(best, z, problem.judge(z, weights))
+        fallback = np.where(np.isfinite(last_valid), last_valid, best.fractions[best.best])
+        z = np.where(valid[:, None], moved, 0.5 * (z + fallback))
+    best = _update_best(best, z, problem.evaluate(z, weights))
     return dataclasses.replace(best, path=pd.concat(rows, ignore_index=True))
 
 
-def polish(
-    problem: Problem,
+def slsqp_multistart(
+    problem: SizingProblem,
     starts: np.ndarray,
     iterations: int,
     weights: np.ndarray | None = None,
     on_round: Callable[[int], None] | None = None,
-) -> Ends:
-    """SLSQP from every start. The searches go on side by side: what they ask for at a time is judged in one batch.
+) -> SearchResult:
+    """Run SLSQP from every start side by side: the designs requested by all searches are evaluated in one batch.
 
-    `on_round(number)` is called after each batch. What counts is the best design that a search has visited.
+    Args:
+        problem: evaluates the designs.
+        starts: fractions of the ranges, shape (n, d).
+        iterations: largest number of iterations of each search.
+        weights: weights of the goals of each start, shape (n, k); by default those of the task.
+        on_round: called with the number of batches so far.
+
+    Returns:
+        The best design of each start; after an interruption by the user, until then.
     """
-    asked: queue.Queue = queue.Queue()
+    requests: queue.Queue = queue.Queue()
     answers = [queue.Queue() for _ in starts]
     threads = [
-        threading.Thread(target=_search, args=(i, z, iterations, asked, answers[i]), daemon=True)
+        threading.Thread(target=_run_slsqp, args=(i, z, iterations, requests, answers[i]), daemon=True)
         for i, z in enumerate(starts)
     ]
     for thread in threads:
         thread.start()
-    nowhere = np.full(len(starts), -np.inf), np.full(len(starts), np.inf)
-    best, rows = Ends(np.array(starts), *nowhere, pd.DataFrame()), []
+    unknown = np.full(len(starts), -np.inf), np.full(len(starts), np.inf)
+    best, rows = SearchResult(np.array(starts), *unknown, pd.DataFrame()), []
     searching = len(starts)
     while searching:
-        wanted = [asked.get() for _ in range(searching)]
-        who = [(i, z) for i, z in wanted if z is not None]
-        searching = len(who)
-        if not who:
+        received = [requests.get() for _ in range(searching)]
+        pending = [(i, z) for i, z in received if z is not None]
+        searching = len(pending)
+        if not pending:
             break
-        at, z = np.array([i for i, _ in who]), np.stack([z for _, z in who])
+        index, z = np.array([i for i, _ in pending]), np.stack([z for _, z in pending])
         try:
-            judged = problem.judge(z, None if weights is None else weights[at])
+            evaluation = problem.evaluate(z, None if weights is None else weights[index])
         except KeyboardInterrupt:
             if not rows:
                 raise
             return dataclasses.replace(best, path=pd.concat(rows, ignore_index=True), stopped=True)
-        part = Ends(best.shares[at], best.objective[at], best.violation[at], best.path)
-        part = _better(part, z, judged)
-        for array, own in ((best.shares, part.shares), (best.objective, part.objective),
-                           (best.violation, part.violation)):  # fmt: skip
-            array[at] = own
-        rows.append(_row(problem, len(rows), z, judged, at))
-        for k, (i, _) in enumerate(who):
-            answers[i].put((-judged.objective[k], -judged.slope[k], -judged.excess[k], -judged.excess_slope[k]))
+        part = SearchResult(best.fractions[index], best.objective[index], best.violation[index], best.path)
+        part = _update_best(part, z, evaluation)
+        best.fractions[index], best.objective[index] = part.fractions, part.objective
+        best.violation[index] = part.violation
+        rows.append(_path_rows(problem, len(rows), z, evaluation, index))
+        for k, (i, _) in enumerate(pending):
+            answers[i].put((-evaluation.objective[k], -evaluation.gradient[k], -evaluation.constraints[k],
+                            -evaluation.constraint_gradients[k]))  # fmt: skip
         if on_round is not None:
             on_round(len(rows))
     return dataclasses.replace(best, path=pd.concat(rows, ignore_index=True))
 
 
-def _search(number: int, start: np.ndarray, iterations: int, asked: queue.Queue, answers: queue.Queue) -> None:
-    """One SLSQP search; it puts (number, shares) for every design it wants to know, and (number, None) at its end."""
+def _run_slsqp(number: int, start: np.ndarray, iterations: int, requests: queue.Queue, answers: queue.Queue) -> None:
+    """One SLSQP search; it requests (number, fractions) for every design, and puts (number, None) at its end."""
     last: list = [None, None]
 
-    def known(z):
+    def evaluate(z):
         z = np.clip(z, 0.0, 1.0)
         if last[0] is None or not np.array_equal(z, last[0]):
-            asked.put((number, z))
+            requests.put((number, z))
             last[:] = z, answers.get()
         return last[1]
 
-    # what fails has no derivatives: it is told to be bad, so that the line search comes back
     minimize(
-        lambda z: float(np.nan_to_num(known(z)[0], nan=1e3)), start, method="SLSQP",
-        jac=lambda z: np.nan_to_num(known(z)[1]), bounds=[(0.0, 1.0)] * len(start),
-        constraints={"type": "ineq", "fun": lambda z: np.nan_to_num(known(z)[2], nan=-1.0),
-                     "jac": lambda z: np.nan_to_num(known(z)[3])},
-        options={"maxiter": iterations, "ftol": 1e-5},
+        lambda z: float(np.nan_to_num(evaluate(z)[0], nan=FAILED_OBJECTIVE)), start, method="SLSQP",
+        jac=lambda z: np.nan_to_num(evaluate(z)[1]), bounds=[(0.0, 1.0)] * len(start),
+        constraints={"type": "ineq", "fun": lambda z: np.nan_to_num(evaluate(z)[2], nan=-1.0),
+                     "jac": lambda z: np.nan_to_num(evaluate(z)[3])},
+        options={"maxiter": iterations, "ftol": SLSQP_TOLERANCE},
     )  # fmt: skip
-    asked.put((number, None))
+    requests.put((number, None))
 
 
-def _better(best: Ends, z: np.ndarray, judged: Judged) -> Ends:
-    """The best of every start: feasible before infeasible, then by objective or by violation."""
-    violation = judged.violation
-    now, before = violation <= MET, best.violation <= MET
-    better = np.where(now & before, judged.objective > best.objective, violation < best.violation)
-    better = (better | (now & ~before)) & np.isfinite(judged.objective)
-    return Ends(
-        np.where(better[:, None], z, best.shares), np.where(better, judged.objective, best.objective),
+def _update_best(best: SearchResult, z: np.ndarray, evaluation: DesignEvaluation) -> SearchResult:
+    """The better of two designs per start: feasible before infeasible, then by objective or by violation."""
+    violation = evaluation.violation
+    feasible, was_feasible = violation <= FEASIBILITY_TOLERANCE, best.violation <= FEASIBILITY_TOLERANCE
+    better = np.where(feasible & was_feasible, evaluation.objective > best.objective, violation < best.violation)
+    better = (better | (feasible & ~was_feasible)) & np.isfinite(evaluation.objective)
+    return SearchResult(
+        np.where(better[:, None], z, best.fractions), np.where(better, evaluation.objective, best.objective),
         np.where(better, violation, best.violation), best.path,
     )  # fmt: skip
 
 
-def _row(problem: Problem, number: int, z: np.ndarray, judged: Judged, starts=None) -> pd.DataFrame:
+def _path_rows(
+    problem: SizingProblem, number: int, z: np.ndarray, evaluation: DesignEvaluation, starts=None
+) -> pd.DataFrame:  # fmt: skip
+    """The designs of one iteration as rows of a path."""
     return pd.DataFrame({
-        "iteration": number, "start": np.arange(len(z)) if starts is None else starts, **problem.values(z),
-        "objective": judged.objective, "violation": judged.violation,
+        "iteration": number, "start": np.arange(len(z)) if starts is None else starts, **problem.designs(z),
+        "objective": evaluation.objective, "violation": evaluation.violation,
     })  # fmt: skip

@@ -1,4 +1,4 @@
-"""Sizing results on disk: configurations to simulate, the design and its path, what held it back."""
+"""Folder of a sizing result: configurations of the sized machines, the result as JSON, the path of every start."""
 
 import dataclasses
 import json
@@ -8,48 +8,55 @@ import pandas as pd
 
 from edhas_jax.config.run_folder import ResultFileError
 from edhas_jax.config.writer import dump_config
-from edhas_jax.design.sizing.config import Sizing
-from edhas_jax.design.sizing.sizing import SizingResult
+from edhas_jax.design.sizing.config import SizingTask
+from edhas_jax.design.sizing.size import SizedMachine, SizingResult
 from edhas_jax.simulation.run import Simulation
 
-RESULT, PATH, TASK, START = "result.json", "path.parquet", "sizing.yaml", "start.yaml"
+RESULT_FILE, PATH_FILE, TASK_FILE, START_FILE = "result.json", "path.parquet", "sizing.yaml", "start.yaml"
 
 
-def save_sizing(task: Sizing, result: SizingResult, folder: Path) -> list[Path]:
-    """Write a result; the configurations of its machines, which `edhas simulate` runs, are returned."""
+def save_sizing(task: SizingTask, result: SizingResult, folder: Path) -> list[Path]:
+    """Write a result into a folder, created if it is missing.
+
+    Returns:
+        The configurations of the sized machines, which `edhas simulate` runs.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     simulation = Simulation(step=task.settings.step)
     count = len(result.machines)
     names = ["sized.yaml"] if count == 1 else [f"sized_{k + 1}.yaml" for k in range(count)]
     for name, sized in zip(names, result.machines, strict=True):
         (folder / name).write_text(dump_config(sized.machine, simulation), encoding="utf-8")
-    (folder / START).write_text(dump_config(task.machine, simulation), encoding="utf-8")
-    (folder / TASK).write_text(task.text, encoding="utf-8")
-    result.path.to_parquet(folder / PATH)
-    told = {
-        "start": _told(result.start),
-        "machines": [_told(sized) | {"config": name} for name, sized in zip(names, result.machines, strict=True)],
-        "share of starts within 1 %": result.alike,
+    (folder / START_FILE).write_text(dump_config(task.machine, simulation), encoding="utf-8")
+    (folder / TASK_FILE).write_text(task.text, encoding="utf-8")
+    result.path.to_parquet(folder / PATH_FILE)
+    content = {
+        "start": _as_json(result.start),
+        "machines": [_as_json(sized) | {"config": name} for name, sized in zip(names, result.machines, strict=True)],
+        "share of starts within 1 %": result.share_near_best,
         "machine_seconds": result.machine_seconds,
         "seconds": result.seconds,
     }
-    (folder / RESULT).write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    (folder / RESULT_FILE).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     return [folder / name for name in names]
 
 
-def _told(sized) -> dict:
+def _as_json(sized: SizedMachine) -> dict:
     row = dataclasses.asdict(dataclasses.replace(sized, machine=None, metrics=None))
     return {n: v for n, v in row.items() if v is not None} | {"metrics": sized.metrics.to_dict("records")}
 
 
 def open_sizing(folder: Path | str) -> tuple[dict, pd.DataFrame]:
-    """The result (as in result.json, SI) and the path of every start.
+    """Read a sizing result.
+
+    Returns:
+        The content of result.json (SI), and the path of every start: a row per iteration and start.
 
     Raises:
         ResultFileError: the folder holds no sizing result.
     """
     folder = Path(folder)
-    for name in (RESULT, PATH):
+    for name in (RESULT_FILE, PATH_FILE):
         if not (folder / name).is_file():
             raise ResultFileError(f"{folder}: not the folder of a sizing: {name} is missing")
-    return json.loads((folder / RESULT).read_text(encoding="utf-8")), pd.read_parquet(folder / PATH)
+    return json.loads((folder / RESULT_FILE).read_text(encoding="utf-8")), pd.read_parquet(folder / PATH_FILE)
