@@ -1,5 +1,6 @@
 """Examples and links of the README and the documentation: every example is executed as printed."""
 
+import importlib.util
 import re
 import shutil
 
@@ -11,6 +12,8 @@ from edhas_jax.design.sensitivity.analysis import load_sensitivity
 from edhas_jax.design.sizing.config import load_sizing
 from edhas_jax.machine.interface.slots import SLOTS
 from tests.support import ROOT
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -110,6 +113,19 @@ def test_every_slot_is_on_its_page():
 
 
 def test_links_lead_somewhere():
-    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+    for page in PAGES:
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_named_programs_and_files_exist():
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for module in re.findall(r"python -m (studies[\w.]*)", text):
+            assert (ROOT / module.replace(".", "/")).with_suffix(".py").exists() or (
+                ROOT / module.replace(".", "/") / "__main__.py"
+            ).exists(), f"{page.name}: {module}"
+        for path in re.findall(r"\b((?:edhas_jax|tests|studies|benchmarks|configs)/[\w/]+\.(?:py|yaml|json))", text):
+            assert (ROOT / path).exists(), f"{page.name}: {path}"
+        for module in re.findall(r"`(edhas_jax(?:\.[a-z]\w*)+)`", text):
+            assert importlib.util.find_spec(module.rpartition(".")[0]), f"{page.name}: {module}"
