@@ -1,4 +1,4 @@
-"""The contract that every controller keeps: those of the package, and two as a user would write them."""
+"""Requirements on every controller, checked for the package and for two controllers as a user would write them."""
 
 import functools
 import re
@@ -33,7 +33,7 @@ exec(compile(PYTHON, "docs/controllers.md", "exec"), EXAMPLE)
 
 
 class Proportional(Controller):
-    """The shortest there is."""
+    """A proportional controller."""
 
     stiffness: float = par(1e4, "V/m", (0.0, 1e8), "gain")
 
@@ -41,9 +41,9 @@ class Proportional(Controller):
         return self.stiffness * (s.reference - s.piston_position)
 
 
-ALL = (*COMPONENT_KINDS["controller"].values(), EXAMPLE["FilteredLead"], Proportional)
-by_controller = pytest.mark.parametrize("controller", ALL, ids=lambda c: c.__name__)
-FOLLOWING = [c for c in ALL if c is not COMPONENT_KINDS["controller"]["open_loop"]]
+CONTROLLERS = (*COMPONENT_KINDS["controller"].values(), EXAMPLE["FilteredLead"], Proportional)
+by_controller = pytest.mark.parametrize("controller", CONTROLLERS, ids=lambda c: c.__name__)
+TRACKING = [c for c in CONTROLLERS if c is not COMPONENT_KINDS["controller"]["open_loop"]]
 H = 20e-6
 
 
@@ -52,14 +52,14 @@ def bench(controller, **parts):
 
 
 @by_controller
-def test_it_says_what_it_is(controller):
+def test_declaration_is_complete(controller):
     assert issubclass(controller, Controller) and controller.__doc__.strip().split("\n")[0].endswith((".", ":", "T_f."))
     for p in structs.parameters(controller):
         assert p.doc and p.span[0] <= p.default <= p.span[1]
-    assert set(controller().initial()) == set(controller().rates(*_seen(controller)))
+    assert set(controller().initial()) == set(controller().rates(*_initial_signals(controller)))
 
 
-def _seen(controller):
+def _initial_signals(controller):
     machine = bench(controller)
     y = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     return y, machine.evaluate(y, 0.0, H, y)[0]
@@ -68,13 +68,13 @@ def _seen(controller):
 @by_controller
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
-def test_it_acts_on_every_rig(controller, precision, rig):
+def test_acts_on_every_rig(controller, precision, rig):
     check_controller(rig(controller=controller()), precision)
     check_controller(rig(controller=controller(), sampling=Sampled()), precision)
 
 
 @by_controller
-def test_its_law_is_smooth_enough_to_differentiate(controller):
+def test_control_law_and_its_derivatives_are_finite(controller):
     machine = bench(controller)
 
     @jax.jit
@@ -86,18 +86,19 @@ def test_its_law_is_smooth_enough_to_differentiate(controller):
     rest = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     rng = np.random.default_rng(0)
     states = [rest, *(random_state(machine, rng) for _ in range(5))]
-    # exactly on the set point, with exactly its speed
+    # also exactly on the set point, at exactly its velocity
     value, rate = machine.reference.value_and_rate(0.05)
-    on_it = {"piston_position": value, "piston_velocity": rate, "smooth_reference": value, "smooth_velocity": rate}
-    states.append(rest | {n: v for n, v in on_it.items() if n in rest})
+    on_set_point = {"piston_position": value, "piston_velocity": rate}
+    on_set_point |= {"smooth_reference": value, "smooth_velocity": rate}
+    states.append(rest | {n: v for n, v in on_set_point.items() if n in rest})
     for y in states:
         for leaf in jax.tree.leaves((law(machine, y, 0.05), slopes(machine, y, 0.05))):
             assert np.isfinite(leaf).all()
 
 
 @pytest.mark.parametrize("sampled", [False, True], ids=["continuous", "sampled"])
-@pytest.mark.parametrize("controller", FOLLOWING, ids=lambda c: c.__name__)
-def test_it_follows_and_energy_closes(controller, sampled):
+@pytest.mark.parametrize("controller", TRACKING, ids=lambda c: c.__name__)
+def test_tracking_and_energy_balance(controller, sampled):
     machine = bench(controller, **({"sampling": Sampled(sample_time=1e-4)} if sampled else {}))
     if "nominal_mass" in (p.name for p in structs.parameters(controller)):
         machine = edhas.change(machine, nominal_mass=0.12, nominal_damping=20.0)
@@ -109,8 +110,8 @@ def test_it_follows_and_energy_closes(controller, sampled):
     assert abs(run.energy_residual()) < 1e-6
 
 
-def excursion(machine, name, value, steps=150):
-    """The mean square of the current over the first steps: a number that hangs on every gain."""
+def mean_square_current(machine, name, value, steps=150):
+    """The mean square of the current over the first steps, which depends on every gain."""
     machine = edhas.change(machine, **{name: value})
 
     def one(y, n):
@@ -123,7 +124,7 @@ def excursion(machine, name, value, steps=150):
 
 @pytest.mark.parametrize(
     ("controller", "sampled"),
-    [pytest.param(c, False, id=c.__name__) for c in FOLLOWING]
+    [pytest.param(c, False, id=c.__name__) for c in TRACKING]
     + [pytest.param(EXAMPLE["FilteredLead"], True, id="sampled")],
 )
 def test_batches_and_derivatives(controller, sampled):
@@ -131,7 +132,7 @@ def test_batches_and_derivatives(controller, sampled):
     machine = edhas.change(bench(controller), ramp_time=0.0)
     if sampled:
         machine = structs.replace(machine, sampling=Sampled(sample_time=1.1e-4, computation_delay=5e-5))
-    number = jax.jit(functools.partial(excursion, machine, p.name))
+    number = jax.jit(functools.partial(mean_square_current, machine, p.name))
     values = p.default * jnp.array([0.8, 1.0, 1.2])
     np.testing.assert_allclose(jax.vmap(number)(values), [number(v) for v in values], rtol=1e-9)
     e = 1e-4 * p.default
@@ -166,30 +167,30 @@ def test_a_class_instead_of_a_name():
     assert load_controller(spec) is Proportional and f"kind: {spec!r}".replace("'", '"') in dump_config(machine)
 
 
-def test_batches_of_a_users_controller():
+def test_batches_of_a_user_controller():
     machine = bench(Proportional)
     table = {"stiffness": np.array([5e3, 2e4]), "frequency": np.array([5.0, 20.0])}
-    got = run_designs(machine, table, BatchSettings(step=5e-5, tolerance=1e-3))
-    assert (got["status"] == 0).all() and np.isfinite(got["tracking_error"]).all()
+    result = run_designs(machine, table, BatchSettings(step=5e-5, tolerance=1e-3))
+    assert (result["status"] == 0).all() and np.isfinite(result["tracking_error"]).all()
 
 
 @pytest.mark.parametrize(
-    ("body", "what"),
+    ("body", "message_part"),
     [
         ({}, "no method `command`"),
         ({"command": lambda self, y, s: 0.0, "initial": lambda self: {}}, "`initial` but no `rates`"),
         ({"command": lambda self, y, s: 0.0, "rates": lambda self, y, s: {}}, "`rates` but no `initial`"),
     ],
 )
-def test_what_is_no_controller(body, what):
-    with pytest.raises(ControllerError, match=what):
+def test_an_invalid_controller_class_is_refused(body, message_part):
+    with pytest.raises(ControllerError, match=message_part):
         type("Wrong", (Controller,), body)
     with pytest.raises(ControllerError, match="derive from Controller alone"):
         type("Heir", (Proportional,), {"command": lambda self, y, s: 0.0})
 
 
 @pytest.mark.parametrize(
-    ("states", "what"),
+    ("states", "message_part"),
     [
         ({"piston_position": 0.0}, "is taken"),
         ({"no name": 0.0}, "letters"),
@@ -197,9 +198,9 @@ def test_what_is_no_controller(body, what):
         (3, "no dict"),
     ],
 )
-def test_states_that_are_none(states, what):
+def test_invalid_states_are_refused(states, message_part):
     body = {"command": lambda self, y, s: 0.0, "initial": lambda self: states, "rates": lambda self, y, s: {}}
-    with pytest.raises(ControllerError, match=what):
+    with pytest.raises(ControllerError, match=message_part):
         check_controller(ActuatorBench(controller=type("Wrong", (Controller,), body)()))
 
 

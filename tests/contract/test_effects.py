@@ -1,4 +1,4 @@
-"""The contract that every effect keeps: those of the library, and two as a user would write them."""
+"""Requirements on every effect, checked for the library and for two effects as a user would write them."""
 
 import functools
 import types
@@ -23,7 +23,7 @@ from tests.support.reference import random_state, rms
 
 
 class SealDrag(Effect):
-    """A lip seal that the chamber pressure presses on: smooth dry friction.
+    """Smooth dry friction of a lip seal, in proportion to the chamber pressure.
 
     F = k (p_A + p_B) tanh(v/v_0)
 
@@ -42,7 +42,7 @@ class SealDrag(Effect):
 
 
 class EddyBrake(Effect):
-    """Eddy currents in the coil carrier: a current of their own, far faster than the step.
+    """Eddy currents in the coil carrier with a state of their own, far faster than the step.
 
     τ di/dt = c v − i,   F = k i
 
@@ -83,8 +83,8 @@ def machine_with(*effects: Effect, rig: type[Rig] | None = None) -> Rig:
     return (rig or rig_of(type(effects[0])))(effects=effects)
 
 
-def entered(machine: Rig, effect: Effect, y, t=0.05):
-    """What the effect enters, slot by slot, and the rates of its own states, at a state of the machine."""
+def contributions_and_rates(machine: Rig, effect: Effect, y, t=0.05):
+    """The contributions of an effect by slot, and the rates of its own states, at a state of the machine."""
     s, rates = machine.evaluate(y, t, jnp.asarray(H, jnp.result_type(*y.values())), y)
     contributions = {slot: found[effect.id] for slot, found in s.record.contributions.items() if effect.id in found}
     return contributions, {n: r for n, r in rates.items() if n.startswith(f"{effect.id}.")}
@@ -92,23 +92,23 @@ def entered(machine: Rig, effect: Effect, y, t=0.05):
 
 @functools.cache
 def compiled(effect):
-    """`entered` as a function of the effect's parameters and the state."""
+    """`contributions_and_rates` as a function of the effect's parameters and the state."""
     names = [p.name for p in structs.parameters(effect)]
 
     @jax.jit
-    def acting(values, y):
-        made = effect(**dict(zip(names, values, strict=True)))
-        return entered(machine_with(made), made, y)
+    def evaluate(values, y):
+        mounted_effect = effect(**dict(zip(names, values, strict=True)))
+        return contributions_and_rates(machine_with(mounted_effect), mounted_effect, y)
 
-    return acting
+    return evaluate
 
 
-def spread(parameter, share: float) -> float:
-    """A value in the span of a parameter, by decades where it spans several."""
+def value_in_span(parameter, fraction: float) -> float:
+    """A value in the span of a parameter, logarithmic if the span covers more than two decades."""
     low, high = parameter.span
     if low > 0.0 and high / low > 100.0:
-        return float(low * (high / low) ** share)
-    return float(low + share * (high - low))
+        return float(low * (high / low) ** fraction)
+    return float(low + fraction * (high - low))
 
 
 def defaults(effect) -> list[float]:
@@ -116,7 +116,7 @@ def defaults(effect) -> list[float]:
 
 
 @by_effect
-def test_it_says_what_it_is(effect):
+def test_declaration_is_complete(effect):
     text = effect.__doc__
     assert text and "Source:" in text and effect.looks_like
     assert text.strip().splitlines()[0].endswith((".", ":"))
@@ -134,10 +134,11 @@ def test_it_says_what_it_is(effect):
 
 @by_effect
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_shape_and_precision_are_kept(effect, dtype):
+def test_contributions_are_scalars_in_the_precision_of_the_run(effect, dtype):
     machine = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), machine_with(effect()))
     y = {n: jnp.asarray(v, dtype) for n, v in machine.initial_state().items()}
-    found = jax.eval_shape(lambda m, y: entered(m, m.effects[0], y, jnp.asarray(0.05, dtype)), machine, y)
+    t = jnp.asarray(0.05, dtype)
+    found = jax.eval_shape(lambda m, y: contributions_and_rates(m, m.effects[0], y, t), machine, y)
     assert set(found[0]) == {slot.name for slot in effect.slots}
     assert len(found[1]) == len(effect.states)
     for leaf in jax.tree.leaves(found):
@@ -147,8 +148,8 @@ def test_shape_and_precision_are_kept(effect, dtype):
 @by_effect
 @settings(max_examples=40, deadline=None)
 @given(shares=st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8), seed=st.integers(0, 2**31))
-def test_it_is_finite_everywhere(effect, shares, seed):
-    values = [spread(p, share) for p, share in zip(structs.parameters(effect), shares, strict=False)]
+def test_contributions_are_finite_over_all_spans(effect, shares, seed):
+    values = [value_in_span(p, fraction) for p, fraction in zip(structs.parameters(effect), shares, strict=False)]
     y = random_state(machine_with(effect()), np.random.default_rng(seed))
     for leaf in jax.tree.leaves(compiled(effect)(values, y)):
         assert np.isfinite(leaf)
@@ -156,24 +157,24 @@ def test_it_is_finite_everywhere(effect, shares, seed):
 
 @by_effect
 def test_derivatives_equal_differences(effect):
-    """Along random directions through states and parameters; where a kink lies within the difference it is left out."""
+    """Along random directions of states and parameters, except where a kink lies within the difference."""
     rng = np.random.default_rng(11)
-    acting = compiled(effect)
-    along = jax.jit(lambda point, way: jax.jvp(lambda p: acting(*p), (point,), (way,))[1])
+    evaluate = compiled(effect)
+    directional_derivative = jax.jit(lambda point, tangent: jax.jvp(lambda p: evaluate(*p), (point,), (tangent,))[1])
     machine = machine_with(effect())
     checked = 0
     for _ in range(12):
         point = ([d * rng.uniform(0.7, 1.3) for d in defaults(effect)], random_state(machine, rng))
-        way = jax.tree.map(lambda leaf: jnp.asarray(leaf * rng.uniform(-1.0, 1.0), float), point)
+        direction = jax.tree.map(lambda leaf: jnp.asarray(leaf * rng.uniform(-1.0, 1.0), float), point)
         point = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), point)
 
-        def at(share, point=point, way=way):
-            return np.array(jax.tree.leaves(acting(*jax.tree.map(lambda p, w: p + share * w, point, way))))
+        def at(fraction, point=point, direction=direction):
+            return np.array(jax.tree.leaves(evaluate(*jax.tree.map(lambda p, w: p + fraction * w, point, direction))))
 
         def slope(d, at=at):
             return (8.0 * (at(d) - at(-d)) - (at(2.0 * d) - at(-2.0 * d))) / (12.0 * d)
 
-        exact = np.array(jax.tree.leaves(along(point, way)))
+        exact = np.array(jax.tree.leaves(directional_derivative(point, direction)))
         coarse, fine = slope(1e-4), slope(5e-5)
         scale = np.abs(exact) + np.abs(at(0.0)) + 1e-300
         smooth = np.abs(coarse - fine) < 1e-6 * scale
@@ -189,8 +190,9 @@ def test_a_batch_over_a_parameter_equals_a_loop(effect):
     values = [np.asarray(v) * np.array([0.5, 1.0, 1.5]) for v in base[:1]] + [np.full(3, v) for v in base[1:]]
     together = jax.tree.leaves(jax.vmap(compiled(effect), in_axes=(0, None))(values, y))
     for k in range(3):
-        for got, wanted in zip(together, jax.tree.leaves(compiled(effect)([v[k] for v in values], y)), strict=True):
-            np.testing.assert_allclose(jnp.broadcast_to(got, (3,))[k], wanted, rtol=1e-9, atol=1e-15)
+        single = jax.tree.leaves(compiled(effect)([v[k] for v in values], y))
+        for result, expected in zip(together, single, strict=True):
+            np.testing.assert_allclose(jnp.broadcast_to(result, (3,))[k], expected, rtol=1e-9, atol=1e-15)
 
 
 def test_the_order_of_effects_changes_nothing():
@@ -206,12 +208,12 @@ def test_the_order_of_effects_changes_nothing():
     for other in results[1:]:
         for one, two in zip(results[0], other, strict=True):
             for name, rate in one.items():
-                # the sum of forces cancels: rounding is that of its terms
+                # the forces nearly cancel, so that rounding is relative to the terms
                 np.testing.assert_allclose(two[name], rate, rtol=1e-10, atol=1e-8, err_msg=name)
 
 
 @by_effect
-def test_absent_means_the_same_program_as_a_machine_that_never_had_it(effect):
+def test_a_removed_effect_leaves_the_same_program(effect):
     rig = rig_of(effect)
     others = tuple(e() for e in (*LIBRARY[:4], SealDrag) if e is not effect and set(e.slots) <= set(rig.slots))
     had = structs.replace(rig(effects=(effect(), *others)), effects=others)
@@ -230,10 +232,10 @@ GROUPS = {
     "backlash": (PumpBench, [*LIBRARY[:3], Backlash]),
     "cylinder": (ActuatorSystem, [*LIBRARY[:4], *(e for e in ALL if {s.location for s in e.slots} == {"cylinder"})]),
 }
-"""Machines that hold every effect between them; each is compiled once."""
+"""Machines that together have every effect; each is compiled once."""
 
 
-def test_the_groups_hold_every_effect():
+def test_the_groups_contain_every_effect():
     assert {e for _, group in GROUPS.values() for e in group} == set(ALL)
 
 
@@ -247,10 +249,10 @@ def test_a_changed_value_compiles_nothing_and_a_long_step_is_stable(group, compi
 
     normal = run(machine, duration=0.25)
     before = compilations()
-    for k, made in enumerate(machine.effects):
+    for k, mounted_effect in enumerate(machine.effects):
         others = machine.effects[:k], machine.effects[k + 1 :]
-        for parameter in structs.parameters(type(made)):
-            changed = structs.replace(made, **{parameter.name: 1.1 * parameter.default})
+        for parameter in structs.parameters(type(mounted_effect)):
+            changed = structs.replace(mounted_effect, **{parameter.name: 1.1 * parameter.default})
             short = run(structs.replace(machine, effects=(*others[0], changed, *others[1])), duration=1e-3)
             assert all(np.isfinite(v).all() for v in short.signals.values())
     coarse = run(machine, duration=0.25, step=5.0 * H)
@@ -263,32 +265,32 @@ def test_a_changed_value_compiles_nothing_and_a_long_step_is_stable(group, compi
 @pytest.mark.parametrize("effect", FRICTION, ids=lambda e: e.__name__)
 @pytest.mark.parametrize("velocity", [-0.5, -0.05, -2e-3, 2e-3, 0.05, 0.5])
 def test_friction_opposes_steady_sliding(effect, velocity):
-    """With its own states settled at a constant speed, a friction takes energy out."""
-    made = effect()
-    machine = machine_with(made)
+    """Friction dissipates energy at constant speed, with its own states settled."""
+    mounted_effect = effect()
+    machine = machine_with(mounted_effect)
     y = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     y |= {n: jnp.asarray(velocity) for n in ("piston_velocity", "cylinder_velocity") if n in y}
     y["piston_position"] = jnp.asarray(2e-3)  # off mid-stroke, where a friction may vanish
-    own = [f"{made.id}.{n}" for n in made.states]
+    own = [f"{mounted_effect.id}.{n}" for n in mounted_effect.states]
 
     def settle(_, z):
-        graph = linearize(lambda z: entered(machine, made, y | z)[1], z)
+        graph = linearize(lambda z: contributions_and_rates(machine, mounted_effect, y | z)[1], z)
         k = solve(graph, graph.values, 1e3)  # an implicit step of 1 ms
         return {n: z[n] + k[n] for n in z}
 
     if own:
         y = y | jax.jit(lambda z: jax.lax.fori_loop(0, 2000, settle, z))({n: y[n] for n in own})
-    contributions, rates = jax.jit(lambda y: entered(machine, made, y))(y)
+    contributions, rates = jax.jit(lambda y: contributions_and_rates(machine, mounted_effect, y))(y)
     for slot in ("mover_friction", "cylinder_friction_force"):
         if slot in contributions:
             force = float(sum(contributions[slot]))
-            # one that acts in one direction has nothing to do in the other
+            # a friction in the forward direction alone is zero backward
             assert force * velocity > 0.0 or (effect is AsymmetricFriction and velocity < 0.0 and force == 0.0)
     for rate in rates.values():
         assert abs(float(rate)) < 1e-6
 
 
-def test_own_states_reach_an_effect_by_name():
+def test_states_are_passed_to_an_effect_by_name():
     brake = EddyBrake()
     z = types.SimpleNamespace(eddy_current=2.0)
     assert brake.mover_friction(None, z) == 1.0

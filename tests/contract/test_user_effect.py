@@ -1,4 +1,4 @@
-"""A user's effect in a file of its own: simulate, vmap, grad, the command line, without another line."""
+"""An effect in a file of the user works with simulate, vmap, grad and the command line without further code."""
 
 from pathlib import Path
 
@@ -43,8 +43,8 @@ def config(tmp_path_factory):
     return path
 
 
-def rms_current(machine, strength, samples=200):
-    """Mean square of the current over the first steps of a run: a smooth number to differentiate."""
+def mean_square_current(machine, strength, samples=200):
+    """Mean square of the current over the first steps of a run, a smooth function of the parameter."""
     machine = edhas.change(machine, guide_friction=strength)
     h = 5e-5
 
@@ -70,12 +70,12 @@ def test_simulate(config):
 def test_vmap_and_grad(config):
     machine = edhas.load(config).machine
     strengths = jnp.array([0.5, 2.0, 8.0])
-    batched = jax.vmap(lambda f: rms_current(machine, f))(strengths)
-    single = jnp.stack([rms_current(machine, f) for f in strengths])
+    batched = jax.vmap(lambda f: mean_square_current(machine, f))(strengths)
+    single = jnp.stack([mean_square_current(machine, f) for f in strengths])
     np.testing.assert_allclose(batched, single, rtol=1e-10)
-    slope = jax.grad(lambda f: rms_current(machine, f))(2.0)
-    forward = jax.jvp(lambda f: rms_current(machine, f), (2.0,), (1.0,))[1]
-    difference = (rms_current(machine, 2.0 + 1e-4) - rms_current(machine, 2.0 - 1e-4)) / 2e-4
+    slope = jax.grad(lambda f: mean_square_current(machine, f))(2.0)
+    forward = jax.jvp(lambda f: mean_square_current(machine, f), (2.0,), (1.0,))[1]
+    difference = (mean_square_current(machine, 2.0 + 1e-4) - mean_square_current(machine, 2.0 - 1e-4)) / 2e-4
     assert float(slope) == pytest.approx(float(forward), rel=1e-9)
     assert float(slope) == pytest.approx(float(difference), rel=1e-5)
 

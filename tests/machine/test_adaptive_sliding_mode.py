@@ -1,4 +1,4 @@
-"""The adaptive sliding-mode controller: its parts against the published equations, its whole against a mismatch."""
+"""Adaptive sliding-mode controller: its elements against the published equations, and its robustness to mismatch."""
 
 import functools
 
@@ -16,24 +16,24 @@ from edhas_jax.machine.interface.signals import Signals
 from edhas_jax.machine.rigs import ActuatorBench, Step
 from edhas_jax.simulation.integrator import step
 
-BELIEF = {"nominal_mass": 0.12, "nominal_damping": 20.0}
+NOMINAL = {"nominal_mass": 0.12, "nominal_damping": 20.0}
 H = 10e-6
 
 
-class Push(Effect):
-    """A force on the mover that begins at once and grows.
+class RampForce(Effect):
+    """A force on the mover, constant plus a ramp.
 
     Source: this test.
     """
 
-    constant_push: float = par(20.0, "N", (-1e4, 1e4), "force at the start")
-    growing_push: float = par(0.0, "N/s", (-1e6, 1e6), "its rate")
+    constant_force: float = par(20.0, "N", (-1e4, 1e4), "force at the start")
+    force_rate: float = par(0.0, "N/s", (-1e6, 1e6), "its rate")
 
     def mover_force(self, s, z):
-        return -(self.constant_push + self.growing_push * s.time) + 0.0 * s.piston_velocity
+        return -(self.constant_force + self.force_rate * s.time) + 0.0 * s.piston_velocity
 
 
-def march(machine, steps: int):
+def states_over_time(machine, steps: int):
     """The states after each step, (steps,) by name."""
 
     @jax.jit
@@ -49,7 +49,7 @@ def march(machine, steps: int):
 
 
 def fhan(x1, x2, r, h):
-    """Han's function as it is printed, with its signs."""
+    """fhan as published by Han."""
     d, sign = r * h * h, np.sign
     a0 = h * x2
     y = x1 + a0
@@ -61,7 +61,7 @@ def fhan(x1, x2, r, h):
     return -r * (a / d - sign(a)) * sa - r * sign(a)
 
 
-def test_the_tracking_differentiator_is_hans():
+def test_the_tracking_differentiator_is_fhan():
     c, rng = AdaptiveSlidingMode(), np.random.default_rng(0)
     r, h = c.tracking_acceleration, c.tracking_time
     at = {"voltage": 0.0, "unlimited_voltage": 0.0, "piston_position": 0.0, "piston_velocity": 0.0, "current": 0.0}
@@ -70,20 +70,20 @@ def test_the_tracking_differentiator_is_hans():
         for x1, x2 in scale * np.array([r * h * h, r * h]) * rng.uniform(-2.0, 2.0, (200, 2)):
             reference, velocity = rng.uniform(-1e-3, 1e-3), rng.uniform(-0.1, 0.1)
             y = c.initial() | {"smooth_reference": x1 + reference, "smooth_velocity": x2 + velocity}
-            got = rates(y, {"reference": reference, "reference_velocity": velocity})
-            assert got["smooth_velocity"] == pytest.approx(fhan(x1, x2, r, h), abs=1e-6 * r)
-            assert got["smooth_reference"] == pytest.approx(x2 + velocity)
+            result = rates(y, {"reference": reference, "reference_velocity": velocity})
+            assert result["smooth_velocity"] == pytest.approx(fhan(x1, x2, r, h), abs=1e-6 * r)
+            assert result["smooth_reference"] == pytest.approx(x2 + velocity)
 
 
 def test_a_step_is_smoothed_at_the_largest_acceleration():
     size = 2e-3
-    controller = AdaptiveSlidingMode(**BELIEF, tracking_acceleration=500.0)
+    controller = AdaptiveSlidingMode(**NOMINAL, tracking_acceleration=500.0)
     machine = ActuatorBench(controller=controller, reference=Step(step_size=size))
-    y = march(machine, 1500)
+    y = states_over_time(machine, 1500)
     time, smooth = H * np.arange(1, 1501), y["smooth_reference"]
-    least = 2.0 * np.sqrt(size / 500.0)  # half of the way accelerating, half braking
-    arrived = time[np.argmax(np.abs(smooth - size) < 1e-2 * size)]
-    assert 0.85 * least < arrived < 1.15 * least  # 1 % of the way is missing 14 % of the time before the end
+    shortest = 2.0 * np.sqrt(size / 500.0)  # half of the travel accelerating, half braking
+    arrival = time[np.argmax(np.abs(smooth - size) < 1e-2 * size)]
+    assert 0.85 * shortest < arrival < 1.15 * shortest  # the last 1 % of the travel takes 14 % of the time
     assert smooth.max() < size * (1.0 + 1e-3)
     assert np.abs(np.diff(y["smooth_velocity"])).max() <= 500.0 * H * (1.0 + 1e-9)
     assert abs(y["piston_position"][-1] - size) < 2e-6
@@ -93,7 +93,7 @@ def test_the_sliding_motion_is_terminal():
     c = AdaptiveSlidingMode(smoothing_velocity=1e-5, surface_rate=200.0, surface_exponent=1.5)
 
     def surface_rate(error):
-        """dκ̂/dt without the leak is |s| times a gain: a look at the surface from outside."""
+        """|s| from dκ̂/dt, which at κ̂ = 0 is |s| times the adaptation gain."""
         speed = -200.0 * SURFACE_LENGTH * (abs(error) / SURFACE_LENGTH) ** (1.0 / 1.5) * np.sign(error)
         s = Signals({"reference": 0.0, "reference_velocity": 0.0, "piston_position": error, "piston_velocity": speed,
                      "current": 0.0, "voltage": 0.0, "unlimited_voltage": 0.0})  # fmt: skip
@@ -103,24 +103,24 @@ def test_the_sliding_motion_is_terminal():
         assert surface_rate(error) < 1e-3 * abs(error)
 
 
-@pytest.mark.parametrize("growing", [0.0, 400.0])
-def test_the_observer_finds_a_force_that_is_constant_or_grows(growing):
-    """The error of d̂ is that of two poles at −l: (d₀ (1 − l t) + d₁ t) e^(−l t), and it dies out even while d grows."""
-    l, push = 800.0, Push(constant_push=20.0, growing_push=growing)  # noqa: E741
+@pytest.mark.parametrize("rate", [0.0, 400.0])
+def test_the_observer_estimates_a_constant_and_a_growing_force(rate):
+    """The error of d̂ is (d₀ (1 − l t) + d₁ t) e^(−l t), that of two poles at −l; it decays even while d grows."""
+    l, force = 800.0, RampForce(constant_force=20.0, force_rate=rate)  # noqa: E741
     machine = ActuatorBench(
-        controller=AdaptiveSlidingMode(**BELIEF, observer_rate=l), effects=(push,),
+        controller=AdaptiveSlidingMode(**NOMINAL, observer_rate=l), effects=(force,),
         reference=Step(step_size=0.0),
     )  # fmt: skip
-    y = march(machine, 2000)
+    y = states_over_time(machine, 2000)
     time = H * np.arange(1, 2001)
-    found = y["observed_force"] - 2.0 * l * BELIEF["nominal_mass"] * y["piston_velocity"]
-    expected = (20.0 * (1.0 - l * time) + growing * time) * np.exp(-l * time)
-    np.testing.assert_allclose(20.0 + growing * time - found, expected, atol=2e-3 * 20.0)
+    found = y["observed_force"] - 2.0 * l * NOMINAL["nominal_mass"] * y["piston_velocity"]
+    expected = (20.0 * (1.0 - l * time) + rate * time) * np.exp(-l * time)
+    np.testing.assert_allclose(20.0 + rate * time - found, expected, atol=2e-3 * 20.0)
 
 
-def test_what_it_believes_is_not_what_the_machine_has():
-    """The command hangs on the beliefs, and not at all on the parameters of the machine."""
-    machine = ActuatorBench(controller=AdaptiveSlidingMode(**BELIEF), effects=(LugreFriction(),))
+def test_the_command_uses_nominal_values_only():
+    """The command depends on the nominal values of the controller and not on the parameters of the machine."""
+    machine = ActuatorBench(controller=AdaptiveSlidingMode(**NOMINAL), effects=(LugreFriction(),))
     y = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     y |= {"piston_position": 1e-4, "piston_velocity": 0.05, "current": 1.0}
 
@@ -128,10 +128,10 @@ def test_what_it_believes_is_not_what_the_machine_has():
         return float(edhas.change(machine, **changes).evaluate(y, 0.02, H, y)[0].unlimited_voltage)
 
     now = command()
-    real = ("mover_mass", "mover_damping", "force_constant", "coil_resistance", "coil_inductance")
-    assert all(command(**{n: 1.3 * float(edhas.get(machine, n))}) == now for n in real)
-    believed = ("mass", "damping", "force_constant", "resistance", "inductance")
-    names = [f"nominal_{n}" for n in believed]
+    actual = ("mover_mass", "mover_damping", "force_constant", "coil_resistance", "coil_inductance")
+    assert all(command(**{n: 1.3 * float(edhas.get(machine, n))}) == now for n in actual)
+    nominal = ("mass", "damping", "force_constant", "resistance", "inductance")
+    names = [f"nominal_{n}" for n in nominal]
     assert all(command(**{n: 1.3 * float(edhas.get(machine, n))}) != now for n in names)
 
 
@@ -142,28 +142,28 @@ def error(controller, mass=0.12):
     return edhas.simulate(machine, edhas.Simulation(duration=0.3)).metrics["tracking_error"].value
 
 
-def test_the_observer_takes_up_friction_and_mass():
-    """The better the observer, the less of the machine's mismatch is left in the error."""
-    blind, seeing = (
-        structs.replace(AdaptiveSlidingMode(**BELIEF), observer_rate=rate, adaptation_gain=0.0)
+def test_the_observer_compensates_friction_and_mass():
+    """A faster observer leaves less error from friction and a wrong mass."""
+    slow, fast = (
+        structs.replace(AdaptiveSlidingMode(**NOMINAL), observer_rate=rate, adaptation_gain=0.0)
         for rate in (1.0, 1500.0)
     )
-    assert error(seeing) < 0.2 * error(blind)
-    assert error(seeing, 0.156) < 0.25 * error(blind, 0.156)
-    assert error(seeing, 0.156) < 3.0 * error(seeing)
+    assert error(fast) < 0.2 * error(slow)
+    assert error(fast, 0.156) < 0.25 * error(slow, 0.156)
+    assert error(fast, 0.156) < 3.0 * error(fast)
 
 
 def test_the_switching_gain_adapts():
-    """Without an observer the switching gain grows to what is missing, and the error falls."""
+    """Without an observer the switching gain grows and reduces the error."""
     fixed, adaptive = (
-        AdaptiveSlidingMode(**BELIEF, observer_rate=1.0, adaptation_gain=gain) for gain in (0.0, 1e8)
+        AdaptiveSlidingMode(**NOMINAL, observer_rate=1.0, adaptation_gain=gain) for gain in (0.0, 1e8)
     )
     assert error(adaptive) < 0.7 * error(fixed)
 
 
 def test_the_step_is_of_second_order():
-    """Halving the step divides the error by four: nothing of the law is stiff or singular."""
-    machine = edhas.change(ActuatorBench(controller=AdaptiveSlidingMode(**BELIEF)), frequency=10.0, amplitude=1e-3)
+    """Halving the step divides the error by four, as the control law is neither stiff nor singular."""
+    machine = edhas.change(ActuatorBench(controller=AdaptiveSlidingMode(**NOMINAL)), frequency=10.0, amplitude=1e-3)
     ends = []
     for per_sample in (20, 40, 80):
         run = edhas.simulate(machine, edhas.Simulation(duration=0.12, step=1e-3 / per_sample, sample_rate=1e3))

@@ -1,4 +1,4 @@
-"""Amplifiers, controllers and inputs: what they do, and that energy closes with each of them."""
+"""Amplifiers, controllers and set points, and the energy balance with each of them."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ CASCADE = CascadeController(cascade_position_gain=60.0, cascade_velocity_gain=8.
 SHORT = edhas.Simulation(duration=0.3, sample_rate=5000.0)
 
 
-def bench(**parts):
-    return edhas.ActuatorBench(effects=(LugreFriction(),), **parts)
+def bench(**components):
+    return edhas.ActuatorBench(effects=(LugreFriction(),), **components)
 
 
 @pytest.mark.parametrize("amplifier", [None, CurrentAmplifier(amplifier_gain=0.5)])
@@ -31,8 +31,8 @@ def bench(**parts):
 def test_energy_closes(amplifier, controller, reference):
     if amplifier is not None and isinstance(controller, PositionController):
         controller = structs.replace(controller, position_gain=2e3, integral_gain=0.0)
-    parts = {"controller": controller, "reference": reference} | ({"amplifier": amplifier} if amplifier else {})
-    run = edhas.simulate(bench(**parts), SHORT)
+    components = {"controller": controller, "reference": reference} | ({"amplifier": amplifier} if amplifier else {})
+    run = edhas.simulate(bench(**components), SHORT)
     assert np.ptp(run.signals["piston_position"]) > 1e-4
     assert abs(run.energy_residual()) < 1e-6
     if amplifier is not None:
@@ -47,7 +47,7 @@ def test_step_response_of_the_cascade():
     assert x[-1] == pytest.approx(2e-3, rel=0.05)
 
 
-def test_a_recorded_voltage_gives_the_run_back():
+def test_a_recorded_voltage_reproduces_the_run():
     original = edhas.simulate(bench(), SHORT)
     recorded = Recorded(values=original.signals["voltage"], interval=1.0 / SHORT.sample_rate)
     replay = edhas.simulate(bench(controller=OpenLoop(), reference=recorded), SHORT)
@@ -61,10 +61,10 @@ def test_a_recorded_set_point_equals_the_analytic_one():
     value, rate = Sine().value_and_rate(t)
     recorded = Recorded(values=np.asarray(value), interval=5e-4)
     between = np.linspace(1e-3, 0.29, 997)
-    got, got_rate = np.asarray([recorded.value_and_rate(x) for x in between]).T
-    wanted, wanted_rate = (np.asarray(v) for v in Sine().value_and_rate(between))
-    np.testing.assert_allclose(got, wanted, atol=3e-8)
-    np.testing.assert_allclose(got_rate, wanted_rate, atol=2e-4)
+    result, result_rate = np.asarray([recorded.value_and_rate(x) for x in between]).T
+    expected, expected_rate = (np.asarray(v) for v in Sine().value_and_rate(between))
+    np.testing.assert_allclose(result, expected, atol=3e-8)
+    np.testing.assert_allclose(result_rate, expected_rate, atol=2e-4)
     run, again = (edhas.simulate(bench(reference=r), SHORT) for r in (Sine(), recorded))
     error = run.signals["piston_position"] - again.signals["piston_position"]
     assert np.abs(error).max() < 2e-3 * np.ptp(run.signals["piston_position"])
@@ -72,7 +72,7 @@ def test_a_recorded_set_point_equals_the_analytic_one():
 
 def test_a_recording_is_held_before_and_after():
     recorded = Recorded(values=np.array([1.0, 2.0, 4.0]), interval=0.1, start=1.0)
-    for t, wanted in ((0.0, 1.0), (0.999, 1.0), (1.1, 2.0), (1.2, 4.0), (5.0, 4.0)):
+    for t, expected in ((0.0, 1.0), (0.999, 1.0), (1.1, 2.0), (1.2, 4.0), (5.0, 4.0)):
         value, rate = recorded.value_and_rate(t)
-        assert float(value) == pytest.approx(wanted)
+        assert float(value) == pytest.approx(expected)
         assert (float(rate) == 0.0) == (t < 1.0 or t > 1.2)

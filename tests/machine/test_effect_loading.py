@@ -1,4 +1,4 @@
-"""Effects by name, and the check that one acts on a rig."""
+"""Loading of effects by name, and the check that an effect acts on a machine."""
 
 import os
 import textwrap
@@ -39,16 +39,16 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_library_by_id():
+def test_load_from_the_library_by_id():
     assert load_effect("lugre_friction") is LugreFriction
     assert {load_effect(cls.id) for cls in LIBRARY} == set(LIBRARY)
 
 
-def test_module_and_class():
+def test_load_from_a_module():
     assert load_effect("edhas_jax.machine.effects.mover.lugre_friction:LugreFriction") is LugreFriction
 
 
-def test_user_file(folder):
+def test_load_from_a_file_of_the_user(folder):
     cls = load_effect("my_effects.py:SealDrag", folder)
     assert cls.id == "seal_drag"
     assert load_effect(f"{folder}/my_effects.py:SealDrag") is cls
@@ -65,7 +65,7 @@ def test_a_changed_file_is_read_anew(folder):
     assert first().seal_force == 3.0
 
 
-def test_the_check_leaves_effect_and_machine_alone(folder):
+def test_the_check_changes_neither_effect_nor_machine(folder):
     effect = load_effect("my_effects.py:SealDrag", folder)()
     machine = PumpBench()
     check_effect(effect, machine)
@@ -74,32 +74,32 @@ def test_the_check_leaves_effect_and_machine_alone(folder):
     assert not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(effect))
 
 
-def rig_for(cls):
+def rig_with_slots_of(cls):
     return ActuatorSystem if set(cls.slots) <= set(ActuatorSystem.slots) else PumpBench
 
 
-def test_library_acts_where_its_slots_are():
+def test_library_effects_act_on_rigs_with_their_slots():
     for cls in LIBRARY:
-        check_effect(cls(), rig_for(cls)())
+        check_effect(cls(), rig_with_slots_of(cls)())
     check_effect(LugreFriction(), ActuatorBench())
     with pytest.raises(EffectError, match=r"acts on the cylinder \(slot cylinder_friction_force\), which pump_bench"):
         check_effect(load_effect("karnopp_friction")(), PumpBench())
 
 
-def test_an_effect_that_nothing_asks_for_is_refused():
+def test_an_effect_whose_slots_are_unused_is_refused():
     machine = replace(PumpBench(), amplifier=CurrentAmplifier(), controller=CascadeController())
     with pytest.raises(EffectError, match="amplifier_lag acts on nothing here: .*coil_voltage_change"):
         check_effect(load_effect("amplifier_lag")(), machine)
 
 
-def test_an_effect_that_is_mounted_may_be_checked_again():
+def test_a_mounted_effect_can_be_checked_again():
     machine = replace(PumpBench(), effects=(LugreFriction(),))
     check_effect(machine.effects[0], machine)
     with pytest.raises(EffectError, match="given twice"):
         check_effect(LugreFriction(), machine)
 
 
-def broken(folder, body: str) -> str:
+def message_for_body(folder, body: str) -> str:
     code = f"""
 import math
 import jax
@@ -118,7 +118,7 @@ class Bad(Effect):
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "message_part"),
     [
         ("return s.no_such_thing", "pump_bench has no signal or parameter `no_such_thing`"),
         ("return z.bend", "`z` has no state `bend`"),
@@ -137,11 +137,11 @@ class Bad(Effect):
         ("return s.current * s.time_step / undefined", "NameError"),
     ],
 )
-def test_wrong_code(folder, line, says):
-    message = broken(folder, f"def mover_force(self, s, z):\n    {line}\n")
+def test_wrong_code(folder, line, message_part):
+    message = message_for_body(folder, f"def mover_force(self, s, z):\n    {line}\n")
     assert "Bad.mover_force" in message
     assert "bad.py:" in message
-    assert says in message
+    assert message_part in message
     assert "\n" not in message
 
 
@@ -155,7 +155,7 @@ def test_a_constant_that_forces_float64(folder):
     with pytest.raises(EffectError, match=r"forced\.py:\d+\): a constant forces another precision"):
         check_effect(effect, PumpBench(), "float32")
     for cls in LIBRARY:
-        check_effect(cls(), rig_for(cls)(), "float32")
+        check_effect(cls(), rig_with_slots_of(cls)(), "float32")
 
 
 def test_if_on_a_parameter_is_refused_too(folder):
@@ -165,10 +165,10 @@ def test_if_on_a_parameter_is_refused_too(folder):
         def motor_force_factor(self, s, z):
             return self.gain if self.gain > 0 else 1.0
     """
-    assert "decide with jnp.where" in broken(folder, body)
+    assert "decide with jnp.where" in message_for_body(folder, body)
 
 
-def test_constants_are_contributions(folder):
+def test_constants_are_valid_contributions(folder):
     (folder / "fine.py").write_text(
         "import numpy as np\nfrom edhas_jax.machine.effects import Effect\n\n"
         "class Fine(Effect):\n    def mover_force(self, s, z):\n        return 2.0\n\n"
@@ -178,7 +178,7 @@ def test_constants_are_contributions(folder):
 
 
 @pytest.mark.parametrize(
-    ("spec", "says"),
+    ("spec", "message_part"),
     [
         ("lugre_frict", "no effect `lugre_frict` in the library; nearest: lugre_friction"),
         ("my_effects.py", "write my_effects.py:ClassName"),
@@ -189,14 +189,14 @@ def test_constants_are_contributions(folder):
         ("my_effects:SealDrag", "did you mean my_effects.py?"),
     ],
 )
-def test_wrong_spec(folder, spec, says):
+def test_wrong_spec(folder, spec, message_part):
     with pytest.raises(EffectError) as caught:
         load_effect(spec, folder)
-    assert says in str(caught.value)
+    assert message_part in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("code", "says"),
+    ("code", "message_part"),
     [
         ("class Child(LugreFriction):\n    pass", "Child derives from LugreFriction: an effect is final"),
         ("class Child(LugreFriction, Effect):\n    pass", "Child derives from LugreFriction: an effect is final"),
@@ -208,15 +208,15 @@ def test_wrong_spec(folder, spec, says):
         ("class Child(Effect):\n    rates = property(max)", "Child.rates: define it as `def rates(self, s, z)`"),
     ],
 )
-def test_a_class_that_is_no_plain_effect(folder, code, says):
+def test_an_invalid_effect_class_is_refused(folder, code, message_part):
     head = "import jax\nfrom edhas_jax.machine.effects import Effect, LugreFriction, state\n"
     (folder / "child.py").write_text(head + code + "\n")
     with pytest.raises(EffectError, match=r"child\.py:3: ") as caught:
         load_effect("child.py:Child", folder)
-    assert says in str(caught.value)
+    assert message_part in str(caught.value)
 
 
-def test_no_id_is_taken_twice():
+def test_duplicate_ids_are_refused():
     with pytest.raises(EffectError, match="`lugre_friction` is taken twice in pump_bench"):
         components_by_name(replace(PumpBench(), effects=(LugreFriction(), LugreFriction())))
 

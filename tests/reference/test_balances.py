@@ -1,4 +1,4 @@
-"""Energy and oil: what goes in is found again, and at rest nothing goes anywhere."""
+"""Balances of energy and oil close, and a machine at rest stays at rest."""
 
 import dataclasses
 
@@ -23,21 +23,21 @@ def test_energy_and_oil_close(name, run):
 
 @pytest.mark.parametrize("name", ["actuator_stops", "pump_10hz_relief", "system_step_loaded"])
 def test_without_a_row_the_energy_does_not_close(name, run):
-    """The ledger can fail: every row that moved a thousandth of the input is missed."""
+    """Without any row of at least a thousandth of the input the balance does not close."""
     full = run(name)
     scale = abs(full.energy["electrical input"][-1])
-    missed = 0
+    rows_tested = 0
     for row, energy in full.energy.items():
         if abs(energy[-1]) < 1e-3 * scale:
             continue
-        less = dataclasses.replace(full, energy={n: v for n, v in full.energy.items() if n != row})
-        assert abs(less.energy_residual()) > 100.0 * CLOSED, row
-        missed += 1
-    assert missed >= 4
+        reduced = dataclasses.replace(full, energy={n: v for n, v in full.energy.items() if n != row})
+        assert abs(reduced.energy_residual()) > 100.0 * CLOSED, row
+        rows_tested += 1
+    assert rows_tested >= 4
 
 
 def oil_in(volume: dict, node: str) -> str:
-    """The row of the oil that a node has taken up."""
+    """The row of the oil stored in a node."""
     return next(n for n in volume if n.startswith("oil") and node in n)
 
 
@@ -51,43 +51,43 @@ def test_without_a_row_the_oil_does_not_close(node, run):
 
 @pytest.mark.parametrize("name", PUMPS)
 def test_the_outlet_node_closes_at_every_sample(name, run):
-    """Independent of the residual that the run reports: delivered = taken by load and relief valve + stored."""
+    """Independently of the reported residual: delivered = flow to load and relief valve + stored."""
     volume = run(name).volume
     delivered = volume["delivery_flow_a"] + volume["delivery_flow_b"]
-    left = volume["outlet_flow"] + volume["relief_flow"] + volume[oil_in(volume, "outlet")]
-    assert np.abs(delivered - left).max() < CLOSED * np.abs(delivered).max()
+    outflow = volume["outlet_flow"] + volume["relief_flow"] + volume[oil_in(volume, "outlet")]
+    assert np.abs(delivered - outflow).max() < CLOSED * np.abs(delivered).max()
 
 
 @pytest.mark.parametrize("name", ["pump_10hz", "pump_20hz_no_leakage", "system_step"])
-def test_cumulated_flow_agrees_with_the_sampled_one(name, run):
-    made = run(name)
-    flow, t = made.signals["outlet_flow"], made.signals["time"]
+def test_cumulated_flow_agrees_with_sampled_flow(name, run):
+    finished = run(name)
+    flow, t = finished.signals["outlet_flow"], finished.signals["time"]
     sampled = np.sum(0.5 * np.diff(t) * (flow[1:] + flow[:-1]))
-    np.testing.assert_allclose(made.volume["outlet_flow"][-1], sampled, rtol=2e-3)
+    np.testing.assert_allclose(finished.volume["outlet_flow"][-1], sampled, rtol=2e-3)
 
 
 @pytest.mark.parametrize("name", ["actuator_10hz", "pump_10hz", "system_step"])
-def test_losses_never_give_energy_back(name, run):
-    made = run(name)
-    groups = energy_balance.row_groups(made.machine)
-    lossy = [n for n in made.energy if groups[n] == "copper" or n.endswith("damping") or n.endswith("_friction")]
-    lossy += [n for n in made.energy if groups[n] == "fluid" and not n.startswith("leakage")]
+def test_losses_only_take_energy(name, run):
+    finished = run(name)
+    groups = energy_balance.row_groups(finished.machine)
+    lossy = [n for n in finished.energy if groups[n] == "copper" or n.endswith("damping") or n.endswith("_friction")]
+    lossy += [n for n in finished.energy if groups[n] == "fluid" and not n.startswith("leakage")]
     assert len(lossy) >= 2
     for row in lossy:
-        # bristles give back what they have stored, which is at most F_S²/(2 σ0)
-        slack = 0.5 * 6.0**2 / 1e5 if row == "lugre_friction" else 1e-6 * made.energy["electrical input"][-1]
-        assert np.diff(made.energy[row]).min() > -slack, row
-        assert made.energy[row][-1] >= 0.0, row
+        # bristles return their stored energy, which is at most F_S²/(2 σ0)
+        tolerance = 0.5 * 6.0**2 / 1e5 if row == "lugre_friction" else 1e-6 * finished.energy["electrical input"][-1]
+        assert np.diff(finished.energy[row]).min() > -tolerance, row
+        assert finished.energy[row][-1] >= 0.0, row
 
 
 @pytest.mark.parametrize("rig", [PumpBench, ActuatorSystem])
 def test_rest_stays_at_rest(rig):
-    """With no set point the preloaded valves settle into their seats, and that is all."""
+    """Without a set point the preloaded valves settle into their seats, and nothing else moves."""
     machine = changed(nominal(rig), "amplitude", 0.0)
     if rig is ActuatorSystem:
         machine = changed(machine, "step_size", 0.0)
-    made = simulate(machine, Simulation(duration=0.3))
-    s = made.signals
+    finished = simulate(machine, Simulation(duration=0.3))
+    s = finished.signals
     for flow in ("outlet_flow", "suction_flow_a", "delivery_flow_b", "leakage_a", "relief_flow"):
         assert np.abs(s[flow]).max() < 1e-9, flow  # a hundred-thousandth of what the pump delivers
     for pressure in ("chamber_pressure_a", "chamber_pressure_b", "outlet_pressure", "accumulator_pressure"):
@@ -101,15 +101,15 @@ def test_rest_stays_at_rest(rig):
         assert np.abs(s["cylinder_position"]).max() == 0.0
 
 
-def test_the_two_sides_of_the_pump_are_alike(run):
-    """Half a cycle later side B does what side A did."""
-    made = run("pump_10hz")
-    t = made.signals["time"]
-    first, last = metric_window(made.machine, t[-1])
+def test_both_sides_of_the_pump_are_symmetric(run):
+    """Side B repeats side A half a cycle later."""
+    finished = run("pump_10hz")
+    t = finished.signals["time"]
+    first, last = metric_window(finished.machine, t[-1])
     half = round(0.5 / 10.0 / (t[1] - t[0]))
     inside = np.flatnonzero((t >= last - 0.1 - 1e-9) & (t < last - 1e-9))
     for a, b in (("chamber_pressure_a", "chamber_pressure_b"), ("suction_lift_a", "suction_lift_b")):
-        one, other = made.signals[a], made.signals[b]
+        one, other = finished.signals[a], finished.signals[b]
         np.testing.assert_allclose(one[inside].mean(), other[inside].mean(), rtol=2e-3)
         shifted = other[inside - half]
         assert np.sqrt(np.mean((one[inside] - shifted) ** 2)) < 0.02 * np.ptp(one)

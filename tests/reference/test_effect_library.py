@@ -1,5 +1,4 @@
-"""The effects of the library against an independent program, against measured runs, and each switched off."""
-
+"""The effects of the library against an independent program, against reference campaigns, and switched off."""
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,7 @@ from tests.support.reference import nominal, rms
 
 REFINED = ("lugre_friction", "piston_leakage", "entrained_air")
 SENSORS = ("sensor_lag", "sensor_delay", "sensor_gain", "sensor_offset")
-# the values that switch an effect off; what is not here cannot be, and is mounted only where it acts
+# parameter values that switch an effect off; effects without such a value are mounted only where needed
 OFF = {
     "force_constant_droop": {"droop": 0.0}, "magnetic_saturation": {"saturation_current": 1e5},
     "reluctance_force": {"inductance_slope": 0.0}, "cogging_force": {"cogging_amplitude": 0.0},
@@ -41,7 +40,7 @@ NAMES = {
     "T_oil": "oil_temperature",
 }  # fmt: skip
 
-# each effect at the far end of its plausible range or beyond, and what else the run needs to show it
+# each effect with a strong value, and conditions of the run under which it acts
 CASES = {
     "force_constant_droop": ({"droop": 0.3}, {}),
     "magnetic_saturation": ({"saturation_current": 3.0}, {}),
@@ -66,7 +65,7 @@ CASES = {
     "oil_temperature": ({"viscosity_exponent": 0.05}, {"T_oil": 333.15}),
     "pressure_viscosity": ({"pressure_coefficient": 1e-6}, {}),
 }
-# those that change the structure of the machine, several at once where they do not exclude each other
+# effects that change the structure of the machine, several at once where they do not exclude each other
 STRUCTURES = [
     {
         "coupling_compliance": {"coupling_stiffness": 1e6, "coupling_damping": 20.0},
@@ -86,7 +85,7 @@ BY_ID = {e.id: e for e in LIBRARY}
 
 
 def switched(on: dict[str, dict[str, float]]) -> Rig:
-    """A pump bench with every effect that can be switched off, all off but those that are `on`."""
+    """A pump bench with every effect that can be switched off, all off except those in `on`."""
     values = {effect: own | on.get(effect, {}) for effect, own in OFF.items()}
     return PumpBench(effects=(*(BY_ID[n]() for n in REFINED), *(BY_ID[n](**own) for n, own in values.items())))
 
@@ -96,8 +95,8 @@ def run_of(machine: Rig, conditions: dict, step: float = 20e-6) -> Run:
     return simulate(machine, Simulation(duration=TIMES[-1], sample_rate=2000.0, step=step))
 
 
-def differences(run: Run, wanted: dict) -> dict[str, float]:
-    return {name: rms(run.signals[name] - values) / np.ptp(values) for name, values in wanted.items()}
+def differences(run: Run, expected: dict) -> dict[str, float]:
+    return {name: rms(run.signals[name] - values) / np.ptp(values) for name, values in expected.items()}
 
 
 @pytest.fixture(scope="module")
@@ -105,41 +104,42 @@ def base():
     return trajectory({}, TIMES, **CONDITIONS)
 
 
-def test_every_effect_is_proved():
-    proved = {*CASES, *(name for structure in STRUCTURES for name in structure)}
+def test_every_effect_has_a_reference_case():
+    covered = {*CASES, *(name for structure in STRUCTURES for name in structure)}
     on_cylinder = {"load_spring", "cylinder_leakage_rise", "cylinder_seal_friction", "karnopp_friction"}
-    assert proved | on_cylinder | set(REFINED) == {e.id for e in LIBRARY}
+    assert covered | on_cylinder | set(REFINED) == {e.id for e in LIBRARY}
 
 
 @pytest.mark.parametrize("effect", CASES)
-def test_it_is_the_effect_of_an_independent_program(effect, base):
+def test_effect_agrees_with_an_independent_program(effect, base):
     values, conditions = CASES[effect]
-    wanted = trajectory({effect: values}, TIMES, **CONDITIONS, **conditions)
+    expected = trajectory({effect: values}, TIMES, **CONDITIONS, **conditions)
     run = run_of(switched({effect: values}), CONDITIONS | conditions)
-    off = differences(run, wanted)
-    size = {name: rms(wanted[name] - base[name]) / np.ptp(base[name]) for name in base}
-    assert max(off.values()) < 3e-3, off
-    assert max(off.values()) < 0.1 * max(size.values()), (off, size)
+    errors = differences(run, expected)
+    size = {name: rms(expected[name] - base[name]) / np.ptp(base[name]) for name in base}
+    assert max(errors.values()) < 3e-3, errors
+    assert max(errors.values()) < 0.1 * max(size.values()), (errors, size)
     assert abs(run.energy_residual()) < 1e-6 and abs(run.volume_residual()) < 1e-6
 
 
 @pytest.mark.parametrize("structure", STRUCTURES, ids="-".join)
-def test_structures_are_those_of_an_independent_program(structure, base):
-    """With the step of 20 µs, and four times closer with half of it."""
-    wanted = trajectory(structure, TIMES, **CONDITIONS)
+def test_structural_effects_agree_with_an_independent_program(structure, base):
+    """Agreement with the step of 20 µs, and an error that falls with half the step."""
+    expected = trajectory(structure, TIMES, **CONDITIONS)
     added = tuple(BY_ID[n](**values) for n, values in structure.items())
     machine = PumpBench(effects=(*(BY_ID[n]() for n in REFINED), *added))
     coarse, fine = run_of(machine, CONDITIONS), run_of(machine, CONDITIONS, step=10e-6)
-    worst = [max(differences(run, wanted).values()) for run in (coarse, fine)]
+    worst = [max(differences(run, expected).values()) for run in (coarse, fine)]
     assert worst[0] < 1e-3 and worst[1] < 0.5 * worst[0]
     assert max(differences(coarse, base).values()) > 0.03
     assert abs(fine.energy_residual()) < 1e-6 and abs(fine.volume_residual()) < 1e-6
 
 
-def test_switched_off_it_is_the_machine_without():
-    bare, off = run_of(nominal(PumpBench), CONDITIONS), run_of(switched({}), CONDITIONS)
+def test_switched_off_effects_change_nothing():
+    bare, switched_off = run_of(nominal(PumpBench), CONDITIONS), run_of(switched({}), CONDITIONS)
     for name, value in bare.signals.items():
-        np.testing.assert_allclose(off.signals[name], value, rtol=1e-5, atol=1e-6 * np.ptp(value) + 1e-15, err_msg=name)
+        tolerance = 1e-6 * np.ptp(value) + 1e-15
+        np.testing.assert_allclose(switched_off.signals[name], value, rtol=1e-5, atol=tolerance, err_msg=name)
 
 
 CAMPAIGNS = DATA / "campaigns"
@@ -148,22 +148,22 @@ ANSWERS = yaml.safe_load((CAMPAIGNS / "answers.yaml").read_text())
 
 
 @pytest.mark.parametrize("name", ANSWERS)
-def test_a_measured_run_is_explained_to_its_noise(name):
-    """With what was hidden in it nothing but noise is left; without it there is more."""
+def test_hidden_effects_explain_a_reference_run_to_its_noise(name):
+    """With the hidden effects the residual is the noise; without them it is larger."""
     table = pd.read_csv(CAMPAIGNS / f"{name}.csv")
     units = {column.split(" [")[0]: column.split("[")[1][:-1] for column in table.columns}
     si = {n: table[f"{n} [{u}]"].to_numpy() * to_si(f"1 {u}", to_unit) for (n, u), to_unit in zip(
         units.items(), ("s", "V", "A", "m", "Pa", "m^3/s"), strict=True
     )}  # fmt: skip
-    how = Simulation(duration=si["time"][-1], sample_rate=1.0 / np.diff(si["time"]).mean())
+    settings = Simulation(duration=si["time"][-1], sample_rate=1.0 / np.diff(si["time"]).mean())
 
-    def left(values):
-        run = simulate(edhas.change(switched(values), **ANSWERS[name]["parameters"]), how)
+    def residuals(values):
+        run = simulate(edhas.change(switched(values), **ANSWERS[name]["parameters"]), settings)
         return {n: (si[n] - run.signals[n]) / noise for n, noise in NOISE.items()}
 
-    explained, bare = left(ANSWERS[name]["hidden"]), left({})
-    assert abs(rms(np.concatenate(list(explained.values()))) - 1.0) < 0.03
-    for signal, residual in explained.items():
+    with_hidden, bare = residuals(ANSWERS[name]["hidden"]), residuals({})
+    assert abs(rms(np.concatenate(list(with_hidden.values()))) - 1.0) < 0.03
+    for signal, residual in with_hidden.items():
         assert abs(rms(residual) - 1.0) < 0.06, signal
     assert rms(np.concatenate(list(bare.values()))) > 1.3
 
@@ -185,20 +185,20 @@ def test_seal_friction_of_the_cylinder_grows_with_head_pressure(system):
     s = system.signals
     sliding = s["cylinder_velocity"] > 2e-3
     area = 0.25 * np.pi * (30e-3**2 - 20e-3**2)
-    wanted = 10.0 + 0.02 * area * (s["head_pressure"] - 101325.0)
+    expected = 10.0 + 0.02 * area * (s["head_pressure"] - 101325.0)
     assert sliding.sum() > 300
-    np.testing.assert_allclose(s["cylinder_friction"][sliding], wanted[sliding], rtol=1e-9)
+    np.testing.assert_allclose(s["cylinder_friction"][sliding], expected[sliding], rtol=1e-9)
 
 
 def test_leakage_of_the_cylinder_rises_with_its_position(system):
-    """The balance of its head side, from the samples alone: flow in less motion and compression is leakage."""
+    """The leakage loss equals the integral of conductance × drop² over the samples."""
     s, last = system.signals, {n: v[-1] for n, v in system.energy.items()}
     drop = s["head_pressure"] - s["rod_pressure"]
     power = (1e-13 + 1e-11 * np.maximum(s["cylinder_position"], 0.0)) * drop**2
     assert last["cylinder leakage"] == pytest.approx(np.trapezoid(power, s["time"]), rel=1e-3)
 
 
-def test_what_it_is_confused_with_exists():
+def test_confusable_effects_and_parameters_exist():
     ids = {e.id for e in LIBRARY}
     machines = [rig(effects=tuple(e() for e in LIBRARY)) for rig in (ActuatorBench, PumpBench, ActuatorSystem)]
     parts = [part for machine in machines for part in components_by_name(machine).values()]

@@ -21,7 +21,7 @@ def test_mean_flow_is_within_a_tenth_of_a_percent(name, run):
 
 
 @pytest.mark.parametrize(("name", "signal"), EXCEPTIONS)
-def test_an_exception_is_bounded_over_the_whole_run_and_real(name, signal, run):
+def test_an_exception_is_bounded_and_still_needed(name, signal, run):
     exempt = EXCEPTIONS[name, signal]
     difference = differences(name, run(name))[signal]
     later = trajectory(name)["time"] >= exempt.event

@@ -1,4 +1,4 @@
-"""A controller as a computer runs it: the instants, the hold, the delay, and the same in every engine."""
+"""Sampled controllers: sampling instants, zero-order hold and delay, in every engine."""
 
 import functools
 
@@ -21,28 +21,28 @@ from edhas_jax.machine.rigs import ActuatorBench, Sine
 from edhas_jax.simulation import batch_trajectories
 from edhas_jax.simulation.integrator import step
 from edhas_jax.simulation.rk4_reference import trajectories
-from tests.contract.test_no_trace import by_rig, operations, program
+from tests.contract.test_absent_effects import by_rig, count_operations, step_jaxpr
 
 H = 20e-6
 
 
-class Integrating(Controller):
-    """Proportional and integral, as short as can be."""
+class PiController(Controller):
+    """A PI controller."""
 
-    stiffness: float = par(1e4, "V/m", (0.0, 1e8), "gain of the error")
-    patience: float = par(2e5, "V/(m*s)", (0.0, 1e9), "gain of its integral")
+    pi_gain: float = par(1e4, "V/m", (0.0, 1e8), "gain of the error")
+    pi_integral_gain: float = par(2e5, "V/(m*s)", (0.0, 1e9), "gain of its integral")
 
     def initial(self):
         return {"summed_error": 0.0}
 
     def command(self, y, s):
-        return self.stiffness * (s.reference - s.piston_position) + self.patience * y["summed_error"]
+        return self.pi_gain * (s.reference - s.piston_position) + self.pi_integral_gain * y["summed_error"]
 
     def rates(self, y, s):
         return {"summed_error": s.reference - s.piston_position}
 
 
-def bench(sample_time, delay=0.0, controller=Integrating()):
+def bench(sample_time, delay=0.0, controller=PiController()):
     sampling = Sampled(sample_time=sample_time, computation_delay=delay)
     return ActuatorBench(controller=controller, sampling=sampling, reference=Sine(frequency=20.0, ramp_time=0.0))
 
@@ -59,8 +59,8 @@ def states(machine, h, steps: int):
     return jax.lax.scan(one, start, jnp.arange(float(steps)))[1]
 
 
-def exactly(machine, h, duration):
-    """The piston at every millisecond, from the exact solution between the instants at which something happens."""
+def exact_positions(machine, h, duration):
+    """The piston position at every millisecond, from the exact solution between sampling and command events."""
     coil, mover, c, set_point = machine.coil, machine.mover, machine.controller, machine.reference
     resistance, inductance, km = coil.coil_resistance, coil.coil_inductance, coil.force_constant
     a = np.zeros((4, 4))  # current, position, velocity, held voltage
@@ -71,81 +71,82 @@ def exactly(machine, h, duration):
     count = int(round(duration / ts))
     events = [(0.5 * h + n * ts, "sample") for n in range(count)]
     events += [(h + n * ts + delay, "command") for n in range(count)]
-    events += [(n * 1e-3, "look") for n in range(int(round(duration / 1e-3)))]
-    passing = functools.cache(lambda lapse: expm(a * lapse))
-    z, now, summed, coming, seen = np.zeros(4), 0.0, 0.0, [], []
-    for time, what in sorted(events, key=lambda event: (round(event[0], 12), event[1])):
-        z, now = passing(round(time - now, 12)) @ z, time
-        if what == "sample":
+    events += [(n * 1e-3, "output") for n in range(int(round(duration / 1e-3)))]
+    transition = functools.cache(lambda interval: expm(a * interval))
+    z, now, integral, pending, positions = np.zeros(4), 0.0, 0.0, [], []
+    for time, event in sorted(events, key=lambda event: (round(event[0], 12), event[1])):
+        z, now = transition(round(time - now, 12)) @ z, time
+        if event == "sample":
             error = float(set_point.value_and_rate(time)[0]) - z[1]
-            coming.append(c.stiffness * error + c.patience * summed)
-            summed += ts * error
-        elif what == "command":
-            z[3] = coming.pop(0)
+            pending.append(c.pi_gain * error + c.pi_integral_gain * integral)
+            integral += ts * error
+        elif event == "command":
+            z[3] = pending.pop(0)
         else:
-            seen.append(z[1])
-    return np.array(seen)
+            positions.append(z[1])
+    return np.array(positions)
 
 
 @pytest.mark.parametrize("delay", [0.0, 1e-4, 2e-4])
-def test_it_is_the_sampled_loop(delay):
-    """Against matrix exponentials from instant to instant; what is left falls with the square of the step."""
-    left = []
+def test_agrees_with_the_exact_sampled_loop(delay):
+    """Agrees with matrix exponentials from event to event; the difference falls with the square of the step."""
+    errors = []
     for h in (H, 0.5 * H):
         machine = bench(2e-4, delay)
         run = edhas.simulate(machine, edhas.Simulation(duration=0.05, step=h, sample_rate=1e3))
-        wanted = exactly(machine, h, 0.05)
-        left.append(np.abs(run.signals["piston_position"][: len(wanted)] - wanted).max())
-    assert left[0] < 1e-4 * 3.5e-3
-    assert left[0] / left[1] > 3.0
+        expected = exact_positions(machine, h, 0.05)
+        errors.append(np.abs(run.signals["piston_position"][: len(expected)] - expected).max())
+    assert errors[0] < 1e-4 * 3.5e-3
+    assert errors[0] / errors[1] > 3.0
 
 
-def test_the_command_is_held_and_late():
-    """Both change every ten steps; what comes at a sample acts 10 steps later."""
+def test_the_command_is_held_and_delayed():
+    """Pending and held command change every ten steps; a command acts ten steps after its sample."""
     y = states(bench(10 * H, 10 * H), H, 400)
-    coming, held = np.asarray(y["coming_voltage"]), np.asarray(y["held_voltage"])
-    changed = np.flatnonzero(np.diff(coming)) + 1
+    pending, held = np.asarray(y["coming_voltage"]), np.asarray(y["held_voltage"])
+    changed = np.flatnonzero(np.diff(pending)) + 1
     np.testing.assert_array_equal(changed, np.arange(10, 400, 10))
-    np.testing.assert_array_equal(held[10:], coming[:-10])
+    np.testing.assert_array_equal(held[10:], pending[:-10])
     assert (held[:10] == 0.0).all()
 
 
 @pytest.mark.parametrize("share", [3.7, 2.5, 10.0, 1.3])
-def test_instants_between_steps_are_carried_on(share):
-    """A sample time that is no multiple of the step: intervals differ by one step, their mean is the sample time."""
+def test_sampling_instants_between_steps_are_carried_over(share):
+    """Intervals between samples differ by at most one step, and their mean is the sample time."""
     steps = 3000
-    coming = np.asarray(states(bench(share * H), H, steps)["coming_voltage"])
-    at = np.flatnonzero(np.diff(coming))
+    pending = np.asarray(states(bench(share * H), H, steps)["coming_voltage"])
+    at = np.flatnonzero(np.diff(pending))
     assert set(np.diff(at)) <= {int(np.floor(share)), int(np.ceil(share))}
     assert len(at) == pytest.approx(steps / share, abs=2.0)
 
 
-def test_no_more_than_one_sample_a_step():
+def test_at_most_one_sample_per_step():
     continuous = structs.replace(bench(1e-6), sampling=ActuatorBench().sampling)
     runs = [edhas.simulate(m, edhas.Simulation(duration=0.05, step=5e-6)) for m in (bench(1e-6), continuous)]
-    x, wanted = (run.signals["piston_position"] for run in runs)
-    assert np.abs(x - wanted).max() < 2e-3 * np.ptp(wanted)
+    x, expected = (run.signals["piston_position"] for run in runs)
+    assert np.abs(x - expected).max() < 2e-3 * np.ptp(expected)
 
 
 def test_the_hold_costs_half_a_sample():
-    """A loop sampled ever faster approaches the continuous one as the sample time itself."""
-    how = edhas.Simulation(duration=0.05, step=2e-6)
-    wanted = edhas.simulate(structs.replace(bench(1e-4), sampling=ActuatorBench().sampling), how)
-    wanted = wanted.signals["piston_position"]
-    off = [np.abs(edhas.simulate(bench(t), how).signals["piston_position"] - wanted).max() for t in (2e-4, 1e-4, 5e-5)]
-    assert 1.7 < off[0] / off[1] < 2.3 and 1.7 < off[1] / off[2] < 2.3
+    """The difference from the continuous loop is proportional to the sample time."""
+    settings = edhas.Simulation(duration=0.05, step=2e-6)
+    expected = edhas.simulate(structs.replace(bench(1e-4), sampling=ActuatorBench().sampling), settings)
+    expected = expected.signals["piston_position"]
+    positions = [edhas.simulate(bench(t), settings).signals["piston_position"] for t in (2e-4, 1e-4, 5e-5)]
+    errors = [np.abs(x - expected).max() for x in positions]
+    assert 1.7 < errors[0] / errors[1] < 2.3 and 1.7 < errors[1] / errors[2] < 2.3
 
 
-def test_single_precision_keeps_time():
+def test_single_precision_keeps_the_sample_time():
     single, double = (
         edhas.simulate(bench(1.7e-4, 1e-4), edhas.Simulation(duration=0.5, precision=precision))
         for precision in (edhas.Precision.FLOAT32, edhas.Precision.FLOAT64)
     )
-    x, wanted = (run.signals["piston_position"] for run in (single, double))
-    assert np.abs(x - wanted).max() < 2e-3 * np.ptp(wanted)
+    x, expected = (run.signals["piston_position"] for run in (single, double))
+    assert np.abs(x - expected).max() < 2e-3 * np.ptp(expected)
 
 
-def test_every_engine_runs_it(monkeypatch):
+def test_every_engine_gives_the_same_result(monkeypatch):
     machine = bench(2e-4, 1e-4, edhas.change(ActuatorBench(), velocity_gain=20.0).controller)
     table = {"position_gain": np.array([5e3, 1e4, 2e4]), "sample_time": np.array([1e-4, 2e-4, 3.3e-4])}
     settings = BatchSettings(step=5e-5, tolerance=1e-3, max_cycles=4)
@@ -159,7 +160,7 @@ def test_every_engine_runs_it(monkeypatch):
         one = edhas.change(machine, **{n: v[k] for n, v in table.items()})
         run = edhas.simulate(one, edhas.Simulation(duration=0.0118, step=H))
         np.testing.assert_allclose(traces.values["piston_position"][:, k], run.signals["piston_position"], atol=1e-12)
-    # the explicit integrator has its own, smaller step: what differs is when its samples fall
+    # the explicit integrator has its own, smaller step, so that its samples fall at other times
     explicit = trajectories(machine, {n: v[1:2] for n, v in table.items()}, 2e-4, 60, ("piston_position",), 2e-6)
     one = edhas.change(machine, **{n: v[1] for n, v in table.items()})
     run = edhas.simulate(one, edhas.Simulation(duration=0.0118, step=2e-6))
@@ -167,8 +168,8 @@ def test_every_engine_runs_it(monkeypatch):
     assert np.abs(error).max() < 1e-4 * np.ptp(run.signals["piston_position"])
 
 
-def test_metrics_are_those_of_the_run():
-    """A batch in its periodic state and a simulation of the same machine see the same loop."""
+def test_batch_metrics_equal_those_of_a_run():
+    """A batch in its periodic state and a simulation of the same machine give the same metrics."""
     machine = bench(2e-4, 2e-4, ActuatorBench().controller)
     # without damping this delay leaves a limit cycle, whose error wanders by a percent
     machine = edhas.change(machine, frequency=10.0, ramp_time=0.1, integral_gain=0.0, velocity_gain=20.0)
@@ -178,7 +179,7 @@ def test_metrics_are_those_of_the_run():
     assert got["tracking_error"][0] == pytest.approx(run.metrics["tracking_error"].value, rel=2e-3)
 
 
-def test_derivatives_by_gains():
+def test_derivatives_with_respect_to_gains():
     machine = bench(2e-4, 1e-4, edhas.change(ActuatorBench(), velocity_gain=20.0).controller)
     settings = GradientSettings(steps_per_cycle=2500, tolerance=1e-6, max_cycles=20)
     gains = {"position_gain": 1e4, "velocity_gain": 20.0}
@@ -194,7 +195,7 @@ def test_derivatives_by_gains():
         assert slopes[name] == pytest.approx((ahead - behind) / (2.0 * e), rel=1e-4)
 
 
-def test_the_times_have_no_derivative():
+def test_sample_time_and_delay_have_no_derivative():
     machine = bench(2e-4, controller=ActuatorBench().controller)
     assert not {"sample_time", "computation_delay"} & set(parameters_of(machine))
     with pytest.raises(GradientError, match="whole numbers of steps"):
@@ -220,9 +221,9 @@ def test_energy_closes():
 
 
 @by_rig
-def test_what_is_not_sampled_leaves_no_trace(rig, monkeypatch):
-    before = program(rig())
-    assert operations(program(rig(sampling=Sampled())).jaxpr) > operations(before.jaxpr)
+def test_a_continuous_controller_adds_no_sampling_operations(rig, monkeypatch):
+    before = step_jaxpr(rig())
+    assert count_operations(step_jaxpr(rig(sampling=Sampled())).jaxpr) > count_operations(before.jaxpr)
     assert not [n for n in rig().initial_state() if n in Sampled().initial(rig().controller) and "control" not in n]
 
     def forbidden(*_):
@@ -230,6 +231,6 @@ def test_what_is_not_sampled_leaves_no_trace(rig, monkeypatch):
 
     for method in ("initial", "command", "rates", "advance"):
         monkeypatch.setattr(Sampled, method, forbidden)
-    assert str(program(rig())) == str(before)
+    assert str(step_jaxpr(rig())) == str(before)
     with pytest.raises(AssertionError, match="not mounted"):
-        program(rig(sampling=Sampled()))
+        step_jaxpr(rig(sampling=Sampled()))

@@ -1,4 +1,4 @@
-"""The picture of an effect: the run that shows it best, without and with it."""
+"""Preview of an effect: the standard run that it changes most, without and with the effect."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,8 @@ from edhas_jax.machine.effects import LugreFriction, SupplySag
 from edhas_jax.simulation.effect_preview import preview_effect
 
 
-def test_an_effect_is_shown_where_it_shows():
-    """A supply that gives way matters where the command is clipped, and nowhere else."""
+def test_the_run_with_the_largest_change_is_chosen():
+    """A sagging supply changes only runs whose command reaches the supply limit."""
     preview = preview_effect(SupplySag())
     assert preview.conditions["supply_voltage"] == 15.0 and preview.largest_change() > 0.01
     limit = 15.0 - 0.3 * np.abs(preview.with_effect["current"])
@@ -17,7 +17,7 @@ def test_an_effect_is_shown_where_it_shows():
     assert (np.abs(preview.without_effect["voltage"]) > limit).any()
 
 
-def test_a_refined_effect_is_shown_against_the_machine_without_it():
+def test_a_refined_effect_is_compared_with_the_machine_without_it():
     preview = preview_effect(LugreFriction())
     assert "lugre_friction" not in [e.id for e in preview.machine.effects] and preview.largest_change() > 0.01
 

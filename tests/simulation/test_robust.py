@@ -1,4 +1,4 @@
-"""Hard cases: abrupt starts, cavitation, and runs that break."""
+"""Robustness: abrupt starts, cavitation, and runs that fail."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +22,7 @@ def last_mean_flow(frequency: float, step: float) -> float:
 
 @pytest.mark.parametrize("step", [20e-6, 40e-6])
 @pytest.mark.parametrize("frequency", [30.0, 40.0])
-def test_an_abrupt_start_at_full_amplitude_comes_to_the_same_flow(frequency, step):
+def test_an_abrupt_start_at_full_amplitude_reaches_the_same_flow(frequency, step):
     fine = last_mean_flow(frequency, 2e-6)
     assert fine > 1e-5
     assert last_mean_flow(frequency, step) == pytest.approx(fine, rel=5e-3)
@@ -49,7 +49,7 @@ def test_a_cavitating_pump_stays_finite_and_above_vacuum(pressure, frequency, ai
     assert all(np.isfinite(v).all() for v in run.signals.values())
 
 
-def test_the_step_does_not_matter_to_a_cavitating_pump():
+def test_the_flow_of_a_cavitating_pump_does_not_depend_on_the_step():
     machine = changed(changed(nominal(PumpBench), "accumulator_pressure", 20e3), "frequency", 30.0)
     flows = [
         simulate(machine, Simulation(duration=0.3, step=step)).metrics["mean_flow"].value for step in (20e-6, 5e-6)
@@ -57,38 +57,38 @@ def test_the_step_does_not_matter_to_a_cavitating_pump():
     assert flows[0] == pytest.approx(flows[1], rel=5e-3)
 
 
-class Runaway(Effect):
-    """A force that appears from nowhere."""
+class SuddenForce(Effect):
+    """A force that sets in at a given time."""
 
-    runaway_time: float = par(0.05, "s", (0.0, 1.0), "when it appears")
-    runaway_force: float = par(1e6, "N", (0.0, 1e9), "how large it is")
+    onset_time: float = par(0.05, "s", (0.0, 1.0), "time at which it sets in")
+    sudden_force: float = par(1e6, "N", (0.0, 1e9), "its size")
 
     def mover_force(self, s, z):
-        return jnp.where(s.time > self.runaway_time, self.runaway_force, 0.0)
+        return jnp.where(s.time > self.onset_time, self.sudden_force, 0.0)
 
 
 @pytest.mark.parametrize(
     ("force", "words"),
     [(1e6, ("piston_position", "left its physical range")), (np.nan, ("is not a finite number",))],
 )
-def test_a_run_that_breaks_says_when_and_what_and_keeps_what_came_before(force, words):
-    machine = structs.replace(ActuatorBench(), effects=(Runaway(runaway_force=force),))
+def test_a_failed_run_names_time_and_signal_and_keeps_earlier_samples(force, words):
+    machine = structs.replace(ActuatorBench(), effects=(SuddenForce(sudden_force=force),))
     with pytest.raises(SimulationError) as caught:
         simulate(machine, Simulation(duration=0.2))
     message, run = str(caught.value), caught.value.run
     for word in (*words, "at 0.05", "smaller step"):
         assert word in message
-    when = float(message.split("at ")[1].split(" s ")[0])
+    failure_time = float(message.split("at ")[1].split(" s ")[0])
     time = run.signals["time"]
-    assert 0.05 <= when < 0.06
-    assert time[-1] < when <= time[-1] + 2e-4 + 1e-9
+    assert 0.05 <= failure_time < 0.06
+    assert time[-1] < failure_time <= time[-1] + 2e-4 + 1e-9
     assert all(len(v) == len(time) and np.isfinite(v).all() for v in run.signals.values())
     assert all(len(v) == len(time) and np.isfinite(v).all() for v in (*run.energy.values(), *run.volume.values()))
     assert np.abs(run.signals["piston_position"]).max() <= 6e-3
 
 
-def test_what_came_before_a_break_equals_a_run_that_does_not_break():
-    broken = structs.replace(ActuatorBench(), effects=(Runaway(),))
+def test_samples_before_a_failure_equal_those_of_a_shorter_run():
+    broken = structs.replace(ActuatorBench(), effects=(SuddenForce(),))
     with pytest.raises(SimulationError) as caught:
         simulate(broken, Simulation(duration=0.2))
     early = simulate(broken, Simulation(duration=0.04))
@@ -97,6 +97,6 @@ def test_what_came_before_a_break_equals_a_run_that_does_not_break():
 
 
 @pytest.mark.parametrize("step", [0.0, -1e-6, 2e-4, float("nan")])
-def test_a_step_that_makes_no_sense_is_refused(step):
+def test_an_invalid_step_is_refused(step):
     with pytest.raises(ValueError, match="must lie above 0"):
         simulate(ActuatorBench(), Simulation(step=step))

@@ -1,4 +1,4 @@
-"""What is not mounted is not there: not one operation of an absent effect, and no compilation for a changed value."""
+"""Effects that are not mounted add no operation to the step, and a changed parameter value compiles nothing."""
 
 import sys
 
@@ -19,24 +19,24 @@ H = 20e-6
 by_rig = pytest.mark.parametrize("rig", [pytest.param(rig, id=name) for name, rig in RIGS.items()])
 
 
-def program(machine):
+def step_jaxpr(machine):
     """The jaxpr of one step, with machine, state, time and step as its inputs."""
     y = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
-    # a fresh function each time: a cached trace would hide what was replaced in between
+    # a new function each time: a cached trace would hide methods replaced in between
     return jax.make_jaxpr(lambda m, y, t, h: step(m, y, t, h))(machine, y, 0.0, H)
 
 
-def operations(jaxpr) -> int:
-    """The number of equations, those inside others included."""
+def count_operations(jaxpr) -> int:
+    """The number of equations of a jaxpr, including those of inner jaxprs."""
     parameters = [p for eqn in jaxpr.eqns for v in eqn.params.values() for p in (v if isinstance(v, tuple) else (v,))]
     inner = [getattr(p, "jaxpr", p) for p in parameters]
     inner = [p for p in inner if hasattr(p, "eqns")]
-    return len(jaxpr.eqns) + sum(operations(j) for j in inner)
+    return len(jaxpr.eqns) + sum(count_operations(j) for j in inner)
 
 
 @by_rig
 def test_without_effects_no_effect_is_called(rig, monkeypatch):
-    before = str(program(rig()))
+    before = str(step_jaxpr(rig()))
 
     def forbidden(*_):
         raise AssertionError("an effect that is not mounted was called")
@@ -44,14 +44,14 @@ def test_without_effects_no_effect_is_called(rig, monkeypatch):
     for effect in LIBRARY:
         for name in (*(slot.name for slot in effect.slots), "rates"):
             monkeypatch.setattr(effect, name, forbidden)
-    assert str(program(rig())) == before
+    assert str(step_jaxpr(rig())) == before
     with pytest.raises(AssertionError, match="not mounted"):
-        program(nominal(rig))
+        step_jaxpr(nominal(rig))
 
 
 @by_rig
-def test_without_effects_the_step_is_the_one_without_slots(rig, monkeypatch):
-    with_slots = program(rig())
+def test_unused_slots_add_no_operation(rig, monkeypatch):
+    with_slots = step_jaxpr(rig())
     replaced = 0
     for name, module in list(sys.modules.items()):
         if not name.startswith("edhas_jax") or module is slots:
@@ -61,34 +61,34 @@ def test_without_effects_the_step_is_the_one_without_slots(rig, monkeypatch):
             replaced += 1
     monkeypatch.setattr(slots, "apply_slot", lambda slot, base, s: base)
     assert replaced >= 4
-    without_slots = program(rig())
+    without_slots = step_jaxpr(rig())
     assert str(with_slots) == str(without_slots)
-    assert operations(with_slots.jaxpr) == operations(without_slots.jaxpr)
+    assert count_operations(with_slots.jaxpr) == count_operations(without_slots.jaxpr)
 
 
 @by_rig
 def test_every_effect_adds_operations(rig):
-    bare = operations(program(rig()).jaxpr)
+    bare = count_operations(step_jaxpr(rig()).jaxpr)
     assert bare > 20
     for effect in EFFECTS[rig]:
-        assert operations(program(rig(effects=(effect(),))).jaxpr) > bare, effect.__name__
+        assert count_operations(step_jaxpr(rig(effects=(effect(),))).jaxpr) > bare, effect.__name__
 
 
 @by_rig
-def test_no_value_of_any_parameter_compiles_anything(rig, compilations):
+def test_a_changed_parameter_compiles_nothing(rig, compilations):
     machine = nominal(rig)
-    how = Simulation(duration=1e-3)
-    simulate(machine, how)
+    settings = Simulation(duration=1e-3)
+    simulate(machine, settings)
     before, changes = compilations(), 0
     for part in components_by_name(machine).values():
         for parameter in structs.parameters(type(part)):
             low, high = parameter.span
             value = float(np.clip(1.01 * parameter.default if parameter.default else 1e-3 * high, low, high))
-            simulate(changed(machine, parameter.name, value), how)
+            simulate(changed(machine, parameter.name, value), settings)
             changes += 1
     simulate(machine, Simulation(duration=2e-3, step=10e-6))
     assert changes > 15
     assert compilations() == before
     if rig is RIGS["actuator_bench"]:  # the count does rise where something is compiled
-        simulate(rig(effects=(ParasiticSpring(), CoggingForce())), how)
+        simulate(rig(effects=(ParasiticSpring(), CoggingForce())), settings)
         assert compilations() > before
