@@ -8,6 +8,7 @@ import dataclasses
 from pathlib import Path
 
 from rich.console import Console
+from rich.table import Table
 
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sensitivity.analysis import analyse, load_sensitivity, save_findings
@@ -32,13 +33,17 @@ def main(arguments: list[str] | None = None) -> dict[str, str]:
     draw_local(findings, units).savefig(options.out / "local.png", dpi=130)
     draw_sobol(findings, units).savefig(options.out / "sobol.png", dpi=130)
     flow = findings.sobol[findings.sobol["output"] == task.metrics[0]]
-    strongest = {}
-    frequency = findings.points["frequency"]
-    for end, k in (("slowest", frequency.idxmin()), ("fastest", frequency.idxmax())):
+    frequency, names = findings.points["frequency"], {}
+    table = Table("point", *findings.points.columns, f"strongest on {task.metrics[0]}", "total index")
+    for k, point in findings.points.iterrows():
         at = flow[flow["point"] == k]
-        strongest[end] = str(at["parameter"][at["total"].idxmax()])
-    print(" ".join(f"{task.metrics[0]}_{end}={name}" for end, name in strongest.items()))
-    return strongest
+        strongest = at.loc[at["total"].idxmax()]
+        names[k] = str(strongest["parameter"])
+        table.add_row(str(k), *(f"{v:.4g}" for v in point), names[k], f"{strongest['total']:.3f}")
+    Console(highlight=False).print(table)
+    found = {"slowest": names[frequency.idxmin()], "fastest": names[frequency.idxmax()]}
+    print(" ".join(f"{task.metrics[0]}_{end}={name}" for end, name in found.items()))
+    return found
 
 
 if __name__ == "__main__":

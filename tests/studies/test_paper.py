@@ -10,6 +10,7 @@ from studies.paper import published_numbers as numbers
 from studies.paper import readings as reading
 from studies.paper import reproduction as paper
 from studies.paper import table as paper_table
+from tests.support.headline import headline
 
 
 @pytest.fixture(scope="module")
@@ -75,11 +76,15 @@ def test_calibrated_configurations_are_written_and_read_back(nominal, tmp_path):
         assert (tmp_path / f"{name}.yaml").read_text() == (configs.CONFIGS / f"{name}.yaml").read_text()
 
 
-def test_the_table(tmp_path, monkeypatch):
+def test_the_table(tmp_path, monkeypatch, capsys):
     few = (10.0, 20.0, 26.0, 30.0, 34.0, 60.0)
     monkeypatch.setattr(paper, "FREQUENCIES", few)
     monkeypatch.setattr(paper_table, "FEW_FREQUENCIES", few)
     found = paper.main(["--draws", "8", "--out", str(tmp_path)])
+    printed = headline(capsys)
+    assert {n: float(printed[n]) for n in ("worst_error", "worst_fitted")} == pytest.approx(
+        {n: found[n] for n in ("worst_error", "worst_fitted")}, abs=1e-4
+    )
     assert found["worst_error"] < 0.05  # the paper's simulation where its parameters determine a figure
     assert found["worst_fitted"] < 0.05
     assert found["leak_mean"] < 0.005 and abs(found["steady"]) < 0.103
@@ -101,8 +106,9 @@ def test_a_term_is_taken_out_by_its_numbers(nominal):
         assert value == pytest.approx(without[name][0], rel=1e-3), name
 
 
-def test_valves_cost_flow_and_friction_does_not(tmp_path):
+def test_valves_cost_flow_and_friction_does_not(tmp_path, capsys):
     found = refinements.main(["--out", str(tmp_path)])
+    assert set(found) < set(headline(capsys))
     assert found["ideal_flow_error"] > 5.0 > found["friction_takes"]
     assert found["valves_take"] > 10.0 * abs(found["friction_takes"])
     assert found["friction_needed_n"] > 3.0 * refinements.USUAL
