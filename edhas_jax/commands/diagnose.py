@@ -11,7 +11,7 @@ def add_parser(commands) -> None:
     parser = commands.add_parser("diagnose", help="what is missing in the model of a campaign's machine")
     add_campaign_folder(parser)
     add_output_folder(parser, "diagnoses")
-    add_user_effects(parser, "FILE.py:CLASS", "suspect an effect of your own too; may be given several times")
+    add_user_effects(parser, "FILE.py:CLASS", "also consider an effect of your own; may be given several times")
     parser.set_defaults(command=run)
 
 
@@ -27,9 +27,9 @@ def run(options) -> None:
     from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
     from edhas_jax.diagnosis.calibration.fit import FitError
     from edhas_jax.diagnosis.planning.next_experiment import next_experiment
+    from edhas_jax.diagnosis.report.overview_figure import draw_overview
     from edhas_jax.diagnosis.report.report import write_report
     from edhas_jax.diagnosis.report.result_file import save_diagnosis
-    from edhas_jax.diagnosis.report.story_figures import draw_story
     from edhas_jax.diagnosis.search.forward_selection import diagnose
     from edhas_jax.machine.effects.loading import load_effect
     from edhas_jax.measurements.campaign import CampaignError
@@ -55,8 +55,8 @@ def run(options) -> None:
             folder.mkdir(parents=True, exist_ok=True)
             save_diagnosis(diagnosis, folder, None if experiment is None else experiment.as_json())
             write_report(diagnosis, folder / "report.html", experiment)
-            save_figure(draw_story(diagnosis), folder / "diagnosis.png")
-    out.print(suspects_table(diagnosis))
+            save_figure(draw_overview(diagnosis), folder / "diagnosis.png")
+    out.print(candidates_table(diagnosis))
     out.print(errors_table(diagnosis))
     for sentence in diagnosis.sentences():
         out.print(escape(sentence), soft_wrap=True)
@@ -65,19 +65,20 @@ def run(options) -> None:
     out.print(f"{diagnosis.seconds:.0f} s; written to {folder}: {file_names(folder)}")
 
 
-def suspects_table(diagnosis):
-    """The suspects that were fitted, as a rich table: parameters, probability, residual on the held-out runs."""
+def candidates_table(diagnosis):
+    """The candidates that were fitted, as a rich table: parameters, probability, residual on the held-out runs."""
     from edhas_jax.core.units import format_quantity
     from edhas_jax.measurements.campaign import Use
 
-    rows = table("suspects", "effect", "where", "size", "probability", "new runs, residual over noise")
-    for suspect, p, trial in diagnosis.candidates():
-        if trial is None or trial.judged is None:
+    rows = table("candidates", "effect", "where", "size", "probability", "new runs, residual over noise")
+    for candidate, p, trial in diagnosis.ranked_candidates():
+        if trial is None or trial.evaluated is None:
             continue
-        judged = diagnosis.after if suspect in [t.suspect for t in diagnosis.accepted] else trial.judged
-        own = suspect.own(judged.fit.problem.unknowns)
-        sizes = [f"{name} {format_quantity(judged.fit.values[u.name], u.unit)}" for name, u in own.items()]
-        rows.add_row(suspect.name, suspect.where, ", ".join(sizes), f"{p:.3f}", f"{judged.level(Use.HOLDOUT):.3f}")
+        fitted = diagnosis.after if candidate in [t.candidate for t in diagnosis.accepted] else trial.evaluated
+        own = candidate.own_unknowns(fitted.fit.problem.unknowns)
+        sizes = [f"{name} {format_quantity(fitted.fit.values[u.name], u.unit)}" for name, u in own.items()]
+        rms = fitted.rms_over_noise(Use.HOLDOUT)
+        rows.add_row(candidate.name, candidate.location, ", ".join(sizes), f"{p:.3f}", f"{rms:.3f}")
     return rows
 
 

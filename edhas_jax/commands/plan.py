@@ -14,7 +14,7 @@ def add_parser(commands) -> None:
     parser = commands.add_parser("plan", help="before any test: what a campaign's runs and sensors could reveal")
     add_campaign_folder(parser, "folder of the campaign; its runs need no files yet")
     parser.add_argument("--rate", default="5 kHz", help="sampling of runs without a file (default: 5 kHz)")
-    add_user_effects(parser, "FILE.py:Class", "suspect this effect of your own too; may be given several times")
+    add_user_effects(parser, "FILE.py:Class", "also consider this effect of your own; may be given several times")
     add_output_folder(parser, "plans")
     parser.set_defaults(command=run)
 
@@ -63,10 +63,10 @@ def run(options) -> None:
 
 
 def sizes_table(planned):
-    """The smallest size of each suspect that the campaign would detect, as a rich table."""
-    rows = table("smallest detectable size", "suspect", "where", "parameter", "detectable from", "plausible",
+    """The smallest size of each candidate that the campaign would detect, as a rich table."""
+    rows = table("smallest detectable size", "candidate", "where", "parameter", "detectable from", "plausible",
                    "share of the strongest")  # fmt: skip
-    for s in planned.suspects:
+    for s in planned.candidates:
         share = f"{s.threshold_share:.2g}" if s.detectable else "not detectable"
-        rows.add_row(s.suspect.name, s.suspect.where, s.parameter, s.threshold_text(), s.plausible_text(), share)
+        rows.add_row(s.candidate.name, s.candidate.location, s.parameter, s.threshold_text(), s.plausible_text(), share)
     return rows

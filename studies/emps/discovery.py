@@ -25,13 +25,14 @@ from scipy.signal import butter, filtfilt
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
-from edhas_jax.diagnosis.report.report import sizes_of
-from edhas_jax.diagnosis.search.candidates import Suspect
-from edhas_jax.diagnosis.search.evaluated_fit import Judged
-from edhas_jax.diagnosis.search.forward_selection import confirmed, diagnose
+from edhas_jax.diagnosis.report.report import parameter_texts
+from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.decision_rules import is_confirmed
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
-from edhas_jax.diagnosis.search.screening import Screen
-from edhas_jax.diagnosis.search.trial import Trial, try_suspect
+from edhas_jax.diagnosis.search.screening import ScoreTest
+from edhas_jax.diagnosis.search.trial import Trial, try_candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
@@ -72,7 +73,7 @@ def part(run: BenchRun, use: Use, at: slice) -> BenchRun:
     )
 
 
-def force_errors(judged: Judged) -> dict[Use, float]:
+def force_errors(judged: EvaluatedFit) -> dict[Use, float]:
     """100 ‖F − F_model‖/‖F‖ of the simulated closed loop, by half of the record."""
     campaign, out = judged.fit.problem.campaign, {}
     for run in campaign.runs:
@@ -87,10 +88,10 @@ def force_errors(judged: Judged) -> dict[Use, float]:
 
 def with_period(found: Diagnosis) -> Trial:
     """The model that the diagnosis ends with, with the periodic force fitted besides."""
-    after, accepted = found.after, [t.suspect for t in found.accepted]
-    score = Screen(after.fit, accepted).score(Suspect(PeriodicForce))
+    after, accepted = found.after, [t.candidate for t in found.accepted]
+    score = ScoreTest(after.fit, accepted).score(Candidate(PeriodicForce))
     resolution = choose_time_resolution(after.fit.problem.model(), after.fit.x)
-    return try_suspect(after, accepted, score, resolution, STEPS, finish=after.near_noise, grow=False)
+    return try_candidate(after, accepted, score, resolution, STEPS, finish=after.near_noise, progressive=False)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -106,25 +107,26 @@ def main(arguments: list[str] | None = None) -> None:
     table = Table("model", "residual over noise", "on the other half", "force error", "on the other half", "new")
     models = [("mass alone", found.calibrated, "")]
     for one, after in zip(found.accepted, found.rounds[1:], strict=True):
-        models.append((f"+ {one.suspect.name}", after.before, sizes(one)))
-    models.append((f"(+ {trial.suspect.name})", trial.judged, sizes(trial)))
+        models.append((f"+ {one.candidate.name}", after.baseline, sizes(one)))
+    models.append((f"(+ {trial.candidate.name})", trial.evaluated, sizes(trial)))
     for name, judged, new in models:
         errors = force_errors(judged)
         table.add_row(
-            name, *(f"{judged.level(use):.2f}" for use in Use), *(f"{errors[use]:.2f} %" for use in Use), new
+            name, *(f"{judged.rms_over_noise(use):.2f}" for use in Use), *(f"{errors[use]:.2f} %" for use in Use), new
         )  # fmt: skip
     console.print(table)
-    periodic = "justified" if confirmed(found.after, trial) else "refused"
-    print(f"the periodic force raises the evidence by {trial.gain:.1f}; on the other half half of chi-square falls by "
-          f"{trial.gain_on_new:.1f}: {periodic}")  # fmt: skip
-    names = [t.suspect.name for t in found.accepted] + ["none"] * 2
+    periodic = "justified" if is_confirmed(found.after, trial) else "refused"
+    print(f"the periodic force raises the evidence by {trial.log_evidence_gain:.1f}; "
+          "on the other half half of chi-square falls by "
+          f"{trial.holdout_half_chi_square_fall:.1f}: {periodic}")  # fmt: skip
+    names = [t.candidate.name for t in found.accepted] + ["none"] * 2
     print(f"first={names[0]} second={names[1]} heldout_force_error={force_errors(found.after)[Use.HOLDOUT]:.3f} "
           f"periodic={periodic}")  # fmt: skip
 
 
 def sizes(trial: Trial) -> str:
-    """The fitted parameters of a suspect."""
-    return ", ".join(sizes_of(trial.suspect, trial.judged.fit))
+    """The fitted parameters of a candidate."""
+    return ", ".join(parameter_texts(trial.candidate, trial.evaluated.fit))
 
 
 if __name__ == "__main__":

@@ -153,7 +153,7 @@ def diagnosed(base: PumpBench, causes: list[Sized], console: Console) -> None:
 
 
 def _seen(found: DetectabilityPlan) -> str:
-    line = next(v for v in found.suspects if v.suspect.kind is SuctionLineResistance)
+    line = next(v for v in found.candidates if v.candidate.kind is SuctionLineResistance)
     return line.threshold_text() or "none"
 
 

@@ -118,7 +118,7 @@ def ask(
     both, column = (fit.machine, truth), {"amplitude": np.array([3.5e-3])}
     flow = tuple(float(mean_flows(m, column, (TOLD_AT,))[0, 0]) for m in both)
     damping = tuple(sum(float(get_parameter(m, n)) for n in DAMPING) for m in both)
-    sizes = {t.suspect.name: t.suspect.own(fit.problem.unknowns).values() for t in diagnosis.accepted}
+    sizes = {t.candidate.name: t.candidate.own_unknowns(fit.problem.unknowns).values() for t in diagnosis.accepted}
     told = [f"{n} {' '.join(format_with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit) for u in own)}"
             for n, own in sizes.items()]  # fmt: skip
     return Answer(title, stage.told, ", ".join(told) or "nothing", damping, flow, diagnosis)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
-from edhas_jax.diagnosis.search.candidates import believable
+from edhas_jax.diagnosis.search.candidates import limit_to_prior_bound
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.measurements.unknown_parameters import relative_unknown
 from edhas_jax.simulation.batch_trajectories import march_lanes
@@ -70,7 +70,7 @@ class Suspected:
         name = sized.cause.name
         size = dataclasses.replace(relative_unknown(self.machine, name, SIZE), centre=sized.size)
         known = [relative_unknown(self.machine, n, spread) for n, spread in UNCERTAIN.items() if n != name]
-        self.unknowns = [believable(u) for u in (size, *known)]
+        self.unknowns = [limit_to_prior_bound(u) for u in (size, *known)]
 
     def read(self, x: np.ndarray, runs: Sequence[Run], derive: bool) -> Rows:
         """What is read at the rows of coordinates `x` (k, n)."""

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from edhas_jax.core.atomic_file import atomic_write
-from edhas_jax.diagnosis.search.candidates import suspects_for
+from edhas_jax.diagnosis.search.candidates import candidates_for
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.trial import Trial
@@ -45,9 +45,11 @@ def told(case: HiddenCase, crumbs: bool) -> dict[str, Any]:
     """What was hidden."""
     hidden = [
         {
-            "name": h.suspect.name,
+            "name": h.candidate.name,
             "slots": (
-                [h.suspect.where] if h.suspect.signal else sorted({slot.location for slot in h.suspect.kind.slots})
+                [h.candidate.location]
+                if h.candidate.signal
+                else sorted({slot.location for slot in h.candidate.kind.slots})
             ),
             "values": h.values,
             "visible": h.visible,
@@ -63,45 +65,46 @@ def answered(found: Diagnosis) -> dict[str, Any]:
     """What the diagnosis answered."""
     final = found.final
     own = {
-        t.suspect.name: {
-            n.removeprefix(t.suspect.prefix): [v, final.standard_errors[n]]
+        t.candidate.name: {
+            n.removeprefix(t.candidate.prefix): [v, final.standard_errors[n]]
             for n, v in final.values.items()
-            if n.startswith(t.suspect.prefix)
+            if n.startswith(t.candidate.prefix)
         }
         for t in found.accepted
     }
     return {
         "verdict": found.verdict.value,
-        "accepted": [t.suspect.name for t in found.accepted],
+        "accepted": [t.candidate.name for t in found.accepted],
         "parameters": own,
-        "candidates": [[suspect.name, p] for suspect, p, _ in found.candidates()[:10]],
-        "groups": [[suspect.name for suspect in group] for group in found.groups()],
-        "where": found.where(),
+        "candidates": [[candidate.name, p] for candidate, p, _ in found.ranked_candidates()[:10]],
+        "groups": [[candidate.name for candidate in group] for group in found.confounded_groups()],
+        "where": found.location_probabilities(),
         "errors": {state: {use: row["overall"] for use, row in uses.items()} for state, uses in found.errors().items()},
         "rounds": [[_trial(t) for t in r.trials] for r in found.rounds],
-        "forms": [[t.suspect.id, t.gain] for r in found.rounds for t in r.forms],
+        "forms": [[t.candidate.id, t.log_evidence_gain] for r in found.rounds for t in r.generic_trials],
         "seconds": found.seconds,
     }
 
 
 def _trial(trial: Trial) -> list:
-    return [trial.suspect.name, trial.score.fall, trial.gain, trial.gain_on_new]
+    fall, gain = trial.score.chi_square_fall, trial.log_evidence_gain
+    return [trial.candidate.name, fall, gain, trial.holdout_half_chi_square_fall]
 
 
 def rivals(case: HiddenCase, found: Diagnosis, library: list[type]) -> dict[str, list[str]]:
     """The answers of the others, who get the same calibrated model."""
     fitted = found.calibrated.fit
     problem = fitted.problem
-    suspects = suspects_for(case.campaign, problem.machine, problem.instruments)
-    suspects = [s for s in suspects if s.signal is not None or s.kind in library]
+    candidates = candidates_for(case.campaign, problem.machine, problem.instruments)
+    candidates = [s for s in candidates if s.signal is not None or s.kind in library]
     per_sample = fitted.resolution.coarse
-    residual, signs = signatures(fitted, suspects, per_sample)
+    residual, signs = signatures(fitted, candidates, per_sample)
     out = {
-        "forward selection by BIC": forward_bic(residual, signs, suspects),
-        "residual correlation": correlation(residual, signs, suspects),
+        "forward selection by BIC": forward_bic(residual, signs, candidates),
+        "residual correlation": correlation(residual, signs, candidates),
     }
     if importlib.util.find_spec("pysindy"):  # of the extra `bench`
-        out["sparse regression (PySINDy)"] = sparse_discrepancy(fitted, suspects, per_sample)
+        out["sparse regression (PySINDy)"] = sparse_discrepancy(fitted, candidates, per_sample)
     return out
 
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from edhas_jax.core.structs import replace
-from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, SINGLE, Suspect, mounted
+from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, SINGLE_EFFECT_SLOTS, Candidate, mount_candidate
 from edhas_jax.machine.effects import LIBRARY, EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.machine.rigs import PumpBench, Rig
 from edhas_jax.measurements.campaign import Campaign, Channel, Use
@@ -74,7 +74,7 @@ class Hidden:
     `visible` is the χ² in the runs for fitting that is left when the uncertain parameters have taken up what they can.
     """
 
-    suspect: Suspect
+    candidate: Candidate
     values: dict[str, float]
     visible: float
 
@@ -92,7 +92,7 @@ class HiddenCase:
     @property
     def struck(self) -> list[type]:
         """The effects that a diagnosis is not told of."""
-        return [h.suspect.kind for h in self.hidden] if self.family is Family.STRUCK else []
+        return [h.candidate.kind for h in self.hidden] if self.family is Family.STRUCK else []
 
 
 def draw_case(number: int, crumbs: bool = False) -> HiddenCase:
@@ -107,12 +107,12 @@ def draw_case(number: int, crumbs: bool = False) -> HiddenCase:
         machine = PumpBench(effects=tuple(kind() for kind in refined))
         plan = planned_campaign(f"hidden{number:04d}", machine, UNCERTAIN, channels, RUNS, INTERVAL)
         base = draw_parameters(plan, machine, rng)
-        hidden = [h for suspect in _suspects(kinds, rng) if (h := _visible(plan, base, suspect, rng)) is not None]
+        hidden = [h for candidate in _candidates(kinds, rng) if (h := _visible(plan, base, candidate, rng)) is not None]
         if len(hidden) < len(kinds):
             continue
         truth, faults = base, {}
         for h in hidden:
-            truth, chains = _mount(h.suspect, h.values, truth)
+            truth, chains = _mount(h.candidate, h.values, truth)
             faults |= chains
         slow = {n: (SensorLag(lag_time=float(rng.uniform(*CRUMB))),) for n in channels} if crumbs else {}
         try:
@@ -132,7 +132,7 @@ def _kinds(number: int, family: Family, attempt: int, rng: np.random.Generator) 
     if family is Family.PAIR:
         while True:
             pair = [PUMP[i] for i in rng.choice(len(PUMP), 2, replace=False)]
-            taken = [slot.name for kind in pair for slot in kind.slots if slot.name in SINGLE]
+            taken = [slot.name for kind in pair for slot in kind.slots if slot.name in SINGLE_EFFECT_SLOTS]
             if len(taken) == len(set(taken)):
                 return pair
     if attempt:
@@ -144,21 +144,21 @@ def _kinds(number: int, family: Family, attempt: int, rng: np.random.Generator) 
     return [PUMP[(start + stride * turn) % len(PUMP)]]
 
 
-def _suspects(kinds: list[type], rng: np.random.Generator) -> list[Suspect]:
+def _candidates(kinds: list[type], rng: np.random.Generator) -> list[Candidate]:
     signals = list(CHANNELS)
-    return [Suspect(k, str(rng.choice(signals))) if k in SENSOR_FAULTS else Suspect(k) for k in kinds]
+    return [Candidate(k, str(rng.choice(signals))) if k in SENSOR_FAULTS else Candidate(k) for k in kinds]
 
 
-def _visible(plan: Campaign, base: Rig, suspect: Suspect, rng: np.random.Generator) -> Hidden | None:
-    """The suspect at a size from its plausible range at which it is visible; None if no draw was."""
+def _visible(plan: Campaign, base: Rig, candidate: Candidate, rng: np.random.Generator) -> Hidden | None:
+    """The candidate at a size from its plausible range at which it is visible; None if no draw was."""
     model = MeasurementModel(plan, base, uncertain_unknowns(plan, base), plan.runs_for(Use.FIT))
     every = tuple(range(len(model.runs)))
     known = model.predict_all_runs(np.zeros(len(model.unknowns)), PER_SAMPLE, with_sensitivities=True)
     slopes = _whole(plan, [known[r].sensitivities for r in every])
     before = [known[r].values for r in every]
     for _ in range(TRIES):
-        values = _size(suspect, before, rng)
-        truth, faults = _mount(suspect, values, base)
+        values = _size(candidate, before, rng)
+        truth, faults = _mount(candidate, values, base)
         if faults:
             after = [_recorded(run.time, seen, faults) for run, seen in zip(model.runs, before, strict=True)]
         else:
@@ -168,21 +168,21 @@ def _visible(plan: Campaign, base: Rig, suspect: Suspect, rng: np.random.Generat
         taken = np.linalg.solve(slopes.T @ slopes + np.eye(slopes.shape[1]), slopes.T @ change)
         visible = float(change @ (change - slopes @ taken))
         if np.isfinite(visible) and visible > VISIBLE:
-            return Hidden(suspect, values, visible)
+            return Hidden(candidate, values, visible)
     return None
 
 
-def _size(suspect: Suspect, before: list[dict], rng: np.random.Generator) -> dict[str, float]:
-    """Values of a suspect's parameters: within the plausible range, even in the logarithm where that has one sign."""
+def _size(candidate: Candidate, before: list[dict], rng: np.random.Generator) -> dict[str, float]:
+    """Values of a candidate's parameters: within the plausible range, even in the logarithm where that has one sign."""
     out = {}
-    for p in suspect.searched():
-        if suspect.kind in REFINED:
+    for p in candidate.free_parameters():
+        if candidate.kind in REFINED:
             spread = UNCERTAIN.get(p.name, 0.0)
             out[p.name] = p.default * math.exp(spread * float(np.clip(rng.standard_normal(), -2.0, 2.0)))
         elif p.plausible is None:
-            extent = np.ptp(np.concatenate([run[suspect.signal] for run in before]))
+            extent = np.ptp(np.concatenate([run[candidate.signal] for run in before]))
             out[p.name] = float(rng.uniform(-OFFSETS, OFFSETS) * extent)
-        elif p.plausible[0] > 0.0 and suspect.signal is None or p.unit == "s":
+        elif p.plausible[0] > 0.0 and candidate.signal is None or p.unit == "s":
             low, high = np.log(p.plausible)
             out[p.name] = float(np.exp(rng.uniform(low, high)))
         else:
@@ -190,11 +190,13 @@ def _size(suspect: Suspect, before: list[dict], rng: np.random.Generator) -> dic
     return out
 
 
-def _mount(suspect: Suspect, values: dict[str, float], machine: Rig) -> tuple[Rig, dict[str, tuple[SensorModel, ...]]]:
+def _mount(
+    candidate: Candidate, values: dict[str, float], machine: Rig
+) -> tuple[Rig, dict[str, tuple[SensorModel, ...]]]:
     """The machine with an effect in place, or the chain of the sensor that has a fault."""
-    if suspect.signal is not None:
-        return machine, {suspect.signal: (suspect.kind(**values),)}
-    changed, _ = mounted(suspect, machine, Instruments())
+    if candidate.signal is not None:
+        return machine, {candidate.signal: (candidate.kind(**values),)}
+    changed, _ = mount_candidate(candidate, machine, Instruments())
     own = replace(changed.effects[-1], **values)
     return replace(changed, effects=(*changed.effects[:-1], own)), {}
 

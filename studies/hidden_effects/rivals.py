@@ -1,12 +1,12 @@
-"""What others would use to name a missing effect, on the same calibrated model and the same suspects.
+"""What others would use to name a missing effect, on the same calibrated model and the same candidates.
 
 * sparse regression of the discrepancy (PySINDy's STLSQ): the measured rates of change less those of the model's
   equations, regressed on what each effect adds to the equations;
-* forward selection by BIC: what each suspect adds to the signals, fitted to the residual of the calibrated model by
+* forward selection by BIC: what each candidate adds to the signals, fitted to the residual of the calibrated model by
   least squares, nothing being left for the parameters to take up;
-* residual correlation: the suspect whose signature is most parallel to the residual.
+* residual correlation: the candidate whose signature is most parallel to the residual.
 
-Each has every suspect at the middle of its plausible range, and answers with the names of what it would add, the best
+Each has every candidate at the middle of its plausible range, and answers with the names of what it would add, the best
 first; an empty answer says that nothing is missing.
 """
 
@@ -18,8 +18,14 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from edhas_jax.diagnosis.calibration.fit import Fit, FitProblem
-from edhas_jax.diagnosis.search.candidates import Suspect, grid, mounted, problem_of, unknowns_of
-from edhas_jax.diagnosis.search.evaluated_fit import start_from
+from edhas_jax.diagnosis.search.candidates import (
+    Candidate,
+    build_problem,
+    candidate_unknowns,
+    mount_candidate,
+    screening_grid,
+)
+from edhas_jax.diagnosis.search.evaluated_fit import start_coordinates
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import find_parameter, get_parameter, replace_value, set_parameters
 from edhas_jax.machine.rigs import Rig
@@ -35,8 +41,8 @@ MEASURED = ("voltage", "current", "piston_position", "outlet_pressure")
 RATES = ("current", "piston_velocity", "outlet_pressure")  # the equations whose left side can be had by differentiation
 
 
-def signatures(fitted: Fit, suspects: list[Suspect], per_sample: int) -> tuple[np.ndarray, list[np.ndarray]]:
-    """The residual of a fit, and what each suspect adds to the signals, in units of noise, in the runs for fitting."""
+def signatures(fitted: Fit, candidates: list[Candidate], per_sample: int) -> tuple[np.ndarray, list[np.ndarray]]:
+    """The residual of a fit, and what each candidate adds to the signals, in units of noise, in the fitted runs."""
     campaign, runs = fitted.problem.campaign, fitted.problem.model().runs
     every = tuple(range(len(runs)))
 
@@ -49,34 +55,34 @@ def signatures(fitted: Fit, suspects: list[Suspect], per_sample: int) -> tuple[n
 
     base = seen(fitted.problem, fitted.x)
     out = []
-    for suspect in suspects:
-        if suspect.signal is not None:
-            link = suspect.kind(**middle(suspect, campaign))
+    for candidate in candidates:
+        if candidate.signal is not None:
+            link = candidate.kind(**middle(candidate, campaign))
             changed = [
-                row | {suspect.signal: np.asarray(link.record(run.time, row[suspect.signal]))}
+                row | {candidate.signal: np.asarray(link.record(run.time, row[candidate.signal]))}
                 for run, row in zip(runs, base, strict=True)
             ]
         else:
-            problem = problem_of(campaign, fitted.problem.machine, fitted.problem.instruments, (), suspect)
-            values = fitted.values | {suspect.prefix + n: v for n, v in middle(suspect, campaign).items()}
-            changed = seen(problem, start_from(problem, values))
+            problem = build_problem(campaign, fitted.problem.machine, fitted.problem.instruments, (), candidate)
+            values = fitted.values | {candidate.prefix + n: v for n, v in middle(candidate, campaign).items()}
+            changed = seen(problem, start_coordinates(problem, values))
         out.append(flat(changed) - flat(base))
     return flat([run.signals for run in runs]) - flat(base), out
 
 
-def middle(suspect: Suspect, campaign: Campaign) -> dict[str, float]:
-    """The parameters of a suspect at the middle of their plausible ranges, SI."""
-    unknowns = unknowns_of(suspect, campaign)
-    points = grid(suspect, unknowns)
+def middle(candidate: Candidate, campaign: Campaign) -> dict[str, float]:
+    """The parameters of a candidate at the middle of their plausible ranges, SI."""
+    unknowns = candidate_unknowns(candidate, campaign)
+    points = screening_grid(unknowns)
     x = points[len(points) // 2]
-    return {u.name.removeprefix(suspect.prefix): float(u.value(v)) for u, v in zip(unknowns, x, strict=True)}
+    return {u.name.removeprefix(candidate.prefix): float(u.value(v)) for u, v in zip(unknowns, x, strict=True)}
 
 
-def correlation(residual: np.ndarray, signs: list[np.ndarray], suspects: list[Suspect]) -> list[str]:
-    """The suspects by the cosine of their signature with the residual, those above `ALIKE`."""
+def correlation(residual: np.ndarray, signs: list[np.ndarray], candidates: list[Candidate]) -> list[str]:
+    """The candidates by the cosine of their signature with the residual, those above `ALIKE`."""
     cosines = [_cosine(residual, s) for s in signs]
     order = np.argsort(-np.array(cosines))
-    return [suspects[k].name for k in order[:MOST] if cosines[k] > ALIKE]
+    return [candidates[k].name for k in order[:MOST] if cosines[k] > ALIKE]
 
 
 def _cosine(residual: np.ndarray, signature: np.ndarray) -> float:
@@ -84,8 +90,8 @@ def _cosine(residual: np.ndarray, signature: np.ndarray) -> float:
     return abs(float(signature @ residual)) / length if np.isfinite(length) and length > 0.0 else 0.0
 
 
-def forward_bic(residual: np.ndarray, signs: list[np.ndarray], suspects: list[Suspect]) -> list[str]:
-    """Forward selection: the suspect that lowers χ² most is added while BIC = χ² + k ln n falls."""
+def forward_bic(residual: np.ndarray, signs: list[np.ndarray], candidates: list[Candidate]) -> list[str]:
+    """Forward selection: the candidate that lowers χ² most is added while BIC = χ² + k ln n falls."""
     count, chosen = len(residual), []
     left, cost = residual, float(residual @ residual)
     whole = {k: s for k, s in enumerate(signs) if np.isfinite(s).all() and s @ s > 0.0}
@@ -98,10 +104,10 @@ def forward_bic(residual: np.ndarray, signs: list[np.ndarray], suspects: list[Su
         chosen.append(best)
         del whole[best]
         left, cost = tried, float(tried @ tried)
-    return [suspects[k].name for k in chosen]
+    return [candidates[k].name for k in chosen]
 
 
-def sparse_discrepancy(fitted: Fit, suspects: list[Suspect], per_sample: int) -> list[str]:
+def sparse_discrepancy(fitted: Fit, candidates: list[Candidate], per_sample: int) -> list[str]:
     """Sequentially thresholded least squares (PySINDy) on the discrepancy of the rates of current, speed and pressure.
 
     The discrepancy is what is left of ẏ − f(y) at the measured y; states that are not measured are the calibrated
@@ -112,7 +118,7 @@ def sparse_discrepancy(fitted: Fit, suspects: list[Suspect], per_sample: int) ->
     import pysindy
 
     campaign, runs = fitted.problem.campaign, fitted.problem.model().runs
-    able = [s for s in suspects if s.signal is None]
+    able = [s for s in candidates if s.signal is None]
     states = (n for n in fitted.machine.initial_state() if n in SIGNALS)
     watch = tuple(dict.fromkeys((*states, "gas_volume", *MEASURED)))
     model = MeasurementModel(campaign, fitted.machine, (), runs, signals=watch)
@@ -136,12 +142,12 @@ def sparse_discrepancy(fitted: Fit, suspects: list[Suspect], per_sample: int) ->
     change["current"] = change["current"] - unknown_volts / float(fitted.machine.coil.coil_inductance)
     wanted = np.array([change[n] - (base[n] - own[n]) for n in RATES])
     table = []
-    for suspect in able:
-        machine, _ = mounted(suspect, fitted.machine, fitted.instruments)
-        values = {f"{suspect.id}.{n}": v for n, v in middle(suspect, campaign).items()}
+    for candidate in able:
+        machine, _ = mount_candidate(candidate, fitted.machine, fitted.instruments)
+        values = {f"{candidate.id}.{n}": v for n, v in middle(candidate, campaign).items()}
         there, _ = _rates(campaign, set_parameters(machine, values), runs, measured)
         table.append([there[n] - base[n] for n in RATES])
-    table = np.array(table)  # (suspects, equations, samples)
+    table = np.array(table)  # (candidates, equations, samples)
     scale = wanted.std(axis=1)
     table = (table / scale[:, None]).reshape(len(able), -1)
     wanted = (wanted / scale[:, None]).ravel()

@@ -10,13 +10,13 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
-from edhas_jax.diagnosis.search import forward_selection as package
-from edhas_jax.diagnosis.search.candidates import Suspect, held_by_belief
-from edhas_jax.diagnosis.search.evaluated_fit import search
+from edhas_jax.diagnosis.search import forward_selection, selection_round
+from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound
+from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
-from edhas_jax.diagnosis.search.localisation import ask_parts
+from edhas_jax.diagnosis.search.localisation import localise_discrepancy
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
-from edhas_jax.diagnosis.search.screening import Screen
+from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.machine.effects import (
     AsymmetricFriction,
@@ -85,16 +85,21 @@ def errors(found: Diagnosis) -> tuple[float, float, float]:
 
 def evidence(found: Diagnosis) -> str:
     """What every trial brought, for the message of a test that fails."""
-    told = [f"{t.suspect.name} {t.gain:.1f} of {0.5 * t.score.fall:.1f}" for turn in found.rounds for t in turn.trials]
-    return f"{found.verdict}, errors {errors(found)}, before {found.rounds[0].before.evidence:.2f}, trials {told}"
+    told = [
+        f"{t.candidate.name} {t.log_evidence_gain:.1f} of {t.score.predicted_gain:.1f}"
+        for turn in found.rounds
+        for t in turn.trials
+    ]
+    return f"{found.verdict}, errors {errors(found)}, before {found.rounds[0].baseline.log_evidence:.2f}, trials {told}"
 
 
 def lead(found: Diagnosis, of: int = 0) -> float:
     """By how much evidence the accepted effect of a round beats the best of the others."""
     turn = found.rounds[of]
-    rivals = [t.gain for t in turn.trials if t is not turn.accepted]
-    promised = [0.5 * score.fall for score in turn.scores if score.suspect not in [t.suspect for t in turn.trials]]
-    return turn.accepted.gain - max([0.0, *rivals, *promised])
+    rivals = [t.log_evidence_gain for t in turn.trials if t is not turn.accepted]
+    tried = [t.candidate for t in turn.trials]
+    promised = [score.predicted_gain for score in turn.scores if score.candidate not in tried]
+    return turn.accepted.log_evidence_gain - max([0.0, *rivals, *promised])
 
 
 def test_nothing_is_missing():
@@ -102,7 +107,7 @@ def test_nothing_is_missing():
     before, calibrated, after = errors(found)
     assert found.verdict is Verdict.ADEQUATE and not found.accepted, evidence(found)
     assert before > 2.0 and calibrated == after == pytest.approx(1.0, abs=0.05)
-    assert found.candidates()[0][1] < 0.5
+    assert found.ranked_candidates()[0][1] < 0.5
 
 
 def test_a_calibration_that_was_stuck_is_no_effect(monkeypatch):
@@ -110,13 +115,13 @@ def test_a_calibration_that_was_stuck_is_no_effect(monkeypatch):
 
     def stuck(campaign, say):
         null, resolution = calibrated(campaign, say)
-        return search(null.fit.problem, null.fit.x + 1.5, resolution.coarse, 0), resolution
+        return fit_coarse(null.fit.problem, null.fit.x + 1.5, resolution.coarse, 0), resolution
 
-    calibrated = package._calibrated
-    monkeypatch.setattr(package, "_calibrated", stuck)
+    calibrated = forward_selection._calibrate
+    monkeypatch.setattr(forward_selection, "_calibrate", stuck)
     told = []
     found = diagnosed(seed=1, on_progress=told.append)
-    assert any("does better from where" in sentence for sentence in told)
+    assert any("fits better when started from" in sentence for sentence in told)
     assert found.verdict is Verdict.ADEQUATE and not found.accepted, evidence(found)
     assert errors(found)[1] == pytest.approx(1.0, abs=0.05)
 
@@ -125,10 +130,10 @@ def test_one_effect():
     found = diagnosed(InverterDeadTime(dead_time_voltage=0.8), seed=2)
     before, calibrated, after = errors(found)
     assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
-    assert [t.suspect.id for t in found.accepted] == ["inverter_dead_time"]
+    assert [t.candidate.id for t in found.accepted] == ["inverter_dead_time"]
     assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
     assert lead(found) > DECISIVE
-    assert found.candidates()[0][1] > 0.95 and next(iter(found.where())) == "coil"
+    assert found.ranked_candidates()[0][1] > 0.95 and next(iter(found.location_probabilities())) == "coil"
     name = "inverter_dead_time.dead_time_voltage"
     assert abs(found.final.values[name] - 0.8) < max(0.08, 2.0 * found.final.standard_errors[name])
 
@@ -137,7 +142,7 @@ def test_two_effects():
     found = diagnosed(ForceConstantDroop(droop=0.15), InverterDeadTime(dead_time_voltage=0.6), seed=3)
     before, calibrated, after = errors(found)
     assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
-    assert {t.suspect.id for t in found.accepted} == {"inverter_dead_time", "force_constant_droop"}
+    assert {t.candidate.id for t in found.accepted} == {"inverter_dead_time", "force_constant_droop"}
     assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
     assert lead(found, 0) > DECISIVE and lead(found, 1) > DECISIVE
 
@@ -147,106 +152,106 @@ def test_an_effect_outside_the_library(of_windage):
     before, calibrated, after = errors(found)
     assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
     assert before > calibrated > 1.1
-    where = found.where()
+    where = found.location_probabilities()
     assert next(iter(where)) == "mover" and "sensor" not in where and sum(where.values()) == pytest.approx(1.0)
-    form = found.forms[0]
-    assert form.suspect.kind.text.startswith("(v/0.2 m/s)·|v/0.2 m/s|")
-    assert form.judged.fit.values[f"{form.suspect.prefix}coefficient"] == pytest.approx(-40.0 * 0.2**2, rel=0.1)
-    assert form.judged.level(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
-    assert form.gain - max((t.gain for t in found.rounds[-1].trials), default=0.0) > DECISIVE
+    form = found.generic_trials[0]
+    assert form.candidate.kind.text.startswith("(v/0.2 m/s)·|v/0.2 m/s|")
+    assert form.evaluated.fit.values[f"{form.candidate.prefix}coefficient"] == pytest.approx(-40.0 * 0.2**2, rel=0.1)
+    assert form.evaluated.rms_over_noise(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
+    assert form.log_evidence_gain - max((t.log_evidence_gain for t in found.rounds[-1].trials), default=0.0) > DECISIVE
 
 
 def test_an_effect_that_was_passed_over_is_found_at_the_end(monkeypatch):
-    """The tournament does not see the effect; asked part by part it explains more than all that stood in for it."""
+    """The round does not see the effect; fitted during localisation it explains more than all that imitated it."""
 
     def blind(before, accepted, scores, *rest):
-        return tournament(before, accepted, [s for s in scores if s.suspect.id != "cogging_force"], *rest)
+        return try_best_candidates(before, accepted, [s for s in scores if s.candidate.id != "cogging_force"], *rest)
 
-    tournament = package.tournament
-    monkeypatch.setattr(package, "tournament", blind)
+    try_best_candidates = selection_round.try_best_candidates
+    monkeypatch.setattr(selection_round, "try_best_candidates", blind)
     told = []
     found = diagnosed(CoggingForce(cogging_amplitude=2.0), seed=2, on_progress=told.append)
     assert any(sentence == "mover: trying cogging_force" for sentence in told)
     assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
-    assert [t.suspect.id for t in found.accepted] == ["cogging_force"] and not found.parts
+    assert [t.candidate.id for t in found.accepted] == ["cogging_force"] and not found.location_shares
     assert errors(found)[2] == pytest.approx(1.0, abs=0.05)
 
 
 def test_an_effect_with_a_value_that_nobody_believes_only_stands_in():
-    """A constant force is a cogging whose pitch is endless; struck from the library, it is told as a formula."""
+    """A constant force is a cogging whose pitch is endless; struck from the library, it is found as a generic term."""
     found = diagnosed(ConstantBiasForce(bias_force=1.5), seed=6)
     assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
-    assert next(iter(found.where())) == "mover" and not found.accepted
-    trials = {t.suspect.id: t for t in found.rounds[0].trials}
+    assert next(iter(found.location_probabilities())) == "mover" and not found.accepted
+    trials = {t.candidate.id: t for t in found.rounds[0].trials}
     cogging = trials["cogging_force"]
-    assert held_by_belief(cogging.suspect, cogging.judged.fit) == ["cogging_pitch"]
-    form = found.forms[0]
-    assert form.suspect.kind.text == "1" and form.gain > cogging.gain
-    assert form.judged.fit.values[f"{form.suspect.prefix}coefficient"] == pytest.approx(-1.5, rel=0.1)
-    assert form.judged.level(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
+    assert at_prior_bound(cogging.candidate, cogging.evaluated.fit) == ["cogging_pitch"]
+    form = found.generic_trials[0]
+    assert form.candidate.kind.text == "1" and form.log_evidence_gain > cogging.log_evidence_gain
+    assert form.evaluated.fit.values[f"{form.candidate.prefix}coefficient"] == pytest.approx(-1.5, rel=0.1)
+    assert form.evaluated.rms_over_noise(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.parametrize(("kept", "share"), [(-1.0, 0.0), (0.0, 0.0), (0.5, 0.5), (2.0, 1.0)])
 def test_a_part_counts_as_far_as_its_laws_keep_their_promises(of_windage, kept, share):
     calibrated = of_windage.calibrated
     assert not calibrated.near_noise
-    one = Suspect(MagneticSaturation)
-    screen = Screen(calibrated.fit, ())
-    (score,), span = screen.together([one])
+    one = Candidate(MagneticSaturation)
+    screen = ScoreTest(calibrated.fit, ())
+    (score,), span = screen.joint_scores([one])
     whole = screen.residual @ screen.residual
-    assert score.fall > 0.0
+    assert score.chi_square_fall > 0.0
 
     def attempt(score):
-        return Trial(score.suspect, score, None, 0.5 * kept * score.fall, 0.0)
+        return Trial(score.candidate, score, None, 0.5 * kept * score.chi_square_fall, 0.0)
 
-    (part, found), *rest = ask_parts(calibrated, [one], [], [], attempt).shares.items()
+    (part, found), *rest = localise_discrepancy(calibrated, [one], [], [], attempt).shares.items()
     assert part == "mover" and not rest
-    assert found == pytest.approx(max(share * span, kept * score.fall, 0.0) / whole)
+    assert found == pytest.approx(max(share * span, kept * score.chi_square_fall, 0.0) / whole)
 
 
 def test_a_sensor_counts_as_far_as_what_remains_is_its_own(of_a_lagging_sensor):
     found = of_a_lagging_sensor
     calibrated, (trial,) = found.calibrated, found.accepted
-    whole = Screen(calibrated.fit, ()).residual @ Screen(calibrated.fit, ()).residual
+    whole = ScoreTest(calibrated.fit, ()).residual @ ScoreTest(calibrated.fit, ()).residual
 
     def share(**spoiled):
         rows = {
             run: {n: v + spoiled.get(n, 0.0) for n, v in signals.items()}
-            for run, signals in trial.judged.fit.residuals.items()
+            for run, signals in trial.evaluated.fit.residuals.items()
         }
-        fitted = SimpleNamespace(residuals=rows, problem=trial.judged.fit.problem, x=trial.judged.fit.x)
-        judged = SimpleNamespace(fit=fitted, level=trial.judged.level)
-        spoiled_trial = dataclasses.replace(trial, judged=judged)
-        parts = ask_parts(calibrated, [], [spoiled_trial], [spoiled_trial], None)
-        return parts.shares["sensor"] * whole / (2.0 * trial.gain)
+        fitted = SimpleNamespace(residuals=rows, problem=trial.evaluated.fit.problem, x=trial.evaluated.fit.x)
+        evaluated = SimpleNamespace(fit=fitted, rms_over_noise=trial.evaluated.rms_over_noise)
+        spoiled_trial = dataclasses.replace(trial, evaluated=evaluated)
+        parts = localise_discrepancy(calibrated, [], [spoiled_trial], [spoiled_trial], None)
+        return parts.shares["sensor"] * whole / (2.0 * trial.log_evidence_gain)
 
     assert share(current=5.0) == pytest.approx(1.0, abs=0.02)
     assert share(current=5.0, voltage=5.0) == pytest.approx(0.5, abs=0.02)
     assert share(voltage=5.0) < 0.02
 
 
-def test_what_suspects_take_up_together(of_windage):
+def test_what_candidates_take_up_together(of_windage):
     calibrated = of_windage.calibrated
-    screen = Screen(calibrated.fit, ())
-    one, two = Suspect(AsymmetricFriction), Suspect(MagneticSaturation)
+    screen = ScoreTest(calibrated.fit, ())
+    one, two = Candidate(AsymmetricFriction), Candidate(MagneticSaturation)
     scores = [screen.score(s) for s in (one, two)]
-    alone = [score.fall for score in scores]
+    alone = [score.chi_square_fall for score in scores]
     assert alone[1] > 0.0
-    ranked, together = screen.together([one, two])
-    assert [score.fall for score in ranked] == sorted(alone, reverse=True)
+    ranked, together = screen.joint_scores([one, two])
+    assert [score.chi_square_fall for score in ranked] == sorted(alone, reverse=True)
     # combinations that are small differences are not counted, so that a little may be lost
     assert 0.9 * max(alone) <= together <= screen.residual @ screen.residual
-    assert screen.together([]) == ([], 0.0)
-    # a misfit that is nothing but the signature of a suspect is taken up by it, and not by another
-    screen.residual = 100.0 * scores[1].signature
-    assert 0.9e4 < screen.together([two])[1] <= 1.0001e4 and screen.together([one])[1] < 0.5e4
+    assert screen.joint_scores([]) == ([], 0.0)
+    # a misfit that is nothing but the signature of a candidate is taken up by it, and not by another
+    screen.residual = 100.0 * scores[1].direction
+    assert 0.9e4 < screen.joint_scores([two])[1] <= 1.0001e4 and screen.joint_scores([one])[1] < 0.5e4
 
 
 def test_a_sensor_that_lags(of_a_lagging_sensor):
     found = of_a_lagging_sensor
     before, calibrated, after = errors(found)
     assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
-    assert [t.suspect.name for t in found.accepted] == ["sensor_lag on current"]
+    assert [t.candidate.name for t in found.accepted] == ["sensor_lag on current"]
     assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
-    assert lead(found) > DECISIVE and next(iter(found.where())) == "sensor"
+    assert lead(found) > DECISIVE and next(iter(found.location_probabilities())) == "sensor"
     assert found.final.values["current.sensor_lag.lag_time"] == pytest.approx(1e-3, rel=0.1)

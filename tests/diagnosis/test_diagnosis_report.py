@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.report.figures import draw_sensor_fault, draw_waterfall, format_with_error, stages
-from edhas_jax.diagnosis.report.machine_schematic import schematic, shade
-from edhas_jax.diagnosis.report.nonparametric_term import missing_term
-from edhas_jax.diagnosis.report.report import found_in, write_report
-from edhas_jax.diagnosis.report.sensor_fault import sensor_fault
-from edhas_jax.diagnosis.report.story_figures import draw_story
-from edhas_jax.diagnosis.search.candidates import Suspect, problem_of
-from edhas_jax.diagnosis.search.evaluated_fit import search
+from edhas_jax.core.units import format_with_error
+from edhas_jax.diagnosis.report.machine_schematic import draw_schematic, probability_colour
+from edhas_jax.diagnosis.report.nonparametric_term import estimate_nonparametric_term
+from edhas_jax.diagnosis.report.overview_figure import draw_overview
+from edhas_jax.diagnosis.report.report import explaining_candidates, write_report
+from edhas_jax.diagnosis.report.residual_stages import draw_waterfall, residual_stages
+from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
+from edhas_jax.diagnosis.report.term_figures import draw_sensor_fault
+from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
+from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Verdict
 from edhas_jax.machine.effects import ConstantBiasForce, ForceConstantDroop, InverterDeadTime
@@ -87,35 +89,35 @@ def test_the_traces_are_those_measured_and_those_of_the_models(diagnosis, report
 
 
 def test_the_missing_term_is_found_without_its_law(diagnosis):
-    ((fitted, suspect),) = found_in(diagnosis)
-    term = missing_term(fitted, suspect)
-    assert (term.slot.name, term.axis) == ("coil_voltage_change", "current")
-    truth = -LOST * np.tanh(term.at / 0.05)
-    steep = np.abs(term.at) < 0.1  # there a straight line from node to node is not the law
-    assert len(term.at) > 6 and (np.abs(term.value - truth) < 4.0 * term.std + 0.02 * LOST)[~steep].all()
+    ((fitted, candidate),) = explaining_candidates(diagnosis)
+    term = estimate_nonparametric_term(fitted, candidate)
+    assert (term.slot.name, term.variable) == ("coil_voltage_change", "current")
+    truth = -LOST * np.tanh(term.nodes / 0.05)
+    steep = np.abs(term.nodes) < 0.1  # there a straight line from node to node is not the law
+    assert len(term.nodes) > 6 and (np.abs(term.values - truth) < 4.0 * term.std + 0.02 * LOST)[~steep].all()
     assert np.median(term.std) < 0.1 * LOST
-    assert np.abs(term.law + LOST * np.tanh(term.path / 0.05)).max() < 0.05 * LOST
+    assert np.abs(term.law_samples + LOST * np.tanh(term.variable_samples / 0.05)).max() < 0.05 * LOST
 
 
 def test_the_waterfall_ends_at_the_noise(diagnosis):
-    table = stages(diagnosis)
+    table = residual_stages(diagnosis)
     assert list(table) == ["present model", "calibrated", "+ inverter_dead_time"]
     before = [v for run in diagnosis.campaign.runs_for(Use.HOLDOUT) for v in diagnosis.before[run.name].values()]
     assert table["present model"][Use.HOLDOUT] == pytest.approx(rms_over_noise(before))
     held_out = [row[Use.HOLDOUT] for row in table.values()]
     assert held_out[0] > held_out[1] > held_out[2] and held_out[2] < 1.1
     assert len(draw_waterfall(diagnosis).axes) == 2
-    assert len(draw_story(diagnosis).axes) == 6
+    assert len(draw_overview(diagnosis).axes) == 6
 
 
 def test_a_sensor_fault_is_shown_as_it_was_measured():
     instruments = Instruments({"current": (SensorLag(lag_time=2e-3),)})
     campaign = measured(empty_campaign(), bench(), instruments)
-    suspect = Suspect(SensorLag, "current")
-    problem = problem_of(campaign, bench(), Instruments(), (), suspect)
-    fault = sensor_fault(search(problem, np.zeros(len(problem.unknowns)), 8, 12).fit, suspect)
-    assert fault.over_rate and np.abs(fault.value).max() > 20.0 * fault.std.max()
-    assert (np.abs(fault.value - fault.law) < 5.0 * fault.std).all()
+    candidate = Candidate(SensorLag, "current")
+    problem = build_problem(campaign, bench(), Instruments(), (), candidate)
+    fault = estimate_sensor_error(fit_coarse(problem, np.zeros(len(problem.unknowns)), 8, 12).fit, candidate)
+    assert fault.over_rate and np.abs(fault.measured).max() > 20.0 * fault.std.max()
+    assert (np.abs(fault.measured - fault.modelled) < 5.0 * fault.std).all()
     assert draw_sensor_fault(fault).axes
 
 
@@ -123,10 +125,10 @@ def test_a_sensor_fault_is_shown_as_it_was_measured():
 def test_the_schematic_colours_every_part_that_can_be_at_fault(rig):
     where = {slot.location for slot in rig.slots} | {"sensor"}
     for part in where:
-        drawn = schematic(rig(), {part: 0.9})
-        assert shade(0.9) in drawn and "90%" in drawn
-    assert shade(0.9) not in schematic(rig(), {})
-    red = [int(shade(p)[3:5], 16) for p in (0.0, 0.1, 0.5, 1.0)]
+        drawn = draw_schematic(rig(), {part: 0.9})
+        assert probability_colour(0.9) in drawn and "90%" in drawn
+    assert probability_colour(0.9) not in draw_schematic(rig(), {})
+    red = [int(probability_colour(p)[3:5], 16) for p in (0.0, 0.1, 0.5, 1.0)]
     assert red == sorted(red, reverse=True) and len(set(red)) == 4
 
 

@@ -14,10 +14,10 @@ from edhas_jax.diagnosis.planning.detection_threshold import DETECTION_NORM
 from edhas_jax.diagnosis.planning.figures import draw_similarity, draw_thresholds
 from edhas_jax.diagnosis.planning.next_experiment import _distance_after_refit, next_experiment
 from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign, with_predicted_signals
-from edhas_jax.diagnosis.planning.signatures import SignatureGram, SuspectPoints, cosines
-from edhas_jax.diagnosis.search.candidates import Suspect, unknowns_of
+from edhas_jax.diagnosis.planning.signatures import CandidatePoints, SignatureGram, cosines
+from edhas_jax.diagnosis.search.candidates import Candidate, candidate_unknowns
 from edhas_jax.diagnosis.search.forward_selection import diagnose
-from edhas_jax.diagnosis.search.trial import try_suspect
+from edhas_jax.diagnosis.search.trial import try_candidate
 from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime, MagneticSaturation
 from edhas_jax.measurements.campaign import CampaignError, Use
 from edhas_jax.measurements.measurement_model import MeasurementModel
@@ -59,23 +59,23 @@ def plan(campaign):
 
 @pytest.fixture(scope="module")
 def gram(campaign):
-    suspects = [SuspectPoints(Suspect(kind), np.array([[1.0]])) for kind in EFFECTS]
-    return SignatureGram(campaign, campaign.runs, suspects, 8, ignore_progress)
+    candidates = [CandidatePoints(Candidate(kind), np.array([[1.0]])) for kind in EFFECTS]
+    return SignatureGram(campaign, campaign.runs, candidates, 8, ignore_progress)
 
 
 def test_an_effect_at_the_threshold_has_the_detection_norm(campaign, plan):
-    for s in plan.suspects:
-        if s.suspect.id not in ("inverter_dead_time", "constant_bias_force"):
+    for s in plan.candidates:
+        if s.candidate.id not in ("inverter_dead_time", "constant_bias_force"):
             continue
-        (unknown,) = unknowns_of(s.suspect, campaign)
-        points = SuspectPoints(s.suspect, np.array([[unknown.coordinate(s.threshold)]]))
+        (unknown,) = candidate_unknowns(s.candidate, campaign)
+        points = CandidatePoints(s.candidate, np.array([[unknown.coordinate(s.threshold)]]))
         gram = SignatureGram(campaign, campaign.runs_for(Use.FIT), [points], 8, ignore_progress)
         assert np.sqrt(gram.unexplained()[0, 0]) == pytest.approx(DETECTION_NORM, rel=0.3)
         assert s.detectable and s.threshold_share < 0.1
 
 
 def test_an_effect_that_fades_as_its_parameter_grows_has_an_upper_threshold(plan):
-    (s,) = (s for s in plan.suspects if s.suspect.id == "magnetic_saturation")
+    (s,) = (s for s in plan.candidates if s.candidate.id == "magnetic_saturation")
     assert np.isinf(s.absent_value) and s.threshold_text().startswith("≤")
 
 
@@ -97,12 +97,12 @@ def test_a_further_run_never_lowers_a_norm(gram):
 
 
 def test_the_plan_is_reported_and_drawn(plan):
-    assert len(plan.suspects) == len(EFFECTS) + 4 * 3 and plan.candidate_count > 0
+    assert len(plan.candidates) == len(EFFECTS) + 4 * 3 and plan.feasible_run_count > 0
     for one, other, cosine in plan.indistinguishable_pairs():
         assert one != other and cosine > 0.95
     plain = json.loads(json.dumps(plan_as_json(plan), allow_nan=False))
     assert plain["next_run"]["conditions"].keys() == {"frequency", "amplitude"}
-    assert plan.sentence().count("suspects") >= 1
+    assert plan.sentence().count("candidates") >= 1
     assert draw_thresholds(plan).axes and draw_similarity(plan).axes
 
 
@@ -171,15 +171,15 @@ def test_the_next_experiment_discriminates_two_rivals():
     truth = structs.replace(bench(), effects=(*bench().effects, InverterDeadTime(dead_time_voltage=0.8)))
     diagnosis = diagnose(measured(empty_campaign(), truth), library=(InverterDeadTime,))
     first = diagnosis.rounds[0]
-    score = next(s for s in first.scores if s.suspect != first.accepted.suspect and s.fall > 0.0)
-    other = try_suspect(first.before, (), score, TimeResolution(8, 8, 0.0), 6, finish=False)
+    score = next(s for s in first.scores if s.candidate != first.accepted.candidate and s.chi_square_fall > 0.0)
+    other = try_candidate(first.baseline, (), score, TimeResolution(8, 8, 0.0), 6, finish=False)
 
     def with_trials(*trials):
         return dataclasses.replace(diagnosis, rounds=(dataclasses.replace(first, trials=trials),))
 
     assert next_experiment(with_trials(first.accepted)) is None
-    twin = dataclasses.replace(first.accepted, gain=first.accepted.gain - 1.0)
+    twin = dataclasses.replace(first.accepted, log_evidence_gain=first.accepted.log_evidence_gain - 1.0)
     assert next_experiment(with_trials(first.accepted, twin)).separation == pytest.approx(0.0, abs=1e-6)
     experiment = next_experiment(with_trials(first.accepted, other))
     assert experiment.separation > 5.0 and set(experiment.conditions) == {"frequency", "amplitude"}
-    assert json.dumps(experiment.as_json()) and other.suspect.name in experiment.sentence
+    assert json.dumps(experiment.as_json()) and other.candidate.name in experiment.sentence

@@ -7,9 +7,9 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.search.candidates import Suspect, problem_of
-from edhas_jax.diagnosis.search.evaluated_fit import search
-from edhas_jax.diagnosis.search.progressive_fit import STRETCHES, grown
+from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
+from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
+from edhas_jax.diagnosis.search.progressive_fit import RUN_FRACTIONS, fit_progressively
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage, SuctionLineInertance
 from edhas_jax.measurements.campaign import Channel, Use
 from edhas_jax.measurements.instruments import Instruments
@@ -34,23 +34,23 @@ def problem():
     rng = np.random.default_rng(1)
     truth = draw_parameters(plan, bench, rng)
     truth = structs.replace(truth, effects=(*truth.effects, SuctionLineInertance(line_inertance=1.44e7)))
-    return problem_of(synthesise(plan, truth, rng), bench, Instruments(), (), Suspect(SuctionLineInertance))
+    return build_problem(synthesise(plan, truth, rng), bench, Instruments(), (), Candidate(SuctionLineInertance))
 
 
 def test_growing_stretches_reach_what_whole_runs_do_not(problem):
     starts = np.zeros((4, len(problem.unknowns)))
     starts[:, -1] = -1.5, -0.5, 0.5, 1.5
-    stuck = search(problem, starts, PER_SAMPLE, STEPS)
-    assert stuck.level(Use.FIT) > 5.0
-    found = grown(problem, np.zeros(5), 1, PER_SAMPLE, STEPS, stuck)
-    assert found.level(Use.FIT) == pytest.approx(1.0, abs=0.1)
-    assert found.level(Use.HOLDOUT) == pytest.approx(1.0, abs=0.2)
+    stuck = fit_coarse(problem, starts, PER_SAMPLE, STEPS)
+    assert stuck.rms_over_noise(Use.FIT) > 5.0
+    found = fit_progressively(problem, np.zeros(5), 1, PER_SAMPLE, STEPS, stuck)
+    assert found.rms_over_noise(Use.FIT) == pytest.approx(1.0, abs=0.1)
+    assert found.rms_over_noise(Use.HOLDOUT) == pytest.approx(1.0, abs=0.2)
     assert found.fit.values["suction_line_inertance.line_inertance"] == pytest.approx(1.44e7, rel=0.01)
     # from there on nothing is to be gained, which is known without a fit
-    assert grown(problem, found.fit.x, 1, PER_SAMPLE, STEPS, found) is None
+    assert fit_progressively(problem, found.fit.x, 1, PER_SAMPLE, STEPS, found) is None
 
 
 def test_stretches_that_fail_are_no_fit(problem):
     unknowns = tuple(dataclasses.replace(u, centre=np.nan) for u in problem.unknowns)
-    assert grown(dataclasses.replace(problem, unknowns=unknowns), np.zeros(5), 1, PER_SAMPLE, STEPS) is None
-    assert list(STRETCHES) == sorted(STRETCHES) and STRETCHES[-1] < 1.0
+    assert fit_progressively(dataclasses.replace(problem, unknowns=unknowns), np.zeros(5), 1, PER_SAMPLE, STEPS) is None
+    assert list(RUN_FRACTIONS) == sorted(RUN_FRACTIONS) and RUN_FRACTIONS[-1] < 1.0

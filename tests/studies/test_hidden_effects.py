@@ -38,7 +38,7 @@ def test_a_case_is_drawn_from_its_number_alone(small):
     assert one.family is cases.Family.ONE and len(one.hidden) == 1
     hidden = one.hidden[0]
     assert hidden.visible > cases.VISIBLE and hidden.values == again.hidden[0].values
-    for p in hidden.suspect.searched():
+    for p in hidden.candidate.free_parameters():
         low, high = p.plausible
         assert low <= hidden.values[p.name] <= high
     for a, b in zip(one.campaign.runs, again.campaign.runs, strict=True):

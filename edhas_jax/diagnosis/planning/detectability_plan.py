@@ -15,8 +15,8 @@ from edhas_jax.diagnosis.planning.detection_threshold import (
     strength_points,
 )
 from edhas_jax.diagnosis.planning.planned_campaign import with_predicted_signals
-from edhas_jax.diagnosis.planning.signatures import SignatureGram, SuspectPoints, cosines
-from edhas_jax.diagnosis.search.candidates import problem_of, suspects_for, unknowns_of
+from edhas_jax.diagnosis.planning.signatures import CandidatePoints, SignatureGram, cosines
+from edhas_jax.diagnosis.search.candidates import build_problem, candidate_unknowns, candidates_for
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.instruments import Instruments
@@ -26,7 +26,7 @@ from edhas_jax.measurements.time_resolution import choose_time_resolution
 FILE_VERSION = 1
 INDISTINGUISHABLE_COSINE = 0.95  # of two unexplained signatures
 
-Pair = tuple[str, str, float]  # two suspects and the cosine of their signatures
+Pair = tuple[str, str, float]  # two candidates and the cosine of their signatures
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +37,7 @@ class NextRun:
         run: its conditions and sampling, without signals.
         conditions: the conditions as text with units.
         indistinguishable: the pairs that remain indistinguishable with this run.
-        newly_detectable: names of the suspects that only this run makes detectable.
+        newly_detectable: names of the candidates that only this run makes detectable.
     """
 
     run: BenchRun
@@ -48,30 +48,30 @@ class NextRun:
 
 @dataclasses.dataclass(frozen=True)
 class DetectabilityPlan:
-    """What the runs of a campaign that serve a fit could reveal about k suspects.
+    """What the runs of a campaign that serve a fit could reveal about k candidates.
 
     Attributes:
         campaign: the campaign with predicted signals.
-        suspects: thresholds of the suspects, the most easily detected first.
+        candidates: thresholds of the candidates, the most easily detected first.
         cosines: cosines of their unexplained signatures in the same order, shape (k, k).
-        candidate_count: number of feasible runs among which `next_run` was chosen.
+        feasible_run_count: number of feasible runs among which `next_run` was chosen.
         next_run: the best additional run; None if no candidate is feasible.
     """
 
     campaign: Campaign
-    suspects: tuple[Detectability, ...]
+    candidates: tuple[Detectability, ...]
     cosines: np.ndarray
-    candidate_count: int
+    feasible_run_count: int
     next_run: NextRun | None
 
     def indistinguishable_pairs(self) -> list[Pair]:
-        """Pairs of detectable suspects that cannot be told apart, the largest cosine first."""
-        return _indistinguishable(self.suspects, self.cosines)
+        """Pairs of detectable candidates that cannot be told apart, the largest cosine first."""
+        return _indistinguishable(self.candidates, self.cosines)
 
     def sentence(self) -> str:
-        """The result in words: how many suspects are detectable and distinguishable, and the best next run."""
-        detectable, pairs = sum(s.detectable for s in self.suspects), len(self.indistinguishable_pairs())
-        summary = f"{detectable} of {len(self.suspects)} suspects are detectable within their plausible range; "
+        """The result in words: how many candidates are detectable and distinguishable, and the best next run."""
+        detectable, pairs = sum(s.detectable for s in self.candidates), len(self.indistinguishable_pairs())
+        summary = f"{detectable} of {len(self.candidates)} candidates are detectable within their plausible range; "
         if pairs:
             summary += f"{pairs} {'pair' if pairs == 1 else 'pairs'} of them cannot be told apart."
         else:
@@ -83,7 +83,7 @@ class DetectabilityPlan:
         benefits = [f"separates {pairs - remaining} of these pairs"] if remaining < pairs else []
         benefits += [f"makes {', '.join(new)} detectable"] if new else []
         benefit = " and ".join(benefits) or "lowers the thresholds slightly, but changes none of these counts"
-        return f"{summary} The best next run of {self.candidate_count} feasible ones: {run}; it {benefit}."
+        return f"{summary} The best next run of {self.feasible_run_count} feasible ones: {run}; it {benefit}."
 
 
 def plan_detectability(
@@ -96,34 +96,34 @@ def plan_detectability(
 
     Args:
         campaign: runs, channels with their noise, uncertain parameters.
-        library: restricts the suspected effects to these; by default all that the machine has slots for.
-        more: further effects to suspect.
+        library: restricts the effects considered to these; by default all that the machine has slots for.
+        more: further effects to consider.
         on_progress: called with the name of a stage and the share done.
 
     Returns:
-        Thresholds and cosines of all suspects, and the best additional run.
+        Thresholds and cosines of all candidates, and the best additional run.
     """
     report = on_progress or (lambda stage, share: None)
     report("choosing the integration step", 0.0)
-    known = problem_of(campaign, campaign.machine, Instruments(), ()).unknowns
+    known = build_problem(campaign, campaign.machine, Instruments(), ()).unknowns
     model = MeasurementModel(campaign, campaign.machine, known, campaign.runs)
     steps = choose_time_resolution(model, np.zeros(len(known))).coarse
     campaign = with_predicted_signals(campaign, steps)
     runs = campaign.runs_for(Use.FIT) or campaign.runs
-    suspects = suspects_for(campaign, campaign.machine, Instruments(), more)
+    candidates = candidates_for(campaign, campaign.machine, Instruments(), more)
     if library is not None:
         allowed = {kind.id for kind in (*library, *more)}
-        suspects = [s for s in suspects if s.signal is not None or s.id in allowed]
-    ladders = [SuspectPoints(suspect, strength_points(unknowns_of(suspect, campaign))) for suspect in suspects]
+        candidates = [c for c in candidates if c.signal is not None or c.id in allowed]
+    ladders = [CandidatePoints(c, strength_points(candidate_unknowns(c, campaign))) for c in candidates]
     gram = SignatureGram(campaign, runs, ladders, steps, lambda stage, share: report(stage, 0.7 * share))
     unexplained = gram.unexplained()
     norms = np.where(gram.failed, np.nan, np.sqrt(np.diag(unexplained)))
     ends = np.cumsum([len(one.points) for one in ladders])
     found = [
-        detectability_of(one.suspect, one.points, norm, campaign)
+        detectability_of(one.candidate, one.points, norm, campaign)
         for one, norm in zip(ladders, np.split(norms, ends[:-1]), strict=True)
     ]
-    # the signature of each suspect at the point next to its threshold represents it
+    # the signature of each candidate at the point next to its threshold represents it
     index = [
         int(end) - len(one.points) + int(np.argmax((one.points == f.x).all(axis=1)))
         for one, f, end in zip(ladders, found, ends, strict=True)
@@ -132,42 +132,42 @@ def plan_detectability(
     order = np.argsort([f.threshold_share for f in found], kind="stable")
     found, overlap = [found[k] for k in order], overlap[np.ix_(order, order)]
     report("feasible candidate runs", 0.7)
-    candidates = feasible_runs(campaign, campaign.machine, steps)
+    feasible = feasible_runs(campaign, campaign.machine, steps)
     next_run = None
-    if candidates:
-        points = [SuspectPoints(f.suspect, f.x[None]) for f in found]
+    if feasible:
+        points = [CandidatePoints(f.candidate, f.x[None]) for f in found]
         gram = SignatureGram(
-            campaign, (*runs, *candidates), points, steps, lambda stage, share: report(stage, 0.7 + 0.3 * share)
+            campaign, (*runs, *feasible), points, steps, lambda stage, share: report(stage, 0.7 + 0.3 * share)
         )
-        next_run = _best_next_run(campaign, found, gram, len(runs), candidates)
-    return DetectabilityPlan(campaign, tuple(found), overlap, len(candidates), next_run)
+        next_run = _best_next_run(campaign, found, gram, len(runs), feasible)
+    return DetectabilityPlan(campaign, tuple(found), overlap, len(feasible), next_run)
 
 
-def _indistinguishable(suspects, overlap: np.ndarray, among: np.ndarray | None = None) -> list[Pair]:
-    """Pairs above the limit of the cosine, among the suspects marked in `among` or the detectable ones."""
-    among = np.array([s.detectable for s in suspects]) if among is None else among
+def _indistinguishable(candidates, overlap: np.ndarray, among: np.ndarray | None = None) -> list[Pair]:
+    """Pairs above the limit of the cosine, among the candidates marked in `among` or the detectable ones."""
+    among = np.array([s.detectable for s in candidates]) if among is None else among
     rows, columns = np.nonzero(np.triu((overlap > INDISTINGUISHABLE_COSINE) & np.outer(among, among), 1))
     pairs = [
-        (suspects[i].suspect.name, suspects[j].suspect.name, float(overlap[i, j]))
+        (candidates[i].candidate.name, candidates[j].candidate.name, float(overlap[i, j]))
         for i, j in zip(rows, columns, strict=True)
     ]
     return sorted(pairs, key=lambda pair: -pair[2])
 
 
 def _best_next_run(
-    campaign: Campaign, suspects, gram: SignatureGram, planned: int, candidates: tuple[BenchRun, ...]
+    campaign: Campaign, candidates, gram: SignatureGram, planned: int, feasible: tuple[BenchRun, ...]
 ) -> NextRun:  # fmt: skip
-    """The candidate that leaves the fewest indistinguishable pairs and the smallest sum of their cosines.
+    """The feasible run that leaves the fewest indistinguishable pairs and the smallest sum of their cosines.
 
-    Ties are broken by the number of newly detectable suspects and the mean logarithm of all norms. The first `planned`
-    runs of `gram` are those of the campaign, the others the candidates.
+    Ties are broken by the number of newly detectable candidates and the mean logarithm of all norms. The first
+    `planned` runs of `gram` are those of the campaign, the others the feasible runs.
     """
     base = gram.per_run[:planned].sum(axis=0)
-    detectable = np.array([s.detectable for s in suspects])
+    detectable = np.array([s.detectable for s in candidates])
     similar = cosines(gram.project(base)) > INDISTINGUISHABLE_COSINE
     similar = np.triu(np.outer(detectable, detectable) & similar, 1)
     best, lowest_cost = None, (math.inf, math.inf)
-    for k, run in enumerate(candidates):
+    for k, run in enumerate(feasible):
         unexplained = gram.project(base + gram.per_run[planned + k])
         norm, overlap = np.sqrt(np.diag(unexplained)), cosines(unexplained)
         remaining = overlap[similar]
@@ -178,8 +178,8 @@ def _best_next_run(
         )
         if cost < lowest_cost:
             new = undetected & (norm > DETECTION_NORM)
-            names = tuple(s.suspect.name for s, is_new in zip(suspects, new, strict=True) if is_new)
-            pairs = tuple(_indistinguishable(suspects, np.where(similar, overlap, 0.0), detectable))
+            names = tuple(s.candidate.name for s, is_new in zip(candidates, new, strict=True) if is_new)
+            pairs = tuple(_indistinguishable(candidates, np.where(similar, overlap, 0.0), detectable))
             best, lowest_cost = NextRun(run, format_conditions(campaign, run.conditions), pairs, names), cost
     return best
 
@@ -188,13 +188,13 @@ def plan_as_json(plan: DetectabilityPlan) -> dict[str, Any]:
     """The content of `plan.json`; sizes in SI."""
     visible = [
         {
-            "effect": s.suspect.id, "signal": s.suspect.signal, "slot": s.suspect.where, "parameter": s.parameter,
-            "seen": s.detectable, "size": s.threshold if math.isfinite(s.threshold) else None,
+            "effect": s.candidate.id, "signal": s.candidate.signal, "slot": s.candidate.location,
+            "parameter": s.parameter, "seen": s.detectable, "size": s.threshold if math.isfinite(s.threshold) else None,
             "absent": s.absent_value if math.isfinite(s.absent_value) else None,
             "unit": s.unit if s.unknown else "",
             "share_of_strongest": s.threshold_share if math.isfinite(s.threshold_share) else None,
         }
-        for s in plan.suspects
+        for s in plan.candidates
     ]  # fmt: skip
     next_run = plan.next_run
     return {
@@ -203,7 +203,7 @@ def plan_as_json(plan: DetectabilityPlan) -> dict[str, Any]:
         "visible": visible,
         "not_told_apart": [list(pair) for pair in plan.indistinguishable_pairs()],
         "next_run": None if next_run is None else {
-            "conditions": next_run.conditions, "chosen_from": plan.candidate_count,
+            "conditions": next_run.conditions, "chosen_from": plan.feasible_run_count,
             "becomes_visible": list(next_run.newly_detectable),
             "not_told_apart": [list(pair) for pair in next_run.indistinguishable],
         },

@@ -6,13 +6,13 @@ import math
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
-from edhas_jax.diagnosis.search.candidates import Suspect, unknowns_of
+from edhas_jax.diagnosis.search.candidates import Candidate, candidate_unknowns
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
-DETECTION_NORM = math.sqrt(30.0)  # norm over noise from which a signature is significant among forty suspects
-# coordinates of the first parameter at which a suspect is simulated, from weak to strong
+DETECTION_NORM = math.sqrt(30.0)  # norm over noise from which a signature is significant among forty candidates
+# coordinates of the first parameter at which a candidate is simulated, from weak to strong
 STRENGTH_LEVELS = {
     ParameterScale.LOGARITHMIC: (-2.0, -1.0, 0.0, 1.0, 2.0),
     ParameterScale.LINEAR: (0.02, 0.1, 0.4, 1.0, 2.0),
@@ -22,18 +22,18 @@ MAX_EXTRAPOLATION = 100.0  # times the strongest simulated effect
 
 @dataclasses.dataclass(frozen=True)
 class Detectability:
-    """The strength from which a suspect would be detected.
+    """The strength from which a candidate would be detected.
 
     Attributes:
-        suspect: the effect or sensor fault.
-        unknown: its first parameter, which measures its strength; None for a suspect without parameters.
+        candidate: the effect or sensor fault.
+        unknown: its first parameter, which measures its strength; None for a candidate without parameters.
         absent_value: value (SI) at which the effect vanishes; inf where it fades as the parameter grows.
         threshold: value (SI) from which it is detected; NaN where even the strongest plausible effect is not.
         threshold_share: threshold as a share of the strongest plausible effect; above 1 extrapolated.
         x: the simulated point in coordinates next above the threshold, or the strongest one, shape (n,).
     """
 
-    suspect: Suspect
+    candidate: Candidate
     unknown: UnknownParameter | None
     absent_value: float
     threshold: float
@@ -48,7 +48,7 @@ class Detectability:
     @property
     def parameter(self) -> str:
         """The name of the parameter that measures the strength; empty without one."""
-        return "" if self.unknown is None else self.unknown.name.removeprefix(self.suspect.prefix)
+        return "" if self.unknown is None else self.unknown.name.removeprefix(self.candidate.prefix)
 
     def threshold_text(self) -> str:
         """The threshold as text with its unit; empty if there is none."""
@@ -70,8 +70,8 @@ class Detectability:
     @property
     def unit(self) -> str:
         """The SI unit of the parameter; an offset has the unit of its signal."""
-        is_offset = self.suspect.signal is not None and self.parameter == "offset"
-        return SIGNALS[self.suspect.signal].unit if is_offset else self.unknown.unit
+        is_offset = self.candidate.signal is not None and self.parameter == "offset"
+        return SIGNALS[self.candidate.signal].unit if is_offset else self.unknown.unit
 
 
 def strength_points(unknowns: list[UnknownParameter]) -> np.ndarray:
@@ -84,29 +84,29 @@ def strength_points(unknowns: list[UnknownParameter]) -> np.ndarray:
     return points
 
 
-def detectability_of(suspect: Suspect, points: np.ndarray, norms: np.ndarray, campaign: Campaign) -> Detectability:
-    """Interpolate the strength at which the norm of a suspect's signature reaches `DETECTION_NORM`.
+def detectability_of(candidate: Candidate, points: np.ndarray, norms: np.ndarray, campaign: Campaign) -> Detectability:
+    """Interpolate the strength at which the norm of a candidate's signature reaches `DETECTION_NORM`.
 
     Args:
-        suspect: the effect or sensor fault.
+        candidate: the effect or sensor fault.
         points: its simulated points in coordinates, shape (points, n), see `strength_points`.
         norms: norms |E| of its signatures in units of noise, shape (points,); NaN where a simulation failed.
-        campaign: gives the priors of the suspect's parameters.
+        campaign: gives the priors of the candidate's parameters.
 
     Returns:
         The threshold, interpolated in logarithms of strength and norm.
     """
-    unknowns = unknowns_of(suspect, campaign)
+    unknowns = candidate_unknowns(candidate, campaign)
     if not unknowns:
         share = DETECTION_NORM / norms[0] if norms[0] > 0.0 else math.inf
-        return Detectability(suspect, None, 0.0, math.nan, float(share), points[0])
+        return Detectability(candidate, None, 0.0, math.nan, float(share), points[0])
     u = unknowns[0]
     values = np.asarray(u.value(points[:, 0]))
     absent = _absent_value(u, values, norms)
     fades = math.isinf(absent)
     usable = np.isfinite(norms) & (norms > 0.0) & (fades | (values > absent))
     if usable.sum() < 2:
-        return Detectability(suspect, u, 0.0, math.nan, math.inf, points[0])
+        return Detectability(candidate, u, 0.0, math.nan, math.inf, points[0])
     log_strength = -np.log(values) if fades else np.log(np.where(usable, values - absent, 1.0))
     order = np.flatnonzero(usable)[np.argsort(log_strength[usable])]
     strengths, log_norms = log_strength[order], np.log(np.maximum.accumulate(norms[order]))
@@ -121,9 +121,9 @@ def detectability_of(suspect: Suspect, points: np.ndarray, norms: np.ndarray, ca
     share = math.exp(excess) if excess < math.log(MAX_EXTRAPOLATION) else math.inf
     nearest = order[np.searchsorted(strengths, threshold)] if share < 1.0 else order[-1]
     if share > 1.0:
-        return Detectability(suspect, u, absent, math.nan, share, points[nearest])
+        return Detectability(candidate, u, absent, math.nan, share, points[nearest])
     value = math.exp(-threshold) if fades else math.exp(threshold) + absent
-    return Detectability(suspect, u, absent, value, share, points[nearest])
+    return Detectability(candidate, u, absent, value, share, points[nearest])
 
 
 def _absent_value(u: UnknownParameter, values: np.ndarray, norms: np.ndarray) -> float:

@@ -13,23 +13,24 @@ SHARE_RANGE = 1e-5, 3.0  # of the axis: threshold over the strongest plausible e
 
 
 def draw_thresholds(plan: DetectabilityPlan):
-    """A matplotlib figure: detection threshold of each suspect as a share of the strongest plausible effect."""
+    """A matplotlib figure: detection threshold of each candidate as a share of the strongest plausible effect."""
     from matplotlib.figure import Figure
 
-    suspects = plan.suspects
-    figure = Figure(figsize=(9.0, 1.2 + 0.21 * len(suspects)), layout="constrained")
+    candidates = plan.candidates
+    figure = Figure(figsize=(9.0, 1.2 + 0.21 * len(candidates)), layout="constrained")
     axes = figure.subplots()
-    rows = np.arange(len(suspects))[::-1]
-    shares = np.clip([s.threshold_share for s in suspects], SHARE_RANGE[0], 1.0)
-    axes.barh(rows, 1.0 - shares, left=shares, height=0.7, color=[LOCATION_COLOURS[s.suspect.where] for s in suspects])
+    rows = np.arange(len(candidates))[::-1]
+    shares = np.clip([s.threshold_share for s in candidates], SHARE_RANGE[0], 1.0)
+    colours = [LOCATION_COLOURS[s.candidate.location] for s in candidates]
+    axes.barh(rows, 1.0 - shares, left=shares, height=0.7, color=colours)
     axes.axvline(1.0, color=INK, lw=1.0, ls="--")
-    for row, s in zip(rows, suspects, strict=True):
+    for row, s in zip(rows, candidates, strict=True):
         if not s.detectable:
             axes.annotate("not detectable", (1.15, row), va="center", fontsize=7.5, color=COLOURS[1])
     axes.set_xscale("log")
     axes.set_xlim(*SHARE_RANGE)
-    axes.set_ylim(-0.8, len(suspects) - 0.2)
-    axes.set_yticks(rows, [s.suspect.name.replace("_", " ") for s in suspects], fontsize=7.5, color=INK)
+    axes.set_ylim(-0.8, len(candidates) - 0.2)
+    axes.set_yticks(rows, [s.candidate.name.replace("_", " ") for s in candidates], fontsize=7.5, color=INK)
     label = "strength over the strongest plausible one (dashed); coloured: detectable"
     axes.set_xlabel(label, fontsize=9, color=INK)
     axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
@@ -37,7 +38,7 @@ def draw_thresholds(plan: DetectabilityPlan):
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.tick_params(axis="x", colors=GREY, labelsize=8)
     axes.tick_params(axis="y", length=0)
-    present = {s.suspect.where for s in suspects}
+    present = {s.candidate.location for s in candidates}
     handles = [
         axes.barh([0], [0], color=colour, label=location.replace("_", " "))
         for location, colour in LOCATION_COLOURS.items() if location in present
@@ -48,19 +49,19 @@ def draw_thresholds(plan: DetectabilityPlan):
 
 
 def draw_similarity(plan: DetectabilityPlan):
-    """A matplotlib figure: cosines between the signatures of detectable suspects, ordered by clustering."""
+    """A matplotlib figure: cosines between the signatures of detectable candidates, ordered by clustering."""
     from matplotlib.figure import Figure
     from scipy.cluster.hierarchy import leaves_list, linkage
     from scipy.spatial.distance import squareform
 
-    detectable = np.flatnonzero([s.detectable for s in plan.suspects])
+    detectable = np.flatnonzero([s.detectable for s in plan.candidates])
     values = plan.cosines[np.ix_(detectable, detectable)]
     if len(detectable) > 2:
         distance = np.clip(1.0 - 0.5 * (values + values.T), 0.0, 1.0)
         np.fill_diagonal(distance, 0.0)
         order = leaves_list(linkage(squareform(distance, checks=False), "average"))
         detectable, values = detectable[order], values[np.ix_(order, order)]
-    names = [plan.suspects[k].suspect.name.replace("_", " ") for k in detectable]
+    names = [plan.candidates[k].candidate.name.replace("_", " ") for k in detectable]
     side = 2.6 + 0.19 * len(names)
     figure = Figure(figsize=(side + 0.8, side + 0.3), layout="constrained")
     axes = figure.subplots()

@@ -14,7 +14,7 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
 
 MAX_RIVALS = 3
-MAX_LINEARISED_RUNS = 4  # candidates, largest difference at fixed parameters first, whose derivatives are computed
+MAX_LINEARISED_RUNS = 4  # feasible runs, largest difference at fixed parameters first, whose derivatives are computed
 DECISIVE_SEPARATION = 5.0  # standard deviations
 
 
@@ -23,7 +23,7 @@ class Experiment:
     """A run that discriminates between rival models.
 
     Attributes:
-        rivals: names of the suspects whose models are rivals.
+        rivals: names of the candidates whose models are rivals.
         conditions: conditions of the run as text with units.
         separation: distance between the predictions of the two nearest rivals in standard deviations, over the whole
             run and after the parameters of either model have been refitted.
@@ -52,7 +52,7 @@ def next_experiment(diagnosis: Diagnosis) -> Experiment | None:
         d² = Δᵀ (I + J Σ Jᵀ)⁻¹ Δ
 
     It is computed with either model in the place of J; the smaller value counts, and the smallest over all pairs of
-    rivals. Rivals are the suspects of an undecided group, or the accepted suspect and its closest competitor.
+    rivals. Rivals are the candidates of an undecided group, or the accepted candidate and its closest competitor.
 
     Args:
         diagnosis: the rounds of the search with their fitted models.
@@ -66,18 +66,18 @@ def next_experiment(diagnosis: Diagnosis) -> Experiment | None:
     if len(rivals) < 2:
         return None
     campaign = diagnosis.campaign
-    steps = rivals[0].judged.fit.resolution.coarse
-    candidates = feasible_runs(campaign, rivals[0].judged.fit.machine, steps)
-    if not candidates:
+    steps = rivals[0].evaluated.fit.resolution.coarse
+    feasible = feasible_runs(campaign, rivals[0].evaluated.fit.machine, steps)
+    if not feasible:
         return None
     pairs = list(itertools.combinations(range(len(rivals)), 2))
-    predictions = [_predictions(campaign, trial, candidates, steps) for trial in rivals]
+    predictions = [_predictions(campaign, trial, feasible, steps) for trial in rivals]
     differences = np.array([
         min(_euclidean_distance(predictions[a][r], predictions[b][r]) for a, b in pairs)
-        for r in range(len(candidates))
+        for r in range(len(feasible))
     ])  # fmt: skip
     chosen = np.argsort(-np.nan_to_num(differences, nan=-1.0))[:MAX_LINEARISED_RUNS]
-    runs = tuple(candidates[r] for r in chosen)
+    runs = tuple(feasible[r] for r in chosen)
     jacobians = [_jacobians(campaign, trial, runs, steps) for trial in rivals]
     best = None
     for k, r in enumerate(chosen):
@@ -85,7 +85,7 @@ def next_experiment(diagnosis: Diagnosis) -> Experiment | None:
         for a, b in pairs:
             difference = np.concatenate([predictions[a][r][n] - predictions[b][r][n] for n in predictions[a][r]])
             distance = min(
-                _distance_after_refit(difference, jacobians[c][k], rivals[c].judged.fit.covariance) for c in (a, b)
+                _distance_after_refit(difference, jacobians[c][k], rivals[c].evaluated.fit.covariance) for c in (a, b)
             )
             separations.append((distance, (a, b)))
         separation, (a, b) = min(separations)
@@ -95,8 +95,8 @@ def next_experiment(diagnosis: Diagnosis) -> Experiment | None:
     separation, r, signal = best
     if not math.isfinite(separation):
         return None
-    names = tuple(trial.suspect.name for trial in rivals)
-    conditions = format_conditions(campaign, candidates[r].conditions)
+    names = tuple(trial.candidate.name for trial in rivals)
+    conditions = format_conditions(campaign, feasible[r].conditions)
     decided = diagnosis.verdict is Verdict.MISSING_EFFECT
     sentence = _sentence(names, conditions, separation, signal, decided)
     return Experiment(names, conditions, separation, signal, sentence)
@@ -105,26 +105,30 @@ def next_experiment(diagnosis: Diagnosis) -> Experiment | None:
 def _rivals(diagnosis: Diagnosis) -> list[Trial]:
     """The trials that a new run should discriminate, the most probable first."""
     if diagnosis.verdict is Verdict.UNKNOWN_EFFECT:
-        return [t for t in diagnosis.forms if t.judged is not None][:2]
-    groups = [r for r in diagnosis.rounds if len(r.group()) > 1]
+        return [t for t in diagnosis.generic_trials if t.evaluated is not None][:2]
+    groups = [r for r in diagnosis.rounds if len(r.confounded_candidates()) > 1]
     if groups:
-        trials = {t.suspect: t for t in groups[0].trials if t.judged is not None}
-        return [trials[s] for s in groups[0].group() if s in trials][:MAX_RIVALS]
-    close = [(second.gain - first.gain, first, second) for r in diagnosis.rounds for first, second in _leaders(r)]
+        trials = {t.candidate: t for t in groups[0].trials if t.evaluated is not None}
+        return [trials[s] for s in groups[0].confounded_candidates() if s in trials][:MAX_RIVALS]
+    close = [
+        (second.log_evidence_gain - first.log_evidence_gain, first, second)
+        for r in diagnosis.rounds
+        for first, second in _leaders(r)
+    ]
     return list(max(close, key=lambda row: row[0])[1:]) if close else []
 
 
 def _leaders(r: Round) -> list[tuple[Trial, Trial]]:
     """The accepted trial of a round and the best of the others, in a list of one; empty without such a pair."""
-    others = [t for t in r.trials if t is not r.accepted and t.judged is not None]
-    return [(r.accepted, max(others, key=lambda t: t.gain))] if r.accepted is not None and others else []
+    others = [t for t in r.trials if t is not r.accepted and t.evaluated is not None]
+    return [(r.accepted, max(others, key=lambda t: t.log_evidence_gain))] if r.accepted is not None and others else []
 
 
 def _predictions(
     campaign: Campaign, trial: Trial, runs: tuple[BenchRun, ...], steps: int
 ) -> list[dict[str, np.ndarray]]:  # fmt: skip
     """Sensor signals of a trial's fitted machine over noise, by run and signal."""
-    fit = trial.judged.fit
+    fit = trial.evaluated.fit
     model = MeasurementModel(campaign, fit.machine, (), runs, fit.instruments)
     outcomes = model.predict_all_runs(np.zeros(0), steps)
     return [{n: v / campaign.channels[n].noise for n, v in outcomes[r].values.items()} for r in range(len(runs))]
@@ -132,7 +136,7 @@ def _predictions(
 
 def _jacobians(campaign: Campaign, trial: Trial, runs: tuple[BenchRun, ...], steps: int) -> list[np.ndarray]:
     """Derivatives (samples of all signals, unknowns) of these predictions by the trial's coordinates, by run."""
-    fit = trial.judged.fit
+    fit = trial.evaluated.fit
     model = MeasurementModel(campaign, fit.problem.machine, fit.problem.unknowns, runs, fit.problem.instruments)
     outcomes = model.predict_all_runs(fit.x, steps, with_sensitivities=True)
     return [

@@ -1,8 +1,8 @@
-"""Signatures of suspected effects, and the part of them that no known parameter can imitate.
+"""Signatures of candidate effects, and the part of them that no known parameter can imitate.
 
-A suspect with parameters x changes the signals by s(x), its signature, in units of noise. With J the derivatives of the
-signals by the p uncertain parameters of the machine and P = diag(1 where a parameter has a prior), the part of s that
-no other values of these parameters can explain is the residual of a regularised projection,
+A candidate with parameters x changes the signals by s(x), its signature, in units of noise. With J the derivatives of
+the signals by the p uncertain parameters of the machine and P = diag(1 where a parameter has a prior), the part of s
+that no other values of these parameters can explain is the residual of a regularised projection,
 
     E = s − J (JᵀJ + P)⁻¹ Jᵀ s,   |E|² = sᵀs − sᵀJ (JᵀJ + P)⁻¹ Jᵀs
 
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.diagnosis.search.candidates import Suspect, problem_of, unknowns_of
+from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidate_unknowns
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
@@ -23,10 +23,10 @@ from edhas_jax.measurements.measurement_model import EvaluationPoint, Measuremen
 ROUNDING_SHARE = 1e-12  # share of the squared norm of a signature below which a projection is rounding
 
 
-class SuspectPoints(NamedTuple):
-    """A suspect and some values of its own n parameters, in coordinates: shape (points, n)."""
+class CandidatePoints(NamedTuple):
+    """A candidate and some values of its own n parameters, in coordinates: shape (points, n)."""
 
-    suspect: Suspect
+    candidate: Candidate
     points: np.ndarray
 
 
@@ -39,7 +39,7 @@ class SignatureGram:
     """
 
     def __init__(
-        self, campaign: Campaign, runs: Sequence[BenchRun], suspects: Sequence[SuspectPoints], per_sample: int,
+        self, campaign: Campaign, runs: Sequence[BenchRun], candidates: Sequence[CandidatePoints], per_sample: int,
         on_progress: Callable[[str, float], None],
     ):  # fmt: skip
         """Simulate all signatures.
@@ -47,12 +47,12 @@ class SignatureGram:
         Args:
             campaign: machine, channels with their noise, and uncertain parameters.
             runs: conditions and sampling; signals only say which channels count, all of them where there are none.
-            suspects: the suspects and the parameter values at which their signatures are computed.
+            candidates: the candidates and the parameter values at which their signatures are computed.
             per_sample: integration steps per sample.
             on_progress: called with the name of a stage and the share done.
         """
         self._campaign, self._runs, self._steps = campaign, tuple(runs), per_sample
-        known = problem_of(campaign, campaign.machine, Instruments(), ()).unknowns
+        known = build_problem(campaign, campaign.machine, Instruments(), ()).unknowns
         self._prior = np.array([float(u.has_prior) for u in known])
         all_runs = tuple(range(len(self._runs)))
         on_progress("derivatives by the uncertain parameters", 0.0)
@@ -63,9 +63,9 @@ class SignatureGram:
             outcomes[r].sensitivities or {n: v[:, None][:, :0] for n, v in outcomes[r].values.items()} for r in all_runs
         ]
         columns = [[self._over_noise(r, slopes[r])] for r in all_runs]
-        for k, one in enumerate(suspects):
-            on_progress(one.suspect.name, k / len(suspects))
-            simulate = self._with_sensor_fault if one.suspect.signal is not None else self._with_effect
+        for k, one in enumerate(candidates):
+            on_progress(one.candidate.name, k / len(candidates))
+            simulate = self._with_sensor_fault if one.candidate.signal is not None else self._with_effect
             for signals in simulate(one):
                 for r in all_runs:
                     change = {n: signals[r][n] - self._nominal[r][n] for n in signals[r]}
@@ -95,9 +95,9 @@ class SignatureGram:
         names = self._runs[r].signals or self._campaign.channels
         return np.concatenate([by_signal[n] / self._campaign.channels[n].noise for n in names])
 
-    def _with_effect(self, one: SuspectPoints) -> list[list[dict[str, np.ndarray]]]:
+    def _with_effect(self, one: CandidatePoints) -> list[list[dict[str, np.ndarray]]]:
         """The signals of every run with an effect in the model, for each of its points."""
-        problem = problem_of(self._campaign, self._campaign.machine, Instruments(), (), one.suspect)
+        problem = build_problem(self._campaign, self._campaign.machine, Instruments(), (), one.candidate)
         model = MeasurementModel(self._campaign, problem.machine, problem.unknowns, self._runs, problem.instruments)
         all_runs = tuple(range(len(self._runs)))
         nominal = np.zeros(len(problem.unknowns) - one.points.shape[1])
@@ -107,13 +107,13 @@ class SignatureGram:
             for outcomes in model.predict(cases, self._steps, with_sensitivities=False)
         ]
 
-    def _with_sensor_fault(self, one: SuspectPoints) -> list[list[dict[str, np.ndarray]]]:
+    def _with_sensor_fault(self, one: CandidatePoints) -> list[list[dict[str, np.ndarray]]]:
         """The signals of every run with a fault of one sensor, for each of its points."""
-        suspect, by_point = one.suspect, []
-        unknowns = unknowns_of(suspect, self._campaign)
+        candidate, by_point = one.candidate, []
+        unknowns = candidate_unknowns(candidate, self._campaign)
         for x in one.points:
-            values = {u.name.removeprefix(suspect.prefix): u.value(v) for u, v in zip(unknowns, x, strict=True)}
-            chain = Instruments({suspect.signal: (suspect.kind(**values),)})
+            values = {u.name.removeprefix(candidate.prefix): u.value(v) for u, v in zip(unknowns, x, strict=True)}
+            chain = Instruments({candidate.signal: (candidate.kind(**values),)})
             rows = zip(self._runs, self._nominal, strict=True)
             by_point.append([chain.record(run.time, signals, None, (), np.zeros(0))[0] for run, signals in rows])
         return by_point

@@ -1,1 +1,1 @@
-"""The result of a diagnosis on disk and as a page."""
+"""Presentation of a diagnosis: HTML report, figures and result files."""

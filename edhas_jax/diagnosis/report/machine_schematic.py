@@ -1,4 +1,4 @@
-"""The machine as a sketch (SVG), each part coloured by how probable it is that something is missing there."""
+"""Schematic of the machine (SVG), each part coloured by the probability that an effect is missing there."""
 
 import html
 from collections.abc import Mapping
@@ -6,15 +6,23 @@ from collections.abc import Mapping
 from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
 
-PALE, STRONG = (246, 248, 250), (222, 74, 28)
-SIZE = 730, 340
-PIPE = "#c9d3dc"
-TOLD = 0.005  # probability below which a part is drawn without a number
+ZERO_COLOUR, FULL_COLOUR = (246, 248, 250), (222, 74, 28)  # RGB at probability 0 and 1
+COLOUR_EXPONENT = 0.6  # below 1: small probabilities remain visible
+SIZE = 730, 340  # px
+PIPE_COLOUR = "#c9d3dc"
+MIN_LABELLED_PROBABILITY = 0.005  # parts below it are drawn without a number
+MAX_SENSOR_TEXT = 78  # characters of the list of measured signals
 
 
-def schematic(machine: Rig, where: Mapping[str, float], measured: tuple[str, ...] = ()) -> str:
-    """An SVG of the rig; `where` is {part: probability}, `measured` the signals that the sensors give."""
-    drawing = _Drawing(where)
+def draw_schematic(machine: Rig, probabilities: Mapping[str, float], measured: tuple[str, ...] = ()) -> str:
+    """Draw a rig as SVG.
+
+    Args:
+        machine: the rig.
+        probabilities: probability by part of the machine, the sensors being the part "sensor".
+        measured: names of the measured signals.
+    """
+    drawing = _Drawing(probabilities)
     bench, system = isinstance(machine, ActuatorBench), isinstance(machine, ActuatorSystem)
     if not bench:
         drawing.pump()
@@ -22,26 +30,27 @@ def schematic(machine: Rig, where: Mapping[str, float], measured: tuple[str, ...
     drawing.actuator(alone=bench)
     drawing.sensors(measured)
     width, height = SIZE
-    said = ", ".join(f"{part.replace('_', ' ')} {p:.0%}" for part, p in where.items() if p >= TOLD) or "nowhere"
+    labelled = {part: p for part, p in probabilities.items() if p >= MIN_LABELLED_PROBABILITY}
+    text = ", ".join(f"{part.replace('_', ' ')} {p:.0%}" for part, p in labelled.items()) or "nowhere"
     return (
         f'<svg viewBox="0 0 {width} {height}" width="100%" style="max-width:{width}px" role="img" '
         f'font-family="system-ui, sans-serif" font-size="13" fill="{INK}">'
-        f"<title>where something is missing: {html.escape(said)}</title>{''.join(drawing.parts)}</svg>"
+        f"<title>where something is missing: {html.escape(text)}</title>{''.join(drawing.parts)}</svg>"
     )
 
 
-def shade(probability: float) -> str:
-    """The colour of a part."""
-    t = min(max(probability, 0.0), 1.0) ** 0.6
-    return "#" + "".join(f"{round(a + t * (b - a)):02x}" for a, b in zip(PALE, STRONG, strict=True))
+def probability_colour(probability: float) -> str:
+    """The fill colour of a part as #rrggbb."""
+    t = min(max(probability, 0.0), 1.0) ** COLOUR_EXPONENT
+    return "#" + "".join(f"{round(a + t * (b - a)):02x}" for a, b in zip(ZERO_COLOUR, FULL_COLOUR, strict=True))
 
 
 class _Drawing:
-    """Collects the elements of the sketch."""
+    """Collects the SVG elements of the schematic."""
 
-    def __init__(self, where: Mapping[str, float]):
+    def __init__(self, probabilities: Mapping[str, float]):
         self.parts: list[str] = []
-        self._where = where
+        self._probabilities = probabilities
 
     def actuator(self, alone: bool) -> None:
         """The coil in its magnet around the mover, which carries a plunger at each end."""
@@ -58,10 +67,10 @@ class _Drawing:
 
     def pump(self) -> None:
         """Two opposed chambers, four check valves, suction and delivery lines, oil."""
-        for x in (80, 420):  # lines to the valves, drawn first
-            self._line(x, 58, x, 262, 5, PIPE)
-        self._line(78, 60, 560, 60, 5, PIPE)
-        self._line(78, 260, 560, 260, 5, PIPE)
+        for x in (80, 420):  # lines below the valves
+            self._line(x, 58, x, 262, 5, PIPE_COLOUR)
+        self._line(78, 60, 560, 60, 5, PIPE_COLOUR)
+        self._line(78, 260, 560, 260, 5, PIPE_COLOUR)
         for x in (50, 372):
             self._box("chamber", x, 124, 78, 68, 5)
         self._label("chamber", 458, 162, "start")
@@ -71,7 +80,7 @@ class _Drawing:
         self._label("check_valves", 440, 98, "start")
         self._box("suction", 470, 242, 76, 36, 18)
         self._label("suction", 508, 298)
-        self._line(546, 260, 574, 260, 5, PIPE)
+        self._line(546, 260, 574, 260, 5, PIPE_COLOUR)
         self._box("oil", 574, 230, 60, 60, 30)
         self._label("oil", 604, 308)
         self._text("accumulator", 640, 256, GREY, 11, "start")
@@ -81,7 +90,7 @@ class _Drawing:
         self._box("outlet", 500, 40, 84, 40, 8)
         self._label("outlet", 542, 32)
         self.parts.append(
-            f'<path d="M584 60 H640 V138 M640 158 V200 L612 232" stroke="{PIPE}" fill="none" stroke-width="5"/>'
+            f'<path d="M584 60 H640 V138 M640 158 V200 L612 232" stroke="{PIPE_COLOUR}" fill="none" stroke-width="5"/>'
             f'<path d="M626 138 H654 M626 158 H654 M632 138 Q646 148 632 158 M648 138 Q634 148 648 158" '
             f'stroke="{INK}" fill="none" stroke-width="1.4"/>'
         )
@@ -92,7 +101,7 @@ class _Drawing:
         self._box("outlet", 470, 40, 76, 40, 8)
         self._label("outlet", 508, 32)
         self.parts.append(
-            f'<path d="M546 60 H600 V130 M634 78 V130 M617 80 V196 L610 232" stroke="{PIPE}" fill="none" '
+            f'<path d="M546 60 H600 V130 M634 78 V130 M617 80 V196 L610 232" stroke="{PIPE_COLOUR}" fill="none" '
             f'stroke-width="4"/><rect x="588" y="42" width="58" height="36" fill="white" stroke="{INK}"/>'
             f'<path d="M598 68 L614 52 M636 68 L620 52" stroke="{INK}" fill="none"/>'
         )
@@ -103,24 +112,25 @@ class _Drawing:
         self._label("cylinder", 668, 190)
 
     def sensors(self, measured: tuple[str, ...]) -> None:
-        """The sensors as one gauge, with the signals that they give."""
+        """One gauge for all sensors, and the names of the measured signals."""
         self.parts.append(
-            f'<circle cx="80" cy="312" r="18" fill="{self._shade("sensor")}" stroke="{INK}" stroke-width="1.3"/>'
+            f'<circle cx="80" cy="312" r="18" fill="{self._colour("sensor")}" stroke="{INK}" stroke-width="1.3"/>'
             f'<path d="M80 312 L90 301" stroke="{INK}" stroke-width="1.6"/>'
         )
         self._label("sensor", 108, 308, "start")
         names = ", ".join(name.replace("_", " ") for name in measured)
-        self._text(names if len(names) < 78 else names[:75] + " …", 108, 325, GREY, 11, "start")
+        shown = names if len(names) < MAX_SENSOR_TEXT else names[: MAX_SENSOR_TEXT - 3] + " …"
+        self._text(shown, 108, 325, GREY, 11, "start")
 
-    def _shade(self, part: str) -> str:
-        return shade(self._where.get(part, 0.0))
+    def _colour(self, part: str) -> str:
+        return probability_colour(self._probabilities.get(part, 0.0))
 
-    def _box(self, part: str, x: float, y: float, width: float, height: float, round_: float) -> None:
-        self.parts.append(f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="{round_}" '
-                          f'fill="{self._shade(part)}" stroke="{INK}" stroke-width="1.3"/>')  # fmt: skip
+    def _box(self, part: str, x: float, y: float, width: float, height: float, radius: float) -> None:
+        self.parts.append(f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="{radius}" '
+                          f'fill="{self._colour(part)}" stroke="{INK}" stroke-width="1.3"/>')  # fmt: skip
 
     def _valve(self, x: float, y: float) -> None:
-        fill = self._shade("check_valves")
+        fill = self._colour("check_valves")
         self.parts.append(f'<circle cx="{x}" cy="{y - 4}" r="8" fill="{fill}" stroke="{INK}" stroke-width="1.3"/>'
                           f'<path d="M{x - 12} {y - 2} L{x - 5} {y + 10} M{x + 12} {y - 2} L{x + 5} {y + 10}" '
                           f'stroke="{INK}" stroke-width="1.6"/>')  # fmt: skip
@@ -129,11 +139,11 @@ class _Drawing:
         self.parts.append(f'<line x1="{x}" y1="{y}" x2="{to_x}" y2="{to_y}" stroke="{colour}" stroke-width="{width}"/>')
 
     def _label(self, part: str, x: float, y: float, anchor: str = "middle") -> None:
-        p = self._where.get(part, 0.0)
-        number = f' <tspan font-weight="700">{p:.0%}</tspan>' if p >= TOLD else ""
+        p = self._probabilities.get(part, 0.0)
+        number = f' <tspan font-weight="700">{p:.0%}</tspan>' if p >= MIN_LABELLED_PROBABILITY else ""
         name = part.replace("_", " ")
         self.parts.append(f'<text x="{x}" y="{y}" text-anchor="{anchor}">{name}{number}</text>')
 
     def _text(self, text: str, x: float, y: float, colour: str, size: int, anchor: str = "middle") -> None:
-        look = f'text-anchor="{anchor}" fill="{colour}" font-size="{size}"'
-        self.parts.append(f'<text x="{x}" y="{y}" {look}>{html.escape(text)}</text>')
+        attributes = f'text-anchor="{anchor}" fill="{colour}" font-size="{size}"'
+        self.parts.append(f'<text x="{x}" y="{y}" {attributes}>{html.escape(text)}</text>')

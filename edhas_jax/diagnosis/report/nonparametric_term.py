@@ -1,4 +1,4 @@
-"""The missing force, flow or voltage as a curve over its natural variable, with no law assumed, beside the law."""
+"""Nonparametric estimate of a missing force, flow or voltage over its variable, beside the law of a candidate."""
 
 import dataclasses
 import math
@@ -12,7 +12,7 @@ from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.least_squares import regularised_inverse
-from edhas_jax.diagnosis.search.candidates import Suspect
+from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.interface.slots import Rule, Slot
@@ -20,13 +20,16 @@ from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 from edhas_jax.simulation.integrator import step
 
-NODES = 11
-BINS = 80
-NEAR = 20  # samples that say what the law is at a node
-CROWDED = 3.0  # nodes lie as sinh: those next to zero that much closer than even ones, as laws turn there
-FREE = 3.0  # spread of a node's value around the law, in the law's largest size
-KNOWN = 0.5  # share of that spread above which the measurements say too little of a node
-PREFERRED = 0.02  # of explained variance: axes as good as that are taken in their order
+NODES = 11  # of the piecewise linear function
+NODE_CLUSTERING = 3.0  # nodes are spaced as sinh over ±3, denser around zero, where laws change most
+NODE_RANGE_PERCENTILES = 0.2, 99.8  # of the variable, between which the nodes lie
+SAMPLES_PER_NODE = 20  # nearest samples over which the law is averaged at a node
+PRIOR_SPREAD = 3.0  # prior standard deviation of a node's value around the law, over the law's largest magnitude
+MAX_RELATIVE_STD = 0.5  # of the prior standard deviation: nodes estimated less precisely are omitted
+VARIANCE_BINS = 80  # bins of equal count for the explained variance
+VARIABLE_TIE = 0.02  # difference in explained variance below which the variable listed first is taken
+MAX_PATH_SAMPLES = 3000  # of the law's samples, those kept for a figure (about)
+COEFFICIENT_LIMITS = (-1e30, 1e30)
 STRETCH = 512  # samples of one program
 
 _DRIVE = {"current": "current", "piston_velocity": "piston_velocity", "piston_position": "piston_position",
@@ -35,8 +38,8 @@ _MOVER = {"piston_velocity": "piston_velocity", "piston_position": "piston_posit
           "chamber_pressure_a": "chamber_pressure_a"}  # fmt: skip
 _CYLINDER = {"cylinder_velocity": "cylinder_velocity", "cylinder_position": "cylinder_position",
              "head_pressure": "head_pressure"}  # fmt: skip
-# the variables of a slot: their name where the effect acts, and the signal that has the values of the first such place
-AXES: dict[str, dict[str, str]] = {
+# possible variables of a slot: local name, and signal with its values at the first place where the effect acts
+SLOT_VARIABLES: dict[str, dict[str, str]] = {
     **dict.fromkeys(("coil_voltage_change", "coil_resistance_factor", "coil_inductance_factor",
                      "force_constant_factor"), _DRIVE),
     **dict.fromkeys(("motor_force_factor", "mover_force", "mover_friction"), _MOVER),
@@ -52,115 +55,137 @@ AXES: dict[str, dict[str, str]] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class MissingTerm:
-    """What enters a slot, over the signal `axis`, all in SI.
+class NonparametricTerm:
+    """The contribution of a missing effect to a slot over one signal, all values in SI.
 
-    `at` (n,), `value` (n,), `std` (n,): estimated freely at some points. `path` (m,) and `law` (m,): the accepted law
-    along the fitted runs.
+    Args:
+        candidate: the candidate whose law is compared.
+        slot: the slot to which the term is added.
+        variable: name of the signal on the horizontal axis.
+        nodes: values (n,) of the variable at which the term is estimated.
+        values: nonparametric estimate (n,) of the term at the nodes.
+        std: standard errors (n,) of the estimate.
+        variable_samples: values (m,) of the variable along the fitted runs.
+        law_samples: contribution (m,) of the candidate's law along the fitted runs.
     """
 
-    suspect: Suspect
+    candidate: Candidate
     slot: Slot
-    axis: str
-    at: np.ndarray
-    value: np.ndarray
+    variable: str
+    nodes: np.ndarray
+    values: np.ndarray
     std: np.ndarray
-    path: np.ndarray
-    law: np.ndarray
+    variable_samples: np.ndarray
+    law_samples: np.ndarray
 
 
-def missing_term(fitted: Fit, suspect: Suspect) -> MissingTerm | None:
-    """The curve of what `suspect`, mounted in a fit, adds to the equations; None where it has no natural variable.
+def estimate_nonparametric_term(fitted: Fit, candidate: Candidate) -> NonparametricTerm | None:
+    """Estimate what a candidate contributes to the equations without assuming its functional form.
 
-    A piecewise linear deviation from the law is put into the same slot, its values at the nodes free, and estimated in
-    one Gauss-Newton step from the residuals of the fit, everything else as fitted. If the law is right, the points lie
-    on it within their standard errors. (With everything else free too, what a known parameter can imitate, such as the
-    linear part of a friction, would come out as noise.)
+    A piecewise linear deviation from the law is added to the same slot. Its values at the nodes are estimated in one
+    Gauss-Newton step from the residuals, with all parameters fixed at their fitted values. If the law is correct, the
+    points lie on it within their standard errors. (If the parameters were free, whatever they can reproduce, such as
+    the linear part of a friction, would be confounded with the term.)
+
+    Args:
+        fitted: a fit that contains the candidate.
+        candidate: the effect whose slot is examined.
+
+    Returns:
+        The estimate over the variable that explains most of the law's variance; None for a sensor fault, a slot
+        without a variable, or a law that vanishes or is not finite.
     """
-    slot = None if suspect.signal is not None else suspect.kind.slots[0]
-    if slot is None or slot.name not in AXES:
+    slot = None if candidate.signal is not None else candidate.kind.slots[0]
+    if slot is None or slot.name not in SLOT_VARIABLES:
         return None
-    rows = [_trajectory(fitted, r, slot, suspect.id) for r in range(len(fitted.outcomes))]
+    rows = [_trajectory(fitted, r, slot, candidate.id) for r in range(len(fitted.outcomes))]
     law = np.concatenate([row["law"] for row in rows])
-    size = float(np.abs(law - (1.0 if slot.rule is Rule.SCALE else 0.0)).max())
-    along = {local: np.concatenate([row[n] for row in rows]) for local, n in AXES[slot.name].items() if n in rows[0]}
-    along = {local: q for local, q in along.items() if np.ptp(q) > 0.0}
-    if not (along and np.isfinite(law).all() and size > 0.0):
+    magnitude = float(np.abs(law - (1.0 if slot.rule is Rule.SCALE else 0.0)).max())
+    variables = SLOT_VARIABLES[slot.name]
+    samples = {local: np.concatenate([row[n] for row in rows]) for local, n in variables.items() if n in rows[0]}
+    samples = {local: q for local, q in samples.items() if np.ptp(q) > 0.0}
+    if not (samples and np.isfinite(law).all() and magnitude > 0.0):
         return None
-    explained = {local: _explained(q, law) for local, q in along.items()}
-    local = next(n for n, share in explained.items() if share > max(explained.values()) - PREFERRED)
-    q, signal = along[local], AXES[slot.name][local]
-    nodes = _nodes(*np.percentile(q, [0.2, 99.8]))
-    deviation, std = _estimated(fitted, slot, local, nodes, FREE * size)
-    mean = np.array([law[np.argsort(np.abs(q - node))[:NEAR]].mean() for node in nodes])
-    ok = std < KNOWN * FREE * size
-    thin = slice(None, None, max(1, len(law) // 3000))
-    return MissingTerm(suspect, slot, signal, nodes[ok], (mean + deviation)[ok], std[ok], q[thin], law[thin])
+    explained = {local: _explained_variance(q, law) for local, q in samples.items()}
+    local = next(n for n, share in explained.items() if share > max(explained.values()) - VARIABLE_TIE)
+    q = samples[local]
+    nodes = _place_nodes(*np.percentile(q, NODE_RANGE_PERCENTILES))
+    spread = PRIOR_SPREAD * magnitude
+    deviation, std = _estimate_deviation(fitted, slot, local, nodes, spread)
+    law_at_nodes = np.array([law[np.argsort(np.abs(q - node))[:SAMPLES_PER_NODE]].mean() for node in nodes])
+    ok = std < MAX_RELATIVE_STD * PRIOR_SPREAD * magnitude
+    thinned = slice(None, None, max(1, len(law) // MAX_PATH_SAMPLES))
+    values = (law_at_nodes + deviation)[ok]
+    return NonparametricTerm(
+        candidate, slot, variables[local], nodes[ok], values, std[ok], q[thinned], law[thinned]
+    )
 
 
-def _explained(q: np.ndarray, law: np.ndarray) -> float:
-    """The share of a law's variance that a function of one variable explains."""
+def _explained_variance(q: np.ndarray, law: np.ndarray) -> float:
+    """The share of a law's variance that a function of one variable explains, 0 … 1."""
     if not np.var(law) > 0.0:
         return 1.0
-    which = np.digitize(q, np.quantile(q, np.linspace(0.0, 1.0, BINS + 1)[1:-1]))
-    counts = np.maximum(np.bincount(which, minlength=BINS), 1)
-    means = np.bincount(which, law, BINS) / counts
-    return 1.0 - float(np.var(law - means[which]) / np.var(law))
+    bins = np.digitize(q, np.quantile(q, np.linspace(0.0, 1.0, VARIANCE_BINS + 1)[1:-1]))
+    counts = np.maximum(np.bincount(bins, minlength=VARIANCE_BINS), 1)
+    means = np.bincount(bins, law, VARIANCE_BINS) / counts
+    return 1.0 - float(np.var(law - means[bins]) / np.var(law))
 
 
-def _nodes(low: float, high: float) -> np.ndarray:
-    """Values of a variable (NODES,) over its range: even, or crowded around a zero inside."""
+def _place_nodes(low: float, high: float) -> np.ndarray:
+    """Nodes (NODES,) over a range: equidistant, or denser around zero where it lies inside."""
     if low * high >= 0.0:
         return np.linspace(low, high, NODES)
-    scale = np.sinh(CROWDED) / max(-low, high)
+    scale = np.sinh(NODE_CLUSTERING) / max(-low, high)
     return np.sinh(np.linspace(np.arcsinh(low * scale), np.arcsinh(high * scale), NODES)) / scale
 
 
-def _hats(nodes, q):
-    """The piecewise linear basis (NODES,) at a value; held outside."""
+def _hat_functions(nodes, q):
+    """The piecewise linear basis functions (NODES,) at a value; constant outside the nodes."""
     up = jnp.clip((q - nodes[:-1]) / jnp.diff(nodes), 0.0, 1.0)
     return jnp.concatenate([jnp.ones(1), up]) - jnp.concatenate([up, jnp.zeros(1)])
 
 
-def _estimated(fitted: Fit, slot: Slot, local: str, nodes: np.ndarray, spread: float):
-    """The deviation from the law at the nodes and its standard errors: one Gauss-Newton step."""
-    curve = _curve(slot, local)(**{f"at_{k}": float(q) for k, q in enumerate(nodes)})
+def _estimate_deviation(
+    fitted: Fit, slot: Slot, local: str, nodes: np.ndarray, spread: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The deviation from the law at the nodes and its standard errors, by one Gauss-Newton step."""
+    curve = _curve_effect(slot, local)(**{f"at_{k}": float(q) for k, q in enumerate(nodes)})
     machine = structs.replace(fitted.machine, effects=(*fitted.machine.effects, curve))
-    free = tuple(
-        UnknownParameter(f"{curve.id}.value_{k}", 0.0, spread, slot.unit, (-math.inf, math.inf), ParameterScale.LINEAR)
+    unbounded = (-math.inf, math.inf)
+    unknowns = tuple(
+        UnknownParameter(f"{curve.id}.value_{k}", 0.0, spread, slot.unit, unbounded, ParameterScale.LINEAR)
         for k in range(NODES)
     )
     base = fitted.problem.model()
-    model = MeasurementModel(base.campaign, machine, free, base.runs, fitted.instruments)
+    model = MeasurementModel(base.campaign, machine, unknowns, base.runs, fitted.instruments)
     found = model.predict_all_runs(np.zeros(NODES), fitted.resolution.coarse, with_sensitivities=True)
-    curvature, downhill = np.eye(NODES), np.zeros(NODES)
+    curvature, gradient = np.eye(NODES), np.zeros(NODES)
     for r, (run, outcome) in enumerate(zip(base.runs, fitted.outcomes, strict=True)):
         for n, measured in run.signals.items():
-            noise, there = base.campaign.channels[n].noise, np.isfinite(measured)
-            slopes = found[r].sensitivities[n][there] / noise
+            noise, valid = base.campaign.channels[n].noise, np.isfinite(measured)
+            slopes = found[r].sensitivities[n][valid] / noise
             curvature = curvature + slopes.T @ slopes
-            downhill = downhill + slopes.T @ (measured - outcome.values[n])[there] / noise
+            gradient = gradient + slopes.T @ (measured - outcome.values[n])[valid] / noise
     covariance = regularised_inverse(curvature)
-    return spread * (covariance @ downhill), spread * np.sqrt(np.diag(covariance))
+    return spread * (covariance @ gradient), spread * np.sqrt(np.diag(covariance))
 
 
-def _curve(slot: Slot, local: str) -> type[Effect]:
-    """An effect that enters a slot with a piecewise linear function of the variable called `local` there."""
-    rest = 1.0 if slot.rule is Rule.SCALE else 0.0
-    anything = (-1e30, 1e30)
+def _curve_effect(slot: Slot, local: str) -> type[Effect]:
+    """The class of an effect that adds a piecewise linear function of the variable `local` to a slot."""
+    neutral = 1.0 if slot.rule is Rule.SCALE else 0.0
 
-    def enter(self, s, z):
+    def contribute(self, s, z):
         nodes, values = (
             jnp.stack([jnp.asarray(getattr(self, f"{what}_{k}")) for k in range(NODES)]) for what in ("at", "value")
         )
-        return rest + _hats(nodes, getattr(s, local)) @ values
+        return neutral + _hat_functions(nodes, getattr(s, local)) @ values
 
     names = [f"{what}_{k}" for what in ("at", "value") for k in range(NODES)]
-    body = {n: par(0.0, slot.unit, anything, "node of a curve") for n in names}
-    body |= {"__annotations__": dict.fromkeys(names, float), "__module__": __name__, "__doc__": "A free curve."}
-    # its machine code is kept under its name
+    body = {n: par(0.0, slot.unit, COEFFICIENT_LIMITS, "node of a curve") for n in names}
+    body |= {"__annotations__": dict.fromkeys(names, float), "__module__": __name__, "__doc__": "Piecewise linear."}
+    # compiled loops are cached by the name of the class
     name = "".join(part.title() for part in f"free_{slot.name}_by_{local}".split("_"))
-    return type(name, (Effect,), body | {slot.name: enter})
+    return type(name, (Effect,), body | {slot.name: contribute})
 
 
 def _trajectory(fitted: Fit, r: int, slot: Slot, effect: str) -> dict[str, np.ndarray]:

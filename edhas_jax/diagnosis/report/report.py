@@ -1,4 +1,4 @@
-"""The report of a diagnosis: one file that can be sent, the verdict first."""
+"""The report of a diagnosis: one self-contained HTML file, the verdict first."""
 
 import html
 import math
@@ -8,21 +8,24 @@ from edhas_jax.core import html_page
 from edhas_jax.core.units import format_with_error
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.planning.next_experiment import Experiment
-from edhas_jax.diagnosis.report.figures import draw_missing_term, draw_pulls, draw_sensor_fault, draw_waterfall
-from edhas_jax.diagnosis.report.machine_schematic import schematic
-from edhas_jax.diagnosis.report.nonparametric_term import missing_term
-from edhas_jax.diagnosis.report.sensor_fault import sensor_fault
-from edhas_jax.diagnosis.report.trace_viewer import trace_view
-from edhas_jax.diagnosis.search.candidates import Suspect
+from edhas_jax.diagnosis.report.machine_schematic import draw_schematic
+from edhas_jax.diagnosis.report.nonparametric_term import estimate_nonparametric_term
+from edhas_jax.diagnosis.report.parameter_figure import draw_parameter_shifts
+from edhas_jax.diagnosis.report.residual_stages import draw_waterfall
+from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
+from edhas_jax.diagnosis.report.term_figures import draw_nonparametric_term, draw_sensor_fault
+from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
+from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
-LISTED = 14  # suspects in the table
-LAWLESS = (
-    "The points assume no law: they were estimated from what is left over, with the other parameters as fitted. "
-    "The law is right where it passes through them."
+MAX_LISTED_CANDIDATES = 14
+MIN_SHOWN_PROBABILITY = 5e-4  # smaller ones are shown as 0
+NONPARAMETRIC_NOTE = (
+    "The points are a nonparametric estimate from the residuals, with all parameters as fitted; they assume no "
+    "functional form. The form of the candidate is correct where it passes through them."
 )
 STYLE = """<style>
 .verdict { font-size: 1.25em; line-height: 1.4; border-left: 5px solid #de4a1c; padding: 0.2em 0 0.2em 0.9em }
@@ -33,131 +36,144 @@ STYLE = """<style>
 
 
 def write_report(diagnosis: Diagnosis, path: Path, experiment: Experiment | None = None) -> None:
-    """Write the report as one HTML file that needs nothing beside it; `experiment` is the run that tells most."""
+    """Write the report of a diagnosis as one self-contained HTML file.
+
+    Args:
+        diagnosis: the result to report.
+        path: file to write.
+        experiment: the run recommended next.
+    """
     Path(path).write_text(diagnosis_report(diagnosis, experiment), encoding="utf-8")
 
 
 def diagnosis_report(diagnosis: Diagnosis, experiment: Experiment | None = None) -> str:
-    """The page as HTML."""
+    """The report as HTML; arguments as in `write_report`."""
     campaign = diagnosis.campaign
     states = {"before": diagnosis.before, "calibrated": diagnosis.calibrated.residuals}
-    form = diagnosis.forms[0].judged if diagnosis.verdict is Verdict.UNKNOWN_EFFECT and diagnosis.forms else None
     if diagnosis.accepted:
         states["after"] = diagnosis.after.residuals
-    if form is not None:
-        states["formula"] = form.residuals
-    suspected = {} if diagnosis.verdict is Verdict.ADEQUATE else diagnosis.where()
+    if (best := diagnosis.best_generic_trial) is not None:
+        states["generic term"] = best.evaluated.residuals
+    probabilities = {} if diagnosis.verdict is Verdict.ADEQUATE else diagnosis.location_probabilities()
     parts = [
         STYLE,
         html_page.heading(f"{campaign.name}: diagnosis", 1),
         html_page.paragraph(
             f"{campaign.machine.name}; {len(campaign.runs_for(Use.FIT))} runs fitted, "
-            f"{len(campaign.runs_for(Use.HOLDOUT))} held out; {len(diagnosis.candidates())} suspects; "
+            f"{len(campaign.runs_for(Use.HOLDOUT))} held out; {len(diagnosis.ranked_candidates())} candidates; "
             f"{diagnosis.seconds:.0f} s."
         ),
-        _verdict(diagnosis),
-        '<div class="beside"><div>', html_page.heading("Where"),
-        schematic(campaign.machine, suspected, tuple(campaign.channels)),
-        "</div><div>", html_page.heading("How the error falls"),
+        _verdict_box(diagnosis),
+        '<div class="beside"><div>', html_page.heading("Location"),
+        draw_schematic(campaign.machine, probabilities, tuple(campaign.channels)),
+        "</div><div>", html_page.heading("Residual after each stage"),
         html_page.image(draw_waterfall(diagnosis), "residual over noise from the present model down to the noise"),
         "</div></div>",
-        html_page.heading("Measured and model"),
+        html_page.heading("Measured and simulated signals"),
         html_page.paragraph("Click a model to switch it on or off; drag to zoom, double-click for the whole run. "
                        "Band: two standard deviations of the sensor's noise."),
-        trace_view(campaign, states),
-        *_terms(diagnosis),
-        *_ambiguity(diagnosis, experiment),
-        html_page.heading("Suspects"),
-        _suspects(diagnosis),
-        html_page.heading("What was believed of the parameters, and what was found"),
-        html_page.image(draw_pulls(diagnosis), "uncertain parameters before and after"),
+        render_trace_viewer(campaign, states),
+        *_term_sections(diagnosis),
+        *_ambiguity_section(diagnosis, experiment),
+        html_page.heading("Candidates"),
+        _candidate_table(diagnosis),
+        html_page.heading("Parameters: prior and estimates"),
+        html_page.image(draw_parameter_shifts(diagnosis), "uncertain parameters before and after"),
     ]  # fmt: skip
     if campaign.remarks:
-        noticed = [str(remark) for remark in campaign.remarks]
-        parts += [html_page.heading("What the reader noticed"), html_page.numbered_list(noticed)]
+        remarks = [str(remark) for remark in campaign.remarks]
+        parts += [html_page.heading("Remarks on the measurement files"), html_page.numbered_list(remarks)]
     return html_page.page(f"{campaign.name}: diagnosis", *parts)
 
 
-def _verdict(diagnosis: Diagnosis) -> str:
+def _verdict_box(diagnosis: Diagnosis) -> str:
     kind = "verdict fine" if diagnosis.verdict is Verdict.ADEQUATE else "verdict"
     sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in diagnosis.sentences())
     return f'<div class="{kind}">{sentences}</div>'
 
 
-def found_in(diagnosis: Diagnosis) -> list[tuple[Fit, Suspect]]:
-    """What was accepted, or the formula that stands for it, each with the fit that it is mounted in."""
-    if diagnosis.verdict is Verdict.UNKNOWN_EFFECT and diagnosis.forms and diagnosis.forms[0].judged is not None:
-        return [(diagnosis.forms[0].judged.fit, diagnosis.forms[0].suspect)]
-    return [(diagnosis.final, trial.suspect) for trial in diagnosis.accepted]
+def explaining_candidates(diagnosis: Diagnosis) -> list[tuple[Fit, Candidate]]:
+    """The accepted candidates, or for an unknown effect the best generic term, each with the fit that contains it."""
+    if (best := diagnosis.best_generic_trial) is not None:
+        return [(best.evaluated.fit, best.candidate)]
+    return [(diagnosis.final, trial.candidate) for trial in diagnosis.accepted]
 
 
-def _terms(diagnosis: Diagnosis) -> list[str]:
-    """The curve of each thing that was found, over its natural variable."""
+def _term_sections(diagnosis: Diagnosis) -> list[str]:
+    """For each explaining candidate, the missing term over its variable or the error of its sensor."""
     out = []
-    for fitted, suspect in found_in(diagnosis):
-        if suspect.signal is not None:
+    for fitted, candidate in explaining_candidates(diagnosis):
+        if candidate.signal is not None:
+            figure = draw_sensor_fault(estimate_sensor_error(fitted, candidate))
             out += [
-                html_page.heading(f"What is wrong with the sensor: {suspect.name}"),
-                html_page.image(draw_sensor_fault(sensor_fault(fitted, suspect)), f"{suspect.name}: what it adds"),
+                html_page.heading(f"Sensor fault: {candidate.name}"),
+                html_page.image(figure, f"{candidate.name}: error of the sensor"),
             ]
-        elif (term := missing_term(fitted, suspect)) is not None:
-            what = f"{term.slot.name.replace('_', ' ')} over {term.axis.replace('_', ' ')}"
+        elif (term := estimate_nonparametric_term(fitted, candidate)) is not None:
+            title = f"{term.slot.name.replace('_', ' ')} over {term.variable.replace('_', ' ')}"
             out += [
-                html_page.heading(f"What is missing: {what}"),
-                html_page.paragraph(LAWLESS),
-                html_page.image(draw_missing_term(term), f"{suspect.name}: {what}"),
+                html_page.heading(f"Missing term: {title}"),
+                html_page.paragraph(NONPARAMETRIC_NOTE),
+                html_page.image(draw_nonparametric_term(term), f"{candidate.name}: {title}"),
             ]
     return out
 
 
-def _ambiguity(diagnosis: Diagnosis, experiment: Experiment | None) -> list[str]:
-    groups = diagnosis.groups()
+def _ambiguity_section(diagnosis: Diagnosis, experiment: Experiment | None) -> list[str]:
+    """The confounded candidates and the recommended run."""
+    groups = diagnosis.confounded_groups()
     if not groups and experiment is None:
         return []
-    said = [f"These runs cannot tell {' and '.join(s.name for s in group)} apart." for group in groups]
-    said += [experiment.sentence] if experiment is not None else []
-    title = "What these runs cannot tell" if groups else "The next experiment"
-    return [html_page.heading(title), '<div class="card">', *(f"<p>{html.escape(text)}</p>" for text in said), "</div>"]
+    sentences = [f"These runs cannot distinguish {' and '.join(c.name for c in group)}." for group in groups]
+    sentences += [experiment.sentence] if experiment is not None else []
+    title = "Confounded candidates" if groups else "The next experiment"
+    paragraphs = (f"<p>{html.escape(text)}</p>" for text in sentences)
+    return [html_page.heading(title), '<div class="card">', *paragraphs, "</div>"]
 
 
-def _suspects(diagnosis: Diagnosis) -> str:
-    """The suspects that were tried, and the likeliest of the others, as an HTML table."""
-    accepted = {t.suspect for t in diagnosis.accepted}
-    groups = {s: k for k, group in enumerate(diagnosis.groups(), 1) for s in group}
-    found = {suspect: p for suspect, p, _ in diagnosis.candidates()}
-    promised = {score.suspect: score for r in reversed(diagnosis.rounds) for score in r.scores}
-    tried = {t.suspect: t for r in reversed(diagnosis.rounds) for t in r.trials}
-    # what was not tried differs in its promise more than in its probability
-    order = {s: (s not in accepted, s not in tried, -p if s in tried else -promised[s].fall) for s, p in found.items()}
+def _candidate_table(diagnosis: Diagnosis) -> str:
+    """The candidates that were accepted or tried, and the most promising others, as an HTML table."""
+    accepted = {t.candidate for t in diagnosis.accepted}
+    groups = {c: k for k, group in enumerate(diagnosis.confounded_groups(), 1) for c in group}
+    probability = {candidate: p for candidate, p, _ in diagnosis.ranked_candidates()}
+    falls = {s.candidate: s.chi_square_fall for r in reversed(diagnosis.rounds) for s in r.scores}
+    trials = {t.candidate: t for r in reversed(diagnosis.rounds) for t in r.trials}
+    # without a trial, candidates differ more in their predicted fall than in their probability
+    order = {c: (c not in accepted, c not in trials, -p if c in trials else -falls[c]) for c, p in probability.items()}
     body = []
-    for suspect in sorted(found, key=order.__getitem__)[:LISTED]:
-        p, trial = found[suspect], tried.get(suspect)
-        judged = diagnosis.after if suspect in accepted else trial.judged if trial is not None else None
-        said = [suspect.where.replace("_", " ")]
-        said += [] if judged is None else sizes_of(suspect, judged.fit)
-        said += ["accepted"] if suspect in accepted else ["tried"] if trial is not None else []
-        said += [f"group {groups[suspect]}"] if suspect in groups else []
+    for candidate in sorted(probability, key=order.__getitem__)[:MAX_LISTED_CANDIDATES]:
+        p, trial = probability[candidate], trials.get(candidate)
+        fitted = diagnosis.after if candidate in accepted else trial.evaluated if trial is not None else None
+        remarks = [candidate.location.replace("_", " ")]
+        remarks += [] if fitted is None else parameter_texts(candidate, fitted.fit)
+        remarks += ["accepted"] if candidate in accepted else ["tried"] if trial is not None else []
+        remarks += [f"group {groups[candidate]}"] if candidate in groups else []
+        has_gain = trial is not None and math.isfinite(trial.log_evidence_gain)
         body.append([
-            suspect.name,
-            f"{p:.3f}" if p >= 5e-4 else "0",
-            f"{promised[suspect].fall:.3g}",
-            f"{trial.gain:+.3g}" if trial is not None and math.isfinite(trial.gain) else "",
-            f"{judged.level(Use.HOLDOUT):.3f}" if judged is not None else "",
-            "; ".join(said),
+            candidate.name,
+            f"{p:.3f}" if p >= MIN_SHOWN_PROBABILITY else "0",
+            f"{falls[candidate]:.3g}",
+            f"{trial.log_evidence_gain:+.3g}" if has_gain else "",
+            f"{fitted.rms_over_noise(Use.HOLDOUT):.3f}" if fitted is not None else "",
+            "; ".join(remarks),
         ])  # fmt: skip
-    header = "effect", "probability", "promised fall of χ²", "gain of evidence", "error on new runs", "where, and size"
+    header = (
+        "candidate", "probability", "predicted fall of χ²", "gain of log-evidence", "residual/noise on hold-out runs",
+        "location and parameters",
+    )  # fmt: skip
     return html_page.table(header, body)
 
 
-def sizes_of(suspect: Suspect, fitted: Fit) -> list[str]:
-    """A suspect's own parameters in a fit, with their standard errors."""
+def parameter_texts(candidate: Candidate, fitted: Fit) -> list[str]:
+    """The parameters of a candidate in a fit as text, with standard errors and units."""
+    own = candidate.own_unknowns(fitted.problem.unknowns)
     return [
         f"{name.replace('_', ' ')} "
-        + format_with_error(fitted.values[u.name], fitted.standard_errors[u.name], _unit(suspect, u))
-        for name, u in suspect.own(fitted.problem.unknowns).items()
+        + format_with_error(fitted.values[u.name], fitted.standard_errors[u.name], _unit(candidate, u))
+        for name, u in own.items()
     ]
 
 
-def _unit(suspect: Suspect, u: UnknownParameter) -> str:
-    """The SI unit of an unknown; an offset has that of its signal."""
-    return SIGNALS[suspect.signal].unit if suspect.signal and u.name.endswith(".offset") else u.unit
+def _unit(candidate: Candidate, u: UnknownParameter) -> str:
+    """The SI unit of an unknown; a sensor offset has the unit of its signal."""
+    return SIGNALS[candidate.signal].unit if candidate.signal and u.name.endswith(".offset") else u.unit

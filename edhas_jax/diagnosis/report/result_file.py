@@ -1,4 +1,4 @@
-"""A diagnosis as a file that programs read, and as the configuration of the model that it leaves behind."""
+"""Files of a diagnosis: the result as JSON, and the final model as a configuration."""
 
 from pathlib import Path
 from typing import Any
@@ -7,8 +7,8 @@ from edhas_jax.config.run_folder import replace_nonfinite, write_json
 from edhas_jax.config.writer import dump_config
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
-from edhas_jax.diagnosis.search.candidates import Suspect
-from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.residuals import rms_by_signal
@@ -16,83 +16,90 @@ from edhas_jax.simulation.run import Simulation
 
 RESULT = "diagnosis.json"
 VERSION = 1  # of the schema in docs/diagnosis.md
-LISTED = 0.001  # probability below which a candidate without a trial is not listed
+MIN_LISTED_PROBABILITY = 0.001  # candidates without a trial are listed above it
 
 
 def save_diagnosis(diagnosis: Diagnosis, folder: Path, next_experiment: dict[str, Any] | None = None) -> None:
-    """Write `diagnosis.json` and `config.yaml`, the model with what was accepted, into a folder that exists."""
+    """Write `diagnosis.json`, and the model with the accepted effects as `config.yaml`.
+
+    Args:
+        diagnosis: the result to write.
+        folder: an existing folder.
+        next_experiment: the recommended run as plain data.
+    """
     campaign, final = diagnosis.campaign, diagnosis.final
     rate = 1.0 / min(run.interval for run in campaign.runs)
     head = f"# {campaign.name}, as diagnosed by `edhas diagnose`; before the conditions of any run are set\n"
     if final.instruments.chains:
         chains = final.instruments.chains.items()
         names = ", ".join(f"{link.id} on {signal}" for signal, chain in chains for link in chain)
-        head += f"# what is wrong with a sensor is not part of the machine: {names}\n"
+        head += f"# sensor faults are not part of the machine: {names}\n"
     text = head + dump_config(final.machine, Simulation(sample_rate=rate))
     (folder / CONFIG_FILE).write_text(text, encoding="utf-8")
     write_json(folder / RESULT, replace_nonfinite(as_json(diagnosis, next_experiment)))
 
 
 def as_json(diagnosis: Diagnosis, next_experiment: dict[str, Any] | None = None) -> dict[str, Any]:
-    """The diagnosis as plain data; values in SI."""
+    """The diagnosis as plain data, values in SI; schema in docs/diagnosis.md."""
     final = diagnosis.final
-    known = [u.name for u in final.problem.unknowns if "." not in u.name]
+    uncertain = [u.name for u in final.problem.unknowns if "." not in u.name]
     return {
         "version": VERSION,
         "campaign": diagnosis.campaign.name,
         "verdict": diagnosis.verdict.value,
-        "effects": [t.suspect.id for t in diagnosis.accepted],
+        "effects": [t.candidate.id for t in diagnosis.accepted],
         "candidates": [
-            _candidate(diagnosis, suspect, p, trial)
-            for suspect, p, trial in diagnosis.candidates()
-            if trial is not None or p > LISTED
+            _candidate_data(diagnosis, candidate, p, trial)
+            for candidate, p, trial in diagnosis.ranked_candidates()
+            if trial is not None or p > MIN_LISTED_PROBABILITY
         ],
-        "groups": [[suspect.id for suspect in group] for group in diagnosis.groups()],
-        "where": [{"slot": part, "probability": p} for part, p in diagnosis.where().items()],
-        "form": _form(diagnosis),
-        "calibrated": {n: v for n, v in estimates_as_json(final).items() if n in known},
+        "groups": [[candidate.id for candidate in group] for group in diagnosis.confounded_groups()],
+        "where": [{"slot": part, "probability": p} for part, p in diagnosis.location_probabilities().items()],
+        "form": _generic_term_data(diagnosis),
+        "calibrated": {n: v for n, v in estimates_as_json(final).items() if n in uncertain},
         "error": diagnosis.errors(),
         "next_experiment": next_experiment,
         "seconds": diagnosis.seconds,
     }
 
 
-def _candidate(diagnosis: Diagnosis, suspect: Suspect, probability: float, trial: Trial | None) -> dict[str, Any]:
-    out: dict[str, Any] = {"effect": suspect.id}
-    if suspect.signal is not None:
-        out["signal"] = suspect.signal
-    accepted = suspect in [t.suspect for t in diagnosis.accepted]
-    judged = diagnosis.after if accepted else trial.judged if trial is not None else None
+def _candidate_data(
+    diagnosis: Diagnosis, candidate: Candidate, probability: float, trial: Trial | None
+) -> dict[str, Any]:
+    out: dict[str, Any] = {"effect": candidate.id}
+    if candidate.signal is not None:
+        out["signal"] = candidate.signal
+    accepted = candidate in [t.candidate for t in diagnosis.accepted]
+    fitted = diagnosis.after if accepted else trial.evaluated if trial is not None else None
     return out | {
-        "slot": suspect.where,
+        "slot": candidate.location,
         "accepted": accepted,
         "probability": probability,
-        "parameters": {} if judged is None else _own(judged.fit, suspect),
-        "holdout_error": None if judged is None else judged.level(Use.HOLDOUT),
-        "gain": None if trial is None else trial.gain,
-        "gain_on_new_runs": None if trial is None else trial.gain_on_new,
+        "parameters": {} if fitted is None else _own_estimates(fitted.fit, candidate),
+        "holdout_error": None if fitted is None else fitted.rms_over_noise(Use.HOLDOUT),
+        "gain": None if trial is None else trial.log_evidence_gain,
+        "gain_on_new_runs": None if trial is None else trial.holdout_half_chi_square_fall,
     }
 
 
-def _own(fit: Fit, suspect: Suspect) -> dict[str, Any]:
-    """A suspect's own parameters as fitted."""
-    every = estimates_as_json(fit)
-    return {name: every[u.name] for name, u in suspect.own(fit.problem.unknowns).items()}
+def _own_estimates(fit: Fit, candidate: Candidate) -> dict[str, Any]:
+    """The fitted parameters of a candidate."""
+    fitted = estimates_as_json(fit)
+    return {name: fitted[u.name] for name, u in candidate.own_unknowns(fit.problem.unknowns).items()}
 
 
-def _form(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    """The formula that explains most of what no effect of the library explains."""
-    if diagnosis.verdict is not Verdict.UNKNOWN_EFFECT or not diagnosis.forms:
+def _generic_term_data(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """The generic term that explains most of an unknown effect; None for any other verdict."""
+    best = diagnosis.best_generic_trial
+    if best is None:
         return None
-    best = diagnosis.forms[0]
-    if best.judged is None:
-        return None
+    slot = best.candidate.kind.slots[0]
     return {
-        "slot": best.suspect.where,
-        "enters": best.suspect.kind.slots[0].name,
-        "unit": best.suspect.kind.slots[0].unit,
-        "formula": f"c · {best.suspect.kind.text}",
-        "parameters": _own(best.judged.fit, best.suspect),
-        "holdout_error": best.judged.level(Use.HOLDOUT),
-        "error": rms_by_signal(diagnosis.campaign, best.judged.residuals, Use.HOLDOUT),
+        "slot": best.candidate.location,
+        "enters": slot.name,
+        "unit": slot.unit,
+        "formula": f"c · {best.candidate.kind.text}",
+        "parameters": _own_estimates(best.evaluated.fit, best.candidate),
+        "holdout_error": best.evaluated.rms_over_noise(Use.HOLDOUT),
+        "error": rms_by_signal(diagnosis.campaign, best.evaluated.residuals, Use.HOLDOUT),
     }

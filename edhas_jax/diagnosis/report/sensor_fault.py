@@ -1,50 +1,62 @@
-"""What a faulty sensor adds to a signal, over the signal or its rate, as measured and as the accepted fault says."""
+"""The error of a faulty sensor over its signal or the rate of change: measured, and predicted by the accepted fault."""
 
 import dataclasses
 
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.search.candidates import Suspect
+from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.sensor_models import SensorGain, SensorOffset
 
-BINS = 24
+BINS = 24  # bins of equal count over which errors are averaged
 
 
 @dataclasses.dataclass(frozen=True)
-class SensorFault:
-    """Recorded − true (n,) over the true signal, or over its rate where `over_rate`; means of equal counts, SI.
+class SensorError:
+    """Mean error of a sensor (recorded − true) in bins of equal count, all arrays (bins,) in SI.
 
-    `value` is from what was measured, with its standard error `std`; `law` from the accepted fault.
+    Args:
+        candidate: the accepted sensor fault.
+        over_rate: whether `x` is the rate of change of the signal, else the signal itself.
+        x: mean of the true signal, or of its rate.
+        measured: mean of measured − simulated true signal.
+        std: standard error of `measured` due to the noise.
+        modelled: mean error that the fitted sensor fault predicts.
     """
 
-    suspect: Suspect
+    candidate: Candidate
     over_rate: bool
-    at: np.ndarray
-    value: np.ndarray
+    x: np.ndarray
+    measured: np.ndarray
     std: np.ndarray
-    law: np.ndarray
+    modelled: np.ndarray
 
 
-def sensor_fault(fitted: Fit, suspect: Suspect) -> SensorFault:
-    """The fault of a sensor that is mounted in a fit, from the runs that were fitted."""
-    signal, base = suspect.signal, fitted.problem.model()
-    chain = tuple(link for link in fitted.instruments.chains[signal] if not isinstance(link, suspect.kind))
+def estimate_sensor_error(fitted: Fit, candidate: Candidate) -> SensorError:
+    """Compare the error of a sensor in the fitted runs with the error that its fitted fault predicts.
+
+    Args:
+        fitted: a fit that contains the sensor fault.
+        candidate: the sensor fault. Gain and offset are shown over the signal, lag and delay over its rate.
+    """
+    signal, base = candidate.signal, fitted.problem.model()
+    chain = tuple(link for link in fitted.instruments.chains[signal] if not isinstance(link, candidate.kind))
     instruments = Instruments({**fitted.instruments.chains, signal: chain})
     model = MeasurementModel(base.campaign, fitted.machine, (), base.runs, instruments)
     found = model.predict_all_runs(np.zeros(0), fitted.resolution.fine)
-    over_rate = suspect.kind not in (SensorGain, SensorOffset)
+    over_rate = candidate.kind not in (SensorGain, SensorOffset)
     rows = []
     for r, run in enumerate(base.runs):
         if signal in run.signals:
             true, recorded = found[r].values[signal], fitted.outcomes[r].values[signal]
-            along = np.gradient(true, run.time) if over_rate else true
-            there = np.isfinite(run.signals[signal])
-            rows.append(np.array([along, run.signals[signal] - true, recorded - true])[:, there])
-    along, off, law = np.concatenate(rows, axis=1)
-    bins = np.array_split(np.argsort(along), BINS)
+            x = np.gradient(true, run.time) if over_rate else true
+            valid = np.isfinite(run.signals[signal])
+            rows.append(np.array([x, run.signals[signal] - true, recorded - true])[:, valid])
+    x, measured, modelled = np.concatenate(rows, axis=1)
+    bins = np.array_split(np.argsort(x), BINS)
     noise = base.campaign.channels[signal].noise
-    at, value, mean = (np.array([v[k].mean() for k in bins]) for v in (along, off, law))
-    return SensorFault(suspect, over_rate, at, value, noise / np.sqrt([len(k) for k in bins]), mean)
+    x, measured, modelled = (np.array([v[b].mean() for b in bins]) for v in (x, measured, modelled))
+    std = noise / np.sqrt([len(b) for b in bins])
+    return SensorError(candidate, over_rate, x, measured, std, modelled)

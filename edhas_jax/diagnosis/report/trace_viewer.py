@@ -1,4 +1,4 @@
-"""Measured and model over each other, run by run, to be looked through in a browser: one piece of HTML."""
+"""Interactive plot of measured and simulated signals, run by run, as one fragment of HTML for the report."""
 
 import base64
 import html
@@ -19,10 +19,10 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.residual_matrix import run_descriptions
 from edhas_jax.measurements.residuals import rms_over_noise
 
-SHADES = {"before": GREY, "calibrated": "#9a6700", "after": COLOURS[1], "formula": COLOURS[3]}
-MOST = 6000  # samples of a run that go into the page
-HOLE, FULL = -32768, 32000
-CYCLES = 2.0  # shown at first
+MODEL_COLOURS = {"before": GREY, "calibrated": "#9a6700", "after": COLOURS[1], "generic term": COLOURS[3]}
+MAX_SAMPLES = 6000  # of a run in the page; longer ones are thinned out
+MISSING_CODE, MAX_CODE = -32768, 32000  # 16-bit codes of a missing sample, and of the largest value
+INITIAL_CYCLES = 2.0  # shown at first, of a run with a sinusoidal set point
 STYLE = """
 #traces select { font: inherit; margin-right: 1em } #traces [data-model] { cursor: pointer; margin-right: 1.4em }
 #traces [data-model].off { opacity: 0.35; text-decoration: line-through } #traces i { color: #6e7781 }
@@ -31,25 +31,29 @@ STYLE = """
 """
 
 
-def trace_view(campaign: Campaign, states: Mapping[str, Mapping[str, Mapping[str, np.ndarray]]]) -> str:
-    """The HTML. `states` has, by name of a model (before, calibrated, after, formula), its residuals by run and signal.
+def render_trace_viewer(campaign: Campaign, states: Mapping[str, Mapping[str, Mapping[str, np.ndarray]]]) -> str:
+    """Render the viewer as HTML with its data and script.
 
-    What a model says is what was measured less the residual. It opens on the run, held out if there is one, and on the
-    signal where the calibrated model is worst.
+    It opens on the run and signal with the largest residual of the calibrated model, on a hold-out run if there is one.
+
+    Args:
+        campaign: the measurements.
+        states: (measured − model)/noise by model ("before", "calibrated", "after", "generic term"), run and signal.
     """
     runs = [run for run in campaign.runs if run.signals]
-    wanted = [r for r, run in enumerate(runs) if run.use is Use.HOLDOUT] or range(len(runs))
-    worst = states.get("calibrated", next(iter(states.values())))
-    opened = max(
-        ((rms_over_noise([v]), r, n) for r in wanted for n, v in worst[runs[r].name].items()), default=(0.0, 0, "")
+    preferred = [r for r, run in enumerate(runs) if run.use is Use.HOLDOUT] or range(len(runs))
+    of_state = states.get("calibrated", next(iter(states.values())))
+    _, worst_run, worst_signal = max(
+        ((rms_over_noise([v]), r, n) for r in preferred for n, v in of_state[runs[r].name].items()),
+        default=(0.0, 0, ""),
     )
     signals = [n for n in campaign.channels if any(n in run.signals for run in runs)]
     data = {
         "runs": [_run(campaign, run, states) for run in runs],
-        "run": opened[1], "signal": opened[2] or signals[0],
+        "run": worst_run, "signal": worst_signal or signals[0],
         "units": {n: SIGNALS[n].display_unit for n in signals},
-        "noise": {n: _size(n, campaign.channels[n].noise) for n in signals},
-        "models": [{"name": name, "colour": SHADES[name]} for name in states],
+        "noise": {n: _difference_in_display_unit(n, campaign.channels[n].noise) for n in signals},
+        "models": [{"name": name, "colour": MODEL_COLOURS[name]} for name in states],
         "hidden": [name for name in states if name == "before"], "colour": COLOURS[0],
     }  # fmt: skip
     options = "".join(f'<option value="{r}">{html.escape(run.name)}</option>' for r, run in enumerate(runs))
@@ -69,39 +73,39 @@ def trace_view(campaign: Campaign, states: Mapping[str, Mapping[str, Mapping[str
 
 
 def _run(campaign: Campaign, run: BenchRun, states) -> dict[str, Any]:
-    """One run as plain data: times in ms, signals in the units in which they are shown."""
-    thin = max(1, -(-len(run.time) // MOST))
-    time = 1e3 * run.time[::thin]
+    """One run as plain data: times in ms, signals in the units of display."""
+    stride = max(1, -(-len(run.time) // MAX_SAMPLES))
+    time = 1e3 * run.time[::stride]
     machine = campaign.machine_of(run)
     start = time[0]
     if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
-        start = max(start, time[-1] - CYCLES * 1e3 / float(get_parameter(machine, "frequency")))
+        start = max(start, time[-1] - INITIAL_CYCLES * 1e3 / float(get_parameter(machine, "frequency")))
     out = {
         "count": len(time), "first": float(time[0]), "step": float((time[-1] - time[0]) / max(1, len(time) - 1)),
         "shown": [float(start), float(time[-1])], "says": run_descriptions(campaign)[run.name],
         "signals": {}, "levels": {},
     }  # fmt: skip
     for name, measured in run.signals.items():
-        left = {state: rows[run.name][name] for state, rows in states.items()}
+        residuals = {state: rows[run.name][name] for state, rows in states.items()}
         noise = campaign.channels[name].noise
-        rows = {"measured": measured, **{state: measured - noise * v for state, v in left.items()}}
-        out["signals"][name] = {state: _packed(_in(name, v[::thin])) for state, v in rows.items()}
-        out["levels"][name] = {state: f"{rms_over_noise([v]):.2f} × noise" for state, v in left.items()}
+        rows = {"measured": measured, **{state: measured - noise * v for state, v in residuals.items()}}
+        out["signals"][name] = {state: _encode(_in_display_unit(name, v[::stride])) for state, v in rows.items()}
+        out["levels"][name] = {state: f"{rms_over_noise([v]):.2f} × noise" for state, v in residuals.items()}
     return out
 
 
-def _packed(values: np.ndarray) -> dict[str, Any]:
-    """Numbers as 16-bit integers: value = offset + scale · integer."""
-    seen = values[np.isfinite(values)]
-    low, high = (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 0.0)
-    offset, scale = 0.5 * (low + high), max((high - low) / (2 * FULL), 1e-30)
-    whole = np.where(np.isfinite(values), np.round((np.nan_to_num(values) - offset) / scale), HOLE)
-    return {"offset": offset, "scale": scale, "data": base64.b64encode(whole.astype("<i2").tobytes()).decode()}
+def _encode(values: np.ndarray) -> dict[str, Any]:
+    """Encode numbers as base64 of 16-bit integers: value = offset + scale · code."""
+    valid = values[np.isfinite(values)]
+    low, high = (float(valid.min()), float(valid.max())) if len(valid) else (0.0, 0.0)
+    offset, scale = 0.5 * (low + high), max((high - low) / (2 * MAX_CODE), 1e-30)
+    codes = np.where(np.isfinite(values), np.round((np.nan_to_num(values) - offset) / scale), MISSING_CODE)
+    return {"offset": offset, "scale": scale, "data": base64.b64encode(codes.astype("<i2").tobytes()).decode()}
 
 
-def _in(name: str, values):
+def _in_display_unit(name: str, values):
     return from_si(values, SIGNALS[name].unit, SIGNALS[name].display_unit)
 
 
-def _size(name: str, value: float) -> float:
-    return float(_in(name, value) - _in(name, 0.0))
+def _difference_in_display_unit(name: str, value: float) -> float:
+    return float(_in_display_unit(name, value) - _in_display_unit(name, 0.0))

@@ -1,4 +1,4 @@
-"""What may be missing: effects that could be mounted on a machine, and faults that its sensors could have."""
+"""Candidate explanations of a misfit: effects that could be added to a machine, and faults of its sensors."""
 
 import dataclasses
 import functools
@@ -21,157 +21,194 @@ from edhas_jax.measurements.sensor_models import SensorDelay, SensorGain, Sensor
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter, relative_unknown
 
 SENSOR_FAULTS: tuple[type[SensorModel], ...] = (SensorLag, SensorDelay, SensorGain, SensorOffset)
-WIDTHS = 4.0  # a plausible range is that many standard deviations of the prior wide: ±2
-BEYOND = 3.0  # standard deviations at which a value is no longer believed, of suspects and of known parameters alike
-HELD = 0.05  # standard deviations from where belief ends: a value as near to it is held by it
-OFFSET_SHARE = 0.05  # of a signal's range: what an offset of its sensor may be
-SENSOR = "sensor"
+SENSOR_LOCATION = "sensor"
+# a second coupling or line in such a slot would have no physical meaning
+SINGLE_EFFECT_SLOTS = ("coupling_force", "suction_line_resistance", "suction_line_flow", "outlet_line_flow")
+PLAUSIBLE_RANGE_SIGMAS = 4.0  # width of a plausible range in standard deviations of the prior (±2)
+PRIOR_BOUND = 3.0  # bound of a fitted coordinate, in standard deviations of its prior
+PRIOR_BOUND_TOLERANCE = 0.05  # distance to the bound, in the same unit, that counts as at the bound
+OFFSET_STD_SHARE = 0.05  # prior standard deviation of a sensor offset, as a share of the signal's range
 
 
 @dataclasses.dataclass(frozen=True)
-class Suspect:
-    """One thing that may be missing: an effect, or a link in the measurement chain of `signal`."""
+class Candidate:
+    """One possible cause of a misfit: an effect of the machine, or a link in the measurement chain of `signal`.
+
+    Args:
+        kind: class of the effect, or of the sensor fault.
+        signal: name of the signal whose sensor is at fault; None for an effect.
+    """
 
     kind: type[Effect] | type[SensorModel]
     signal: str | None = None
 
     @property
     def id(self) -> str:
-        """The id of the effect."""
+        """The id of the effect or sensor fault."""
         return self.kind.id
 
     @property
     def name(self) -> str:
-        """The id, with the signal where it is a sensor's."""
+        """The id, followed by the signal for a sensor fault."""
         return self.id if self.signal is None else f"{self.id} on {self.signal}"
 
     @property
-    def where(self) -> str:
-        """The part of the machine that it acts on."""
-        return SENSOR if self.signal is not None else self.kind.slots[0].location
+    def location(self) -> str:
+        """The part of the machine that it acts on; "sensor" for a sensor fault."""
+        return SENSOR_LOCATION if self.signal is not None else self.kind.slots[0].location
 
     @property
     def prefix(self) -> str:
-        """What stands before the names of its parameters where they are sought."""
+        """The prefix of the names of its parameters among the unknowns of a fit."""
         return f"{self.id}." if self.signal is None else f"{self.signal}.{self.id}."
 
-    def own(self, unknowns: Iterable[UnknownParameter]) -> dict[str, UnknownParameter]:
-        """Those of the unknowns of a fit that are its parameters, by their bare names."""
+    def own_unknowns(self, unknowns: Iterable[UnknownParameter]) -> dict[str, UnknownParameter]:
+        """Select the unknowns of a fit that are parameters of this candidate, by their names without the prefix."""
         return {u.name.removeprefix(self.prefix): u for u in unknowns if u.name.startswith(self.prefix)}
 
-    def searched(self) -> list[Parameter]:
-        """The parameters whose values are not known beforehand."""
+    def free_parameters(self) -> list[Parameter]:
+        """The parameters that a fit has to estimate: those with a plausible range, and offsets."""
         return [p for p in structs.parameters(self.kind) if p.plausible is not None or p.name == "offset"]
 
 
-def suspects_for(
+def candidates_for(
     campaign: Campaign, machine: Rig, instruments: Instruments, more: Iterable[type[Effect]] = ()
-) -> list[Suspect]:
-    """Every effect of the library, and of `more`, that `machine` could have and lacks, and every fault of a sensor."""
-    there = {effect.id for effect in machine.effects}
-    able = [
-        Suspect(kind) for kind in dict.fromkeys((*LIBRARY, *more)) if kind.id not in there and can_have(machine, kind)
+) -> list[Candidate]:
+    """List the effects that a machine could have and lacks, and the sensor faults that its chains lack.
+
+    Args:
+        campaign: measurements; each of its channels can have every sensor fault.
+        machine: the model, with the effects accepted so far.
+        instruments: the measurement chains, with the sensor faults accepted so far.
+        more: effect classes to consider beside those of the library.
+    """
+    present = {effect.id for effect in machine.effects}
+    effects = [
+        Candidate(kind)
+        for kind in dict.fromkeys((*LIBRARY, *more))
+        if kind.id not in present and can_mount(machine, kind)
     ]
     links = {(signal, type(link)) for signal, chain in instruments.chains.items() for link in chain}
-    # half a sample of dead time is what tells one way of sampling a lag from another
+    # a dead time of half a sample cannot be told from another way of sampling a lag
     links |= {(signal, SensorDelay) for signal, kind in links if kind is SensorLag}
-    return able + [
-        Suspect(kind, signal)
+    return effects + [
+        Candidate(kind, signal)
         for signal in campaign.channels
         for kind in SENSOR_FAULTS
         if (signal, kind) not in links
     ]
 
 
-def can_have(machine: Rig, kind: type[Effect]) -> bool:
-    """Whether an effect has a place in a machine that is not taken, and what it acts on is there."""
+def can_mount(machine: Rig, kind: type[Effect]) -> bool:
+    """Whether a machine has the slots of an effect, free where they hold one effect only, and the parts it reads."""
     mounted = tuple(type(effect) for effect in machine.effects)
-    return _can_have(type(machine), type(machine.amplifier), type(machine.controller), mounted, kind)
+    return _can_mount(type(machine), type(machine.amplifier), type(machine.controller), mounted, kind)
 
 
 @functools.cache
-def _can_have(rig, amplifier, controller, mounted, kind) -> bool:
-    bare = rig(amplifier=amplifier(), controller=controller(), effects=tuple(effect() for effect in mounted))
+def _can_mount(rig, amplifier, controller, mounted, kind) -> bool:
+    default = rig(amplifier=amplifier(), controller=controller(), effects=tuple(effect() for effect in mounted))
     try:
-        check_effect(kind(), bare)
+        check_effect(kind(), default)
     except EffectError:
         return False
-    single = (slot for slot in kind.slots if slot.name in SINGLE)
+    single = (slot for slot in kind.slots if slot.name in SINGLE_EFFECT_SLOTS)
     return set(kind.slots) <= set(rig.slots) and not any(is_used(slot, mounted) for slot in single)
 
 
-# places that hold one effect only: a second coupling or line would have no meaning
-SINGLE = ("coupling_force", "suction_line_resistance", "suction_line_flow", "outlet_line_flow")
+def mount_candidate(candidate: Candidate, machine: Rig, instruments: Instruments) -> tuple[Rig, Instruments]:
+    """Add a candidate, its parameters at their defaults, to the machine or to the chain of its signal."""
+    if candidate.signal is None:
+        return structs.replace(machine, effects=(*machine.effects, candidate.kind())), instruments
+    chain = (*instruments.chains.get(candidate.signal, ()), candidate.kind())
+    return machine, Instruments({**instruments.chains, candidate.signal: chain})
 
 
-def mounted(suspect: Suspect, machine: Rig, instruments: Instruments) -> tuple[Rig, Instruments]:
-    """Machine and measurement chains with a suspect in place, its parameters at their defaults."""
-    if suspect.signal is None:
-        return structs.replace(machine, effects=(*machine.effects, suspect.kind())), instruments
-    chain = (*instruments.chains.get(suspect.signal, ()), suspect.kind())
-    return machine, Instruments({**instruments.chains, suspect.signal: chain})
-
-
-def problem_of(
-    campaign: Campaign, machine: Rig, instruments: Instruments, accepted: Iterable[Suspect],
-    suspect: Suspect | None = None,
+def build_problem(
+    campaign: Campaign, machine: Rig, instruments: Instruments, accepted: Iterable[Candidate],
+    candidate: Candidate | None = None,
 ) -> FitProblem:  # fmt: skip
-    """The fit of what is uncertain, of the effects `accepted` so far (mounted already), and of one more suspect."""
+    """Set up the fit of the uncertain parameters, of accepted candidates and of one more candidate.
+
+    Args:
+        campaign: measurements and prior of the uncertain parameters.
+        machine: the model, with the accepted effects mounted.
+        instruments: the measurement chains, with the accepted sensor faults mounted.
+        accepted: candidates that are mounted already and whose parameters are fitted too.
+        candidate: candidate to mount and fit in addition.
+
+    Returns:
+        The fit problem; its unknowns are the uncertain parameters first, then those of the candidates in order.
+    """
     accepted = list(accepted)
-    if suspect is not None:
-        machine, instruments = mounted(suspect, machine, instruments)
-        accepted.append(suspect)
-    own = [u for s in accepted for u in unknowns_of(s, campaign)]
-    of_effects = {u.name.removeprefix(s.prefix) for s in accepted if s.signal is None for u in unknowns_of(s, campaign)}
-    known = [
-        believable(relative_unknown(machine, name, spread))
+    if candidate is not None:
+        machine, instruments = mount_candidate(candidate, machine, instruments)
+        accepted.append(candidate)
+    own = [u for c in accepted for u in candidate_unknowns(c, campaign)]
+    of_effects = {
+        u.name.removeprefix(c.prefix) for c in accepted if c.signal is None for u in candidate_unknowns(c, campaign)
+    }
+    uncertain = [
+        limit_to_prior_bound(relative_unknown(machine, name, spread))
         for name, spread in campaign.uncertain_in(machine).items()
         if name not in of_effects
     ]
-    return FitProblem(campaign, machine, (*known, *own), instruments)
+    return FitProblem(campaign, machine, (*uncertain, *own), instruments)
 
 
-def believable(unknown: UnknownParameter) -> UnknownParameter:
-    """The unknown kept within what is believed of it, so that a parameter cannot stand in for physics."""
-    low, high = (float(unknown.value(x)) for x in (-BEYOND, BEYOND))
+def limit_to_prior_bound(unknown: UnknownParameter) -> UnknownParameter:
+    """Restrict an unknown to `PRIOR_BOUND` standard deviations of its prior, so that it cannot imitate an effect."""
+    low, high = (float(unknown.value(x)) for x in (-PRIOR_BOUND, PRIOR_BOUND))
     span = max(unknown.span[0], low), min(unknown.span[1], high)
     return dataclasses.replace(unknown, span=span)
 
 
-def unknowns_of(suspect: Suspect, campaign: Campaign) -> list[UnknownParameter]:
-    """A suspect's own parameters as unknowns: within the plausible range most of the time, never far beyond it.
+def candidate_unknowns(candidate: Candidate, campaign: Campaign) -> list[UnknownParameter]:
+    """The free parameters of a candidate as unknowns of a fit, with their priors.
 
-    What the campaign itself says of a parameter goes before the range of the library.
+    The plausible range of the library is taken as ±2 standard deviations of the prior: log-normal where the range is
+    positive, else normal. A standard deviation stated by the campaign takes precedence. A sensor offset has a normal
+    prior of `OFFSET_STD_SHARE` of the measured range. All are limited to the prior bound.
     """
     out = []
-    for p in suspect.searched():
-        name = suspect.prefix + p.name
-        if suspect.signal is None and p.name in campaign.uncertain:
+    for p in candidate.free_parameters():
+        name = candidate.prefix + p.name
+        if candidate.signal is None and p.name in campaign.uncertain:
             u = UnknownParameter(name, p.default, campaign.uncertain[p.name], p.unit, p.span)
         elif p.plausible is None:
-            seen = [run.signals[suspect.signal] for run in campaign.runs if suspect.signal in run.signals]
-            spread = OFFSET_SHARE * float(np.ptp(np.concatenate([v[np.isfinite(v)] for v in seen])))
+            measured = [run.signals[candidate.signal] for run in campaign.runs if candidate.signal in run.signals]
+            spread = OFFSET_STD_SHARE * float(np.ptp(np.concatenate([v[np.isfinite(v)] for v in measured])))
             u = UnknownParameter(name, 0.0, spread, p.unit, p.span, ParameterScale.LINEAR)
         elif p.plausible[0] > 0.0:
             low, high = p.plausible
-            u = UnknownParameter(name, math.sqrt(low * high), math.log(high / low) / WIDTHS, p.unit, p.span)
+            spread = math.log(high / low) / PLAUSIBLE_RANGE_SIGMAS
+            u = UnknownParameter(name, math.sqrt(low * high), spread, p.unit, p.span)
         else:
             low, high = p.plausible
-            u = UnknownParameter(name, 0.5 * (low + high), (high - low) / WIDTHS, p.unit, p.span, ParameterScale.LINEAR)
-        out.append(believable(u))
+            spread = (high - low) / PLAUSIBLE_RANGE_SIGMAS
+            u = UnknownParameter(name, 0.5 * (low + high), spread, p.unit, p.span, ParameterScale.LINEAR)
+        out.append(limit_to_prior_bound(u))
     return out
 
 
-def held_by_belief(suspect: Suspect, fit: Fit) -> list[str]:
-    """The parameters of a suspect that would go beyond all belief in a fit: it then only stands in for something."""
-    at = {u.name: x for u, x in zip(fit.problem.unknowns, fit.x, strict=True)}
-    own = suspect.own(fit.problem.unknowns)
-    return [name for name, u in own.items() if u.has_prior and abs(at[u.name]) > BEYOND - HELD]
+def at_prior_bound(candidate: Candidate, fit: Fit) -> list[str]:
+    """Names of a candidate's parameters estimated at the 3-sigma prior bound.
+
+    Such an estimate is implausible: the candidate then probably imitates another cause.
+    """
+    estimates = {u.name: x for u, x in zip(fit.problem.unknowns, fit.x, strict=True)}
+    own = candidate.own_unknowns(fit.problem.unknowns)
+    limit = PRIOR_BOUND - PRIOR_BOUND_TOLERANCE
+    return [name for name, u in own.items() if u.has_prior and abs(estimates[u.name]) > limit]
 
 
-def grid(suspect: Suspect, unknowns: list[UnknownParameter]) -> np.ndarray:
-    """Coordinates (k, n) that cover what a suspect may look like; the first unknown is its size, the rest its shape."""
-    if len(unknowns) > 3:  # a law of its own, such as LuGre's: its typical form
+def screening_grid(unknowns: list[UnknownParameter]) -> np.ndarray:
+    """Points at which the score test evaluates a candidate, as coordinates (points, n) of its unknowns.
+
+    The first unknown is the size of the candidate, the others its shape. A candidate with more than three unknowns,
+    such as LuGre friction, is evaluated at the centre of its priors only.
+    """
+    if len(unknowns) > 3:
         return np.zeros((1, len(unknowns)))
     points = {1: ((-1.5, -0.5, 0.5, 1.5),), 2: ((-1.2, 0.3), (-1.5, -0.5, 0.5, 1.5))}
     axes = points.get(len(unknowns), ((-0.5,), (-1.6, -1.1, -0.7, -0.3, 0.0, 0.4, 0.8, 1.3), (-1.7, -0.85, 0.0, 0.85)))

@@ -1,16 +1,18 @@
-"""Where something is missing that no effect of the library explains: how much each part of the machine accounts for.
+"""Discrepancy localisation: the share of an unexplained residual that each part of the machine accounts for.
 
-A law that is not in the library is mostly like some combination of those that act at the same place. With E the matrix
-of all signatures of a part, at every point of their grids and each of unit length, what no known parameter imitates,
+A relation that the library lacks resembles a linear combination of effects that act on the same part of the machine.
+With E the matrix of all projected signatures of a part (see `screening`), at all points of their grids, the share is
 
-    share = |P r|²/|r|²,   P the projector on the span of E,
+    share = |P r|²/|r|²,   P the orthogonal projector onto the span of E,
 
-is the part of the misfit r that a combination of them takes up. Signatures are linear in their sizes, and may promise
-what a fit does not keep, or less than it brings. So, unless a law that was tried explains everything, those of a part
-that promise most are fitted: its share is at least what the best of them brings, and far from the noise it is cut to
-what they keep of their promises. A sensor counts by what was accepted alone, as combinations of lag, delay, gain and
-offset follow almost any misfit of one signal, and only as far as what then remains is its own signal's: a faulty sensor
-leaves the others alone.
+the fraction of χ² of the residual r that the best combination removes. It is a fraction of the chi-square scale.
+Signatures are linear, so a fit may achieve less or more than they predict. Unless a trial has explained everything,
+the best-scoring candidates of each part are therefore fitted. The share is at least what the best fit achieves; far
+from the noise it is reduced by the ratio of achieved to predicted fall of χ².
+
+A combination of lag, delay, gain and offset follows almost any residual of one signal. Sensors therefore count only by
+accepted sensor faults, and only by the part of the remaining misfit that lies in the sensor's own signal, since a
+faulty sensor does not affect the other signals.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -18,89 +20,106 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.diagnosis.search.candidates import SENSOR, Suspect, held_by_belief
-from edhas_jax.diagnosis.search.evaluated_fit import Judged
-from edhas_jax.diagnosis.search.screening import Score, Screen
+from edhas_jax.diagnosis.search.candidates import SENSOR_LOCATION, Candidate, at_prior_bound
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
 
-SHARPNESS = 3.0  # exponent from shares to probabilities: chosen on cases with a struck effect
-LAWS = 2  # of a part that are fitted
-EXPLAINED = 1.02  # residual over noise below which a law explains everything
-FAINT = 0.1  # share of the largest below which a part's signatures promise too little to fit its laws
+SHARE_EXPONENT = 3.0  # probability ∝ share³: calibrated on cases whose true effect was withheld from the library
+FITS_PER_LOCATION = 2
+EXPLAINED_RMS = 1.02  # rms residual over noise of the fitted runs below which a trial explains everything
+MIN_RELATIVE_FALL = 0.1  # joint fall of χ² of a part over that of the best part, below which nothing is fitted
 
 
-class Parts(NamedTuple):
-    """The share of what a calibrated model leaves over that each part of the machine accounts for, the largest first.
+class Localisation(NamedTuple):
+    """Where an unexplained residual originates.
 
-    `tried` are the laws that were fitted to find out.
+    Args:
+        shares: fraction of χ² of the calibrated model's residual, 0 … 1, by part of the machine, the largest first.
+        trials: the candidates that were fitted for it.
     """
 
     shares: dict[str, float]
-    tried: tuple[Trial, ...]
+    trials: tuple[Trial, ...]
 
 
-def ask_parts(
-    null: Judged, suspects: Iterable[Suspect], trials: Sequence[Trial], accepted: Sequence[Trial],
+def localise_discrepancy(
+    calibrated: EvaluatedFit, candidates: Iterable[Candidate], trials: Sequence[Trial], accepted: Sequence[Trial],
     attempt: Callable[[Score], Trial],
-) -> Parts:  # fmt: skip
-    """What each part of the machine accounts for of what the calibrated model `null` leaves over.
+) -> Localisation:  # fmt: skip
+    """Determine the share of the residual of the calibrated model that each part of the machine accounts for.
 
-    `trials` are those of the first search, which began with the same model; `accepted` is what it and later ones took.
+    Args:
+        calibrated: the model with its uncertain parameters fitted and no candidate added.
+        candidates: effects and generic terms to consider.
+        trials: trials of the first round, whose baseline is `calibrated`.
+        accepted: trials accepted in any round.
+        attempt: makes a trial of a scored candidate, with `calibrated` as baseline.
     """
-    screen = Screen(null.fit, ())
-    whole = float(screen.residual @ screen.residual)
-    refuted = {t.suspect for t in trials if not t.gain > 0.0}
-    of_part: dict[str, list[Suspect]] = {}
-    for suspect in suspects:
-        if suspect.where != SENSOR and suspect not in refuted:
-            of_part.setdefault(suspect.where, []).append(suspect)
-    asked = {part: screen.together(there) for part, there in of_part.items()}
-    faint = FAINT * max((span for _, span in asked.values()), default=0.0)
-    unclear = not any(map(_explains_all, trials))
-    out, fitted = {}, []
-    for part, (scores, span) in asked.items():
-        found = [t for t in trials if t.suspect.where == part]
-        if unclear and span > faint:
-            tried = {t.suspect for t in found}
-            new = [attempt(score) for score in scores[:LAWS] if score.fall > 0.0 and score.suspect not in tried]
-            fitted += new
+    test = ScoreTest(calibrated.fit, ())
+    chi_square = float(test.residual @ test.residual)
+    refuted = {t.candidate for t in trials if not t.log_evidence_gain > 0.0}
+    by_location: dict[str, list[Candidate]] = {}
+    for candidate in candidates:
+        if candidate.location != SENSOR_LOCATION and candidate not in refuted:
+            by_location.setdefault(candidate.location, []).append(candidate)
+    joint = {location: test.joint_scores(members) for location, members in by_location.items()}
+    min_fall = MIN_RELATIVE_FALL * max((fall for _, fall in joint.values()), default=0.0)
+    unexplained = not any(map(_explains_all, trials))
+    shares, new_trials = {}, []
+    for location, (scores, fall) in joint.items():
+        found = [t for t in trials if t.candidate.location == location]
+        if unexplained and fall > min_fall:
+            tried = {t.candidate for t in found}
+            best_scores = [s for s in scores[:FITS_PER_LOCATION] if s.chi_square_fall > 0.0]
+            new = [attempt(score) for score in best_scores if score.candidate not in tried]
+            new_trials += new
             found += new
-            span *= 1.0 if null.near_noise else _kept(found)
-        out[part] = max([span / whole, *(min(2.0 * t.gain / whole, 1.0) for t in found)])
-    kept = {t.suspect for t in accepted}
+            fall *= 1.0 if calibrated.near_noise else _achieved_share(found)
+        shares[location] = max([fall / chi_square, *(_share(t, chi_square) for t in found)])
+    accepted_candidates = {t.candidate for t in accepted}
     for trial in trials:
-        if trial.suspect in kept and trial.suspect.where == SENSOR:
-            share = min(2.0 * trial.gain / whole, 1.0) * _own(trial)
-            out[SENSOR] = max(out.get(SENSOR, 0.0), share)
-    return Parts(dict(sorted(out.items(), key=lambda item: -item[1])), tuple(fitted))
+        if trial.candidate in accepted_candidates and trial.candidate.location == SENSOR_LOCATION:
+            share = _share(trial, chi_square) * _own_signal_share(trial)
+            shares[SENSOR_LOCATION] = max(shares.get(SENSOR_LOCATION, 0.0), share)
+    return Localisation(dict(sorted(shares.items(), key=lambda item: -item[1])), tuple(new_trials))
+
+
+def _share(trial: Trial, chi_square: float) -> float:
+    """The log-evidence gain of a trial, doubled to the chi-square scale, as a share of χ²; at most 1."""
+    return min(2.0 * trial.log_evidence_gain / chi_square, 1.0)
 
 
 def _explains_all(trial: Trial) -> bool:
-    """Whether nothing is left with a suspect whose values can be believed."""
-    fitted = trial.judged
-    return fitted is not None and fitted.level(Use.FIT) < EXPLAINED and not held_by_belief(trial.suspect, fitted.fit)
+    """Whether a trial ends at the noise with plausible parameters."""
+    fitted = trial.evaluated
+    if fitted is None or not fitted.rms_over_noise(Use.FIT) < EXPLAINED_RMS:
+        return False
+    return not at_prior_bound(trial.candidate, fitted.fit)
 
 
-def _kept(trials: Sequence[Trial]) -> float:
-    """The share of the best promise of some trials that the best of them has kept, 0 … 1."""
-    promised = max((t.score.fall for t in trials), default=0.0)
-    return float(np.clip(2.0 * max(t.gain for t in trials) / promised, 0.0, 1.0)) if promised > 0.0 else 0.0
+def _achieved_share(trials: Sequence[Trial]) -> float:
+    """The largest gain of some trials, on the chi-square scale, over their largest predicted fall of χ²; 0 … 1."""
+    predicted = max((t.score.chi_square_fall for t in trials), default=0.0)
+    if not predicted > 0.0:
+        return 0.0
+    return float(np.clip(2.0 * max(t.log_evidence_gain for t in trials) / predicted, 0.0, 1.0))
 
 
-def _own(trial: Trial) -> float:
-    """The share of what a sensor's fault leaves over, beyond noise, that is in its own signal; 1 if that is nothing."""
-    beyond: dict[str, float] = {}
-    for signals in trial.judged.fit.residuals.values():
+def _own_signal_share(trial: Trial) -> float:
+    """The share of the excess of χ² over noise that lies in the signal of a faulty sensor; 1 without any excess."""
+    excess: dict[str, float] = {}
+    for signals in trial.evaluated.fit.residuals.values():
         for name, values in signals.items():
-            beyond[name] = beyond.get(name, 0.0) + float(np.nansum(np.square(values) - 1.0))
-    beyond = {name: max(value, 0.0) for name, value in beyond.items()}
-    total = sum(beyond.values())
-    return beyond[trial.suspect.signal] / total if total > 0.0 else 1.0
+            excess[name] = excess.get(name, 0.0) + float(np.nansum(np.square(values) - 1.0))
+    excess = {name: max(value, 0.0) for name, value in excess.items()}
+    total = sum(excess.values())
+    return excess[trial.candidate.signal] / total if total > 0.0 else 1.0
 
 
-def probabilities(shares: dict[str, float]) -> dict[str, float]:
-    """The probability of each part of the machine to be where something is missing."""
-    weights = {part: share**SHARPNESS for part, share in shares.items()}
+def location_probabilities(shares: dict[str, float]) -> dict[str, float]:
+    """Probability of each part of the machine to be the origin, proportional to the cube of its share of χ²."""
+    weights = {location: share**SHARE_EXPONENT for location, share in shares.items()}
     total = sum(weights.values())
-    return {part: weight / total for part, weight in weights.items()} if total > 0.0 else {}
+    return {location: weight / total for location, weight in weights.items()} if total > 0.0 else {}

@@ -1,8 +1,8 @@
-"""A fit of growing stretches: of the beginning of all runs first, then of more and more of them.
+"""Progressive fit: the beginnings of all runs are fitted first, then larger and larger fractions of them.
 
-What a wrong value does adds up along a run, and where a motion resonates, cavitates or sticks it does so fast: far from
-the solution the misfit of whole runs is full of pits, while that of their beginnings is smooth. Each stretch leads to
-where the next one is smooth too.
+The effect of a wrong parameter accumulates along a run, and quickly so where a motion resonates, cavitates or sticks.
+Far from the solution the cost of whole runs therefore has many local minima, while that of their beginnings is smooth.
+Each fraction brings the fit into the region in which the cost of the next one is smooth.
 
 Source: progressive fitting of trajectories, e.g. Voss, Timmer, Kurths, Int. J. Bifurcation Chaos 14 (2004) 1905.
 """
@@ -14,92 +14,112 @@ import numpy as np
 from scipy.stats import qmc
 
 from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem
-from edhas_jax.diagnosis.search.evaluated_fit import Judged, minima, search
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, find_minima, fit_coarse
 from edhas_jax.measurements.campaign import BenchRun
 from edhas_jax.measurements.measurement_model import EvaluationPoint
 from edhas_jax.measurements.residuals import normalised_residuals
 from edhas_jax.measurements.time_resolution import choose_time_resolution
 
-STRETCHES = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)  # shares of each run
-SCANNED, RESOLVED = 1, 3  # the stretches on which sizes are scanned, and that the step has to serve
-SHORTEST = 20  # samples
-SIZES, LINE, WIDE = 64, 25, 3.0  # scanned values of a suspect's parameters, of a single one, and their spread
-KEPT = 3  # ends of a stretch that the next one starts from
-SMALLER = 0.5  # share of what a fit of whole runs leaves over at their beginnings: one that leaves more sits in a pit
-SEEN = 10.0  # times the scatter of χ², from which on what is left over says something
+RUN_FRACTIONS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)
+SCAN_STAGE, RESOLUTION_STAGE = 1, 3  # indices of the fractions used for the scan, and to choose the time step
+MIN_SAMPLES = 20  # of a run at any fraction
+SCAN_POINTS, SCAN_POINTS_1D = 64, 25  # evaluated for several unknowns, and for a single one
+SCAN_HALF_WIDTH = 3.0  # in standard deviations of the prior
+STARTS_KEPT = 3  # best points of a stage that start the next one
+MAX_RELATIVE_EXCESS = 0.5  # of the whole-run fit's excess: a fraction fitted alone that leaves more gives up
+MIN_EXCESS_SIGMAS = 10.0  # excess of χ² above which the residual of a fraction is significant
 
 
-def grown(
-    problem: FitProblem, starts: np.ndarray, own: int, per_sample: int, most_steps: int, whole: Judged | None = None
-) -> Judged | None:
-    """The fit that growing stretches lead to from the `starts` (k, n); None where they fail, or that is no better.
+def fit_progressively(
+    problem: FitProblem, starts: np.ndarray, scanned: int, steps_per_sample: int, max_steps: int,
+    whole: EvaluatedFit | None = None,
+) -> EvaluatedFit | None:  # fmt: skip
+    """Fit growing fractions of all runs, and finally the whole runs.
 
-    Before that the last `own` unknowns are scanned around the last start, as a derivative says little of the size at
-    which a valve sticks. `whole` is a fit of the whole runs, to be done better. It is taken for good if the beginnings
-    of the runs are not fitted clearly better alone, which is found out at little expense.
+    First the last `scanned` unknowns are scanned around the last start, because a derivative says little about the
+    size at which, for example, a valve sticks. The fit is given up early where it cannot improve on `whole`: where the
+    beginnings of the runs, fitted alone, are not fitted clearly better than by `whole`.
+
+    Args:
+        problem: what is fitted.
+        starts: coordinates (k, n) of the starts.
+        scanned: number of unknowns, at the end of the list, that are scanned.
+        steps_per_sample: minimum number of time steps per sample.
+        max_steps: maximum number of Levenberg-Marquardt steps of each stage.
+        whole: a fit of the whole runs that is to be improved.
+
+    Returns:
+        The fit of the whole runs; None where the model fails, or where the log-evidence of `whole` is not exceeded.
     """
     runs, starts = problem.model().runs, np.atleast_2d(starts)
-    parts = [_beginnings(problem, runs, share) for share in STRETCHES]
-    lefts = [np.inf if whole is None else _left_over(whole, part) for part in parts]
-    if lefts[-1] < SEEN:
+    stages = [_truncate_runs(problem, runs, fraction) for fraction in RUN_FRACTIONS]
+    excesses = [np.inf if whole is None else _excess_of_fit(whole, stage) for stage in stages]
+    if excesses[-1] < MIN_EXCESS_SIGMAS:
         return None
-    at = np.concatenate([starts, _scanned(parts[SCANNED], starts[-1], own, per_sample)])
-    per_sample = max(per_sample, choose_time_resolution(parts[RESOLVED].model(), at[len(starts)]).coarse)
+    x = np.concatenate([starts, _scan(stages[SCAN_STAGE], starts[-1], scanned, steps_per_sample)])
+    resolution = choose_time_resolution(stages[RESOLUTION_STAGE].model(), x[len(starts)])
+    steps_per_sample = max(steps_per_sample, resolution.coarse)
     prior = np.array([float(u.has_prior) for u in problem.unknowns])
-    for part, left in zip(parts, lefts, strict=True):
-        found = minima(part, at, per_sample, most_steps)
-        at = found.x[np.argsort(found.model.cost)[:KEPT]]
-        best = 2.0 * found.model.cost.min() - prior @ np.square(at[0])
-        if not np.isfinite(best) or (left > SEEN and _beyond(best, part) > SMALLER * left):
+    for stage, excess in zip(stages, excesses, strict=True):
+        found = find_minima(stage, x, steps_per_sample, max_steps)
+        x = found.x[np.argsort(found.model.cost)[:STARTS_KEPT]]
+        best = 2.0 * found.model.cost.min() - prior @ np.square(x[0])
+        not_improved = excess > MIN_EXCESS_SIGMAS and _excess_sigmas(best, stage) > MAX_RELATIVE_EXCESS * excess
+        if not np.isfinite(best) or not_improved:
             return None
     try:
-        end = search(problem, at[0], per_sample, most_steps)
+        end = fit_coarse(problem, x[0], steps_per_sample, max_steps)
     except FitError:
         return None
-    return end if whole is None or end.evidence > whole.evidence else None
+    return end if whole is None or end.log_evidence > whole.log_evidence else None
 
 
-def _beginnings(problem: FitProblem, runs: Sequence[BenchRun], share: float) -> FitProblem:
-    """The same problem with the first `share` of each run."""
-    part = []
+def _truncate_runs(problem: FitProblem, runs: Sequence[BenchRun], fraction: float) -> FitProblem:
+    """The same problem with the first `fraction` of each run."""
+    truncated = []
     for run in runs:
-        count = min(max(round(share * len(run.time)), SHORTEST), len(run.time))
+        count = min(max(round(fraction * len(run.time)), MIN_SAMPLES), len(run.time))
         signals = {name: values[:count] for name, values in run.signals.items()}
-        part.append(dataclasses.replace(run, time=run.time[:count], signals=signals, lines=run.lines[:count]))
-    return dataclasses.replace(problem, runs=tuple(part))
+        truncated.append(dataclasses.replace(run, time=run.time[:count], signals=signals, lines=run.lines[:count]))
+    return dataclasses.replace(problem, runs=tuple(truncated))
 
 
-def _scanned(part: FitProblem, around: np.ndarray, own: int, per_sample: int) -> np.ndarray:
-    """The `KEPT` best of many values of the last `own` unknowns (KEPT, n), the others being as they are `around`."""
-    line = np.linspace(-WIDE, WIDE, LINE)[:, None]
-    sizes = line if own == 1 else WIDE * (2.0 * qmc.Sobol(own, seed=0).random(SIZES) - 1.0)
-    low, high = np.array([u.bounds() for u in part.unknowns[-own:]]).T
-    rows = np.tile(around, (len(sizes), 1))
-    rows[:, -own:] = np.clip(sizes, low, high)
-    model = part.model()
-    every = tuple(range(len(model.runs)))
-    found = model.predict([EvaluationPoint(row, every) for row in rows], per_sample, with_sensitivities=False)
+def _scan(stage: FitProblem, around: np.ndarray, scanned: int, steps_per_sample: int) -> np.ndarray:
+    """The best points (STARTS_KEPT, n) of a scan of the last `scanned` unknowns, the others fixed as in `around`."""
+    if scanned == 1:
+        grid = np.linspace(-SCAN_HALF_WIDTH, SCAN_HALF_WIDTH, SCAN_POINTS_1D)[:, None]
+    else:
+        grid = SCAN_HALF_WIDTH * (2.0 * qmc.Sobol(scanned, seed=0).random(SCAN_POINTS) - 1.0)
+    low, high = np.array([u.bounds() for u in stage.unknowns[-scanned:]]).T
+    rows = np.tile(around, (len(grid), 1))
+    rows[:, -scanned:] = np.clip(grid, low, high)
+    model = stage.model()
+    run_indices = tuple(range(len(model.runs)))
+    points = [EvaluationPoint(row, run_indices) for row in rows]
     squares = [
-        sum(_squares(normalised_residuals(part.campaign, run, outcomes[r]), run) for r, run in enumerate(model.runs))
-        for outcomes in found
+        sum(
+            _chi_square(normalised_residuals(stage.campaign, run, predicted[r]), run)
+            for r, run in enumerate(model.runs)
+        )
+        for predicted in model.predict(points, steps_per_sample, with_sensitivities=False)
     ]
-    return rows[np.argsort(squares)[:KEPT]]
+    return rows[np.argsort(squares)[:STARTS_KEPT]]
 
 
-def _left_over(whole: Judged, part: FitProblem) -> float:
-    """What a fit of whole runs leaves over at the beginnings of its runs, as `_beyond` tells it."""
-    return _beyond(sum(_squares(whole.residuals[run.name], run) for run in part.runs), part)
+def _excess_of_fit(whole: EvaluatedFit, stage: FitProblem) -> float:
+    """The excess of χ² of a whole-run fit over the runs of a stage, in standard deviations."""
+    return _excess_sigmas(sum(_chi_square(whole.residuals[run.name], run) for run in stage.runs), stage)
 
 
-def _squares(residuals: Mapping[str, np.ndarray], run: BenchRun) -> float:
-    """χ² of the residuals of a run, as long as this one is; infinite where the model failed."""
+def _chi_square(residuals: Mapping[str, np.ndarray], run: BenchRun) -> float:
+    """χ² of residuals over the samples of `run`; infinite where the model failed."""
     with np.errstate(over="ignore"):
         rows = [residuals[n][: len(v)][np.isfinite(v)] for n, v in run.signals.items()]
         total = sum(float(np.sum(np.square(row))) for row in rows)
     return total if np.isfinite(total) else np.inf
 
 
-def _beyond(square: float, part: FitProblem) -> float:
-    """How far a χ² lies above what noise gives, in units of the scatter of that."""
-    samples = sum(int(np.isfinite(v).sum()) for run in part.runs for v in run.signals.values())
-    return (square - samples) / np.sqrt(2.0 * max(samples, 1))
+def _excess_sigmas(chi_square: float, stage: FitProblem) -> float:
+    """The excess of χ² over its expectation under noise alone, in standard deviations of χ²."""
+    samples = sum(int(np.isfinite(v).sum()) for run in stage.runs for v in run.signals.values())
+    return (chi_square - samples) / np.sqrt(2.0 * max(samples, 1))

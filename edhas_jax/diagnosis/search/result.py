@@ -1,4 +1,4 @@
-"""What a diagnosis found: the verdict, how it came about, and the model that it leaves behind."""
+"""The result of a diagnosis: verdict, the rounds of the search with posterior probabilities, and the final model."""
 
 import dataclasses
 import enum
@@ -9,22 +9,25 @@ import numpy as np
 
 from edhas_jax.core.units import format_quantity, format_with_error
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.search.candidates import Suspect, held_by_belief
-from edhas_jax.diagnosis.search.evaluated_fit import Judged
-from edhas_jax.diagnosis.search.localisation import probabilities
+from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.localisation import location_probabilities
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.residuals import rms_by_signal
 
-TEMPER = 0.1  # exponent of the evidence: models are never exact, so that likelihoods of 10⁴ samples are too sure
-UNCONFIRMED = 0.05  # probability that something is missing where new runs confirmed nothing
-ALIKE = 20.0  # ratio of probabilities below which two suspects are not told apart
-STANDS_IN = 0.5, 0.05  # probability that a suspect, accepted or not, is right where something else is left to explain
+TEMPERING = 0.1  # exponent of the marginal likelihood: models are inexact, which 10⁴ samples would otherwise ignore
+UNTRIED_GAIN_SHARE = 0.5  # of its predicted gain, with which a candidate without a trial counts
+UNCONFIRMED_ODDS = 0.05  # prior odds, of all candidates together, that one is missing although none was confirmed
+CONFOUNDED_ODDS = 20.0  # ratio of probabilities below which two candidates are confounded
+# factors on the probabilities of accepted and of other candidates where the verdict is an unknown effect
+UNKNOWN_ACCEPTED_FACTOR, UNKNOWN_OTHER_FACTOR = 0.5, 0.05
+IMPOSSIBLE_GAIN = -1e9  # nats; a candidate with which the model cannot be fitted
 
 
 class Verdict(enum.Enum):
-    """The answer in one word."""
+    """The conclusion of a diagnosis."""
 
     ADEQUATE = "adequate"
     MISSING_EFFECT = "missing_effect"
@@ -34,165 +37,198 @@ class Verdict(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Round:
-    """One search for one more effect: the model before, what every suspect promised, the trials, what was accepted.
+    """One step of forward selection: the search for one more effect.
 
-    `forms` are the trials of formulas, the best first, where one of them does better than any effect.
+    Args:
+        baseline: the model before, with the candidates of earlier rounds.
+        scores: score tests of all candidates (chi-square scale), the largest predicted fall first.
+        trials: the candidates that were fitted.
+        accepted: the trial that was accepted; None if none was confirmed.
+        generic_trials: trials of generic terms, the largest gain first, where one explains more than any effect.
     """
 
-    before: Judged
+    baseline: EvaluatedFit
     scores: tuple[Score, ...]
     trials: tuple[Trial, ...]
     accepted: Trial | None
-    forms: tuple[Trial, ...] = ()
+    generic_trials: tuple[Trial, ...] = ()
 
-    def probabilities(self) -> dict[Suspect | None, float]:
-        """The probability of each suspect to be what is missing most, None standing for nothing.
+    def probabilities(self) -> dict[Candidate | None, float]:
+        """Posterior probability of each candidate to be the main missing effect; the key None stands for no effect.
 
-        p ∝ exp(λ · gain), the gain in evidence measured in a trial, or as far as it was promised: a suspect that was
-        not tried counts with half of its promise, which a fit seldom reaches.
+        p ∝ exp(λ · gain) with the log-evidence gain of the trial and the tempering exponent λ = 0.1. A candidate
+        without a trial counts with half of its predicted gain, which a fit seldom achieves. Where no candidate was
+        confirmed, no trial counts with a positive gain, and all candidates share prior odds of 0.05.
         """
-        gains: dict[Suspect | None, float] = {None: 0.0}
-        gains |= {score.suspect: 0.25 * score.fall for score in self.scores}
-        gains |= {trial.suspect: trial.gain if math.isfinite(trial.gain) else -1e9 for trial in self.trials}
-        if self.accepted is None:  # nothing was confirmed: that one of the many is missing all the same is unlikely
-            gains |= {t.suspect: min(t.gain, 0.0) for t in self.trials}
-            penalty = math.log(len(self.scores) / UNCONFIRMED) / TEMPER if self.scores else 0.0
-            gains = {suspect: gain - penalty * (suspect is not None) for suspect, gain in gains.items()}
-        most = max(gains.values())
-        weights = {suspect: math.exp(TEMPER * (gain - most)) for suspect, gain in gains.items()}
+        gains: dict[Candidate | None, float] = {None: 0.0}
+        gains |= {score.candidate: UNTRIED_GAIN_SHARE * score.predicted_gain for score in self.scores}
+        gains |= {
+            t.candidate: t.log_evidence_gain if math.isfinite(t.log_evidence_gain) else IMPOSSIBLE_GAIN
+            for t in self.trials
+        }
+        if self.accepted is None:
+            gains |= {t.candidate: min(t.log_evidence_gain, 0.0) for t in self.trials}
+            penalty = math.log(len(self.scores) / UNCONFIRMED_ODDS) / TEMPERING if self.scores else 0.0
+            gains = {candidate: gain - penalty * (candidate is not None) for candidate, gain in gains.items()}
+        largest = max(gains.values())
+        weights = {candidate: math.exp(TEMPERING * (gain - largest)) for candidate, gain in gains.items()}
         total = sum(weights.values())
-        return {suspect: weight / total for suspect, weight in weights.items()}
+        return {candidate: weight / total for candidate, weight in weights.items()}
 
-    def group(self) -> list[Suspect]:
-        """The suspects that these measurements do not tell apart from the accepted one, it first."""
+    def confounded_candidates(self) -> list[Candidate]:
+        """The accepted candidate and those that these measurements do not distinguish from it; empty if none is.
+
+        Candidates are confounded where the ratio of their probabilities is below `CONFOUNDED_ODDS`.
+        """
         if self.accepted is None:
             return []
         p = self.probabilities()
-        rivals = [t for t in self.trials if t is not self.accepted and ALIKE * p[t.suspect] > p[self.accepted.suspect]]
-        return [self.accepted.suspect, *(t.suspect for t in sorted(rivals, key=lambda t: -t.gain))]
+        limit = p[self.accepted.candidate]
+        rivals = [t for t in self.trials if t is not self.accepted and CONFOUNDED_ODDS * p[t.candidate] > limit]
+        rivals.sort(key=lambda t: -t.log_evidence_gain)
+        return [self.accepted.candidate, *(t.candidate for t in rivals)]
 
 
-def accepted_in(rounds: Iterable[Round]) -> list[Trial]:
-    """The effects that some rounds have accepted, in the order in which they were found."""
+def accepted_trials(rounds: Iterable[Round]) -> list[Trial]:
+    """The accepted trials of some rounds, in their order."""
     return [r.accepted for r in rounds if r.accepted is not None]
 
 
 @dataclasses.dataclass(frozen=True)
 class Diagnosis:
-    """The answer to: why does the real machine not behave like the model?
+    """The result of the search for effects that a model lacks.
 
-    `rounds` are the searches, one effect at a time. `before`, `calibrated`, `after`: residuals (measured − model)/noise
-    by run and signal of the model as it was, with its parameters fitted, and with what was accepted. `final` is the fit
-    of the last. `parts`: where something is left to explain, the share of what calibration left over that each part of
-    the machine accounts for.
+    Args:
+        campaign: the measurements.
+        verdict: the conclusion.
+        rounds: the steps of forward selection, one effect each.
+        before: (measured − model)/noise by run and signal, of the model as it was given.
+        calibrated: the model with its uncertain parameters fitted.
+        after: the model with the accepted candidates, everything fitted.
+        seconds: computing time [s].
+        location_shares: for an unknown effect, the share of χ² of the calibrated model's residual by part of the
+            machine, the largest first; else empty.
     """
 
     campaign: Campaign
     verdict: Verdict
     rounds: tuple[Round, ...]
     before: dict[str, dict[str, np.ndarray]]
-    calibrated: Judged
-    after: Judged
+    calibrated: EvaluatedFit
+    after: EvaluatedFit
     seconds: float
-    parts: dict[str, float]
+    location_shares: dict[str, float]
 
     @property
     def final(self) -> Fit:
-        """The fit of the model that the diagnosis ends with."""
+        """The fit of the final model."""
         return self.after.fit
 
     @property
     def accepted(self) -> list[Trial]:
-        """The effects that were accepted, in the order in which they were found."""
-        return accepted_in(self.rounds)
+        """The accepted trials, in the order of their rounds."""
+        return accepted_trials(self.rounds)
 
     @property
-    def forms(self) -> tuple[Trial, ...]:
-        """The formulas that were tried for what no effect explains, the best first."""
-        return self.rounds[-1].forms
+    def generic_trials(self) -> tuple[Trial, ...]:
+        """The generic terms tried for what no effect explains, the largest gain first."""
+        return self.rounds[-1].generic_trials
 
-    def groups(self) -> list[list[Suspect]]:
-        """Suspects that cannot be told apart, one list for each effect that has rivals."""
-        return [group for r in self.rounds if len(group := r.group()) > 1]
+    @property
+    def best_generic_trial(self) -> Trial | None:
+        """The generic term that explains most of an unknown effect; None for any other verdict, or without a fit."""
+        if self.verdict is not Verdict.UNKNOWN_EFFECT or not self.generic_trials:
+            return None
+        return self.generic_trials[0] if self.generic_trials[0].evaluated is not None else None
 
-    def candidates(self) -> list[tuple[Suspect, float, Trial | None]]:
-        """Every suspect with the probability that it is missing and its trial, the most probable first."""
-        found: dict[Suspect, tuple[float, Trial | None]] = {}
+    def confounded_groups(self) -> list[list[Candidate]]:
+        """The groups of candidates that these measurements do not distinguish, the accepted one first."""
+        return [group for r in self.rounds if len(group := r.confounded_candidates()) > 1]
+
+    def ranked_candidates(self) -> list[tuple[Candidate, float, Trial | None]]:
+        """All candidates with the probability to be missing (largest of all rounds) and their trial, sorted by it."""
+        found: dict[Candidate, tuple[float, Trial | None]] = {}
         for r in self.rounds:
-            trials = {t.suspect: t for t in r.trials}
-            for suspect, p in r.probabilities().items():
-                if suspect is not None:
-                    most, trial = found.get(suspect, (0.0, None))
-                    found[suspect] = max(p, most), trial or trials.get(suspect)
-        if self.verdict is Verdict.UNKNOWN_EFFECT:  # what was accepted may only stand in for what is missing
-            accepted, (most, least) = {t.suspect for t in self.accepted}, STANDS_IN
-            found = {s: ((most if s in accepted else least) * p, t) for s, (p, t) in found.items()}
-        return [(s, p, t) for s, (p, t) in sorted(found.items(), key=lambda item: -item[1][0])]
+            trials = {t.candidate: t for t in r.trials}
+            for candidate, p in r.probabilities().items():
+                if candidate is not None:
+                    largest, trial = found.get(candidate, (0.0, None))
+                    found[candidate] = max(p, largest), trial or trials.get(candidate)
+        if self.verdict is Verdict.UNKNOWN_EFFECT:  # accepted candidates may only imitate the unknown effect
+            accepted = {t.candidate for t in self.accepted}
+            factors = {c: UNKNOWN_ACCEPTED_FACTOR if c in accepted else UNKNOWN_OTHER_FACTOR for c in found}
+            found = {c: (factors[c] * p, t) for c, (p, t) in found.items()}
+        return [(c, p, t) for c, (p, t) in sorted(found.items(), key=lambda item: -item[1][0])]
 
-    def where(self) -> dict[str, float]:
-        """The probability that something is missing in a part of the machine, the most probable first.
+    def location_probabilities(self) -> dict[str, float]:
+        """The probability that something is missing in a part of the machine, the largest first.
 
-        Of `unknown_effect` that of each part to be the one (see `parts`); else of each by itself.
+        For an unknown effect these are the probabilities of each part to be its origin, from the shares of χ², and sum
+        to 1. Otherwise they sum the probabilities of the candidates of a part in one round, the largest of all rounds.
         """
         if self.verdict is Verdict.UNKNOWN_EFFECT:
-            return probabilities(self.parts)
+            return location_probabilities(self.location_shares)
         out: dict[str, float] = {}
         for r in self.rounds:
-            here: dict[str, float] = {}
-            for suspect, p in r.probabilities().items():
-                if suspect is not None and (r.accepted is not None or self.verdict is Verdict.ADEQUATE):
-                    here[suspect.where] = here.get(suspect.where, 0.0) + p
-            out = {part: max(out.get(part, 0.0), here.get(part, 0.0)) for part in {**out, **here}}
+            of_round: dict[str, float] = {}
+            for candidate, p in r.probabilities().items():
+                if candidate is not None and (r.accepted is not None or self.verdict is Verdict.ADEQUATE):
+                    of_round[candidate.location] = of_round.get(candidate.location, 0.0) + p
+            out = {part: max(out.get(part, 0.0), of_round.get(part, 0.0)) for part in {**out, **of_round}}
         return dict(sorted(out.items(), key=lambda item: -item[1]))
 
     def sentences(self) -> list[str]:
-        """The answer in plain words, the verdict first."""
+        """The result in sentences, the verdict first."""
         use = "holdout" if self.campaign.runs_for(Use.HOLDOUT) else "fit"
         errors = self.errors()
-        levels_ = [errors[state][use].get("overall", math.nan) for state in ("before", "calibrated", "after")]
-        runs = "runs that no fit has seen" if use == "holdout" else "the fitted runs (none is held out)"
+        rms = [errors[state][use].get("overall", math.nan) for state in ("before", "calibrated", "after")]
+        runs = "hold-out runs" if use == "holdout" else "the fitted runs (none is held out)"
         out = []
         if self.verdict is Verdict.ADEQUATE:
             out.append("Nothing is missing: with its uncertain parameters fitted, the model is as good as the sensors.")
         elif self.verdict is Verdict.UNKNOWN_EFFECT:
-            part = next(iter(self.where()), "the machine").replace("_", " ")
-            out.append(f"Something is missing that no effect of the library explains; most likely it acts on {part}.")
-            if self.forms and self.forms[0].judged is not None:
-                form = self.forms[0]
-                value = form.judged.fit.values[f"{form.suspect.prefix}coefficient"]
-                unit = form.suspect.kind.slots[0].unit
-                term = f"{format_quantity(value, unit)} · {form.suspect.kind.text}"
-                out.append(
-                    f"The form that explains most of it: {term}, added as {form.suspect.kind.slots[0].name}; "
-                    f"residual over noise then {form.judged.level(Use(use)):.2f}."
-                )
-            for suspect in (t.suspect for t in self.accepted):
-                for name in held_by_belief(suspect, self.final):
-                    u = suspect.own(self.final.problem.unknowns)[name]
-                    value = format_quantity(self.final.values[u.name], u.unit)
-                    out.append(f"{suspect.name} only stands in for it: its {name} would be {value} or beyond.")
+            out += self._unknown_effect_sentences(Use(use))
         else:
-            sizes = [f"{t.suspect.name} ({self._size(t.suspect)})" for t in self.accepted]
+            sizes = [f"{t.candidate.name} ({self._parameters_text(t.candidate)})" for t in self.accepted]
             out.append(f"{' and '.join(sizes)} {'is' if len(sizes) == 1 else 'are'} missing.")
-        for group in self.groups():
-            names = " and ".join(suspect.name for suspect in group)
-            out.append(f"These runs cannot tell {names} apart.")
+        for group in self.confounded_groups():
+            names = " and ".join(candidate.name for candidate in group)
+            out.append(f"These runs cannot distinguish {names}.")
         out.append(
-            f"Residual over noise on {runs}: {levels_[0]:.2f} as it was, {levels_[1]:.2f} calibrated"
-            + ("." if self.verdict is Verdict.ADEQUATE else f", {levels_[2]:.2f} with what was accepted.")
+            f"Residual over noise on {runs}: {rms[0]:.2f} as it was, {rms[1]:.2f} calibrated"
+            + ("." if self.verdict is Verdict.ADEQUATE else f", {rms[2]:.2f} with the accepted candidates.")
         )
         return out
 
-    def _size(self, suspect: Suspect) -> str:
-        """A suspect's own parameters as text, with their standard errors."""
-        fit, own = self.final, suspect.own(self.final.problem.unknowns)
+    def _unknown_effect_sentences(self, use: Use) -> list[str]:
+        """Where an unknown effect acts, its best generic term, and accepted candidates at their prior bound."""
+        part = next(iter(self.location_probabilities()), "the machine").replace("_", " ")
+        out = [f"Something is missing that no effect of the library explains; most likely it acts on {part}."]
+        if (best := self.best_generic_trial) is not None:
+            kind = best.candidate.kind
+            value = best.evaluated.fit.values[f"{best.candidate.prefix}coefficient"]
+            term = f"{format_quantity(value, kind.slots[0].unit)} · {kind.text}"
+            out.append(
+                f"The generic term that explains most of it: {term}, added as {kind.slots[0].name}; "
+                f"residual over noise then {best.evaluated.rms_over_noise(use):.2f}."
+            )
+        for candidate in (t.candidate for t in self.accepted):
+            for name in at_prior_bound(candidate, self.final):
+                u = candidate.own_unknowns(self.final.problem.unknowns)[name]
+                value = format_quantity(self.final.values[u.name], u.unit)
+                out.append(f"{candidate.name} only imitates it: its {name} would have to be {value} or beyond.")
+        return out
+
+    def _parameters_text(self, candidate: Candidate) -> str:
+        """The fitted parameters of a candidate with their standard errors."""
+        fit, own = self.final, candidate.own_unknowns(self.final.problem.unknowns)
         return ", ".join(
             f"{name} {format_with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit)}"
             for name, u in own.items()
         )
 
     def errors(self) -> dict[str, dict[str, dict[str, float]]]:
-        """Residual over noise: {before, calibrated, after} × {fit, holdout} × {overall, each signal}."""
+        """Rms residual over noise: {before, calibrated, after} × {fit, holdout} × {overall, each signal}."""
         states = {"before": self.before, "calibrated": self.calibrated.residuals, "after": self.after.residuals}
         return {
             state: {use.value: rms_by_signal(self.campaign, rows, use) for use in Use} for state, rows in states.items()

@@ -1,73 +1,167 @@
-"""The trial of a suspect: everything fitted anew with it in place, and judged on runs that no fit has seen."""
+"""Trials of candidates: everything is refitted with a candidate in place and compared with the model without it."""
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import FitError
-from edhas_jax.diagnosis.search.candidates import Suspect, held_by_belief, problem_of
-from edhas_jax.diagnosis.search.evaluated_fit import Judged, refined, search, start_from
-from edhas_jax.diagnosis.search.progressive_fit import grown
+from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound, build_problem
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, refine_fit, start_coordinates
+from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.screening import Score
+from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-ENOUGH = 0.3  # share of what a suspect promised that a fit from one start must bring, else another start is tried
-STAND_IN = 30.0  # evidence that a suspect loses with a value that nobody would believe: it is probably something else
-PULLED_BACK = 0.3  # share of the known parameters' excursions that the other start keeps
+MIN_ACHIEVED_FALL_SHARE = 0.3  # of the predicted fall of χ²: a fit that achieves less is restarted elsewhere
+RESTART_PRIOR_SHARE = 0.3  # of the calibrated coordinates: where the restart lies between prior mean and calibration
+PRIOR_BOUND_PENALTY = 30.0  # nats subtracted from the gain of a candidate with a parameter at its prior bound
+MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is made: the best of forty reaches it by chance
+MAX_TRIALS = 5
+MIN_RIVAL_GAIN_SHARE = 0.1  # of the gain reached: a candidate that predicts less is not tried
+TRIAL_STEPS = 12  # maximum number of Levenberg-Marquardt steps of a trial
+WORST_RUN_RATIO = 2.0  # rms residual of a run over the median of all runs, above which the run is left out at first
 
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """A suspect with what it promised and what came of it; `judged` is None where no fit was possible.
+    """A candidate, its score, and the fit with it.
 
-    `gain` is how much it raises the evidence above that of the model without it, less a penalty where only belief holds
-    one of its parameters; `gain_on_new` how much ½χ² falls on runs that no fit has seen.
+    Args:
+        candidate: what was tried.
+        score: its score test before the trial (chi-square scale).
+        evaluated: the fit with the candidate; None where no fit was possible.
+        log_evidence_gain: log-evidence with the candidate less that of the model without it, in nats, less
+            `PRIOR_BOUND_PENALTY` where one of its parameters is at the prior bound; −inf without a fit.
+        holdout_half_chi_square_fall: fall of ½χ² on the hold-out runs, on all runs where none is held out; −inf
+            without a fit.
     """
 
-    suspect: Suspect
+    candidate: Candidate
     score: Score
-    judged: Judged | None
-    gain: float
-    gain_on_new: float
+    evaluated: EvaluatedFit | None
+    log_evidence_gain: float
+    holdout_half_chi_square_fall: float
+
+    def with_fit(self, baseline: EvaluatedFit, evaluated: EvaluatedFit) -> "Trial":
+        """The trial with another fit of its candidate, compared with `baseline`, the model without it."""
+        penalty = PRIOR_BOUND_PENALTY if at_prior_bound(self.candidate, evaluated.fit) else 0.0
+        gain = evaluated.log_evidence - baseline.log_evidence - penalty
+        falls = baseline.holdout_half_chi_square() - evaluated.holdout_half_chi_square()
+        return dataclasses.replace(
+            self, evaluated=evaluated, log_evidence_gain=gain, holdout_half_chi_square_fall=float(falls.sum())
+        )
 
 
-def try_suspect(
-    before: Judged, accepted: Sequence[Suspect], score: Score, resolution: TimeResolution, most_steps: int,
-    finish: bool, grow: bool = True,
+def try_candidate(
+    baseline: EvaluatedFit, accepted: Sequence[Candidate], score: Score, resolution: TimeResolution, max_steps: int,
+    finish: bool, progressive: bool = True,
 ) -> Trial:  # fmt: skip
-    """Fit everything anew with a suspect in place, at the fine step if it is to `finish`.
+    """Refit all unknowns with a candidate in place.
 
-    From where the fit without it stands, and if that leads nowhere, from a point nearer to what was believed of the
-    known parameters, as a wrong model may have led them astray. Where much is left over and it may `grow`, by
-    growing stretches too.
+    The fit starts from the calibrated values. If it achieves less than 30 % of the predicted fall of χ², it is
+    restarted nearer the prior mean, because a wrong model biases the calibrated values.
+
+    Args:
+        baseline: the model without the candidate.
+        accepted: candidates that `baseline` has already.
+        score: score test of the candidate; its `x` starts the fit.
+        resolution: coarse and fine time steps per sample.
+        max_steps: maximum number of Levenberg-Marquardt steps of each fit.
+        finish: whether to refine the fit at the fine time step.
+        progressive: whether to repeat a fit that stays far from the noise on growing fractions of the runs.
+
+    Returns:
+        The trial with the fit of the largest log-evidence.
     """
-    fitted, suspect = before.fit, score.suspect
-    problem = problem_of(fitted.problem.campaign, fitted.problem.machine, fitted.problem.instruments, accepted, suspect)
-    known = len(problem.unknowns) - len(score.x)
-    here = np.concatenate([start_from(problem, fitted.values)[:known], score.x])
-    there = np.concatenate([PULLED_BACK * here[:known], score.x])
-    best: Judged | None = None
-    for start in (here, there):
+    fitted, candidate = baseline.fit, score.candidate
+    known = fitted.problem
+    problem = build_problem(known.campaign, known.machine, known.instruments, accepted, candidate)
+    count = len(problem.unknowns) - len(score.x)
+    calibrated_start = np.concatenate([start_coordinates(problem, fitted.values)[:count], score.x])
+    shrunk_start = np.concatenate([RESTART_PRIOR_SHARE * calibrated_start[:count], score.x])
+    best: EvaluatedFit | None = None
+    for start in (calibrated_start, shrunk_start):
         try:
-            found = search(problem, start, resolution.coarse, most_steps)
-            found = refined(found, resolution, most_steps) if finish else found
+            found = fit_coarse(problem, start, resolution.coarse, max_steps)
+            found = refine_fit(found, resolution, max_steps) if finish else found
         except FitError:
             continue
-        if best is None or found.evidence > best.evidence:
+        if best is None or found.log_evidence > best.log_evidence:
             best = found
-        if before.cost - best.cost > 0.5 * ENOUGH * score.fall:
+        if baseline.cost - best.cost > MIN_ACHIEVED_FALL_SHARE * score.predicted_gain:
             break
-    if grow and (best is None or not best.near_noise):
-        starts = np.array([there] if best is None else [best.fit.x, there])
-        best = grown(problem, starts, len(score.x), resolution.coarse, most_steps, best) or best
-    failed = Trial(suspect, score, None, -math.inf, -math.inf)
-    return failed if best is None else again(before, failed, best)
+    if progressive and (best is None or not best.near_noise):
+        starts = np.array([shrunk_start] if best is None else [best.fit.x, shrunk_start])
+        best = fit_progressively(problem, starts, len(score.x), resolution.coarse, max_steps, best) or best
+    failed = Trial(candidate, score, None, -math.inf, -math.inf)
+    return failed if best is None else failed.with_fit(baseline, best)
 
 
-def again(before: Judged, trial: Trial, judged: Judged) -> Trial:
-    """The trial with another fit of its suspect."""
-    gains = before.half_chi_square() - judged.half_chi_square()
-    gain = judged.evidence - before.evidence - (STAND_IN if held_by_belief(trial.suspect, judged.fit) else 0.0)
-    return dataclasses.replace(trial, judged=judged, gain=gain, gain_on_new=float(gains.sum()))
+def try_best_candidates(
+    baseline: EvaluatedFit, accepted: Sequence[Candidate], scores: Sequence[Score], resolution: TimeResolution,
+    report: Callable[[str], None], reached: float = 0.0,
+) -> list[Trial]:  # fmt: skip
+    """Try the candidates with the largest predicted fall of χ², until the others predict too little.
+
+    Args:
+        baseline: the model without the candidates.
+        accepted: candidates that `baseline` has already.
+        scores: score tests, the largest predicted fall of χ² first.
+        resolution: coarse and fine time steps per sample.
+        report: called with a sentence on the progress.
+        reached: log-evidence gain [nats] that other candidates have achieved already.
+    """
+    trials: list[Trial] = []
+    for score in scores[:MAX_TRIALS]:
+        too_little = score.predicted_gain < MIN_RIVAL_GAIN_SHARE * reached
+        if score.chi_square_fall < MIN_CHI_SQUARE_FALL or too_little:
+            break
+        report(f"trying {score.candidate.name}: predicted fall of χ² {score.chi_square_fall:.0f}")
+        # once one candidate explains nearly all, rivals need no search for a better minimum
+        progressive = not any(t.evaluated is not None and t.evaluated.near_noise for t in trials)
+        trials.append(
+            try_candidate(baseline, accepted, score, resolution, TRIAL_STEPS, baseline.near_noise, progressive)
+        )
+        reached = max(reached, best_gain(trials, scores))
+    return trials
+
+
+def best_gain(trials: Sequence[Trial], scores: Sequence[Score]) -> float:
+    """The largest log-evidence gain of some trials [nats], at most half the largest predicted fall of χ².
+
+    The limit keeps rivals in the race: where a candidate achieves far more than predicted, rivals may as well.
+    """
+    return min(max((t.log_evidence_gain for t in trials), default=0.0), scores[0].predicted_gain) if scores else 0.0
+
+
+def refit_without_worst_runs(baseline: EvaluatedFit, trial: Trial, steps_per_sample: int, max_steps: int) -> Trial:
+    """Refit a trial first without the runs that it fits worst, then on all runs.
+
+    Runs at the edge of resonance or cavitation give the cost many local minima, and a fit caught in one of them
+    explains these runs worst. Without them the fit finds the region of the global minimum.
+
+    Args:
+        baseline: the model without the candidate of the trial.
+        trial: a trial with a fit.
+        steps_per_sample: time steps per sample.
+        max_steps: maximum number of Levenberg-Marquardt steps of each fit.
+
+    Returns:
+        The trial with the new fit, or unchanged where no run stands out or the log-evidence is not larger.
+    """
+    found = trial.evaluated
+    problem = found.fit.problem
+    runs = problem.campaign.runs_for(Use.FIT)
+    rms = np.array([rms_over_noise(found.residuals[run.name].values()) for run in runs])
+    selected = tuple(run for run, of in zip(runs, rms, strict=True) if of <= WORST_RUN_RATIO * np.median(rms))
+    if len(selected) == len(runs):
+        return trial
+    try:
+        part = fit_coarse(dataclasses.replace(problem, runs=selected), found.fit.x, steps_per_sample, max_steps)
+        whole = fit_coarse(problem, part.fit.x, steps_per_sample, max_steps)
+    except FitError:
+        return trial
+    return trial.with_fit(baseline, whole) if whole.log_evidence > found.log_evidence else trial

@@ -1,0 +1,85 @@
+"""The residual over noise after each stage of a diagnosis, as a table and as a waterfall chart."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.measurements.campaign import Campaign, Use
+from edhas_jax.measurements.residuals import OVERALL, rms_by_signal
+
+USE_TITLES = {Use.FIT: "fitted runs", Use.HOLDOUT: "hold-out runs"}
+AXIS_START = 0.7  # lower end of the logarithmic axis
+TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+REMAINING_COLOUR, FALL_COLOUR, RISE_COLOUR = "#aab4be", COLOURS[2], COLOURS[1]
+GENERIC_STAGE = "generic term alone"
+
+
+def residual_stages(diagnosis: Diagnosis) -> dict[str, dict[Use, float]]:
+    """Rms residual over noise after each stage, by use of the runs.
+
+    The stages are the model as given, the calibrated model, and each accepted candidate. For an unknown effect the
+    last stage is the best generic term in place of all accepted candidates.
+    """
+    campaign = diagnosis.campaign
+    out = {
+        "present model": _overall_rms(campaign, diagnosis.before),
+        "calibrated": _overall_rms(campaign, diagnosis.calibrated.residuals),
+    }
+    later = [*(r.baseline for r in diagnosis.rounds[1:]), diagnosis.after]
+    for r, after in zip(diagnosis.rounds, later, strict=True):
+        if r.accepted is not None:
+            out[f"+ {r.accepted.candidate.name}"] = _overall_rms(campaign, after.residuals)
+    if (best := diagnosis.best_generic_trial) is not None:
+        out[GENERIC_STAGE] = _overall_rms(campaign, best.evaluated.residuals)
+    return out
+
+
+def _overall_rms(campaign: Campaign, residuals: Mapping[str, Mapping[str, np.ndarray]]) -> dict[Use, float]:
+    found = {use: rms_by_signal(campaign, residuals, use) for use in Use}
+    return {use: row[OVERALL] for use, row in found.items() if OVERALL in row}
+
+
+def draw_waterfall(diagnosis: Diagnosis):
+    """Draw the residual over noise after each stage, one panel for the fitted runs and one for the hold-out runs.
+
+    Returns:
+        A matplotlib figure.
+    """
+    from matplotlib.figure import Figure
+
+    table = residual_stages(diagnosis)
+    uses = [use for use in Use if all(use in row for row in table.values())]
+    figure = Figure(figsize=(6.2, 0.8 + (0.6 + 0.34 * len(table)) * len(uses)), layout="constrained")
+    panels = figure.subplots(len(uses), 1, squeeze=False, sharex=True)[:, 0]
+    for axes, use in zip(panels, uses, strict=True):
+        draw_stages(axes, diagnosis, use)
+        axes.set_title(USE_TITLES[use], fontsize=9, loc="left", color=INK)
+    panels[-1].set_xlabel("residual over noise; green: removed; dashed: the noise", fontsize=8.5, color=INK)
+    return figure
+
+
+def draw_stages(axes, diagnosis: Diagnosis, use: Use) -> None:
+    """Draw the waterfall chart of the runs of one use into matplotlib axes; values are cut off at the last tick."""
+    table = residual_stages(diagnosis)
+    names, values = list(table), [min(row[use], TICKS[-1]) for row in table.values()]
+    largest = min(max(value for row in table.values() for value in row.values()), TICKS[-1])
+    for k, value in enumerate(values):
+        # a generic term replaces all candidates, so its fall begins at the calibrated model
+        before = value if k == 0 else values[1] if names[k] == GENERIC_STAGE else values[k - 1]
+        axes.barh(k, value - AXIS_START, left=AXIS_START, height=0.6, color=REMAINING_COLOUR)
+        colour = FALL_COLOUR if before >= value else RISE_COLOUR
+        axes.barh(k, abs(before - value), left=min(before, value), height=0.6, color=colour)
+        text = f"{value:.2f}" if value < TICKS[-1] else f"{value:.0f} or more"
+        axes.annotate(f" {text}", (max(before, value), k), va="center", fontsize=9, color=INK)
+    axes.axvline(1.0, color=COLOURS[0], lw=1.2, ls="--")
+    axes.set_xscale("log")
+    axes.set_xlim(AXIS_START, 1.7 * max(largest, 1.5))
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    shown = [t for t in TICKS if t <= 1.7 * largest] or [1]
+    axes.set_xticks(shown, [f"{t}" for t in shown], fontsize=8, color=GREY)
+    axes.minorticks_off()
+    axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names], fontsize=9, color=INK)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.tick_params(length=0)
