@@ -1,7 +1,7 @@
-"""What could make the mean flow fall above 30 Hz: each cause as one number of one machine, scanned and sized.
+"""Candidate causes of the drop of mean flow above 30 Hz, each as one parameter of one machine, scanned and sized.
 
-The machine is the calibrated one (configs/paper_calibrated.yaml) with valves that are in time, at atmospheric pressure
-at rest: nothing in it falls, and nothing protects it. A cause adds one thing to it, whose size is one parameter.
+The base machine is the calibrated one (configs/paper_calibrated.yaml) with fast valves and atmospheric pressure at
+rest: its flow does not drop. A cause adds one thing to it, the size of which is one parameter.
 """
 
 import dataclasses
@@ -18,52 +18,59 @@ from studies.paper.configs import NAMES, machines
 from studies.paper.published_numbers import BALL_DENSITY, OPEN
 from studies.paper.readings import mean_flows
 
-# balls of 6.25 mm on a spring of 80 Hz, which close in time, and a tank in place of a loaded accumulator
-IN_TIME = {
+# balls of 6.25 mm on a spring of 80 Hz, which close fast enough, and a tank in place of a pressurised accumulator
+BASE_CHANGES = {
     "valve_seat_diameter": 5e-3, "valve_mass": 1e-3, "valve_spring_rate": 500.0, "valve_preload": 0.2,
     "accumulator_pressure": 0.1e6,
 }  # fmt: skip
 BALL_10_MM = BALL_DENSITY * math.pi / 6.0 * 0.01**3
-SCAN = (10.0, 20.0, 24.0, 27.0, 30.0, 33.0, 36.0, 40.0, 45.0, 52.0, 60.0)  # Hz
-KNEE = (27.0, 33.0)  # Hz: the largest flow is "at about 30 Hz"
-PROPORTIONAL = 0.95  # least flow at 20 Hz over twice that at 10 Hz
-FALLEN = 0.95  # most of its largest that the flow keeps at 45 Hz
-PER_RANGE, ROUNDS = 12, 2  # sizes tried at once, and how often around the best
+SCAN_FREQUENCIES = (10.0, 20.0, 24.0, 27.0, 30.0, 33.0, 36.0, 40.0, 45.0, 52.0, 60.0)  # Hz
+PEAK_RANGE = (27.0, 33.0)  # Hz: the paper has the largest flow "at about 30 Hz"
+MIN_PROPORTIONALITY = 0.95  # smallest ratio of the flow at 20 Hz to twice that at 10 Hz
+MAX_REMAINING_FLOW = 0.95  # largest ratio of the flow at 45 Hz to the largest flow
+SIZES_PER_GRID, GRID_REFINEMENTS = 12, 2  # sizes in one grid; grids, each around the best size so far
 
 
 @dataclasses.dataclass(frozen=True)
 class Cause:
-    """A cause whose size is the parameter `name`, SI.
+    """A candidate cause.
 
-    `plausible` is the range that others publish (`source`), weak end first; sizes up to `furthest` are tried to say
-    what it would take. `besides` are numbers that go with it, `effect` what has to be mounted.
+    Attributes:
+        title: its name in tables.
+        name: the parameter that is its size.
+        unit: SI unit of the parameter.
+        plausible: range of published sizes, from the weak to the strong end.
+        largest_tried: strongest size that is simulated, beyond the plausible range.
+        source: where the plausible range comes from.
+        further_changes: other parameters that change with it, SI.
+        effect: the effect that has to be mounted, if any.
     """
 
     title: str
     name: str
     unit: str
     plausible: tuple[float, float]
-    furthest: float
+    largest_tried: float
     source: str
-    besides: dict[str, float] = dataclasses.field(default_factory=dict)
+    further_changes: dict[str, float] = dataclasses.field(default_factory=dict)
     effect: type[Effect] | None = None
 
     def machine(self, base: PumpBench) -> PumpBench:
-        """The machine that can have it."""
+        """The machine with the effect and the further changes of the cause, its size at the default."""
         if self.effect is not None:
             base = structs.replace(base, effects=(*base.effects, self.effect()))
-        return edhas.change(base, **self.besides)
+        return edhas.change(base, **self.further_changes)
 
-    def at(self, base: PumpBench, size: float) -> PumpBench:
-        """The machine that has it at a size (SI)."""
+    def with_size(self, base: PumpBench, size: float) -> PumpBench:
+        """The machine with the cause at a size (SI)."""
         return edhas.change(self.machine(base), **{self.name: size})
 
-    def told(self, size: float) -> str:
+    def size_text(self, size: float) -> str:
         """A size as text with its unit."""
         percent = self.unit == "-"
         return f"{100.0 * size:.3g} %" if percent else format_quantity(float(f"{size:.3g}"), self.unit)
 
-    def believable(self, size: float) -> bool:
+    def is_plausible(self, size: float) -> bool:
         """Whether a size lies in the plausible range."""
         low, high = sorted(self.plausible)
         return low * (1.0 - 1e-6) <= size <= high * (1.0 + 1e-6)
@@ -94,97 +101,105 @@ CAUSES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Sized:
-    """A cause at a size, and what the flow then does.
+class SizedCause:
+    """A cause at a size, and the mean flow over frequency that results.
 
-    `knee` [Hz] is where it is largest, NaN where it still rises at 60 Hz; `proportion` that at 20 Hz over twice that
-    at 10 Hz, `filling` that at 30 Hz over what the machine delivers without the cause, `kept` that at 45 Hz over the
-    largest. `between` are the sizes that were tried and do as the paper says, from the least to the largest.
+    Attributes:
+        cause: the cause.
+        size: its size, SI.
+        peak_frequency: frequency of the largest flow [Hz]; NaN where the flow still rises at 60 Hz.
+        proportionality: flow at 20 Hz over twice that at 10 Hz.
+        relative_flow: flow at 30 Hz over that without the cause.
+        remaining_flow: flow at 45 Hz over the largest.
+        falling_sizes: smallest and largest of the tried sizes at which the flow falls as in the paper.
     """
 
     cause: Cause
     size: float
-    knee: float
-    proportion: float
-    filling: float
-    kept: float
-    between: tuple[float, float] | None = None
+    peak_frequency: float
+    proportionality: float
+    relative_flow: float
+    remaining_flow: float
+    falling_sizes: tuple[float, float] | None = None
 
     @property
-    def bends(self) -> bool:
-        """Whether the flow is proportional up to about 30 Hz, and largest there."""
-        return KNEE[0] <= self.knee <= KNEE[1] and self.proportion >= PROPORTIONAL
+    def peaks_near_30_hz(self) -> bool:
+        """Whether the flow is proportional to frequency up to about 30 Hz and largest there."""
+        return PEAK_RANGE[0] <= self.peak_frequency <= PEAK_RANGE[1] and self.proportionality >= MIN_PROPORTIONALITY
 
     @property
     def falls(self) -> bool:
-        """Whether it does so and falls beyond, as the paper says."""
-        return self.bends and self.kept <= FALLEN
+        """Whether it peaks near 30 Hz and falls beyond, as the paper says."""
+        return self.peaks_near_30_hz and self.remaining_flow <= MAX_REMAINING_FLOW
 
     @property
-    def guilty(self) -> bool:
-        """Whether it falls at a size that can be believed."""
-        return self.falls and self.cause.believable(self.size)
+    def explains_fall(self) -> bool:
+        """Whether the flow falls as in the paper at a plausible size."""
+        return self.falls and self.cause.is_plausible(self.size)
 
 
 def base_machine() -> PumpBench:
-    """The machine in which nothing makes the flow fall."""
-    return edhas.change(machines(NAMES)[0], **IN_TIME)
+    """The machine whose flow does not drop."""
+    return edhas.change(machines(NAMES)[0], **BASE_CHANGES)
 
 
-def flow_of(base: PumpBench, cause: Cause, sizes: np.ndarray, frequencies) -> np.ndarray:
+def flow_at_sizes(base: PumpBench, cause: Cause, sizes: np.ndarray, frequencies) -> np.ndarray:
     """Mean flow [L/min] at several sizes of a cause, (frequencies, sizes)."""
     return mean_flows(cause.machine(base), {cause.name: np.asarray(sizes, float)}, frequencies)
 
 
-def sizes_of(base: PumpBench, cause: Cause, rounds: int = ROUNDS) -> list[Sized]:
-    """The size within the plausible range at which the flow falls as the paper says.
+def find_sizes(base: PumpBench, cause: Cause, rounds: int = GRID_REFINEMENTS) -> list[SizedCause]:
+    """The size in the plausible range at which the flow falls as the paper says.
 
-    Where there is none: the strong end of the range, and the size beyond it at which the flow bends, if any.
+    Where there is none: the strong end of the range, and the size beyond it at which the flow peaks near 30 Hz, if any.
     """
-    inside = _best(base, cause, *cause.plausible, rounds)
+    inside = _best_size(base, cause, *cause.plausible, rounds)
     if inside.falls:
         return [inside]
-    strong, beyond = cause.plausible[1], _best(base, cause, cause.plausible[1], cause.furthest, rounds)
-    end = _read(cause, strong, flow_of(base, cause, [strong], SCAN)[:, 0], _free(base))
-    return [end, beyond] if beyond.bends else [end]
+    strong, beyond = cause.plausible[1], _best_size(base, cause, cause.plausible[1], cause.largest_tried, rounds)
+    flow = flow_at_sizes(base, cause, [strong], SCAN_FREQUENCIES)[:, 0]
+    end = _evaluate(cause, strong, flow, _flow_without_cause(base))
+    return [end, beyond] if beyond.peaks_near_30_hz else [end]
 
 
-def _free(base: PumpBench) -> float:
+def _flow_without_cause(base: PumpBench) -> float:
     """Mean flow [L/min] at 30 Hz without any cause."""
-    return mean_flows(base, {"valve_mass": np.array([IN_TIME["valve_mass"]])}, (30.0,))[0, 0]
+    return mean_flows(base, {"valve_mass": np.array([BASE_CHANGES["valve_mass"]])}, (30.0,))[0, 0]
 
 
-def _best(base: PumpBench, cause: Cause, one: float, other: float, rounds: int) -> Sized:
-    """The size between two at which the flow is nearest to the statement: a grid, then grids around its best."""
+def _best_size(base: PumpBench, cause: Cause, one: float, other: float, rounds: int) -> SizedCause:
+    """The size between two at which the flow is nearest to the statement of the paper, by successively finer grids."""
     low, high = sorted((math.log(one), math.log(other)))
-    ends, found, free = (low, high), [], _free(base)
+    ends, found, free = (low, high), [], _flow_without_cause(base)
     for _ in range(rounds):
-        sizes = np.exp(np.linspace(*ends, PER_RANGE))
-        flow = flow_of(base, cause, sizes, SCAN)
-        found += [_read(cause, size, column, free) for size, column in zip(sizes, flow.T, strict=True)]
-        best = min(found, key=_shortfall)
-        width = (ends[1] - ends[0]) / (PER_RANGE - 1)
+        sizes = np.exp(np.linspace(*ends, SIZES_PER_GRID))
+        flow = flow_at_sizes(base, cause, sizes, SCAN_FREQUENCIES)
+        found += [_evaluate(cause, size, column, free) for size, column in zip(sizes, flow.T, strict=True)]
+        best = min(found, key=_deviation_from_paper)
+        width = (ends[1] - ends[0]) / (SIZES_PER_GRID - 1)
         ends = max(math.log(best.size) - width, low), min(math.log(best.size) + width, high)
     falling = [s.size for s in found if s.falls]
-    return dataclasses.replace(best, between=(min(falling), max(falling)) if falling else None)
+    return dataclasses.replace(best, falling_sizes=(min(falling), max(falling)) if falling else None)
 
 
-def _read(cause: Cause, size: float, flow: np.ndarray, free: float) -> Sized:
-    at = dict(zip(SCAN, flow.tolist(), strict=True))
-    knee = knee_of(np.array(SCAN), flow)
-    return Sized(cause, float(size), knee, at[20.0] / (2.0 * at[10.0]), at[30.0] / free, at[45.0] / float(flow.max()))
+def _evaluate(cause: Cause, size: float, flow: np.ndarray, free: float) -> SizedCause:
+    at = dict(zip(SCAN_FREQUENCIES, flow.tolist(), strict=True))
+    peak = peak_of_parabola(np.array(SCAN_FREQUENCIES), flow)
+    ratios = at[20.0] / (2.0 * at[10.0]), at[30.0] / free, at[45.0] / float(flow.max())
+    return SizedCause(cause, float(size), peak, *ratios)
 
 
-def _shortfall(s: Sized) -> float:
-    """How far a flow is from the statement; the knee counts in octaves, as at 120 Hz where there is none."""
-    knee = 2.0 * SCAN[-1] if math.isnan(s.knee) else s.knee
-    return abs(math.log2(knee / 30.0)) + 10.0 * max(PROPORTIONAL - s.proportion, 0.0) + max(s.kept - FALLEN, 0.0)
+def _deviation_from_paper(s: SizedCause) -> float:
+    """Deviation from the statement of the paper; the peak counts in octaves, as 120 Hz where there is none."""
+    peak = 2.0 * SCAN_FREQUENCIES[-1] if math.isnan(s.peak_frequency) else s.peak_frequency
+    excess = max(s.remaining_flow - MAX_REMAINING_FLOW, 0.0)
+    return abs(math.log2(peak / 30.0)) + 10.0 * max(MIN_PROPORTIONALITY - s.proportionality, 0.0) + excess
 
 
-def knee_of(frequency: np.ndarray, flow: np.ndarray) -> float:
-    """Where a parabola through the largest flow and its neighbours has its top; NaN if it is the first or last."""
+def peak_of_parabola(frequency: np.ndarray, flow: np.ndarray) -> float:
+    """The maximum of a parabola through the largest flow and its neighbours [Hz]; NaN if it is the first or last."""
     k = int(flow.argmax())
     if k in (0, len(flow) - 1):
         return math.nan
-    bend, rise, _ = np.polyfit(frequency[k - 1 : k + 2] - frequency[k], flow[k - 1 : k + 2], 2)
-    return float(frequency[k] - 0.5 * rise / bend)
+    curvature, slope, _ = np.polyfit(frequency[k - 1 : k + 2] - frequency[k], flow[k - 1 : k + 2], 2)
+    return float(frequency[k] - 0.5 * slope / curvature)
