@@ -1,15 +1,15 @@
-"""A real linear drive, its model a mass alone: what is missing, found on one half of the record, judged on the other.
+"""Discovery of the friction of a linear drive: the model is a mass, one half of the record is fitted, one held out.
 
     python -m studies.emps.discovery FOLDER
 
-FOLDER holds the campaign of the EMPS data set, see `studies.emps.published_comparison`. Its one record goes to and fro
-twice; it is cut where the drive is back at its beginning, the first half is fitted and the second never. The halves
-begin in motion and the model at rest, so that the first 0.1 s of each are not used.
+FOLDER holds the campaign of the EMPS data set, see `studies.emps.published_comparison`. Its one record contains two
+strokes; it is split where the drive has returned to its first position. The halves start in motion and the model at
+rest, so the first 0.1 s of each are not used.
 
-Force error: 100 ‖F − F_model‖/‖F‖ of the simulated closed loop, both below 20 Hz (`studies.emps.published_comparison`
-has that of the inverse dynamics). At the end a force with a period of 2.5 mm in the position is put in, which is known
-to lower the error of this record and to raise that of another one of the same machine: does the half that was not used
-want it?
+Force error: 100 ‖F − F_model‖/‖F‖ of the simulated closed loop, both low-pass filtered at 20 Hz
+(`studies.emps.published_comparison` has that of the inverse dynamics). Finally a force with a period of 2.5 mm in the
+position is added, which is known to lower the error of this record and to raise that of another record of the same
+machine; the held-out half decides whether it is justified.
 The last line: `first=… second=… heldout_force_error=… periodic=…`
 """
 
@@ -37,95 +37,96 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.time_resolution import choose_time_resolution
-from studies.emps.published_comparison import FORCE_CUTOFF, SETTLED
+from studies.emps.published_comparison import EVALUATION_START, FORCE_CUTOFF
 
-STEPS = 12
+MAX_FIT_STEPS = 12
+SCREW_PITCH = 2.5e-3  # m
 
 
 class PeriodicForce(Effect):
-    """A force with the pitch of the ball screw, F = A sin(2π x/p) + B cos(2π x/p), p = 2.5 mm."""
+    """A force with the period of the ball-screw pitch, F = A sin(2π x/p) + B cos(2π x/p), p = 2.5 mm."""
 
     sine_force: float = par(0.0, "N", (-1e3, 1e3), "sine amplitude A", plausible=(-3.0, 3.0))
     cosine_force: float = par(0.0, "N", (-1e3, 1e3), "cosine amplitude B", plausible=(-3.0, 3.0))
 
     def mover_force(self, s, z):
-        angle = 2.0 * jnp.pi * s.piston_position / 2.5e-3
+        angle = 2.0 * jnp.pi * s.piston_position / SCREW_PITCH
         return self.sine_force * jnp.sin(angle) + self.cosine_force * jnp.cos(angle)
 
 
-def halved(campaign: Campaign) -> Campaign:
-    """The campaign with the two halves of its record, the second held out."""
+def split_record(campaign: Campaign) -> Campaign:
+    """Split the record where the drive has returned to its first position; the second half is held out."""
     run = campaign.runs[0]
     position = run.signals["piston_position"]
     middle = np.flatnonzero(np.abs(run.time - run.time.mean()) < 0.1 * run.time[-1])
     cut = int(middle[np.argmin(np.abs(position[middle] - position[0]))])
     parts = (Use.FIT, slice(None, cut)), (Use.HOLDOUT, slice(cut, None))
-    return dataclasses.replace(campaign, runs=tuple(part(run, use, at) for use, at in parts))
+    return dataclasses.replace(campaign, runs=tuple(cut_run(run, use, samples) for use, samples in parts))
 
 
-def part(run: BenchRun, use: Use, at: slice) -> BenchRun:
-    """A part of a run as a run of its own, without its first samples."""
-    time = run.time[at] - run.time[at][0]
-    signals = {n: np.where(time < SETTLED, np.nan, v[at]) for n, v in run.signals.items()}
-    reference = structs.replace(run.reference, values=run.reference.values[at])
+def cut_run(run: BenchRun, use: Use, samples: slice) -> BenchRun:
+    """A part of a run as a run of its own; its signals before `EVALUATION_START` are missing (NaN)."""
+    time = run.time[samples] - run.time[samples][0]
+    signals = {n: np.where(time < EVALUATION_START, np.nan, v[samples]) for n, v in run.signals.items()}
+    reference = structs.replace(run.reference, values=run.reference.values[samples])
     return dataclasses.replace(
-        run, name=use.value, use=use, time=time, signals=signals, lines=run.lines[at], reference=reference
+        run, name=use.value, use=use, time=time, signals=signals, lines=run.lines[samples], reference=reference
     )
 
 
-def force_errors(judged: EvaluatedFit) -> dict[Use, float]:
-    """100 ‖F − F_model‖/‖F‖ of the simulated closed loop, by half of the record."""
-    campaign, out = judged.fit.problem.campaign, {}
+def force_errors(evaluated: EvaluatedFit) -> dict[Use, float]:
+    """100 ‖F − F_model‖/‖F‖ of the simulated closed loop [%], for each half of the record."""
+    campaign, errors = evaluated.fit.problem.campaign, {}
     for run in campaign.runs:
-        seen = run.time >= SETTLED
-        measured = run.signals["voltage"][seen]
-        left = judged.residuals[run.name]["voltage"][seen] * campaign.channels["voltage"].noise
+        used = run.time >= EVALUATION_START
+        measured = run.signals["voltage"][used]
+        residual = evaluated.residuals[run.name]["voltage"][used] * campaign.channels["voltage"].noise
         b, a = butter(4, 2.0 * FORCE_CUTOFF * run.interval)
-        left, measured = (filtfilt(b, a, v) for v in (left, measured))
-        out[run.use] = 100.0 * float(np.linalg.norm(left) / np.linalg.norm(measured))
-    return out
+        residual, measured = (filtfilt(b, a, v) for v in (residual, measured))
+        errors[run.use] = 100.0 * float(np.linalg.norm(residual) / np.linalg.norm(measured))
+    return errors
 
 
-def with_period(found: Diagnosis) -> Trial:
-    """The model that the diagnosis ends with, with the periodic force fitted besides."""
-    after, accepted = found.after, [t.candidate for t in found.accepted]
+def try_periodic_force(diagnosis: Diagnosis) -> Trial:
+    """Fit the final model of the diagnosis with the periodic force added."""
+    after, accepted = diagnosis.after, [t.candidate for t in diagnosis.accepted]
     score = ScoreTest(after.fit, accepted).score(Candidate(PeriodicForce))
     resolution = choose_time_resolution(after.fit.problem.model(), after.fit.x)
-    return try_candidate(after, accepted, score, resolution, STEPS, finish=after.near_noise, progressive=False)
+    return try_candidate(after, accepted, score, resolution, MAX_FIT_STEPS, finish=after.near_noise, progressive=False)
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Print what is found, step by step, with the errors on both halves."""
+    """Print the accepted effects step by step with the errors on both halves."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="campaign of the EMPS data set")
-    campaign = halved(read_campaign(parser.parse_args(arguments).folder))
+    campaign = split_record(read_campaign(parser.parse_args(arguments).folder))
     console = Console(highlight=False, width=150)
     with console.status("") as status:
-        found = diagnose(campaign, on_progress=status.update)
+        diagnosis = diagnose(campaign, on_progress=status.update)
         status.update("with the periodic force")
-        trial = with_period(found)
-    table = Table("model", "residual over noise", "on the other half", "force error", "on the other half", "new")
-    models = [("mass alone", found.calibrated, "")]
-    for one, after in zip(found.accepted, found.rounds[1:], strict=True):
-        models.append((f"+ {one.candidate.name}", after.baseline, sizes(one)))
-    models.append((f"(+ {trial.candidate.name})", trial.evaluated, sizes(trial)))
-    for name, judged, new in models:
-        errors = force_errors(judged)
-        table.add_row(
-            name, *(f"{judged.rms_over_noise(use):.2f}" for use in Use), *(f"{errors[use]:.2f} %" for use in Use), new
-        )  # fmt: skip
+        trial = try_periodic_force(diagnosis)
+    held_out = "on the held-out half"
+    table = Table("model", "residual over noise", held_out, "force error", held_out, "new parameters")
+    models = [("mass alone", diagnosis.calibrated, "")]
+    for accepted, after in zip(diagnosis.accepted, diagnosis.rounds[1:], strict=True):
+        models.append((f"+ {accepted.candidate.name}", after.baseline, parameters_text(accepted)))
+    models.append((f"(+ {trial.candidate.name})", trial.evaluated, parameters_text(trial)))
+    for name, evaluated, new in models:
+        errors = force_errors(evaluated)
+        residuals = (f"{evaluated.rms_over_noise(use):.2f}" for use in Use)
+        table.add_row(name, *residuals, *(f"{errors[use]:.2f} %" for use in Use), new)
     console.print(table)
-    periodic = "justified" if is_confirmed(found.after, trial) else "refused"
-    print(f"the periodic force raises the evidence by {trial.log_evidence_gain:.1f}; "
-          "on the other half half of chi-square falls by "
+    periodic = "justified" if is_confirmed(diagnosis.after, trial) else "refused"
+    print(f"periodic force: the log evidence rises by {trial.log_evidence_gain:.1f}, "
+          "chi-square/2 of the held-out half falls by "
           f"{trial.holdout_half_chi_square_fall:.1f}: {periodic}")  # fmt: skip
-    names = [t.candidate.name for t in found.accepted] + ["none"] * 2
-    print(f"first={names[0]} second={names[1]} heldout_force_error={force_errors(found.after)[Use.HOLDOUT]:.3f} "
+    names = [t.candidate.name for t in diagnosis.accepted] + ["none"] * 2
+    print(f"first={names[0]} second={names[1]} heldout_force_error={force_errors(diagnosis.after)[Use.HOLDOUT]:.3f} "
           f"periodic={periodic}")  # fmt: skip
 
 
-def sizes(trial: Trial) -> str:
-    """The fitted parameters of a candidate."""
+def parameters_text(trial: Trial) -> str:
+    """The fitted parameters of a candidate, as text."""
     return ", ".join(parameter_texts(trial.candidate, trial.evaluated.fit))
 
 

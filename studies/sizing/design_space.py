@@ -1,4 +1,4 @@
-"""What does the space of pumps look like? A sweep of ten thousand, and what its best have in common.
+"""A sweep over the design space of a sizing task, and the ranges in which its best designs lie.
 
     python -m studies.sizing.design_space [--points 10000] [--out FOLDER]
 """
@@ -16,12 +16,12 @@ from edhas_jax.design.sizing.config import load_sizing
 from studies import CONFIGS
 
 CONFIG = CONFIGS / "size_pump.yaml"
-BEST = 0.01  # share of the designs that count as the best
-LPM = 6e4
+BEST_SHARE = 0.01  # of the valid designs
+LITRES_PER_MINUTE = 6e4  # per m³/s
 
 
 def main(arguments: list[str] | None = None) -> dict[str, float]:
-    """Sweep the bounds of a sizing task at 20 Hz, print what the best have in common, leave table and picture."""
+    """Sweep the bounds of a sizing task at 20 Hz, print the ranges of the best designs, write table and picture."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", type=Path, default=CONFIG)
     parser.add_argument("--points", type=int, default=10_000)
@@ -32,30 +32,33 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     with Console().status("sweeping"):
         got = run_designs(task.machine, designs | {"frequency": np.full(options.points, 20.0)}, task.settings)
     table = pd.DataFrame(designs | got)
-    sound = table[table["status"] == 0]
-    goal = sound["mean_flow"] * sound["overall_efficiency"]
-    best = sound.loc[goal.nlargest(max(5, int(BEST * len(sound)))).index]
+    valid = table[table["status"] == 0]
+    objective = valid["mean_flow"] * valid["overall_efficiency"]
+    best = valid.loc[objective.nlargest(max(5, int(BEST_SHARE * len(valid)))).index]
     options.out.mkdir(parents=True, exist_ok=True)
     table.to_parquet(options.out / "table.parquet")
-    picture(task, sound, best).savefig(options.out / "design_space.png", dpi=130)
+    draw_design_space(task, valid, best).savefig(options.out / "design_space.png", dpi=130)
     for axis in task.variables:
         low, high = best[axis.name].quantile([0.1, 0.9])
-        print(f"{axis.name}: the best lie in {low:.3g} … {high:.3g} of {axis.low:.3g} … {axis.high:.3g} (SI)")
-    print(f"designs={options.points} sound={len(sound)} best_flow_lpm={best['mean_flow'].max() * LPM:.3f} "
-          f"best_efficiency={sound['overall_efficiency'].max():.3f}")  # fmt: skip
-    return {"sound": len(sound) / options.points}
+        print(f"{axis.name}: the best designs lie in {low:.3g} … {high:.3g} of {axis.low:.3g} … {axis.high:.3g} (SI)")
+    best_flow = best["mean_flow"].max() * LITRES_PER_MINUTE
+    print(f"designs={options.points} sound={len(valid)} best_flow_lpm={best_flow:.3f} "
+          f"best_efficiency={valid['overall_efficiency'].max():.3f}")  # fmt: skip
+    return {"sound": len(valid) / options.points}
 
 
-def picture(task, sound: pd.DataFrame, best: pd.DataFrame):
-    """Flow against efficiency of all designs, and where the best lie within the bounds."""
+def draw_design_space(task, valid: pd.DataFrame, best: pd.DataFrame):
+    """Draw efficiency over flow of all valid designs, and the positions of the best within the bounds."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 4.4), layout="constrained")
     left, right = figure.subplots(1, 2)
-    some = sound.sample(min(len(sound), 4000), random_state=0)
-    dots = left.scatter(some["mean_flow"] * LPM, 100 * some["overall_efficiency"], c=1e3 * some["piston_diameter"], s=5,
-                        cmap="viridis", linewidths=0)  # fmt: skip
-    left.scatter(best["mean_flow"] * LPM, 100 * best["overall_efficiency"], s=12, facecolors="none",
+    sample = valid.sample(min(len(valid), 4000), random_state=0)
+    dots = left.scatter(
+        sample["mean_flow"] * LITRES_PER_MINUTE, 100 * sample["overall_efficiency"],
+        c=1e3 * sample["piston_diameter"], s=5, cmap="viridis", linewidths=0,
+    )  # fmt: skip
+    left.scatter(best["mean_flow"] * LITRES_PER_MINUTE, 100 * best["overall_efficiency"], s=12, facecolors="none",
                  edgecolors="#d1490c", linewidths=0.8, label="best 1 % in flow × efficiency")  # fmt: skip
     left.set(xlabel="mean flow, L/min", ylabel="overall efficiency, %")
     left.legend(frameon=False, fontsize=8.5)
@@ -65,10 +68,10 @@ def picture(task, sound: pd.DataFrame, best: pd.DataFrame):
     right.boxplot(shares, orientation="horizontal", widths=0.5, showfliers=False,
                   medianprops={"color": "#d1490c", "lw": 2})  # fmt: skip
     right.set_yticks(range(1, len(task.variables) + 1), [a.name.replace("_", " ") for a in task.variables])
-    right.set(xlim=(0, 1), xlabel="place of the best within the bounds, 0 … 1")
+    right.set(xlim=(0, 1), xlabel="position of the best within the bounds, 0 … 1")
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
-    figure.suptitle(f"{len(sound):,} pumps at 20 Hz", x=0.01, ha="left", fontsize=11)
+    figure.suptitle(f"{len(valid):,} pumps at 20 Hz", x=0.01, ha="left", fontsize=11)
     return figure
 
 

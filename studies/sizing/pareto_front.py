@@ -1,4 +1,4 @@
-"""What does flow cost in efficiency? The front of sized pumps, from one configuration.
+"""Pareto front of flow and efficiency of sized pumps, from one configuration.
 
     python -m studies.sizing.pareto_front [--designs 8] [--out FOLDER]
 """
@@ -19,7 +19,7 @@ CONFIG = CONFIGS / "size_pump.yaml"
 
 
 def main(arguments: list[str] | None = None) -> dict[str, float]:
-    """Size along the front, print it, leave configurations and a picture."""
+    """Size along the front, print it, write configurations and a picture."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", type=Path, default=CONFIG)
     parser.add_argument("--designs", type=int, default=8)
@@ -35,8 +35,8 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     draw_front(task, result).savefig(options.out / "front.png", dpi=130)
     metrics = list(task.weights)
     for k, sized in enumerate(result.machines):
-        told = "  ".join(f"{m} {sized.metrics[m].mean():.4g}" for m in metrics)
-        print(f"{k + 1}: {told}  limited by {'; '.join(sized.active)}")
+        values = "  ".join(f"{m} {sized.metrics[m].mean():.4g}" for m in metrics)
+        print(f"{k + 1}: {values}  limited by {'; '.join(sized.active)}")
     first, last = (result.machines[k].metrics[metrics[0]].mean() for k in (0, -1))
     print(f"designs={len(result.machines)} flow_ratio={first / last:.3g} seconds={result.seconds:.0f}")
     return {"flow_ratio": first / last}

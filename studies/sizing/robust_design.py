@@ -1,9 +1,10 @@
-"""What is a robust design worth? Nominal against robust sizing, both as they would come off the machine tools.
+"""Nominal and robust sizing compared under manufacturing tolerances.
 
     python -m studies.sizing.robust_design [--machines 10000] [--out FOLDER]
 
-Draws machines of both designs from the tolerances and shows the two distributions in one picture. The last line sums up
-as key=value: the share of machines that keep every limit, and the objective that 95 % of the machines reach.
+Draws machines of both designs from the tolerances and shows both distributions in one picture. The last line has for
+each design, as key=value, the share of machines that meet every limit, the share that fails, and the objective that
+95 % of the machines reach.
 """
 
 import argparse
@@ -25,7 +26,7 @@ COLOURS = {"nominal": "#6e7781", "robust": "#d1490c"}
 
 
 def main(arguments: list[str] | None = None) -> dict[str, float]:
-    """Size twice, draw machines, print shares, leave a picture."""
+    """Size twice, draw machines from the tolerances, print shares, write a picture."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", type=Path, default=CONFIG)
     parser.add_argument("--machines", type=int, default=10_000)
@@ -37,32 +38,43 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     robust = dataclasses.replace(robust, starts=options.starts, iterations=options.iterations)
     nominal = dataclasses.replace(robust, robust=None, tolerances=())
     console = Console(highlight=False)
-    drawn = {}
+    samples = {}
     for name, task in (("nominal", nominal), ("robust", robust)):
         with console.status(f"sizing, {name}"):
             sized = size(task).machines[0]
-        told = ", ".join(f"{n} {v:.4g}" for n, v in sized.design.items())
-        console.print(f"{name}: {told}; limited by {'; '.join(sized.active)}")
+        design = ", ".join(f"{n} {v:.4g}" for n, v in sized.design.items())
+        console.print(f"{name}: {design}; limited by {'; '.join(sized.active)}")
         with console.status(f"drawing {options.machines:,} machines"):
-            drawn[name] = draw(robust, sized.design, options.machines)
+            samples[name] = simulate_machines(robust, sized.design, options.machines)
     options.out.mkdir(parents=True, exist_ok=True)
-    picture(robust, drawn).savefig(options.out / "robust.png", dpi=130)
+    draw_distributions(robust, samples).savefig(options.out / "robust.png", dpi=130)
     summary = {}
-    for name, got in drawn.items():
-        summary[f"{name}_kept"] = float(np.mean(kept(robust, got)))
-        summary[f"{name}_failed"] = float(np.mean(~np.isfinite(got["objective"])))
-        summary[f"{name}_low_objective"] = float(np.quantile(np.nan_to_num(got["objective"], nan=-np.inf), 0.05))
+    for name, metrics in samples.items():
+        objective = np.nan_to_num(metrics["objective"], nan=-np.inf)
+        summary[f"{name}_kept"] = float(np.mean(meets_limits(robust, metrics)))
+        summary[f"{name}_failed"] = float(np.mean(~np.isfinite(metrics["objective"])))
+        summary[f"{name}_low_objective"] = float(np.quantile(objective, 0.05))
     print(" ".join(f"{n}={v:.4g}" for n, v in summary.items()))
     return summary
 
 
-def draw(task: SizingTask, design: dict[str, float], count: int) -> dict[str, np.ndarray]:
-    """Metrics of machines of a design, every tolerance spread evenly; per machine the worst of the points."""
+def simulate_machines(task: SizingTask, design: dict[str, float], count: int) -> dict[str, np.ndarray]:
+    """Simulate machines of a design with tolerances drawn from uniform distributions.
+
+    Args:
+        task: the sizing task with tolerances, operating points and limits.
+        design: nominal dimensions in SI, by name.
+        count: number of machines.
+
+    Returns:
+        The largest value of each limited metric over the operating points in SI, and the objective, by name, each of
+        shape (count,).
+    """
     rng = np.random.default_rng(1)
     table = {n: np.full(count, v) for n, v in design.items()}
     for tolerance in task.tolerances:
-        stands = float(get_parameter(task.machine, tolerance.name))
-        base = table.get(tolerance.name, np.full(count, stands))
+        nominal = float(get_parameter(task.machine, tolerance.name))
+        base = table.get(tolerance.name, np.full(count, nominal))
         table[tolerance.name] = np.array(
             [tolerance.apply(v, s) for v, s in zip(base, rng.random(count), strict=True)]
         )
@@ -75,31 +87,34 @@ def draw(task: SizingTask, design: dict[str, float], count: int) -> dict[str, np
     return out
 
 
-def kept(task: SizingTask, got: dict[str, np.ndarray]) -> np.ndarray:
-    """Which machines keep every limit, by the rule that the sizing itself has."""
+def meets_limits(task: SizingTask, metrics: dict[str, np.ndarray]) -> np.ndarray:
+    """Whether each machine meets every limit within the tolerance of the sizing itself, shape (machines,)."""
     allowed = 1.0 + FEASIBILITY_TOLERANCE
-    return np.all([got[limit.metric] <= limit.value * allowed for limit in task.constraints], axis=0)
+    return np.all([metrics[limit.metric] <= limit.value * allowed for limit in task.constraints], axis=0)
 
 
-def picture(task: SizingTask, drawn: dict[str, dict[str, np.ndarray]]):
-    """Histograms of the objective and of the metrics that are limited, nominal and robust over each other."""
+def draw_distributions(task: SizingTask, samples: dict[str, dict[str, np.ndarray]]):
+    """Draw histograms of the objective and of the metrics near their limits, nominal and robust design overlaid."""
     from matplotlib.figure import Figure
 
     from edhas_jax.core.units import from_si
     from edhas_jax.simulation.metrics import METRICS
 
-    near = [
+    near_limit = [
         limit.metric for limit in task.constraints
-        if max(np.nanmax(got[limit.metric]) for got in drawn.values()) > 0.8 * limit.value
+        if max(np.nanmax(metrics[limit.metric]) for metrics in samples.values()) > 0.8 * limit.value
     ]  # fmt: skip
-    names = ["objective", *near]
+    names = ["objective", *near_limit]
     figure = Figure(figsize=(4.2 * len(names), 3.6), layout="constrained")
-    best = max(np.nanmedian(got["objective"]) for got in drawn.values())
+    best = max(np.nanmedian(metrics["objective"]) for metrics in samples.values())
     for axes, name in zip(figure.subplots(1, len(names)), names, strict=True):
-        for kind, got in drawn.items():
-            values = 100 * np.expm1(got[name] - best) if name == "objective" else from_si(got[name], *METRICS[name][:2])
-            values = values[np.isfinite(values)]  # a machine that fails keeps no limit
-            share = f", {100 * np.mean(kept(task, got)):.0f} % keep all limits"
+        for kind, metrics in samples.items():
+            if name == "objective":
+                values = 100 * np.expm1(metrics[name] - best)
+            else:
+                values = from_si(metrics[name], *METRICS[name][:2])
+            values = values[np.isfinite(values)]  # NaN: the simulation failed
+            share = f", {100 * np.mean(meets_limits(task, metrics)):.0f} % meet all limits"
             axes.hist(values, bins=50, density=True, color=COLOURS[kind], alpha=0.55, label=kind + share)
         axes.set_yticks([])
         axes.set_ylabel("machines")
@@ -115,7 +130,7 @@ def picture(task: SizingTask, drawn: dict[str, dict[str, np.ndarray]]):
             axes.annotate("limit", (at, 0.97), (4, 0), xycoords=("data", "axes fraction"), textcoords="offset points",
                           fontsize=8, va="top")  # fmt: skip
             axes.set_xlabel(f"{name.replace('_', ' ')}, {METRICS[name][1]}")
-    count = len(next(iter(drawn.values()))["objective"])
+    count = len(next(iter(samples.values()))["objective"])
     figure.suptitle(f"{count:,} machines of each design, drawn from the tolerances", x=0.01, ha="left", fontsize=11)
     return figure
 

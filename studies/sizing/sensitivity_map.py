@@ -1,4 +1,4 @@
-"""What matters at which frequency and load? Elasticities and Sobol indices of the paper's pump as heat maps.
+"""Elasticities and Sobol indices of the paper's pump over frequency and load, as heat maps.
 
     python -m studies.sizing.sensitivity_map [--samples 256] [--out FOLDER]
 """
@@ -19,7 +19,7 @@ CONFIG = CONFIGS / "sensitivity.yaml"
 
 
 def main(arguments: list[str] | None = None) -> dict[str, str]:
-    """Analyse, print the strongest dimension of the flow at the lowest and highest frequency, leave pictures."""
+    """Analyse, print the parameter with the largest effect on the flow at every point, write pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", type=Path, default=CONFIG)
     parser.add_argument("--samples", type=int, default=256)
@@ -34,16 +34,16 @@ def main(arguments: list[str] | None = None) -> dict[str, str]:
     draw_sobol(findings, units).savefig(options.out / "sobol.png", dpi=130)
     flow = findings.sobol[findings.sobol["output"] == task.metrics[0]]
     frequency, names = findings.points["frequency"], {}
-    table = Table("point", *findings.points.columns, f"strongest on {task.metrics[0]}", "total index")
+    table = Table("point", *findings.points.columns, f"largest effect on {task.metrics[0]}", "total index")
     for k, point in findings.points.iterrows():
-        at = flow[flow["point"] == k]
-        strongest = at.loc[at["total"].idxmax()]
+        at_point = flow[flow["point"] == k]
+        strongest = at_point.loc[at_point["total"].idxmax()]
         names[k] = str(strongest["parameter"])
         table.add_row(str(k), *(f"{v:.4g}" for v in point), names[k], f"{strongest['total']:.3f}")
     Console(highlight=False).print(table)
-    found = {"slowest": names[frequency.idxmin()], "fastest": names[frequency.idxmax()]}
-    print(" ".join(f"{task.metrics[0]}_{end}={name}" for end, name in found.items()))
-    return found
+    strongest_at_ends = {"slowest": names[frequency.idxmin()], "fastest": names[frequency.idxmax()]}
+    print(" ".join(f"{task.metrics[0]}_{end}={name}" for end, name in strongest_at_ends.items()))
+    return strongest_at_ends
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Is the sized pump the best there is? Sizing from random starts against a sweep of the same space.
+"""Sizing from several starts compared with a sweep over the same design space.
 
     python -m studies.sizing.sizing_against_sweep [--config FILE] [--points 20000] [--starts 64] [--out FOLDER]
 
-Both judge designs by the same goals and limits. The last line sums up as key=value; gain is how much better the sized
-design is than the best of the sweep in its objective (exp of the difference of the mean logarithms).
+Both use the same objective and limits. In the last line `gain` is the relative improvement of the objective of the
+sized design over the best of the sweep (exponential of the difference of the mean logarithms, minus one).
 """
 
 import argparse
@@ -23,10 +23,12 @@ from edhas_jax.design.sizing.size import size
 from studies import CONFIGS
 
 CONFIG = CONFIGS / "size_pump.yaml"
+FINEST_STEPS = 4096  # per cycle
+SUPPLY_VOLTAGE = 48.0  # V; designs whose voltage saturates are not allowed
 
 
 def main(arguments: list[str] | None = None) -> dict[str, float]:
-    """Run both, print what they found, leave a picture of the starts."""
+    """Run both, print the best designs, write a picture of the starts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", type=Path, default=CONFIG)
     parser.add_argument("--points", type=int, default=20_000, help="designs of the sweep")
@@ -41,15 +43,15 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
         design, best, seconds, machine_seconds = sweep(
             task, options.points, lambda done, total: status.update(f"sweeping, {done:,} of {total:,}")
         )
-        told = ", ".join(f"{n} {v:.4g}" for n, v in design.items())
-        console.print(f"sweep: J = {best:.4f} at {told}; {machine_seconds:,.0f} machine-seconds in {seconds:.0f} s")
+        values = ", ".join(f"{n} {v:.4g}" for n, v in design.items())
+        console.print(f"sweep: J = {best:.4f} at {values}; {machine_seconds:,.0f} machine-seconds in {seconds:.0f} s")
         result = size(task, lambda what, share: status.update(what))
     sized = result.machines[0]
-    told = ", ".join(f"{n} {v:.4g}" for n, v in sized.design.items())
-    console.print(f"sized: J = {sized.objective:.4f} at {told}; {result.machine_seconds:,.0f} machine-seconds in "
+    values = ", ".join(f"{n} {v:.4g}" for n, v in sized.design.items())
+    console.print(f"sized: J = {sized.objective:.4f} at {values}; {result.machine_seconds:,.0f} machine-seconds in "
                   f"{result.seconds:.0f} s; limited by {'; '.join(sized.active)}")  # fmt: skip
     # both designs are evaluated with the finest step
-    problem = SizingProblem(task, 4096)
+    problem = SizingProblem(task, FINEST_STEPS)
     fractions = [
         [a.fraction_of(v) for a, v in zip(task.variables, d.values(), strict=True)] for d in (design, sized.design)
     ]
@@ -66,7 +68,7 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
 
 
 def sweep(task: SizingTask, points: int, on_chunk) -> tuple[dict[str, float], float, float, float]:
-    """The best allowed design of a Sobol sequence: (design, its J, seconds, machine-seconds)."""
+    """The best design of a Sobol sequence within all limits: (design in SI, its J, seconds, machine-seconds)."""
     began = time.perf_counter()
     designs, cases = sobol_sequence(task.variables, points, seed=1), task.operating_points()
     count = len(next(iter(cases.values())))
@@ -74,7 +76,7 @@ def sweep(task: SizingTask, points: int, on_chunk) -> tuple[dict[str, float], fl
     got = run_designs(task.machine, table, task.settings, on_chunk)
     machine_seconds = float(np.sum(got["cycles"] / table["frequency"]))
     got = {n: v.reshape(points, count) for n, v in got.items()}
-    allowed = (got["status"] == 0).all(axis=1) & (got["peak_voltage"] < 48.0 * (1 - 1e-3)).all(axis=1)
+    allowed = (got["status"] == 0).all(axis=1) & (got["peak_voltage"] < SUPPLY_VOLTAGE * (1 - 1e-3)).all(axis=1)
     for limit in task.constraints:
         value = got[limit.metric]
         allowed &= ((value <= limit.value) if limit.upper else (value >= limit.value)).all(axis=1)

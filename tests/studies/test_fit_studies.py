@@ -1,4 +1,4 @@
-"""The studies of fitting, in short form."""
+"""The identification studies in short form."""
 
 import dataclasses
 import importlib
@@ -28,15 +28,15 @@ def load(name):
 
 def test_lugre_friction_is_identified():
     study = load("identification.friction")
-    study.SPEEDS, study.CREEPS = (5e-3, 20e-3, 80e-3), (60e-6,)
-    found = study.identify(study.measure(study.experiments()))
+    study.SPEEDS, study.CREEP_AMPLITUDES = (5e-3, 20e-3, 80e-3), (60e-6,)
+    found = study.identify(study.add_measurements(study.planned_campaign()))
     for name, value in found.values.items():
         assert abs(value - study.TRUTH[name]) < 4.0 * found.standard_errors[name], name
         assert found.standard_errors[name] < 0.4 * study.TRUTH[name]
     assert study.draw(found).axes
 
 
-def test_error_bars_hold(monkeypatch, capsys):
+def test_standard_errors_match_the_scatter_of_the_estimates(monkeypatch, capsys):
     """The study on 60 campaigns: 240 distances of the truth from the estimate, standard normal if the errors are right.
 
     The share inside 95 % has a standard deviation of 1.4 %, the rms distance one of 4.6 %.
@@ -46,12 +46,12 @@ def test_error_bars_hold(monkeypatch, capsys):
     monkeypatch.setattr(study, "read_campaign", lambda folder: campaign)
     distances = []
 
-    def kept(campaign, count):
+    def recorded(campaign, count):
         distances.append(original(campaign, count))
         return distances[-1]
 
-    original = study.study
-    monkeypatch.setattr(study, "study", kept)
+    original = study.normalised_errors
+    monkeypatch.setattr(study, "normalised_errors", recorded)
     study.main(["campaign", "60"])
     printed = headline(capsys)
     assert distances[0].shape == (60, len(uncertain_unknowns(campaign))) and printed["campaigns"] == "60"
@@ -98,7 +98,7 @@ def test_the_drive_study_finds_the_friction_that_the_record_was_made_with(drive)
     assert study.force_error(drive, columns) < 3.0 < 25.0 < study.force_error(drive, ())
 
 
-def test_the_drive_record_is_cut_where_it_is_back():
+def test_the_drive_record_is_split_where_the_drive_has_returned():
     """Two strokes: the second half begins where the first one did, has its own set point, and is held out."""
     study = load("emps.discovery")
     time = 1e-2 * np.arange(801)
@@ -107,7 +107,7 @@ def test_the_drive_record_is_cut_where_it_is_back():
     signals = {"piston_position": position, "voltage": 3.0 + time}
     run = dataclasses.replace(campaign.runs[0], time=time, signals=signals, lines=np.arange(801) + 2)
     run = dataclasses.replace(run, reference=Recorded(values=0.1 * position, interval=1e-2))
-    first, second = study.halved(dataclasses.replace(campaign, runs=(run,))).runs
+    first, second = study.split_record(dataclasses.replace(campaign, runs=(run,))).runs
     assert [first.use, second.use] == [Use.FIT, Use.HOLDOUT]
     assert len(first.time) == 430 and second.time[0] == 0.0 and second.lines[0] == 432
     np.testing.assert_array_equal(second.reference.values, 0.1 * position[430:])
