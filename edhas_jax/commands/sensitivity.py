@@ -21,8 +21,10 @@ def run(options) -> None:
     """Run a sensitivity analysis, write tables and pictures, print the largest elasticities."""
     from edhas_jax.config.run_folder import require_new_folder, unused_folder
     from edhas_jax.design.batch.design_table import resolve_parameter
-    from edhas_jax.design.sensitivity.analysis import analyse, load_sensitivity, save_findings
+    from edhas_jax.design.sensitivity.analysis import analyse_sensitivity
+    from edhas_jax.design.sensitivity.config import load_sensitivity
     from edhas_jax.design.sensitivity.figures import draw_local, draw_morris, draw_sobol
+    from edhas_jax.design.sensitivity.result_folder import save_sensitivity
 
     analysis = load_sensitivity(options.config)
     folder = options.out or unused_folder(Path("runs"), options.config.stem)
@@ -31,30 +33,30 @@ def run(options) -> None:
     began = time.perf_counter()
     with progress_bar(out) as bar:
         task = bar.add_task("compiling", total=1.0)
-        findings = analyse(analysis, lambda what, share: bar.update(task, completed=share, description=what))
-    save_findings(analysis, findings, folder)
-    units = {n: resolve_parameter(analysis.machine, n)[0].unit for n in findings.points.columns}
-    pictures = {"local.png": draw_local(findings, units)}
-    if findings.sobol is not None:
-        pictures["sobol.png"] = draw_sobol(findings, units)
-    if findings.morris is not None:
-        pictures["morris.png"] = draw_morris(findings)
+        result = analyse_sensitivity(analysis, lambda what, share: bar.update(task, completed=share, description=what))
+    save_sensitivity(analysis, result, folder)
+    units = {n: resolve_parameter(analysis.machine, n)[0].unit for n in result.points.columns}
+    pictures = {"local.png": draw_local(result, units)}
+    if result.sobol is not None:
+        pictures["sobol.png"] = draw_sobol(result, units)
+    if result.morris is not None:
+        pictures["morris.png"] = draw_morris(result)
     for name, figure in pictures.items():
         save_figure(figure, folder / name)
 
     seconds = time.perf_counter() - began
-    out.print(f"[bold]{analysis.name or options.config.stem}[/bold]: {len(findings.points)} operating points, "
+    out.print(f"[bold]{analysis.name or options.config.stem}[/bold]: {len(result.points)} operating points, "
               f"{len(analysis.local)} parameters, {len(analysis.metrics)} metrics; {seconds:.1f} s")  # fmt: skip
     rows = table("largest elasticities", "metric", "parameter", "value", "operating point")
     for metric in analysis.metrics:
-        local = findings.local[findings.local["metric"] == metric].dropna(subset=["elasticity"])
+        local = result.local[result.local["metric"] == metric].dropna(subset=["elasticity"])
         magnitude = local["elasticity"].abs()
         for k in magnitude.loc[magnitude.groupby(local["parameter"]).idxmax()].nlargest(MAX_PRINTED_PARAMETERS).index:
             point = _operating_point(local.loc[k], units)
             rows.add_row(metric, local["parameter"][k], f"{local['elasticity'][k]:+.2f}", point)
     out.print(rows)
-    for note, group in findings.local[findings.local["note"] != ""].groupby("note"):
-        out.print(f"{len(group)} of {len(findings.local)}: {note} ({', '.join(group['metric'].unique())})")
+    for note, group in result.local[result.local["note"] != ""].groupby("note"):
+        out.print(f"{len(group)} of {len(result.local)}: {note} ({', '.join(group['metric'].unique())})")
     out.print(f"written to {folder}: " + file_names(folder), soft_wrap=True)
 
 

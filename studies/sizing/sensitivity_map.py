@@ -11,8 +11,10 @@ from rich.console import Console
 from rich.table import Table
 
 from edhas_jax.design.batch.design_table import resolve_parameter
-from edhas_jax.design.sensitivity.analysis import analyse, load_sensitivity, save_findings
+from edhas_jax.design.sensitivity.analysis import analyse_sensitivity
+from edhas_jax.design.sensitivity.config import load_sensitivity
 from edhas_jax.design.sensitivity.figures import draw_local, draw_sobol
+from edhas_jax.design.sensitivity.result_folder import save_sensitivity
 from studies import CONFIGS
 
 CONFIG = CONFIGS / "sensitivity.yaml"
@@ -27,8 +29,8 @@ def main(arguments: list[str] | None = None) -> dict[str, str]:
     options = parser.parse_args(arguments)
     task = dataclasses.replace(load_sensitivity(options.config), samples=options.samples, trajectories=0)
     with Console().status("analysing") as status:
-        findings = analyse(task, lambda what, share: status.update(f"{what}, {share:.0%}"))
-    save_findings(task, findings, options.out)
+        findings = analyse_sensitivity(task, lambda what, share: status.update(f"{what}, {share:.0%}"))
+    save_sensitivity(task, findings, options.out)
     units = {n: resolve_parameter(task.machine, n)[0].unit for n in findings.points.columns}
     draw_local(findings, units).savefig(options.out / "local.png", dpi=130)
     draw_sobol(findings, units).savefig(options.out / "sobol.png", dpi=130)

@@ -8,8 +8,14 @@ from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.design.batch.batch import run_designs
 from edhas_jax.design.batch.experiment_design import designs_at
-from edhas_jax.design.sensitivity.analysis import load_sensitivity, open_findings
-from edhas_jax.design.sensitivity.sobol_morris import morris, sobol, sobol_designs, sobol_statistics
+from edhas_jax.design.sensitivity.config import load_sensitivity
+from edhas_jax.design.sensitivity.global_sensitivity import (
+    morris_effects,
+    saltelli_sample,
+    sobol_indices,
+    sobol_indices_of,
+)
+from edhas_jax.design.sensitivity.result_folder import open_sensitivity
 
 CONFIG = """
 name: small
@@ -27,14 +33,14 @@ batch: {{step: 50 us, tolerance: 1 %}}
 """
 
 
-def ishigami(shares):
-    x = np.pi * (2.0 * shares - 1.0)
+def ishigami(fractions):
+    x = np.pi * (2.0 * fractions - 1.0)
     return (np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0]))[:, None]
 
 
-def test_ishigami():
-    """The analytic indices lie in the confidence intervals, and near what is found."""
-    found = sobol(ishigami, ["x1", "x2", "x3"], ["y"], 4096, seed=0)
+def test_indices_of_the_ishigami_function():
+    """The analytic indices lie in the confidence intervals and near the estimates."""
+    found = sobol_indices(ishigami, ["x1", "x2", "x3"], ["y"], 4096, seed=0)
     v1, v2, v13 = 0.5 * (1 + 0.1 * np.pi**4 / 5) ** 2, 49.0 / 8, 0.01 * np.pi**8 * (1 / 18 - 1 / 50)
     first, total = np.array([v1, v2, 0.0]), np.array([v1 + v13, v2, v13])
     np.testing.assert_allclose(found["first"], first / (v1 + v2 + v13), atol=0.02)
@@ -44,14 +50,14 @@ def test_ishigami():
         assert ((found[f"{column}_low"] - 0.01 < right) & (right < found[f"{column}_high"] + 0.01)).all()
 
 
-def test_failed_designs_leave_their_rows_out():
-    def holes(shares):
-        return np.where(shares[:, :1] < 0.02, np.nan, ishigami(shares))
+def test_rows_with_failed_designs_are_discarded():
+    def partly_failing(fractions):
+        return np.where(fractions[:, :1] < 0.02, np.nan, ishigami(fractions))
 
-    found = sobol(holes, ["x1", "x2", "x3"], ["y"], 256, seed=0)
+    found = sobol_indices(partly_failing, ["x1", "x2", "x3"], ["y"], 256, seed=0)
     assert set(found["rows"]) == {128} and np.isfinite(found["total"]).all()
     with pytest.raises(ValueError, match="narrow the ranges"):
-        sobol(lambda shares: np.full((len(shares), 1), np.nan), ["x1"], ["y"], 64, seed=0)
+        sobol_indices(lambda fractions: np.full((len(fractions), 1), np.nan), ["x1"], ["y"], 64, seed=0)
 
 
 @pytest.fixture(scope="module")
@@ -63,13 +69,13 @@ def task(tmp_path_factory):
     return path
 
 
-def test_the_machine_against_salib_on_the_same_samples(task):
+def test_indices_of_a_machine_match_salib_on_the_same_sample(task):
     task = load_sensitivity(task)
     names, n = [axis.name for axis in task.ranges], 64
-    a, b, mixed = sobol_designs(len(names), n, 0)
+    a, b, mixed = saltelli_sample(len(names), n, 0)
     got = run_designs(task.machine, designs_at(task.ranges, np.concatenate([a, b, *mixed])), task.settings)
     values = got["mean_flow"]
-    ours = sobol_statistics(values[:, None], names, ["mean_flow"], n, 0)
+    ours = sobol_indices_of(values[:, None], names, ["mean_flow"], n, 0)
     parts = values.reshape(len(names) + 2, n)
     # SALib takes A, the mixed designs and B of each row together
     order = np.concatenate([parts[:1], parts[2:], parts[1:2]]).T.ravel()
@@ -79,8 +85,8 @@ def test_the_machine_against_salib_on_the_same_samples(task):
     np.testing.assert_allclose(ours["total"], theirs["ST"], atol=0.02)
 
 
-def test_morris_knows_slopes_and_curvature():
-    found = morris(lambda s: (2.0 + s[:, 0] + 3.0 * s[:, 1] ** 2)[:, None], ["a", "b", "c"], ["y"], 20, seed=0)
+def test_morris_effects_of_a_linear_and_a_quadratic_parameter():
+    found = morris_effects(lambda s: (2.0 + s[:, 0] + 3.0 * s[:, 1] ** 2)[:, None], ["a", "b", "c"], ["y"], 20, seed=0)
     mu, sigma = found["mu_star"].to_numpy(), found["sigma"].to_numpy()
     assert mu[2] == 0.0 and mu[1] > 2.0 * mu[0]
     assert sigma[0] == pytest.approx(0.0, abs=1e-12) and sigma[1] > 0.05
@@ -89,17 +95,17 @@ def test_morris_knows_slopes_and_curvature():
 def test_the_command(task, tmp_path, capsys):
     assert main(["sensitivity", str(task), "--out", str(tmp_path / "out")]) == 0
     assert "piston_diameter" in capsys.readouterr().out
-    findings = open_findings(tmp_path / "out")
-    assert len(findings.points) == 2 and len(findings.local) == 2 * 2 * 2
-    assert set(findings.sobol["point"]) == set(findings.morris["point"]) == {0, 1}
+    result = open_sensitivity(tmp_path / "out")
+    assert len(result.points) == 2 and len(result.local) == 2 * 2 * 2
+    assert set(result.sobol["point"]) == set(result.morris["point"]) == {0, 1}
     # a positive displacement pump: flow grows with the square of the diameter
-    flow = findings.local[(findings.local["metric"] == "mean_flow") & (findings.local["point"] == 0)]
+    flow = result.local[(result.local["metric"] == "mean_flow") & (result.local["point"] == 0)]
     assert flow.set_index("parameter")["elasticity"]["piston_diameter"] == pytest.approx(2.0, abs=0.03)
     for picture in ("local.png", "sobol.png", "morris.png"):
         assert (tmp_path / "out" / picture).stat().st_size > 10_000
 
 
-def test_without_ranges_there_are_only_elasticities(task, tmp_path):
+def test_without_ranges_only_elasticities_are_computed(task, tmp_path):
     text = task.read_text(encoding="utf-8")
     path = tmp_path / "local.yaml"
     path.write_text(text[: text.index("ranges:")], encoding="utf-8")
@@ -112,11 +118,11 @@ def test_without_ranges_there_are_only_elasticities(task, tmp_path):
     ("metrics: [mean_flow,", "metrics: [mean_flw,", r":5: metrics\[0\]: no metric `mean_flw`.*mean_flow"),
     ("local: [piston_diameter,", "local: [piston_diamete,", r":6: local\[0\]: unknown parameter.*piston_diameter"),
     ("amplitude: {from: 3 mm, to: 4", "amplitude: {from: 4 mm, to: 3", ":9: ranges.amplitude: the range.*empty"),
-    ("amplitude: {from: 3 mm, to: 4 mm}", "frequency: {from: 5 Hz, to: 9 Hz}", ":9: ranges.frequency: is held at"),
+    ("amplitude: {from: 3 mm, to: 4 mm}", "frequency: {from: 5 Hz, to: 9 Hz}", ":9: ranges.frequency: is fixed by"),
     ("frequency: [10 Hz", "frequency: [10 bar", r":4: points.frequency.values\[0\]: .*not a frequency"),
     ("trajectories: 4", "trajectory: 4", ":12: trajectory: unknown key"),
 ])  # fmt: skip
-def test_bad_configurations(task, tmp_path, old, new, says):
+def test_an_invalid_configuration_is_refused(task, tmp_path, old, new, says):
     text = task.read_text(encoding="utf-8")
     assert old in text
     path = tmp_path / "bad.yaml"

@@ -8,7 +8,7 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
-from edhas_jax.design.sensitivity.analysis import load_sensitivity
+from edhas_jax.design.sensitivity.config import load_sensitivity
 from edhas_jax.design.sizing.config import load_sizing
 from edhas_jax.machine.interface.slots import SLOTS
 from tests.support import ROOT

@@ -1,1 +1,1 @@
-"""Elasticities, Sobol indices and Morris screening."""
+"""Sensitivity of metrics to parameters: local elasticities, Sobol indices, Morris screening."""

@@ -1,48 +1,54 @@
-"""Pictures of a sensitivity analysis: parameters over operating points, the strongest on top."""
+"""Figures of a sensitivity analysis: parameters over operating points, the most influential on top."""
 
 import numpy as np
 import pandas as pd
 
+from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.core.units import format_number, format_quantity
-from edhas_jax.design.sensitivity.analysis import Findings
+from edhas_jax.design.sensitivity.analysis import SensitivityResult
 
-INK, QUIET = "#1b1f24", "#6e7781"
-MOST_ROWS = 18
-TOLD = 0.05  # elasticities and indices from here on are written into their cells
+MAX_ROWS = 18
+MIN_SHOWN = 0.02  # largest elasticity or index of a parameter, below which its row is left out
+MIN_ANNOTATED = 0.05  # elasticity or index from which a cell shows its value
 
 
-def draw_local(findings: Findings, units: dict[str, str]):
-    """Elasticities: a panel per metric, a row per parameter, a column per operating point; blue lowers, red raises.
+def draw_local(result: SensitivityResult, units: dict[str, str]):
+    """Draw elasticities: a panel per metric, a row per parameter, a column per operating point.
 
-    `units` are the SI units of the operating points' columns.
+    Args:
+        result: the tables of the analysis.
+        units: SI units of the columns of the operating points.
+
+    Returns:
+        A matplotlib figure; blue is negative, red positive.
     """
-    rows = findings.local
+    rows = result.local
     values = {
         metric: rows[rows["metric"] == metric].pivot(index="parameter", columns="point", values="elasticity")
         for metric in rows["metric"].unique()
     }
     title = "Elasticity: per cent that a metric changes when a parameter grows by one per cent"
-    return _panels(findings.points, units, values, title, "elasticity", signed=True)
+    return _panels(result.points, units, values, title, "elasticity", signed=True)
 
 
-def draw_sobol(findings: Findings, units: dict[str, str]):
-    """Total Sobol indices in the same form."""
-    rows = findings.sobol
+def draw_sobol(result: SensitivityResult, units: dict[str, str]):
+    """Draw total Sobol indices in the same form as `draw_local`."""
+    rows = result.sobol
     values = {
         output: rows[rows["output"] == output].pivot(index="parameter", columns="point", values="total")
         for output in rows["output"].unique()
     }
-    title = "Total Sobol index: share of the variance over the ranges in which a parameter has a part"
-    return _panels(findings.points, units, values, title, "total index", signed=False)
+    title = "Total Sobol index: share of the variance that involves a parameter"
+    return _panels(result.points, units, values, title, "total index", signed=False)
 
 
-def draw_morris(findings: Findings):
-    """Mean size of the effects with their confidence, and their spread; a panel per metric, mean over the points."""
+def draw_morris(result: SensitivityResult):
+    """Draw magnitude (with confidence) and deviation of the elementary effects, averaged over the operating points."""
     from matplotlib.figure import Figure
 
-    outputs = list(findings.morris["output"].unique())
+    outputs = list(result.morris["output"].unique())
     tables = {
-        output: findings.morris[findings.morris["output"] == output]
+        output: result.morris[result.morris["output"] == output]
         .groupby("parameter")[["mu_star", "mu_star_conf", "sigma"]].mean() for output in outputs
     }  # fmt: skip
     order = pd.concat(tables.values())["mu_star"].groupby(level=0).max().sort_values().index
@@ -51,14 +57,14 @@ def draw_morris(findings: Findings):
     at = np.arange(len(order))
     for axes, (output, table) in zip(grid, tables.items(), strict=True):
         table = table.loc[order]
-        bars = axes.barh(at, table["mu_star"], xerr=table["mu_star_conf"], color="#9ec5f4", ecolor=QUIET, height=0.62)
+        bars = axes.barh(at, table["mu_star"], xerr=table["mu_star_conf"], color="#9ec5f4", ecolor=GREY, height=0.62)
         dots = axes.plot(table["sigma"], at, "o", color=INK, ms=4, zorder=4)[0]
         axes.set_yticks(at, [n.replace("_", " ") for n in order], fontsize=8.5)
         axes.set_title(output.replace("_", " "), fontsize=10, color=INK)
         axes.set_xlabel("share of the metric over the range", fontsize=8.5)
         axes.spines[["top", "right", "left"]].set_visible(False)
         axes.tick_params(axis="y", length=0)
-    grid[-1].legend([bars, dots], ["µ*: mean size, 95 %", "σ: curvature, interaction"], fontsize=8, frameon=False,
+    grid[-1].legend([bars, dots], ["µ*: mean magnitude, 95 %", "σ: curvature, interaction"], fontsize=8, frameon=False,
                     loc="lower right")  # fmt: skip
     figure.suptitle("Morris screening, mean over the operating points", x=0.01, ha="left", fontsize=11, color=INK)
     return figure
@@ -69,9 +75,9 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
     from matplotlib.figure import Figure
 
     strength = pd.concat(values.values()).abs().max(axis=1).groupby(level=0).max().sort_values(ascending=False)
-    shown = list(strength[strength > 0.02].index[:MOST_ROWS]) or list(strength.index[:1])
-    left = len(strength) - len(shown)
-    order, columns = _ordered(points)
+    shown = list(strength[strength > MIN_SHOWN].index[:MAX_ROWS]) or list(strength.index[:1])
+    omitted = len(strength) - len(shown)
+    order, columns = _point_order(points)
     width, height = max(2.6, 0.62 * len(order)), 0.34 * len(shown)
     figure = Figure(figsize=(2.6 + width * len(values), 2.0 + height), layout="constrained")
     grid = figure.subplots(1, len(values), sharey=True, squeeze=False)[0]
@@ -82,8 +88,8 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
         image = axes.imshow(cells, cmap="RdBu_r" if signed else "Blues", norm=norm, aspect="auto")
         for (i, j), value in np.ndenumerate(cells):
             if not np.isfinite(value):
-                axes.text(j, i, "×", ha="center", va="center", fontsize=8, color=QUIET)
-            elif abs(value) >= TOLD:
+                axes.text(j, i, "×", ha="center", va="center", fontsize=8, color=GREY)
+            elif abs(value) >= MIN_ANNOTATED:
                 dark = abs(norm(value) - (0.5 if signed else 0.0)) > (0.36 if signed else 0.6)
                 axes.text(j, i, format_number(value, 2), ha="center", va="center", fontsize=7.5,
                           color="white" if dark else INK)  # fmt: skip
@@ -98,23 +104,23 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
         bar.set_ticks(ticks, labels=[format_number(t) for t in ticks])
     bar.set_label(label, color=INK)
     bar.outline.set_visible(False)
-    rest = f"; {left} weaker ones are left out" if left else ""
-    figure.suptitle(title + f"\n{len(points)} operating points, strongest parameters on top{rest}",
+    note = f"; {omitted} weaker ones are left out" if omitted else ""
+    figure.suptitle(title + f"\n{len(points)} operating points, strongest parameters on top{note}",
                     x=0.01, ha="left", fontsize=10.5, color=INK)  # fmt: skip
     return figure
 
 
-def _ordered(points: pd.DataFrame) -> tuple[list[int], list[str]]:
-    """The points with the first column changing slowest, and the columns from the one that changes fastest."""
+def _point_order(points: pd.DataFrame) -> tuple[list[int], list[str]]:
+    """The order of the points with the last column changing slowest, and the columns."""
     columns = list(points.columns)
     order = list(points.sort_values(columns[::-1]).index) if columns else [0]
     return order, columns
 
 
 def _label_points(axes, points: pd.DataFrame, columns: list[str], order: list[int], units: dict[str, str]) -> None:
-    """The first parameter of the points at every column, the others once per group below, a line between groups."""
+    """Label every column with the first parameter of its point, and every group of columns with the other ones."""
     if not columns:
-        axes.set_xticks([0], ["as it stands"], fontsize=8)
+        axes.set_xticks([0], ["as configured"], fontsize=8)
         return
     first = [format_quantity(points[columns[0]][k], units[columns[0]]) for k in order]
     axes.set_xticks(range(len(order)), [t.split(" ")[0] for t in first], fontsize=8)
@@ -123,10 +129,10 @@ def _label_points(axes, points: pd.DataFrame, columns: list[str], order: list[in
     axes.set_xlabel(f"{columns[0].replace('_', ' ')}, {unit}", fontsize=8.5, color=INK, labelpad=pad)
     groups: dict[str, list[int]] = {}
     for j, k in enumerate(order):
-        told = ", ".join(format_quantity(points[n][k], units[n]) for n in columns[1:])
-        groups.setdefault(told, []).append(j)
-    for j, (told, members) in enumerate(groups.items() if columns[1:] else ()):
-        axes.annotate(told, (np.mean(members), 0), (0, -17), xycoords=("data", "axes fraction"),
-                      textcoords="offset points", ha="center", va="top", fontsize=8, color=QUIET)  # fmt: skip
+        label = ", ".join(format_quantity(points[n][k], units[n]) for n in columns[1:])
+        groups.setdefault(label, []).append(j)
+    for j, (label, members) in enumerate(groups.items() if columns[1:] else ()):
+        axes.annotate(label, (np.mean(members), 0), (0, -17), xycoords=("data", "axes fraction"),
+                      textcoords="offset points", ha="center", va="top", fontsize=8, color=GREY)  # fmt: skip
         if j:
             axes.axvline(members[0] - 0.5, color="white", lw=3)

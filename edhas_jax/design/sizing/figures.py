@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.core.units import display_unit, format_number, from_si
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sizing.config import SizingTask
@@ -9,7 +10,7 @@ from edhas_jax.design.sizing.optimiser import FEASIBILITY_TOLERANCE
 from edhas_jax.design.sizing.size import SizingResult
 from edhas_jax.simulation.metrics import METRICS
 
-INK, QUIET, BEST, START = "#1b1f24", "#6e7781", "#d1490c", "#0969da"
+BEST_COLOUR, START_COLOUR = "#d1490c", "#0969da"
 
 
 def draw_path(task: SizingTask, result: SizingResult):
@@ -26,9 +27,9 @@ def draw_path(task: SizingTask, result: SizingResult):
         rows = rows.sort_values("iteration")
         best = rows["objective"].where(rows["violation"] <= FEASIBILITY_TOLERANCE).cummax()
         best_of_starts.append(best.max())
-        grid[0].plot(rows["iteration"], 100 * np.expm1(best - final), color=QUIET, lw=0.8, alpha=0.6)
+        grid[0].plot(rows["iteration"], 100 * np.expm1(best - final), color=GREY, lw=0.8, alpha=0.6)
     grid[0].set_ylim(max(-60.0, 100 * np.expm1(np.nanmin(best_of_starts) - final) - 5), 3)
-    grid[0].axhline(0.0, color=BEST, lw=1.2)
+    grid[0].axhline(0.0, color=BEST_COLOUR, lw=1.2)
     grid[0].set(xlabel="iteration", ylabel="best feasible objective, % from the final one", xlim=(0, last))
     grid[0].set_title(f"{len(best_of_starts)} starts, {100 * result.share_near_best:.0f} % end within 1 %", fontsize=10)
     for axes, axis in zip(grid[1:], task.variables, strict=True):
@@ -37,9 +38,9 @@ def draw_path(task: SizingTask, result: SizingResult):
         for _, rows in result.path.groupby("start"):
             rows = _improvements(rows)
             values = from_si(rows[axis.name].to_numpy(), unit, shown)
-            axes.plot(rows["iteration"], values, color=QUIET, lw=0.7, alpha=0.6)
+            axes.plot(rows["iteration"], values, color=GREY, lw=0.7, alpha=0.6)
         for sized in result.machines:
-            axes.axhline(from_si(sized.design[axis.name], unit, shown), color=BEST, lw=1.4)
+            axes.axhline(from_si(sized.design[axis.name], unit, shown), color=BEST_COLOUR, lw=1.4)
         low, high = (from_si(end, unit, shown) for end in (axis.low, axis.high))
         axes.set_ylim(low - 0.03 * (high - low), high + 0.03 * (high - low))
         if axis.log:
@@ -84,13 +85,13 @@ def draw_front(task: SizingTask, result: SizingResult):
 
     feasible = [sized for sized in result.machines if sized.violation <= FEASIBILITY_TOLERANCE]
     x, y = ([mean(sized, m) for sized in feasible] for m in metrics)
-    left.plot(x, y, "-o", color=BEST, ms=5, lw=1.2)
+    left.plot(x, y, "-o", color=BEST_COLOUR, ms=5, lw=1.2)
     for k, point in enumerate(zip(x, y, strict=True)):
         left.annotate(str(k + 1), point, (6, 4), textcoords="offset points", fontsize=8.5, color=INK)
     start = [mean(result.start, m) for m in metrics]
     label = "start" if result.start.violation <= FEASIBILITY_TOLERANCE else "start, infeasible"
-    left.plot(*start, "s", color=START, ms=6)
-    left.annotate(label, start, (7, -11), textcoords="offset points", fontsize=8.5, color=START)
+    left.plot(*start, "s", color=START_COLOUR, ms=6)
+    left.annotate(label, start, (7, -11), textcoords="offset points", fontsize=8.5, color=START_COLOUR)
     labels = [f"{m.replace('_', ' ')}, {METRICS[m][1]}, mean of the points" for m in metrics]
     left.set(xlabel=labels[0], ylabel=labels[1])
     left.margins(0.1)

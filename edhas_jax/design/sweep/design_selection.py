@@ -10,7 +10,7 @@ from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, format_number, format_quantity, to_si
 from edhas_jax.design.sweep.table import NOT_RUN, SweepResult
 
-INK, QUIET, GRID, FAILED = "#1b1f24", "#6e7781", "#d8dee4", "#d0d7de"
+GRID_COLOUR, FAILED_COLOUR = "#d8dee4", "#d0d7de"
 COLOUR_MAP = "viridis"
 TITLE_WIDTH = 85  # characters per line
 DEFAULT_METRICS = ("mean_flow", "overall_efficiency", "amplitude_ratio")

@@ -2,11 +2,10 @@
 
 import numpy as np
 
+from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.design.sweep.design_selection import (
     COLOUR_MAP,
-    FAILED,
-    INK,
-    QUIET,
+    FAILED_COLOUR,
     DesignSelection,
     FigureError,
     require_one_of,
@@ -147,8 +146,8 @@ def _hatch_failed(axes, x_edges, y_edges, failed) -> None:
         from matplotlib.colors import ListedColormap
 
         axes.pcolor(
-            x_edges, y_edges, np.ma.array(np.zeros(failed.shape), mask=~failed), cmap=ListedColormap([FAILED]),
-            hatch="////", edgecolor=QUIET, linewidth=0.0,
+            x_edges, y_edges, np.ma.array(np.zeros(failed.shape), mask=~failed), cmap=ListedColormap([FAILED_COLOUR]),
+            hatch="////", edgecolor=GREY, linewidth=0.0,
         )  # fmt: skip
 
 
@@ -179,5 +178,5 @@ def _label_axes(
         axes.set_title(title, fontsize=9)
     axes.set_xlabel(selection.label(x) if last else "", color=INK)
     axes.set_ylabel(selection.label(y) if first else "", color=INK)
-    axes.tick_params(colors=QUIET, labelsize=8)
+    axes.tick_params(colors=GREY, labelsize=8)
     axes.spines[:].set_visible(False)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from edhas_jax.core.plot_style import INK
 from edhas_jax.design.sweep.design_selection import (
     COLOUR_MAP,
-    FAILED,
-    INK,
+    FAILED_COLOUR,
     DesignSelection,
     FigureError,
     tick_label,
@@ -56,7 +56,7 @@ def draw_parallel_coordinates(selection: DesignSelection, metric: str):
     varied = len(selection.varied())
     # the metrics of a failed design are meaningless: its line ends with its parameters
     lines = [np.column_stack([np.arange(varied), heights[i, :varied]]) for i in failed]
-    axes.add_collection(LineCollection(lines, colors=FAILED, linewidths=0.8, zorder=1))
+    axes.add_collection(LineCollection(lines, colors=FAILED_COLOUR, linewidths=0.8, zorder=1))
     lines = [np.column_stack([np.arange(len(names)), heights[i]]) for i in good]
     norm = Normalize(colour[good].min(), colour[good].max())
     alpha = float(np.clip(120 / max(len(good), 1), 0.25, 0.9))

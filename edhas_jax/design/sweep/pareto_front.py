@@ -4,10 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.design.sweep.design_selection import (
-    GRID,
-    INK,
-    QUIET,
+    GRID_COLOUR,
     DesignSelection,
     FigureError,
     require_one_of,
@@ -77,10 +76,10 @@ def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | No
     axes.set_xlabel(f"{selection.label(names[1])} ({better[signs[1]]})", color=INK)
     axes.set_ylabel(f"{selection.label(names[0])} ({better[signs[0]]})", color=INK)
     axes.margins(0.06)
-    axes.grid(True, color=GRID, lw=0.6)
+    axes.grid(True, color=GRID_COLOUR, lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=QUIET, labelsize=9)
+    axes.tick_params(colors=GREY, labelsize=9)
     axes.legend(frameon=False, fontsize=9, loc="lower right" if signs[0] * signs[1] < 0 else "upper right")
     columns = [names[0], names[1], *selection.varied()]
     rows = [[str(k), *(tick_label(selection.values(n)[good[i]]) for n in columns)] for k, i in enumerate(listed, 1)]
@@ -90,8 +89,8 @@ def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | No
     table.auto_set_font_size(False)
     table.set_fontsize(9)
     for (row, _), cell in table.get_celld().items():
-        cell.set_edgecolor(GRID)
-        cell.get_text().set_color(QUIET if row == 0 else INK)
+        cell.set_edgecolor(GRID_COLOUR)
+        cell.get_text().set_color(GREY if row == 0 else INK)
         cell.set_height(0.38 if row == 0 else 0.145)
     figure.suptitle(selection.title(f"{names[0].replace('_', ' ')} against {names[1].replace('_', ' ')}", "left out"),
                     x=0.01, ha="left", fontsize=11, color=INK)  # fmt: skip
