@@ -50,8 +50,8 @@ def run(options) -> None:
     with report_write_errors(path):
         path.write_text(comment + dump_config(after.fit.machine, Simulation(sample_rate=rate)), encoding="utf-8")
     rows = table("residual over noise", "model", "fitted runs", "held-out runs")
-    for name, judged in (("calibrated", before), (f"with {effect.id}", after)):
-        rows.add_row(name, f"{judged.level(Use.FIT):.3f}", f"{judged.level(Use.HOLDOUT):.3f}")
+    for name, evaluated in (("calibrated", before), (f"with {effect.id}", after)):
+        rows.add_row(name, *(f"{evaluated.rms_over_noise(use):.3f}" for use in (Use.FIT, Use.HOLDOUT)))
     out.print(rows)
     units = {u.name: u.unit for u in after.fit.problem.unknowns}
     for name, value in after.fit.values.items():

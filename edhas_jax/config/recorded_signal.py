@@ -150,8 +150,8 @@ def _read_columns(path: Path, header: list[str], columns: list[str]) -> list[np.
                 continue
             if len(row) != len(header):
                 cut = "; the file seems to be cut off" if len(row) < len(header) else ""
-                what = f"{len(row)} values where the header has {len(header)}{cut}"
-                raise RecordingError("file", f"{path}:{reader.line_num}: {what}")
+                message = f"{len(row)} values where the header has {len(header)}{cut}"
+                raise RecordingError("file", f"{path}:{reader.line_num}: {message}")
             rows.append([_number(row[i], path, reader.line_num) for i in indices])
     with path.open("rb") as file:
         file.seek(-1, 2)

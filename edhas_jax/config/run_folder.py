@@ -37,7 +37,7 @@ ENERGY_PREFIX, VOLUME_PREFIX = "energy: ", "volume: "  # of the columns of the l
 
 
 class ResultFileError(ValueError):
-    """A result file or folder cannot be written, or cannot be read as what it should be."""
+    """A result file or folder cannot be written, or is not a valid result."""
 
 
 def unused_folder(parent: Path, name: str) -> Path:
@@ -183,8 +183,8 @@ def open_run(folder: str | Path) -> Run:
     try:
         manifest = json.loads((folder / MANIFEST_FILE).read_text(encoding="utf-8"))
         if manifest["format"] > FORMAT_VERSION:
-            what = f"written by the later version {manifest['edhas_jax']}; this one reads format {FORMAT_VERSION}"
-            raise ResultFileError(f"{folder}: {what}")
+            reason = f"written by the later version {manifest['edhas_jax']}; this one reads format {FORMAT_VERSION}"
+            raise ResultFileError(f"{folder}: {reason}")
         signals = _columns(pd.read_parquet(folder / SIGNALS_FILE))
         ledger = _columns(pd.read_parquet(folder / LEDGER_FILE))
     except ResultFileError:
