@@ -20,7 +20,7 @@ CHANNELS = {
 }  # fmt: skip
 UNCERTAIN = {"force_constant": 0.02, "air_fraction": 0.4, "valve_spring_rate": 0.05, "load_orifice_area": 0.03}
 RUNS = tuple(
-    PlannedRun(use, 0.3, {"frequency": frequency, "amplitude": 3.5e-3, "load_orifice_area": 3e-6})
+    PlannedRun(use, 0.2, {"frequency": frequency, "amplitude": 3.5e-3, "load_orifice_area": 3e-6})
     for use, frequency in ((Use.FIT, 20.0), (Use.FIT, 30.0), (Use.HOLDOUT, 25.0))
 )
 PER_SAMPLE, STEPS = 8, 12

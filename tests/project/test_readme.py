@@ -1,5 +1,6 @@
 """Examples and links of the README and the documentation: every example is executed as printed."""
 
+import functools
 import importlib.util
 import re
 import shutil
@@ -10,8 +11,11 @@ import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.design.sensitivity.config import load_sensitivity
 from edhas_jax.design.sizing.config import load_sizing
+from edhas_jax.machine.effects import ForceConstantDroop, InverterDeadTime
 from edhas_jax.machine.interface.slots import SLOTS
 from tests.support import ROOT
+
+SUSPECTS = (ForceConstantDroop, InverterDeadTime)
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
@@ -58,7 +62,9 @@ def test_compare_example(here):
     assert execute(block)["patterns"][0].sentence == comment(block, "patterns[0].sentence")
 
 
-def test_learn_example(here):
+def test_learn_example(here, monkeypatch):
+    """With two suspects of the library: every further one has to be compiled, and is rejected."""
+    monkeypatch.setattr(edhas, "diagnose_campaign", functools.partial(edhas.diagnose_campaign, library=SUSPECTS))
     block = blocks("README.md", "python")[3]
     diagnosis = execute(block)["diagnosis"]
     assert diagnosis.verdict.value == comment(block, "diagnosis.verdict.value")
