@@ -1,11 +1,11 @@
-"""The benchmark of hidden effects: how often is the effect named that was hidden in a campaign?
+"""Benchmark of hidden effects: how often does the diagnosis name the effect that is hidden in a synthetic campaign?
 
     python -m studies.hidden_effects [--cases N] [--seed FIRST] [--workers K] [--out DIR] [--crumbs]
 
-Each case is a campaign of eight runs of the pump bench, made by another integrator and sensor chain than those of the
-diagnosis, its parameters drawn; see `cases.py` for what is hidden and `rivals.py` for what else is asked. Cases
-are numbered from `--seed` on; `SEALED` in `cases.py` says from which on they are for judging alone. Those
-that are finished are kept in DIR and not done again, so that a study that was stopped goes on with the same command.
+Each case is a campaign of eight runs of the pump bench with randomly drawn parameters, made by an integrator and sensor
+models that the diagnosis does not use. `cases.py` draws the cases, `baselines.py` has the methods for comparison. Cases
+are numbered from `--seed` on; those from `FIRST_TEST_CASE` on are the held-out test set. Finished cases are stored in
+DIR and not repeated, so that the same command continues a study that was stopped.
 
 The last line: `top1=… false_alarms=… slot=… both=… unknown=… calibration=…`
 """
@@ -25,24 +25,30 @@ from edhas_jax.diagnosis.search.candidates import candidates_for
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.trial import Trial
-from studies.hidden_effects.cases import PUMP, SEALED, HiddenCase, draw_case
-from studies.hidden_effects.pictures import save_pictures
+from studies.hidden_effects.baselines import correlation, forward_bic, signatures, sparse_discrepancy
+from studies.hidden_effects.cases import FIRST_TEST_CASE, PUMP_EFFECTS, Family, HiddenCase, draw_case
+from studies.hidden_effects.figures import save_figures
 from studies.hidden_effects.rates import last_line, report
-from studies.hidden_effects.rivals import correlation, forward_bic, signatures, sparse_discrepancy
 
-RENEWED = 10  # cases after which a worker is replaced: compiled programs take up memory
-
-
-def run_case(number: int, crumbs: bool) -> dict[str, Any]:
-    """One case, diagnosed by the package and by its rivals, as plain data."""
-    case = draw_case(number, crumbs)
-    library = [kind for kind in PUMP if kind not in case.struck]
-    found = diagnose(case.campaign, library)
-    return told(case, crumbs) | answered(found) | {"rivals": rivals(case, found, library)}
+CASES_PER_WORKER = 10  # cases after which a worker process is replaced, because compiled programs accumulate
 
 
-def told(case: HiddenCase, crumbs: bool) -> dict[str, Any]:
-    """What was hidden."""
+def run_case(number: int, unmodelled_lags: bool) -> dict[str, Any]:
+    """Draw one case, diagnose it with the package and with the baseline methods; the result file as plain data.
+
+    Args:
+        number: number of the case.
+        unmodelled_lags: whether every sensor has a small lag that is not in the library of the diagnosis.
+    """
+    case = draw_case(number, unmodelled_lags)
+    library = [kind for kind in PUMP_EFFECTS if kind not in case.withheld]
+    diagnosis = diagnose(case.campaign, library)
+    answers = {"rivals": baseline_answers(case, diagnosis, library)}
+    return ground_truth(case, unmodelled_lags) | diagnosis_result(diagnosis) | answers
+
+
+def ground_truth(case: HiddenCase, unmodelled_lags: bool) -> dict[str, Any]:
+    """The entries of a result file that describe what is hidden."""
     hidden = [
         {
             "name": h.candidate.name,
@@ -57,14 +63,15 @@ def told(case: HiddenCase, crumbs: bool) -> dict[str, Any]:
         for h in case.hidden
     ]
     return {
-        "number": case.number, "family": case.family.value, "louder": case.louder, "crumbs": crumbs, "hidden": hidden
+        "number": case.number, "family": case.family.value, "louder": case.noise_factor,
+        "crumbs": unmodelled_lags, "hidden": hidden,
     }  # fmt: skip
 
 
-def answered(found: Diagnosis) -> dict[str, Any]:
-    """What the diagnosis answered."""
+def diagnosis_result(found: Diagnosis) -> dict[str, Any]:
+    """The entries of a result file that describe the answer of the diagnosis."""
     final = found.final
-    own = {
+    parameters = {
         t.candidate.name: {
             n.removeprefix(t.candidate.prefix): [v, final.standard_errors[n]]
             for n, v in final.values.items()
@@ -75,7 +82,7 @@ def answered(found: Diagnosis) -> dict[str, Any]:
     return {
         "verdict": found.verdict.value,
         "accepted": [t.candidate.name for t in found.accepted],
-        "parameters": own,
+        "parameters": parameters,
         "candidates": [[candidate.name, p] for candidate, p, _ in found.ranked_candidates()[:10]],
         "groups": [[candidate.name for candidate in group] for group in found.confounded_groups()],
         "where": found.location_probabilities(),
@@ -91,32 +98,33 @@ def _trial(trial: Trial) -> list:
     return [trial.candidate.name, fall, gain, trial.holdout_half_chi_square_fall]
 
 
-def rivals(case: HiddenCase, found: Diagnosis, library: list[type]) -> dict[str, list[str]]:
-    """The answers of the others, who get the same calibrated model."""
+def baseline_answers(case: HiddenCase, found: Diagnosis, library: list[type]) -> dict[str, list[str]]:
+    """The answers of the baseline methods, which start from the same calibrated model, by method."""
     fitted = found.calibrated.fit
     problem = fitted.problem
     candidates = candidates_for(case.campaign, problem.machine, problem.instruments)
     candidates = [s for s in candidates if s.signal is not None or s.kind in library]
     per_sample = fitted.resolution.coarse
-    residual, signs = signatures(fitted, candidates, per_sample)
-    out = {
-        "forward selection by BIC": forward_bic(residual, signs, candidates),
-        "residual correlation": correlation(residual, signs, candidates),
+    residual, contributions = signatures(fitted, candidates, per_sample)
+    answers = {
+        "forward selection by BIC": forward_bic(residual, contributions, candidates),
+        "residual correlation": correlation(residual, contributions, candidates),
     }
     if importlib.util.find_spec("pysindy"):  # of the extra `bench`
-        out["sparse regression (PySINDy)"] = sparse_discrepancy(fitted, candidates, per_sample)
-    return out
+        answers["sparse regression (PySINDy)"] = sparse_discrepancy(fitted, candidates, per_sample)
+    return answers
 
 
-def _work(job: tuple[int, bool, Path]) -> tuple[int, str]:
-    number, crumbs, folder = job
+def _run_and_store(job: tuple[int, bool, Path]) -> tuple[int, str]:
+    """Run one case and write its result file; its number and a sentence on it."""
+    number, unmodelled_lags, folder = job
     path = folder / f"case{number:04d}.json"
     try:
-        result = run_case(number, crumbs)
-    except Exception as error:  # a case that fails is a result too, and must not take the others along
+        result = run_case(number, unmodelled_lags)
+    except Exception as error:  # a case that fails is a result too, and must not stop the others
         result = {"number": number, "failed": f"{type(error).__name__}: {error}"}
-    with atomic_write(path) as beside:
-        beside.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    with atomic_write(path) as temporary:
+        temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     return number, _sentence(result)
 
 
@@ -124,53 +132,68 @@ def _sentence(result: dict[str, Any]) -> str:
     if "failed" in result:
         return result["failed"]
     hidden = " + ".join(h["name"] for h in result["hidden"]) or "nothing"
-    if result["family"] == "struck":
-        hidden += " (struck)"
+    if result["family"] == Family.WITHHELD.value:
+        hidden += " (withheld)"
     answer = f"{result['verdict']} {' + '.join(result['accepted'])}".strip()
     return f"{hidden} → {answer} ({result['seconds']:.0f} s)"
 
 
-def study(numbers: range, workers: int, folder: Path, crumbs: bool = False) -> list[dict[str, Any]]:
-    """The results of the cases, those that are in the folder already included."""
+def study(numbers: range, workers: int, folder: Path, unmodelled_lags: bool = False) -> list[dict[str, Any]]:
+    """Run the cases that have no result file in the folder yet.
+
+    Args:
+        numbers: numbers of the cases.
+        workers: number of processes.
+        folder: folder of the result files.
+        unmodelled_lags: see `run_case`.
+
+    Returns:
+        The contents of the result files of all cases.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    todo = [(n, crumbs, folder) for n in numbers if not (folder / f"case{n:04d}.json").exists()]
-    began = time.perf_counter()
+    jobs = [(n, unmodelled_lags, folder) for n in numbers if not (folder / f"case{n:04d}.json").exists()]
+    start = time.perf_counter()
     if workers == 1:
-        _show(map(_work, todo), len(todo), began)
+        _print_progress(map(_run_and_store, jobs), len(jobs), start)
     else:
         os.environ["EDHAS_CORES"] = "1"  # of each worker
-        with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=RENEWED) as pool:
-            _show(pool.imap_unordered(_work, todo), len(todo), began)
+        with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=CASES_PER_WORKER) as pool:
+            _print_progress(pool.imap_unordered(_run_and_store, jobs), len(jobs), start)
     paths = [folder / f"case{n:04d}.json" for n in numbers]
     return [json.loads(path.read_text(encoding="utf-8")) for path in paths if path.exists()]
 
 
-def _show(done, count: int, began: float) -> None:
+def _print_progress(done, count: int, start: float) -> None:
     for k, (number, sentence) in enumerate(done):
-        minutes = (time.perf_counter() - began) / 60.0
+        minutes = (time.perf_counter() - start) / 60.0
         print(f"[{k + 1}/{count}, {minutes:.1f} min] case {number}: {sentence}", flush=True)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The study from the command line."""
+    """Run the study from the command line; the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=150)
-    parser.add_argument("--seed", type=int, default=SEALED, help=f"number of the first case; from {SEALED} on: sealed")
+    parser.add_argument("--seed", type=int, default=FIRST_TEST_CASE,
+                        help=f"number of the first case; {FIRST_TEST_CASE} and above: held-out test cases")  # fmt: skip
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"))
-    parser.add_argument("--crumbs", action="store_true", help="every sensor lags by 20 … 50 µs that no library knows")
+    parser.add_argument(
+        "--crumbs", action="store_true", help="give every sensor a lag of 20 … 50 µs that is not in the library"
+    )
     options = parser.parse_args(arguments)
     numbers = range(options.seed, options.seed + options.cases)
-    kind = "sealed" if options.seed >= SEALED else "development"
-    if options.seed < SEALED < numbers.stop:
-        parser.error(f"cases below {SEALED} are for development, the others sealed: do not mix them")
+    kind = "test" if options.seed >= FIRST_TEST_CASE else "development"
+    if options.seed < FIRST_TEST_CASE < numbers.stop:
+        parser.error(f"cases below {FIRST_TEST_CASE} are for development, the others for testing: do not mix them")
     try:
         results = study(numbers, options.workers, options.out, options.crumbs)
     except KeyboardInterrupt:
-        print(f"stopped; finished cases are in {options.out}, the same command goes on with the rest", file=sys.stderr)
+        print(
+            f"stopped; finished cases are in {options.out}, the same command continues with the rest", file=sys.stderr
+        )
         return 130
     print(f"\n{kind} cases {numbers.start} … {numbers.stop - 1}")
     print(report(results))
-    save_pictures(results, options.out)
+    save_figures(results, options.out)
     print(last_line(results))
     return 0

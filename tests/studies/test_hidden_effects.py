@@ -1,4 +1,4 @@
-"""The benchmark of hidden effects in short form: its cases, its rates, a study that goes on where it stopped."""
+"""The benchmark of hidden effects: drawn cases, a short run that is continued, and the rates of given results."""
 
 import json
 
@@ -13,22 +13,22 @@ from studies.hidden_effects import benchmark, cases, rates
 @pytest.fixture
 def small(monkeypatch):
     """Three short runs, three effects, two uncertain parameters."""
-    runs = [PlannedRun(run.use, 0.16, run.conditions) for run in cases.RUNS[3:6:2] + cases.RUNS[7:]]
+    runs = [PlannedRun(run.use, 0.16, run.conditions) for run in cases.BENCH_RUNS[3:6:2] + cases.BENCH_RUNS[7:]]
     for module in (cases, benchmark):
-        monkeypatch.setattr(module, "PUMP", [InverterDeadTime, CoggingForce, ForceConstantDroop])
-    monkeypatch.setattr(cases, "REFINED", cases.REFINED[1:])
+        monkeypatch.setattr(module, "PUMP_EFFECTS", [InverterDeadTime, CoggingForce, ForceConstantDroop])
+    monkeypatch.setattr(cases, "MODEL_EFFECTS", cases.MODEL_EFFECTS[1:])
     monkeypatch.setattr(cases, "UNCERTAIN", {"force_constant": 0.02, "load_orifice_area": 0.03})
-    monkeypatch.setattr(cases, "RUNS", tuple(runs))
-    monkeypatch.setattr(cases, "INTERVAL", 4e-4)
+    monkeypatch.setattr(cases, "BENCH_RUNS", tuple(runs))
+    monkeypatch.setattr(cases, "SAMPLE_INTERVAL", 4e-4)
 
 
-def answer(family, hidden, verdict, accepted, sure=0.99, **more):
-    """The result of a case as it is kept."""
-    there = [{"name": n, "slots": sorted(rates.slots_of(n)), "values": {}, "visible": 500.0} for n in hidden]
+def result_file(family, hidden, verdict, accepted, probability=0.99, **more):
+    """The contents of the result file of a case."""
+    entries = [{"name": n, "slots": sorted(rates.slots_of(n)), "values": {}, "visible": 500.0} for n in hidden]
     first = next(iter(sorted(rates.slots_of(accepted[0]))), "") if accepted else "mover"
     return {
-        "number": 0, "family": family, "hidden": there, "verdict": verdict, "accepted": accepted, "groups": [],
-        "candidates": [[n, sure] for n in accepted], "where": {first: 1.0}, "parameters": {}, "seconds": 1.0,
+        "number": 0, "family": family, "hidden": entries, "verdict": verdict, "accepted": accepted, "groups": [],
+        "candidates": [[n, probability] for n in accepted], "where": {first: 1.0}, "parameters": {}, "seconds": 1.0,
         "errors": {"after": {"holdout": 1.0}}, "rounds": [], "rivals": {"residual correlation": hidden[:1]},
     } | more  # fmt: skip
 
@@ -37,7 +37,7 @@ def test_a_case_is_drawn_from_its_number_alone(small):
     one, again = cases.draw_case(0), cases.draw_case(0)
     assert one.family is cases.Family.ONE and len(one.hidden) == 1
     hidden = one.hidden[0]
-    assert hidden.visible > cases.VISIBLE and hidden.values == again.hidden[0].values
+    assert hidden.visible > cases.MIN_VISIBILITY and hidden.values == again.hidden[0].values
     for p in hidden.candidate.free_parameters():
         low, high = p.plausible
         assert low <= hidden.values[p.name] <= high
@@ -45,52 +45,54 @@ def test_a_case_is_drawn_from_its_number_alone(small):
         np.testing.assert_array_equal(a.signals["current"], b.signals["current"])
 
 
-def test_runs_through_and_goes_on(small, tmp_path, monkeypatch, capsys):
+def test_the_benchmark_runs_and_continues_from_its_result_files(small, tmp_path, monkeypatch, capsys):
     arguments = ["--cases", "2", "--seed", "0", "--workers", "1", "--out", str(tmp_path)]
     assert benchmark.main(arguments) == 0
-    said = capsys.readouterr().out
-    assert "development cases 0 … 1" in said
-    line = said.strip().splitlines()[-1]
+    printed = capsys.readouterr().out
+    assert "development cases 0 … 1" in printed
+    line = printed.strip().splitlines()[-1]
     names = [word.split("=")[0] for word in line.split()]
     assert names == ["top1", "false_alarms", "slot", "both", "unknown", "calibration"]
     assert line.startswith("top1=1.000 false_alarms=0.000 slot=1.000")
     assert (tmp_path / "confusion.png").stat().st_size > 5000 and (tmp_path / "rates.png").stat().st_size > 5000
-    kept = json.loads((tmp_path / "case0000.json").read_text())
-    assert {"forward selection by BIC", "residual correlation"} <= set(kept["rivals"])
+    stored = json.loads((tmp_path / "case0000.json").read_text())
+    assert {"forward selection by BIC", "residual correlation"} <= set(stored["rivals"])
     monkeypatch.setattr(benchmark, "run_case", lambda *_: pytest.fail("a finished case was done again"))
     assert benchmark.main(arguments) == 0
     assert capsys.readouterr().out.strip().splitlines()[-1] == line
 
 
-def test_sealed_and_development_cases_are_kept_apart(tmp_path, capsys):
+def test_test_cases_and_development_cases_are_not_mixed(tmp_path, capsys):
     with pytest.raises(SystemExit):
-        benchmark.main(["--cases", "20", "--seed", str(cases.SEALED - 5), "--out", str(tmp_path)])
+        benchmark.main(["--cases", "20", "--seed", str(cases.FIRST_TEST_CASE - 5), "--out", str(tmp_path)])
     assert "do not mix" in capsys.readouterr().err
 
 
 def test_rates():
     results = [
-        answer("one", ["cogging_force"], "missing_effect", ["cogging_force"]),
-        answer("one", ["eddy_drag"], "missing_effect", ["parasitic_spring"]),
-        answer("one", ["backlash"], "ambiguous", ["coupling_compliance"], groups=[["coupling_compliance", "backlash"]]),
-        answer("null", [], "adequate", []),
-        answer("null", [], "missing_effect", ["cogging_force"], sure=0.5),
-        answer("pair", ["cogging_force", "eddy_drag"], "missing_effect", ["eddy_drag", "cogging_force"]),
-        answer("struck", ["seal_friction"], "unknown_effect", []),
-        answer("struck", ["hose_compliance"], "unknown_effect", ["eddy_drag"], sure=0.5),
-        answer("struck", ["eddy_drag"], "adequate", []),
-        answer("sensor", ["sensor_lag on current"], "missing_effect", ["sensor_lag on current"]),
+        result_file("one", ["cogging_force"], "missing_effect", ["cogging_force"]),
+        result_file("one", ["eddy_drag"], "missing_effect", ["parasitic_spring"]),
+        result_file(
+            "one", ["backlash"], "ambiguous", ["coupling_compliance"], groups=[["coupling_compliance", "backlash"]]
+        ),
+        result_file("null", [], "adequate", []),
+        result_file("null", [], "missing_effect", ["cogging_force"], probability=0.5),
+        result_file("pair", ["cogging_force", "eddy_drag"], "missing_effect", ["eddy_drag", "cogging_force"]),
+        result_file("struck", ["seal_friction"], "unknown_effect", []),
+        result_file("struck", ["hose_compliance"], "unknown_effect", ["eddy_drag"], probability=0.5),
+        result_file("struck", ["eddy_drag"], "adequate", []),
+        result_file("sensor", ["sensor_lag on current"], "missing_effect", ["sensor_lag on current"]),
         {"number": 9, "failed": "FitError: nothing"},
     ]
     line = dict(word.split("=") for word in rates.last_line(results).split())
-    # sure and right: cogging_force, both of the pair, the sensor; sure and wrong: parasitic_spring, coupling
+    # probability of at least 95 %: right are cogging_force, both of the pair, the sensor; wrong the other two
     assert line == {"top1": "0.667", "false_alarms": "0.500", "slot": "1.000", "both": "1.000", "unknown": "0.667",
                     "calibration": "0.667"}  # fmt: skip
-    found = rates.rates(rates.sound(results), rates.TOOL)
-    assert found["right part when struck"] == rates.Rate(1, 3)
-    assert found["right part when called unknown"] == rates.Rate(1, 2)
-    wrong = rates.report(results).split("what went wrong")[1]
-    assert "eddy_drag" in wrong and "FitError" in wrong and "sensor_lag" not in wrong
+    found = rates.rates(rates.completed(results), rates.PACKAGE_METHOD)
+    assert found["right component, of all withheld effects"] == rates.Rate(1, 3)
+    assert found["right component, of those reported as unknown"] == rates.Rate(1, 2)
+    wrong_answers = rates.report(results).split("wrong answers")[1]
+    assert "eddy_drag" in wrong_answers and "FitError" in wrong_answers and "sensor_lag" not in wrong_answers
 
 
 def test_wilson_interval():
