@@ -15,7 +15,7 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.effects import Effect, SuctionLineInertance, SuctionLineResistance, SupplySag, ValveAdhesion
 from edhas_jax.machine.rigs import PumpBench
 from studies.paper.configs import NAMES, machines
-from studies.paper.published_numbers import BALL_DENSITY, OPEN
+from studies.paper.published_numbers import BALL_DENSITY, OPEN_QUANTITIES
 from studies.paper.readings import mean_flows
 
 # balls of 6.25 mm on a spring of 80 Hz, which close fast enough, and a tank in place of a pressurised accumulator
@@ -77,7 +77,7 @@ class Cause:
 
 
 def _range(name: str) -> tuple[float, float]:
-    return next((o.low, o.high) for o in OPEN if o.name == name)
+    return next((o.low, o.high) for o in OPEN_QUANTITIES if o.name == name)
 
 
 CAUSES = (

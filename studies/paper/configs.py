@@ -1,4 +1,4 @@
-"""The calibrated machine as configurations that `edhas simulate` runs."""
+"""The configuration files of the calibrated machine."""
 
 import math
 from pathlib import Path
@@ -8,7 +8,7 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.parameters import find_parameter, get_parameter
 from edhas_jax.machine.rigs import Rig
 from studies import CONFIGS
-from studies.paper.published_numbers import FREE, complete
+from studies.paper.published_numbers import CALIBRATED_QUANTITIES, with_derived_parameters
 
 NAMES = ("paper_calibrated", "paper_calibrated_step")
 HEADS = {
@@ -48,16 +48,17 @@ def machines(names: tuple[str, str], folder: Path = CONFIGS) -> tuple[Rig, Rig]:
     return tuple(read_config(folder / f"{name}.yaml").machine for name in names)
 
 
-def chosen_in(machine: Rig) -> dict[str, float]:
-    """The quantities of `FREE` as they stand in a bench."""
-    out = {o.name: float(get_parameter(machine, o.name)) for o in FREE if o.name != "valve_opening_pressure"}
+def quantities_of(machine: Rig) -> dict[str, float]:
+    """The values of `CALIBRATED_QUANTITIES` in a bench, SI."""
+    names = [o.name for o in CALIBRATED_QUANTITIES if o.name != "valve_opening_pressure"]
+    out = {n: float(get_parameter(machine, n)) for n in names}
     seat = 0.25 * math.pi * out["valve_seat_diameter"] ** 2
     return out | {"valve_opening_pressure": float(get_parameter(machine, "valve_preload")) / seat}
 
 
 def write_configs(bench: Rig, system: Rig, chosen: dict[str, float], folder: Path = CONFIGS) -> None:
-    """Write both configurations, every value with four digits."""
-    values = {n: float(v) for n, v in complete(chosen).items()}
+    """Write both configurations, with four digits of each value."""
+    values = {n: float(v) for n, v in with_derived_parameters(chosen).items()}
     for name, machine in zip(NAMES, (bench, system), strict=True):
         lines = ["parameters:"]
         for parameter, value in values.items():

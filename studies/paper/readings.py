@@ -1,4 +1,4 @@
-"""The paper's figures as read from runs of our machine, many machines at once, with derivatives where wanted."""
+"""The figures of the paper, evaluated from simulations of many machines at once, with derivatives where needed."""
 
 import math
 from collections.abc import Mapping
@@ -13,12 +13,12 @@ from edhas_jax.simulation.batch_trajectories import march_lanes
 from edhas_jax.simulation.metrics import SETTLING_BAND
 
 Table = Mapping[str, np.ndarray]
-SAMPLES = 1000  # a cycle
-STEP = 20e-6  # s, the largest
-RUN_IN = 0.4  # s before the cycle that is read, the ramp included
+SAMPLES = 1000  # per cycle
+STEP = 20e-6  # s, largest time step
+RUN_IN = 0.4  # s before the cycle that is evaluated, including the ramp
 STEP_RATE, STEP_TIME = 2000, 1.0  # samples per second and length of a step response [s]
 FREQUENCIES = tuple(np.arange(4.0, 61.0, 2.0).tolist())  # Hz
-FEW_FREQUENCIES = (10.0, 15.0, 20.0, 24.0, 28.0, 30.0, 32.0, 36.0, 40.0, 46.0, 52.0, 60.0)
+COARSE_FREQUENCIES = (10.0, 15.0, 20.0, 24.0, 28.0, 30.0, 32.0, 36.0, 40.0, 46.0, 52.0, 60.0)
 LPM = 6e4  # L/min per m³/s
 BENCH_SIGNALS = (
     "piston_position", "outlet_pressure", "accumulator_pressure", "outlet_flow", "leakage_a", "delivery_flow_a",
@@ -26,8 +26,8 @@ BENCH_SIGNALS = (
 )  # fmt: skip
 
 
-def cycle_of(machine: PumpBench, table: Table, frequency: float, seeds: Table | None = None):
-    """One settled cycle of every row of `table` (SI) at `frequency` [Hz]: signals and slopes, (SAMPLES, rows)."""
+def settled_cycle(machine: PumpBench, table: Table, frequency: float, seeds: Table | None = None):
+    """One settled cycle of each row of `table` (SI) at `frequency` [Hz]: signals and derivatives, (SAMPLES, rows)."""
     cycles = math.ceil(RUN_IN * frequency)
     interval = 1.0 / (frequency * SAMPLES)
     per_sample = math.ceil(interval / STEP)
@@ -39,16 +39,16 @@ def cycle_of(machine: PumpBench, table: Table, frequency: float, seeds: Table | 
 
 
 def peak(values):
-    """Place (in samples) and height of the largest of equally spaced samples, by a parabola through three of them."""
+    """Position (in samples) and height of the maximum of periodic samples, by a parabola through three of them."""
     k = jnp.argmax(values)
-    before, here, after = (values[(k + j) % values.shape[0]] for j in (-1, 0, 1))
-    bend = before - 2.0 * here + after
-    shift = 0.5 * (before - after) / jnp.where(bend == 0.0, 1.0, bend)
-    return k.astype(values.dtype) + shift, here - 0.25 * (before - after) * shift
+    before, middle, after = (values[(k + j) % values.shape[0]] for j in (-1, 0, 1))
+    curvature = before - 2.0 * middle + after
+    shift = 0.5 * (before - after) / jnp.where(curvature == 0.0, 1.0, curvature)
+    return k.astype(values.dtype) + shift, middle - 0.25 * (before - after) * shift
 
 
 def tracking(cycle: dict, amplitude: float) -> dict:
-    """What is read from a cycle at 10 Hz; the set point has its peak a quarter into it."""
+    """The figures of a cycle at 10 Hz; the set point has its peak after a quarter of the cycle."""
     place, height = peak(cycle["piston_position"])
     rise = cycle["outlet_pressure"] - cycle["accumulator_pressure"]
     back = -jnp.minimum(cycle["delivery_flow_a"], 0.0) - jnp.minimum(cycle["suction_flow_a"], 0.0)
@@ -65,44 +65,44 @@ def tracking(cycle: dict, amplitude: float) -> dict:
 _tracking = jax.jit(jax.vmap(tracking, in_axes=(1, None)))
 
 
-def at_10_hz(machine: PumpBench, table: Table) -> dict[str, np.ndarray]:
-    """The figures of the tests at 10 Hz, a value per row of `table`."""
-    cycle, _ = cycle_of(machine, table, 10.0)
+def figures_at_10_hz(machine: PumpBench, table: Table) -> dict[str, np.ndarray]:
+    """The figures of the tests at 10 Hz, one value per row of `table`."""
+    cycle, _ = settled_cycle(machine, table, 10.0)
     return jax.device_get(_tracking(cycle, float(get_parameter(machine, "amplitude"))))
 
 
 def mean_flows(machine: PumpBench, table: Table, frequencies) -> np.ndarray:
     """Mean flow [L/min], (frequencies, rows)."""
-    return np.stack([LPM * cycle_of(machine, table, f)[0]["outlet_flow"].mean(axis=0) for f in frequencies])
+    return np.stack([LPM * settled_cycle(machine, table, f)[0]["outlet_flow"].mean(axis=0) for f in frequencies])
 
 
-def over_frequency(machine: PumpBench, table: Table, frequencies: tuple[float, ...]) -> dict[str, np.ndarray]:
+def figures_over_frequency(machine: PumpBench, table: Table, frequencies: tuple[float, ...]) -> dict[str, np.ndarray]:
     """The figures of the test over frequency; `knee` is NaN where the flow still rises at the end."""
     flow = mean_flows(machine, table, frequencies)
     at_10, at_20, at_30 = (flow[frequencies.index(f)] for f in (10.0, 20.0, 30.0))
     return {
         "proportion": at_20 / (2.0 * at_10),
         "filling": at_30 / (30.0 * swept_volume(machine)),
-        "knee": np.array([_knee(np.array(frequencies), column) for column in flow.T]),
+        "knee": np.array([_frequency_of_largest_flow(np.array(frequencies), column) for column in flow.T]),
     }
 
 
 def swept_volume(machine: PumpBench) -> float:
-    """Of both plungers in a cycle, 4 a S_p, as flow per frequency [L/(min·Hz)]."""
+    """Swept volume of both plungers per cycle, 4 a S_p, as flow per frequency [L/(min·Hz)]."""
     return 4.0 * float(get_parameter(machine, "amplitude")) * float(machine.pump.area()) * LPM
 
 
-def _knee(frequency: np.ndarray, flow: np.ndarray) -> float:
-    """Where a parabola through the largest flow and its neighbours has its top; NaN if that is the last."""
+def _frequency_of_largest_flow(frequency: np.ndarray, flow: np.ndarray) -> float:
+    """The maximum of a parabola through the largest flow and its neighbours [Hz]; NaN if it is the first or last."""
     k = int(flow.argmax())
     if k in (0, len(flow) - 1):
         return math.nan
     near = slice(k - 1, k + 2)
-    bend, rise, _ = np.polyfit(frequency[near] - frequency[k], flow[near], 2)
-    return float(frequency[k] - 0.5 * rise / bend)
+    curvature, slope, _ = np.polyfit(frequency[near] - frequency[k], flow[near], 2)
+    return float(frequency[k] - 0.5 * slope / curvature)
 
 
-def of_the_step(machine: ActuatorSystem, table: Table, band: float = SETTLING_BAND) -> dict[str, np.ndarray]:
+def step_figures(machine: ActuatorSystem, table: Table, band: float = SETTLING_BAND) -> dict[str, np.ndarray]:
     """The figures of the 15 mm step; `response` is the time after which the cylinder stays within `band`, or NaN."""
     per_sample = math.ceil(1.0 / (STEP_RATE * STEP) - 1e-9)
     samples = int(STEP_TIME * STEP_RATE) + 1
@@ -110,24 +110,25 @@ def of_the_step(machine: ActuatorSystem, table: Table, band: float = SETTLING_BA
     found = march_lanes(machine, table, None, 1.0 / (STEP_RATE * per_sample), per_sample, samples, watch).values
     position, target = found["cylinder_position"].T, found["target"][-1]
     return {
-        "response": np.array([settling(x, goal, band) for x, goal in zip(position, target, strict=True)]),
+        "response": np.array([settling_time(x, end, band) for x, end in zip(position, target, strict=True)]),
         "steady": 1e3 * (target - position[:, -1]),
     }
 
 
-def settling(position: np.ndarray, goal: float, band: float) -> float:
-    """The time [s] after which a step response stays within `band` of its goal; NaN if it does not get there."""
-    share = np.abs(position / goal - 1.0)
-    k = int(np.flatnonzero(~(share <= band))[-1])
-    if k + 1 == len(share):
+def settling_time(position: np.ndarray, target: float, band: float) -> float:
+    """The time [s] after which a step response stays within the relative `band` of its target; NaN if it does not."""
+    error = np.abs(position / target - 1.0)
+    k = int(np.flatnonzero(~(error <= band))[-1])
+    if k + 1 == len(error):
         return math.nan
-    return (k + (share[k] - band) / (share[k] - share[k + 1])) / STEP_RATE
+    return (k + (error[k] - band) / (error[k] - error[k + 1])) / STEP_RATE
 
 
-def readings(
+def all_figures(
     bench: PumpBench, system: ActuatorSystem, table: Table, frequencies: tuple[float, ...]
 ) -> dict[str, np.ndarray]:
-    """All figures by their key, a value per row of `table`; a rig takes the parameters that it has."""
+    """All figures by key, one value per row of `table`; each rig takes the parameters that it has."""
     known = [{p.name for p, _, _ in list_parameters(machine)} for machine in (bench, system)]
     on_bench, on_system = ({n: v for n, v in table.items() if n in names} for names in known)
-    return at_10_hz(bench, on_bench) | over_frequency(bench, on_bench, frequencies) | of_the_step(system, on_system)
+    flow_figures = figures_over_frequency(bench, on_bench, frequencies)
+    return figures_at_10_hz(bench, on_bench) | flow_figures | step_figures(system, on_system)

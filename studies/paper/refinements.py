@@ -1,12 +1,12 @@
-"""What does each refinement of the model buy? From the ideal machine to the full one, term by term.
+"""What does each refinement of the model contribute? From the ideal machine to the full one, term by term.
 
     python -m studies.paper.refinements [--calibrated] [--out FOLDER]
 
-The ideal machine has no friction, no leakage, no air in its oil, and valves without inertia. A term is taken out by the
-numbers that make it, so that all machines are lanes of one program; the figures are those of a machine without the
-effect to four digits. The ideal valve has a tenth of the ball's mass and of its damping on the same spring: a hundredth
-of the mass delivers the same to 0.03 %. Every term is added alone and in order. The study also asks for the paper's
-claim, that friction dynamics take the error of the largest flow from 13.5 to 4.2 %: how much friction would it need?
+The ideal machine has no friction, no leakage, no air in its oil, and valves without inertia. A term is removed by its
+parameters, so that all machines are lanes of one program; the figures equal those of a machine without the effect to
+four digits. The ideal valve has a tenth of the ball's mass and damping on the same spring: with a hundredth of the mass
+the flow is the same to 0.03 %. Each term is added alone and in order. The study also checks the paper's claim that
+friction dynamics reduce the error of the largest flow from 13.5 to 4.2 %: how much friction would this need?
 """
 
 import argparse
@@ -21,10 +21,10 @@ from rich.table import Table
 import edhas_jax as edhas
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from studies.paper.configs import NAMES, machines
-from studies.paper.published_numbers import EARLIER_MODEL, ERRORS, FIGURES
-from studies.paper.readings import at_10_hz, mean_flows, of_the_step, swept_volume
+from studies.paper.published_numbers import EARLIER_MODEL_ERROR, FIGURES, STATED_ERRORS
+from studies.paper.readings import figures_at_10_hz, mean_flows, step_figures, swept_volume
 
-# term: the numbers that take it out; None: a share of the machine's own
+# {term: parameter values that remove it}; None: IDEAL_VALVE_SHARE of the machine's value
 TERMS = {
     "LuGre friction": {
         "coulomb_friction": 1e-6, "static_friction": 1e-6, "bristle_damping": 0.0, "viscous_friction": 0.0,
@@ -34,10 +34,10 @@ TERMS = {
     "valve dynamics": {"valve_mass": None, "valve_damping": None},
     "Karnopp friction": {"cylinder_sliding_friction": 0.0, "cylinder_breakaway_friction": 0.0},
 }  # fmt: skip
-IDEAL_VALVE = 0.1  # of mass and damping
+IDEAL_VALVE_SHARE = 0.1  # of mass and damping
 FRICTION = np.array([1e-6, *np.geomspace(1.0, 400.0, 14)])  # N
-USUAL = 15.0  # N, the largest sliding friction that is published for a pair of 12 mm seals
-LEAST_SPAN = 2.0  # per cent that a panel shows to either side
+LARGEST_PUBLISHED_FRICTION = 15.0  # N, the largest sliding friction that is published for a pair of 12 mm seals
+MIN_AXIS_RANGE = 2.0  # per cent that a panel shows to either side
 QUANTITIES = {  # name: (title, unit, digits, measured)
     "flow": ("mean flow at 30 Hz", "L/min", 3, None),  # not stated; inferred below
     "pressure": ("pressure peak at 10 Hz", "MPa", 4, FIGURES["pressure"].measured),
@@ -48,7 +48,7 @@ QUANTITIES = {  # name: (title, unit, digits, measured)
 
 
 def main(arguments: list[str] | None = None) -> dict[str, float]:
-    """Run the machines, print two tables and the answer, leave a picture."""
+    """Simulate the machines, print two tables and the result, write a figure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--calibrated", action="store_true", help="the calibrated machine in place of the nominal one")
     parser.add_argument("--out", type=Path, default=Path("runs/refinements"))
@@ -76,7 +76,7 @@ def variants(system) -> tuple[list[str], dict[str, np.ndarray]]:
     """Names and parameters (SI) of the machines: ideal, every term alone, and the terms in order."""
     own = {n: float(edhas.get(system, n)) for changes in TERMS.values() for n in changes}
     out = {n: v for changes in TERMS.values() for n, v in changes.items()}
-    out = {n: IDEAL_VALVE * own[n] if v is None else v for n, v in out.items()}
+    out = {n: IDEAL_VALVE_SHARE * own[n] if v is None else v for n, v in out.items()}
     sets = {"ideal": set()} | {name: {name} for name in TERMS}
     sets |= {f"to {name}": set(list(TERMS)[: k + 1]) for k, name in enumerate(TERMS)}
     rows = [out | {n: own[n] for term in terms for n in TERMS[term]} for terms in sets.values()]
@@ -86,7 +86,7 @@ def variants(system) -> tuple[list[str], dict[str, np.ndarray]]:
 def quantities(bench, system, table: dict[str, np.ndarray]) -> np.ndarray:
     """The quantities of `QUANTITIES`, (quantities, machines)."""
     on_bench = {n: v for n, v in table.items() if n not in TERMS["Karnopp friction"]}
-    found = at_10_hz(bench, on_bench) | of_the_step(system, table)
+    found = figures_at_10_hz(bench, on_bench) | step_figures(system, table)
     found["flow"] = mean_flows(bench, on_bench, (30.0,))[0]
     return np.stack([np.asarray(found[n]) for n in QUANTITIES])
 
@@ -94,7 +94,7 @@ def quantities(bench, system, table: dict[str, np.ndarray]) -> np.ndarray:
 def value_table(stages, flow: float) -> Table:
     """What the machines do, in order; `flow` [L/min] is what the paper's errors let infer of its measured flow."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for column in ("in order", *(f"{_broken(title)}, {unit}" for title, unit, *_ in QUANTITIES.values())):
+    for column in ("in order", *(f"{_in_two_lines(title)}, {unit}" for title, unit, *_ in QUANTITIES.values())):
         table.add_column(column, justify="left" if column == "in order" else "right", no_wrap=True)
     for k, name in enumerate(("ideal machine", *(f"+ {n}" for n in TERMS))):
         digits = [q[2] for q in QUANTITIES.values()]
@@ -109,7 +109,7 @@ def error_table(alone, stages) -> Table:
     full = stages[:, -1]
     title = "error against the full machine, % of it: in order | alone"
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
-    for column in ("", *(_broken(title) for title, *_ in QUANTITIES.values())):
+    for column in ("", *(_in_two_lines(title) for title, *_ in QUANTITIES.values())):
         table.add_column(column, justify="right" if column else "left", no_wrap=True)
     errors = 100.0 * (stages / full[:, None] - 1.0)
     table.add_row("ideal machine", *(f"{e:+.2f}" for e in errors[:, 0]))
@@ -119,7 +119,7 @@ def error_table(alone, stages) -> Table:
     return table
 
 
-def _broken(title: str) -> str:
+def _in_two_lines(title: str) -> str:
     """A title in two lines."""
     return title.replace(" at ", "\nat ").replace(", ", "\n")
 
@@ -127,8 +127,8 @@ def _broken(title: str) -> str:
 def answer(bench, alone, stages, flow, console: Console) -> dict[str, float]:
     """Whether the paper's claim is found, in sentences and as key=value."""
     k = list(QUANTITIES).index("flow")
-    refined = next(told for key, told, _ in ERRORS if key == "filling")
-    claim = 100.0 * (1.0 - (100.0 + refined) / (100.0 + EARLIER_MODEL))
+    refined = next(error for key, error, _ in STATED_ERRORS if key == "filling")
+    claim = 100.0 * (1.0 - (100.0 + refined) / (100.0 + EARLIER_MODEL_ERROR))
     swept = 30.0 * swept_volume(bench)
 
     def taken(name):
@@ -138,13 +138,13 @@ def answer(bench, alone, stages, flow, console: Console) -> dict[str, float]:
     # the flow may rise by a trifle with little friction: the level is where it last falls short of the claim
     short = np.flatnonzero(friction < claim)[-1]
     needed = float(np.interp(claim, friction[short : short + 2], FRICTION[short : short + 2]))
-    usual = float(np.interp(USUAL, FRICTION, friction))
+    usual = float(np.interp(LARGEST_PUBLISHED_FRICTION, FRICTION, friction))
     lag, loss = (100.0 * (1.0 - alone["ideal"][j] / alone["LuGre friction"][j]) for j in (2, 3))
     console.print(
-        f"The paper: friction dynamics take the error of the largest flow from {EARLIER_MODEL} to {refined} %, so "
-        f"they cost {claim:.1f} % of the flow.\n"
+        f"The paper: friction dynamics take the error of the largest flow from {EARLIER_MODEL_ERROR} to {refined} %, "
+        f"so they cost {claim:.1f} % of the flow.\n"
         f"Here: friction alone costs {taken('LuGre friction'):.2f} %, the valves {taken('valve dynamics'):.1f} %; "
-        f"at the end of the published range, {USUAL:g} N, friction costs {usual:.2f} %; "
+        f"at the end of the published range, {LARGEST_PUBLISHED_FRICTION:g} N, friction costs {usual:.2f} %; "
         f"{claim:.1f} % would need {needed:.0f} N of it.\n"
         f"Friction makes {lag:.0f} % of the phase lag and {loss:.0f} % of the amplitude loss: "
         f"it is a refinement of tracking, not of flow.\n"
@@ -169,7 +169,7 @@ def picture(alone, stages) -> Figure:
         full = stages[j, -1]
         errors = 100.0 * (stages[j] / full - 1.0)
         single = [errors[0], *(100.0 * (alone[n][j] / full - 1.0) for n in TERMS)]
-        low, high = min(-LEAST_SPAN, errors.min(), *single), max(LEAST_SPAN, errors.max(), *single)
+        low, high = min(-MIN_AXIS_RANGE, errors.min(), *single), max(MIN_AXIS_RANGE, errors.max(), *single)
         for k, error in enumerate(errors):
             before = errors[k - 1] if k else 0.0
             colour = GREY if k == 0 else COLOURS[2] if abs(error) < abs(before) else COLOURS[1]

@@ -1,12 +1,12 @@
-"""Every checkable result of Actuators 2022, 11(10), 281 beside ours in one table, and its six figures redrawn.
+"""All checkable results of Actuators 2022, 11(10), 281 beside ours in one table, and its six figures redrawn.
 
     python -m studies.paper [--calibrate] [--draws 128] [--out FOLDER]
 
-Two machines of ours stand beside the paper: the nominal one (configs/paper.yaml) and the calibrated one
-(configs/paper_calibrated.yaml), in which what the paper does not print is set once, within published ranges, so that
-the paper's simulated figures come out; `--calibrate` does it again and writes both configurations. A figure counts as
-determined by the paper's parameters if machines that differ in everything the paper leaves open all but agree on it.
-The last line tells the worst error of those against the paper's simulation.
+Two machines are compared with the paper: the nominal one (configs/paper.yaml) and the calibrated one
+(configs/paper_calibrated.yaml), whose unstated quantities are set once, within published ranges, to reproduce the
+paper's simulated figures; `--calibrate` repeats this and writes both configurations. A figure counts as determined by
+the paper's parameters if machines that differ in all unstated quantities nearly agree on it. The last line gives the
+largest error of these figures against the paper's simulation.
 """
 
 import argparse
@@ -17,26 +17,26 @@ from rich.console import Console
 
 from edhas_jax.config.machine_config import ConfigError
 from studies.paper.calibration import calibrate
-from studies.paper.configs import CONFIGS, NAMES, chosen_in, machines, write_configs
-from studies.paper.pictures import CALIBRATED, NOMINAL, Machines, save_pictures
-from studies.paper.published_numbers import AIMS, FIGURES, FITTED
-from studies.paper.readings import FREQUENCIES, readings
+from studies.paper.configs import CONFIGS, NAMES, machines, quantities_of, write_configs
+from studies.paper.figures import CALIBRATED, NOMINAL, Machines, save_pictures
+from studies.paper.published_numbers import CALIBRATION_TARGETS, FIGURES, FITTED
+from studies.paper.readings import FREQUENCIES, all_figures
 from studies.paper.table import (
     determined,
-    draw,
     error_table,
+    figure_spreads,
     figure_table,
     parameter_table,
-    reading_table,
     spread_table,
+    step_variant_table,
     worst_error,
 )
 
-PRINTED = ("paper", "paper_step")
+NOMINAL_CONFIGS = ("paper", "paper_step")
 
 
 def main(arguments: list[str] | None = None) -> dict[str, float]:
-    """Read the machines or calibrate anew, print the tables, leave the pictures."""
+    """Read or recalibrate the machines, print the tables, write the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--calibrate", action="store_true", help="set anew what the paper does not print")
     parser.add_argument("--configs", type=Path, default=CONFIGS, help="folder of the calibrated configurations")
@@ -48,9 +48,9 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     if not options.configs.is_dir():
         parser.error(f"--configs {options.configs}: no such folder")
     console = Console(highlight=False, width=120)
-    nominal = machines(PRINTED)
+    nominal = machines(NOMINAL_CONFIGS)
     if options.calibrate:
-        again(nominal, options.configs, console)
+        recalibrate(nominal, options.configs, console)
     try:
         calibrated = machines(NAMES, options.configs)
     except ConfigError as error:
@@ -59,15 +59,15 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     with console.status("reading the figures of both machines"):
         found = [figures_of(*pair) for pair in (nominal, calibrated)]
     with console.status(f"drawing {options.draws} machines from what the paper leaves open: a minute"):
-        spread = draw(*nominal, options.draws)
+        spread = figure_spreads(*nominal, options.draws)
     with console.status("drawing the six figures"):
         pair = (Machines(*nominal, "nominal", NOMINAL), Machines(*calibrated, "calibrated", CALIBRATED))
         paths = save_pictures(*pair, FREQUENCIES, options.out)
     console.print(figure_table(*found, spread))
     console.print(spread_table(spread))
     console.print(error_table(*found))
-    console.print(reading_table(calibrated[1]))
-    console.print(parameter_table(chosen_in(calibrated[0]), chosen_in(nominal[0])))
+    console.print(step_variant_table(calibrated[1]))
+    console.print(parameter_table(quantities_of(calibrated[0]), quantities_of(nominal[0])))
     console.print("pictures: " + ", ".join(str(path) for path in paths), soft_wrap=True)
     keys = determined(spread)
     worst, fitted = worst_error(tuple(found), keys), worst_error((found[1],), FITTED)
@@ -75,19 +75,19 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     return {"worst_error": worst, "worst_fitted": fitted} | {k: found[1][k] for k in FIGURES}
 
 
-def again(nominal, folder: Path, console: Console) -> None:
-    """Calibrate and write the configurations."""
+def recalibrate(nominal, folder: Path, console: Console) -> None:
+    """Calibrate the machine and write its configurations."""
     with console.status("calibrating: a minute") as status:
         best = calibrate(nominal[0], lambda n, sums: status.update(f"calibrating: step {n}, {sums.min():.3g}"))
     write_configs(*nominal, best.chosen, folder)
-    told = ", ".join(f"{name} {value:.4g} (aim {AIMS[name][0]:g})" for name, value in best.aims.items())
-    console.print(f"calibrated in {best.steps} steps: {told}", soft_wrap=True)
-    ends = ", ".join(f"{s:.4g}" for s in np.sort(best.sums))
+    reached = (f"{name} {value:.4g} (aim {CALIBRATION_TARGETS[name][0]:g})" for name, value in best.reached.items())
+    console.print(f"calibrated in {best.steps} steps: {', '.join(reached)}", soft_wrap=True)
+    ends = ", ".join(f"{s:.4g}" for s in np.sort(best.squared_sums))
     console.print(f"sums of squares at which the starts ended: {ends}", soft_wrap=True)
 
 
 def figures_of(bench, system) -> dict[str, float]:
-    """The figures of one machine, by key."""
+    """The figures of one machine by key."""
     row = {"mover_mass": np.array([float(bench.mover.mover_mass)])}
-    found = readings(bench, system, row, FREQUENCIES)
+    found = all_figures(bench, system, row, FREQUENCIES)
     return {key: float(found[key][0]) for key in FIGURES}

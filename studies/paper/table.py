@@ -1,4 +1,4 @@
-"""The table: paper, our machine as chosen and as calibrated, and whether the paper's parameters determine a figure."""
+"""Tables of the figures: the paper, our nominal and calibrated machine, and whether the paper determines a figure."""
 
 import dataclasses
 
@@ -9,38 +9,51 @@ from scipy.stats import qmc, spearmanr
 
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.rigs import ActuatorSystem, PumpBench
-from studies.paper.published_numbers import ERRORS, FIGURES, FITTED, FREE, OPEN, READINGS, complete
-from studies.paper.readings import FEW_FREQUENCIES, of_the_step, readings
+from studies.paper.published_numbers import (
+    CALIBRATED_QUANTITIES,
+    FIGURES,
+    FITTED,
+    OPEN_QUANTITIES,
+    STATED_ERRORS,
+    STEP_VARIANTS,
+    with_derived_parameters,
+)
+from studies.paper.readings import COARSE_FREQUENCIES, all_figures, step_figures
 
-NARROW = 0.05  # a figure is determined if its standard deviation over the draws is below this share of it
-WORDS = ("determined", "moves", "range", "whose", "fixed")  # how the columns begin that hold no numbers
-LOST = 0.05  # and if it exists in all but this share of them
+DETERMINED_DEVIATION = 0.05  # a figure is determined if its relative deviation over the draws is below this
+TEXT_COLUMNS = ("determined", "moves", "range", "whose", "fixed")  # first words of the columns that hold text
+MAX_MISSING_SHARE = 0.05  # and if it exists in all but this share of the draws
 
 
 @dataclasses.dataclass(frozen=True)
 class Spread:
-    """A figure over machines that differ in everything the paper leaves open.
+    """The distribution of a figure over machines that differ in all quantities that the paper does not state.
 
-    `low`, `high`: 5 and 95 % of the draws; `deviation`: half of what lies between 16 and 84 %, as a share;
-    `determined`: see `NARROW`, for a bound that 95 % keep it; `mover`, `rank`: what it moves with most, and its rank
-    correlation; `lost`: the share of draws in which the figure does not exist.
+    Attributes:
+        low: 5 % quantile.
+        high: 95 % quantile.
+        deviation: half the distance of the 16 and 84 % quantiles, relative to the median.
+        determined: whether `deviation` is below `DETERMINED_DEVIATION`; for a bound, whether 95 % of the draws keep it.
+        main_quantity: the quantity with the largest rank correlation.
+        rank: that rank correlation.
+        missing: share of the draws in which the figure does not exist.
     """
 
     low: float
     high: float
     deviation: float
     determined: bool
-    mover: str
+    main_quantity: str
     rank: float
-    lost: float
+    missing: float
 
 
-def draw(bench: PumpBench, system: ActuatorSystem, count: int) -> dict[str, Spread]:
-    """How far each figure is determined: `count` machines, every open quantity even over its range, logarithmically."""
-    shares = qmc.Sobol(len(OPEN), seed=1).random(count)
-    chosen = {o.name: o.low * (o.high / o.low) ** shares[:, k] for k, o in enumerate(OPEN)}
-    table = {n: np.asarray(v) for n, v in complete(chosen).items()}
-    found = readings(bench, system, table, FEW_FREQUENCIES)
+def figure_spreads(bench: PumpBench, system: ActuatorSystem, count: int) -> dict[str, Spread]:
+    """The distribution of each figure over `count` machines; open quantities are log-uniform in their ranges."""
+    shares = qmc.Sobol(len(OPEN_QUANTITIES), seed=1).random(count)
+    chosen = {o.name: o.low * (o.high / o.low) ** shares[:, k] for k, o in enumerate(OPEN_QUANTITIES)}
+    table = {n: np.asarray(v) for n, v in with_derived_parameters(chosen).items()}
+    found = all_figures(bench, system, table, COARSE_FREQUENCIES)
     return {key: _spread(key, found[key], shares) for key in FIGURES}
 
 
@@ -49,17 +62,17 @@ def _spread(key: str, values: np.ndarray, shares: np.ndarray) -> Spread:
     levels = (0.05, 0.16, 0.5, 0.84, 0.95)
     low, less, middle, more, high = np.quantile(values[there], levels) if there.any() else np.full(len(levels), np.nan)
     deviation = 0.5 * (more - less) / (figure.size or abs(middle))
-    narrow = high <= figure.simulated if figure.bound else deviation < NARROW
-    determined = narrow and there.mean() > 1.0 - LOST
-    beyond = np.where(there, values, np.inf)  # of a knee that is not reached: it lies above
+    narrow = high <= figure.simulated if figure.bound else deviation < DETERMINED_DEVIATION
+    determined = narrow and there.mean() > 1.0 - MAX_MISSING_SHARE
+    beyond = np.where(there, values, np.inf)  # a missing figure is a knee above the highest frequency
     ranks = [spearmanr(column, beyond).statistic if there.any() else 0.0 for column in shares.T]
     most = int(np.argmax(np.abs(ranks)))
     lost = float(1.0 - there.mean())
-    return Spread(low, high, deviation, bool(determined), OPEN[most].name, float(ranks[most]), lost)
+    return Spread(low, high, deviation, bool(determined), OPEN_QUANTITIES[most].name, float(ranks[most]), lost)
 
 
 def determined(spread: dict[str, Spread]) -> list[str]:
-    """The figures that the paper states, that its parameters determine, and to which nothing was fitted."""
+    """The figures that the paper states and its parameters determine, and that were not fitted."""
     return [k for k, figure in FIGURES.items() if spread[k].determined and k not in FITTED and not figure.inferred]
 
 
@@ -70,48 +83,51 @@ def worst_error(columns: tuple[dict[str, float], ...], keys: list[str]) -> float
 
 def figure_table(nominal: dict[str, float], calibrated: dict[str, float], spread: dict[str, Spread]) -> Table:
     """A row per figure of the paper."""
-    table = _empty("figure", "paper,\nmeasured", "paper,\nsimulated", "ours,\nnominal", "ours,\ncalibrated",
+    table = _table("figure", "paper,\nmeasured", "paper,\nsimulated", "ours,\nnominal", "ours,\ncalibrated",
                    "determined\nby the paper?")  # fmt: skip
     counted = determined(spread)
     for key, figure in FIGURES.items():
         bound = "< " if figure.bound else ""
-        told = "no, fitted" if key in FITTED else "not stated" if figure.inferred else "yes" if key in counted else "no"
-        table.add_row(figure.full_title, figure.told(figure.measured), bound + figure.told(figure.simulated),
-                      figure.told(nominal[key]), figure.told(calibrated[key]), told)  # fmt: skip
+        verdict = "yes" if key in counted else "no"
+        verdict = "no, fitted" if key in FITTED else "not stated" if figure.inferred else verdict
+        values = (figure.format_value(v) for v in (figure.measured, figure.simulated, nominal[key], calibrated[key]))
+        measured, simulated, *ours = values
+        table.add_row(figure.full_title, measured, bound + simulated, *ours, verdict)
     return table
 
 
 def spread_table(spread: dict[str, Spread]) -> Table:
-    """How far every figure moves with what the paper leaves open."""
-    table = _empty("if all that is not printed varies", "5 %", "95 %", "±", "not reached", "moves most with")
+    """The variation of each figure with the quantities that the paper does not state."""
+    table = _table("if all that is not printed varies", "5 %", "95 %", "±", "not reached", "moves most with")
     for key, figure in FIGURES.items():
         s = spread[key]
         wide = f"{100 * s.deviation:.{0 if s.deviation > 0.1 else 1}f} %"
-        if figure.bound or s.lost > LOST:
+        if figure.bound or s.missing > MAX_MISSING_SHARE:
             wide = "bound" if figure.bound else "–"
-        table.add_row(figure.full_title, figure.told(s.low), figure.told(s.high), wide,
-                      f"{100 * s.lost:.0f} %" if s.lost > 0.0 else "",
-                      f"{s.mover.replace('_', ' ')} ({s.rank:+.2f})")  # fmt: skip
+        table.add_row(figure.full_title, figure.format_value(s.low), figure.format_value(s.high), wide,
+                      f"{100 * s.missing:.0f} %" if s.missing > 0.0 else "",
+                      f"{s.main_quantity.replace('_', ' ')} ({s.rank:+.2f})")  # fmt: skip
     return table
 
 
 def error_table(nominal: dict[str, float], calibrated: dict[str, float]) -> Table:
-    """The errors that the paper tells between its model and its experiment, worked out again, and ours."""
-    table = _empty("model against the paper's experiment", "told", "from its own\nfigures", "ours,\nnominal",
+    """The errors of the paper's model against its experiment as stated and as recalculated, and those of ours."""
+    table = _table("model against the paper's experiment", "stated", "from its own\nfigures", "ours,\nnominal",
                    "ours,\ncalibrated")  # fmt: skip
-    for key, told, of in ERRORS:
+    for key, stated, reference in STATED_ERRORS:
         figure = FIGURES[key]
-        size = figure.simulated if of == "simulated" else figure.measured
-        again, *ours = (100 * (v - figure.measured) / size for v in (figure.simulated, nominal[key], calibrated[key]))
-        title = f"{figure.title}, % of the {of}"
-        table.add_row(title, f"{told:.1f} %", f"{again:+.1f} %", *(f"{v:+.1f} %" for v in ours))
+        size = figure.simulated if reference == "simulated" else figure.measured
+        values = figure.simulated, nominal[key], calibrated[key]
+        recalculated, *ours = (100 * (v - figure.measured) / size for v in values)
+        title = f"{figure.title}, % of the {reference}"
+        table.add_row(title, f"{stated:.1f} %", f"{recalculated:+.1f} %", *(f"{v:+.1f} %" for v in ours))
     return table
 
 
 def parameter_table(chosen: dict[str, float], nominal: dict[str, float]) -> Table:
-    """What the calibration has set."""
-    table = _empty("set by the calibration", "nominal", "calibrated", "range", "whose range", "fixed by")
-    for o in FREE:
+    """The calibrated quantities."""
+    table = _table("set by the calibration", "nominal", "calibrated", "range", "whose range", "fixed by")
+    for o in CALIBRATED_QUANTITIES:
         between = f"{format_quantity(o.low, o.unit)} … {format_quantity(o.high, o.unit)}"
         value = chosen[o.name]
         edge = "; at its end" if min(value / o.low, o.high / value) < 1.001 else ""
@@ -120,21 +136,21 @@ def parameter_table(chosen: dict[str, float], nominal: dict[str, float]) -> Tabl
     return table
 
 
-def reading_table(system: ActuatorSystem) -> Table:
-    """The response time if the paper's step was run or read in another way than ours."""
-    table = _empty("15 mm step, calibrated machine", "ours, s", "of the paper's\nsimulation")
-    for title, changes, band in READINGS:
+def step_variant_table(system: ActuatorSystem) -> Table:
+    """The response time for other interpretations of the paper's step test."""
+    table = _table("15 mm step, calibrated machine", "ours, s", "of the paper's\nsimulation")
+    for title, changes, band in STEP_VARIANTS:
         row = {"step_time": 0.0, **changes}
-        found = of_the_step(system, {n: np.array([v]) for n, v in row.items()}, band)["response"][0]
+        found = step_figures(system, {n: np.array([v]) for n, v in row.items()}, band)["response"][0]
         response = found - row["step_time"]
         table.add_row(title, f"{response:.4f}", f"{100 * FIGURES['response'].error(response):+.1f} %")
     return table
 
 
-def _empty(first: str, *rest: str) -> Table:
+def _table(first: str, *rest: str) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column(first, no_wrap=True)
     for name in rest:
-        numeric = not name.startswith(WORDS)
+        numeric = not name.startswith(TEXT_COLUMNS)
         table.add_column(name, justify="right" if numeric else "left", no_wrap=numeric)
     return table

@@ -15,13 +15,13 @@ from tests.support.headline import headline
 
 @pytest.fixture(scope="module")
 def nominal():
-    return configs.machines(paper.PRINTED)
+    return configs.machines(paper.NOMINAL_CONFIGS)
 
 
 @pytest.fixture(scope="module")
 def shipped():
     """Where the shipped configuration stands in the ranges, 0 … 1."""
-    chosen = configs.chosen_in(configs.machines(configs.NAMES)[0])
+    chosen = configs.quantities_of(configs.machines(configs.NAMES)[0])
     return np.log(np.array([chosen[n] for n in calibration.NAMES]) / calibration.LOW) / calibration.SPAN
 
 
@@ -35,14 +35,14 @@ def test_a_peak_between_samples_is_found():
 
 def test_settling_is_where_an_exponential_enters_the_band():
     t = np.arange(2001) / reading.STEP_RATE
-    assert reading.settling(1.0 - np.exp(-t / 0.1), 1.0, 0.02) == pytest.approx(0.1 * np.log(50.0), abs=1e-4)
-    assert np.isnan(reading.settling(0.5 * t, 1.0, 0.02))
+    assert reading.settling_time(1.0 - np.exp(-t / 0.1), 1.0, 0.02) == pytest.approx(0.1 * np.log(50.0), abs=1e-4)
+    assert np.isnan(reading.settling_time(0.5 * t, 1.0, 0.02))
 
 
 def test_quantities_left_open_are_complete_and_physical():
-    for o in numbers.OPEN:
+    for o in numbers.OPEN_QUANTITIES:
         assert 0.0 < o.low < o.high
-    table = numbers.complete({"valve_seat_diameter": 8e-3, "valve_opening_pressure": 1e4})
+    table = numbers.with_derived_parameters({"valve_seat_diameter": 8e-3, "valve_opening_pressure": 1e4})
     assert table["valve_mass"] == pytest.approx(7850.0 * np.pi / 6.0 * 0.01**3)  # a steel ball of 10 mm
     assert table["valve_preload"] == pytest.approx(1e4 * np.pi / 4.0 * 8e-3**2)
 
@@ -70,7 +70,7 @@ def test_the_shipped_machine_is_the_least_squares_one(nominal, shipped):
 
 
 def test_calibrated_configurations_are_written_and_read_back(nominal, tmp_path):
-    chosen = configs.chosen_in(configs.machines(configs.NAMES)[0])
+    chosen = configs.quantities_of(configs.machines(configs.NAMES)[0])
     configs.write_configs(*nominal, chosen, tmp_path)
     for name in configs.NAMES:
         assert (tmp_path / f"{name}.yaml").read_text() == (configs.CONFIGS / f"{name}.yaml").read_text()
@@ -79,7 +79,7 @@ def test_calibrated_configurations_are_written_and_read_back(nominal, tmp_path):
 def test_the_table(tmp_path, monkeypatch, capsys):
     few = (10.0, 20.0, 26.0, 30.0, 34.0, 60.0)
     monkeypatch.setattr(paper, "FREQUENCIES", few)
-    monkeypatch.setattr(paper_table, "FEW_FREQUENCIES", few)
+    monkeypatch.setattr(paper_table, "COARSE_FREQUENCIES", few)
     found = paper.main(["--draws", "8", "--out", str(tmp_path)])
     printed = headline(capsys)
     assert {n: float(printed[n]) for n in ("worst_error", "worst_fitted")} == pytest.approx(
@@ -99,7 +99,7 @@ def test_a_term_is_taken_out_by_its_numbers(nominal):
     valve = {n: v for n, v in ideal.items() if n.startswith("valve")}
     by_numbers = refinements.quantities(*nominal, ideal)
     bare = [structs.replace(machine, effects=()) for machine in nominal]
-    without = reading.at_10_hz(bare[0], valve) | reading.of_the_step(bare[1], valve)
+    without = reading.figures_at_10_hz(bare[0], valve) | reading.step_figures(bare[1], valve)
     without["flow"] = reading.mean_flows(bare[0], valve, (30.0,))[0]
     assert names[0] == "ideal"
     for value, name in zip(by_numbers[:, 0], refinements.QUANTITIES, strict=True):
@@ -111,5 +111,5 @@ def test_valves_cost_flow_and_friction_does_not(tmp_path, capsys):
     assert set(found) < set(headline(capsys))
     assert found["ideal_flow_error"] > 5.0 > found["friction_takes"]
     assert found["valves_take"] > 10.0 * abs(found["friction_takes"])
-    assert found["friction_needed_n"] > 3.0 * refinements.USUAL
+    assert found["friction_needed_n"] > 3.0 * refinements.LARGEST_PUBLISHED_FRICTION
     assert (tmp_path / "refinements.png").stat().st_size < 200_000

@@ -12,7 +12,7 @@ from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.machine.effects import SuctionLineResistance
 from edhas_jax.machine.rigs import ActuatorSystem, PumpBench
 from studies.paper.published_numbers import FIGURES
-from studies.paper.readings import LPM, SAMPLES, cycle_of, mean_flows, peak, swept_volume
+from studies.paper.readings import LPM, SAMPLES, mean_flows, peak, settled_cycle, swept_volume
 
 DPI = 110
 AT_REST = (
@@ -40,7 +40,7 @@ class Machines:
 
     def cycle(self) -> dict[str, np.ndarray]:
         """A settled cycle at 10 Hz, by signal (SAMPLES,)."""
-        return {n: v[:, 0] for n, v in cycle_of(self.bench, self.alone(), 10.0)[0].items()}
+        return {n: v[:, 0] for n, v in settled_cycle(self.bench, self.alone(), 10.0)[0].items()}
 
     def alone(self) -> dict[str, np.ndarray]:
         """A table whose only row is this bench."""
@@ -80,9 +80,9 @@ def draw_tracking(both: tuple[Machines, ...]) -> Figure:
         top.plot(90.0 + lag, 3.5 * (1.0 - loss / 100.0), marker, color=PAPER, ms=8, mfc=filled, ls="",
                  label=f"paper, {name}: {lag:.2f}°, {loss:.2f} %")  # fmt: skip
     top.axvline(90.0, color=GREY, lw=0.7, ls=":")
-    _dress(whole, "phase of the set point, °", "position from mid-stroke, mm", xlim=(0, 360), ylim=(-4.4, 5.4))
+    _format_axes(whole, "phase of the set point, °", "position from mid-stroke, mm", xlim=(0, 360), ylim=(-4.4, 5.4))
     whole.set_xticks(range(0, 361, 90))
-    _dress(top, "phase of the set point, °", "", xlim=(81, 101), ylim=(3.440, 3.513))
+    _format_axes(top, "phase of the set point, °", "", xlim=(81, 101), ylim=(3.440, 3.513))
     top.set_title("the peak, enlarged; dots: our maxima", fontsize=9, loc="left", color=INK)
     whole.legend(frameon=False, fontsize=8.5, loc="upper right")
     top.legend(frameon=False, fontsize=8.5, loc="lower center")
@@ -99,8 +99,8 @@ def draw_pressure(both: tuple[Machines, ...]) -> Figure:
         begin.plot(*_rise(machine, 0.006), color=colour, lw=1.5, label=name)
     for value, name, ls in ((38.0, "simulated", "-"), (37.0, "measured", "--")):
         whole.axhline(value, color=PAPER, lw=1.1, ls=ls, label=f"paper, peak, {name}: {value:.0f} kPa")
-    _dress(whole, "time, ms", "pressure above rest, kPa", xlim=(0, 350), ylim=(-3, 52))
-    _dress(begin, "time, ms", "", xlim=(0, 6), ylim=(-3, 78))
+    _format_axes(whole, "time, ms", "pressure above rest, kPa", xlim=(0, 350), ylim=(-3, 52))
+    _format_axes(begin, "time, ms", "", xlim=(0, 6), ylim=(-3, 78))
     begin.set_title("start at full amplitude, calibrated machine: flat at first", fontsize=9, loc="left", color=INK)
     whole.legend(frameon=False, fontsize=8.5, loc="upper left", ncols=2)
     begin.legend(frameon=False, fontsize=8.5, loc="upper right")
@@ -132,7 +132,7 @@ def draw_flow(both: tuple[Machines, ...], frequencies) -> Figure:
     for share, marker, name in ((filling.simulated, "D", "simulated"), (filling.measured, "s", "measured")):
         axes.plot(30.0, share * at_30, marker, color=PAPER, ms=7, mfc="white" if marker == "s" else PAPER, ls="",
                   label=f"paper, {name}, if its earlier model\ndelivers the swept volume")  # fmt: skip
-    _dress(axes, "frequency, Hz", "mean flow, L/min", xlim=(0, 60), ylim=(0, 4.9))
+    _format_axes(axes, "frequency, Hz", "mean flow, L/min", xlim=(0, 60), ylim=(0, 4.9))
     axes.legend(frameon=False, fontsize=8.5, loc="upper left")
     return figure
 
@@ -153,8 +153,8 @@ def draw_instantaneous(machines: Machines) -> Figure:
     for name, values, colour, width, style in rows:
         whole.plot(ANGLE, LPM * values, color=colour, lw=width, ls=style, label=name)
         small.plot(ANGLE, 1e3 * LPM * values, color=colour, lw=width, ls=style)
-    _dress(whole, "phase of the set point, °", "flow, L/min", xlim=(0, 360), ylim=(-0.1, 2.35))
-    _dress(small, "phase of the set point, °", "flow, mL/min", xlim=(86, 102), ylim=(-20, 80))
+    _format_axes(whole, "phase of the set point, °", "flow, L/min", xlim=(0, 360), ylim=(-0.1, 2.35))
+    _format_axes(small, "phase of the set point, °", "flow, mL/min", xlim=(86, 102), ylim=(-20, 80))
     whole.set_xticks(range(0, 361, 90))
     small.axhline(0.0, color=GREY, lw=0.7)
     small.set_title("the reversal, enlarged: a valve that closes late lets oil back", fontsize=9, loc="left", color=INK)
@@ -179,7 +179,7 @@ def draw_leakage(both: tuple[Machines, ...]) -> Figure:
         axes.annotate(text, (x + 45 if x == 0 else x if x == 180 else x, -9.0), color=GREY, fontsize=9, ha="center")
     for x in (90, 270):
         axes.axvline(x, color=GREY, lw=0.7, ls=":")
-    _dress(axes, "phase of the set point, ° (the piston is at its ends at 90° and 270°)", "leakage, mL/min",
+    _format_axes(axes, "phase of the set point, ° (the piston is at its ends at 90° and 270°)", "leakage, mL/min",
            xlim=(0, 360), ylim=(-10, 32))  # fmt: skip
     axes.set_xticks(range(0, 361, 45))
     axes.legend(frameon=False, fontsize=8.5, loc="upper left", ncols=1)
@@ -201,8 +201,8 @@ def draw_step(both: tuple[Machines, ...]) -> Figure:
     for value, ls, name in ((response.simulated, "-", "simulated"), (response.measured, "--", "measured")):
         for axes in (whole, end):
             axes.axvline(1e3 * value, color=PAPER, lw=1.2, ls=ls, label=f"paper, {name}: {1e3 * value:.1f} ms")
-    _dress(whole, "time, ms", "position, mm", xlim=(0, 600), ylim=(0, 16.5))
-    _dress(end, "time, ms", "", xlim=(330, 470), ylim=(13.0, 15.4))
+    _format_axes(whole, "time, ms", "position, mm", xlim=(0, 600), ylim=(0, 16.5))
+    _format_axes(end, "time, ms", "", xlim=(330, 470), ylim=(13.0, 15.4))
     end.set_title("arrival, enlarged", fontsize=9, loc="left", color=INK)
     end.legend(frameon=False, fontsize=8.5, loc="lower right")
     return figure
@@ -214,7 +214,7 @@ def _figure(title: str, count: int) -> tuple[Figure, tuple]:
     return figure, tuple(figure.subplots(1, count, squeeze=False)[0])
 
 
-def _dress(axes, x: str, y: str, **limits) -> None:
+def _format_axes(axes, x: str, y: str, **limits) -> None:
     axes.set(xlabel=x, ylabel=y, **limits)
     axes.grid(True, color="#d8dee4", lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
