@@ -86,7 +86,7 @@ def find_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
         raise ParameterError(f"ambiguous; write one of {', '.join(f'{path}.{flat}' for _, path in found)}")
     if named:
         raise ParameterError(
-            f"{owner} has no such parameter here; write {' or '.join(f'{o}.{flat}' for _, o in named)}"
+            f"{owner} has no such parameter; write {' or '.join(f'{o}.{flat}' for _, o in named)}"
         )
     raise ParameterError(_unknown_reason(machine, owner, flat, [p.name for p, _, _ in rows]))
 
@@ -176,12 +176,12 @@ def _unknown_reason(machine: Rig, owner: str, flat: str, known: list[str]) -> st
     """Why a parameter does not exist: its component or effect is not mounted, or the name is wrong."""
     for cls in LIBRARY:
         if flat in (p.name for p in structs.parameters(cls)) and owner in ("", cls.id):
-            return f"belongs to the effect {cls.id}, which is not among the effects here"
+            return f"belongs to the effect {cls.id}, which is not mounted"
     for section, kinds in COMPONENT_KINDS.items():
         names = {k: [p.name for p in structs.parameters(cls)] for k, cls in kinds.items() if cls is not Recorded}
         having = [k for k in names if flat in names[k]]
         if having and hasattr(machine, section) and owner in ("", section):
-            return f"belongs to {with_article(section)} of kind {' or '.join(having)}, which is not mounted here"
+            return f"belongs to {with_article(section)} of kind {' or '.join(having)}, which is not mounted"
     for rig in RIGS.values():
         for path, component in components_by_name(rig()).items():
             if flat in (p.name for p in structs.parameters(type(component))) and owner in ("", path):

@@ -74,7 +74,7 @@ class ActuatorBench:
             y: state by name, SI.
             t: time [s].
             h: time step [s] that is being taken.
-            y_start: state at the start of the step, which standstill friction asks for.
+            y_start: state at the start of the step, which standstill friction needs.
             orifice_linearisation: function (name, flow, area, drop) -> flow by which a step replaces the derivatives
                 of orifice flows; None leaves the tangents.
 

@@ -145,7 +145,7 @@ def _reason(error: Exception, machine: Rig, names: list[str]) -> str:
     if isinstance(error, UnknownNameError):
         if getattr(error, "name", None) == "current":
             why = "with a current amplifier it follows from the command; mount a voltage amplifier"
-            return f"there is no current to be seen: {why}"
+            return f"the signal `current` is not available: {why}"
         return f"on {machine.name}, {error}"
     if isinstance(error, KeyError):
         return f"there is no state {error}; the states: {', '.join(names) or 'none'}"

@@ -48,7 +48,7 @@ def step_with_outputs(
         y: state at the start of the step by name, SI.
         t: time at the start of the step [s].
         h: step [s].
-        outputs: computes the values wanted, by name, from the signals.
+        outputs: computes the outputs by name from the signals.
 
     Returns:
         The state at the end of the step, the change k, and the outputs at mid-step by name.

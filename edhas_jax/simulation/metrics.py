@@ -56,11 +56,20 @@ class RunTooShortError(ValueError):
 def compute_metrics(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str, Metric]:
     """All metrics of a run.
 
-    On a bench driven by a sine they are taken over the whole cycles after the ramp, otherwise over the whole run;
-    means come from what the run has cumulated step by step, peaks from its samples.
+    On a bench with a sine as set point they are taken over the whole cycles after the ramp, otherwise over the whole
+    run. Means come from the energies and volumes cumulated step by step, peaks from the samples.
+
+    Args:
+        machine: the machine of the run.
+        signals: SI arrays (samples,) by name, with "time" [s].
+        energy: energy since the start [J] by row, each (samples,).
+        volume: volume since the start [m³] by row, each (samples,).
+
+    Returns:
+        The metrics by name.
 
     Raises:
-        TooShort: the run has no whole cycle after the ramp.
+        RunTooShortError: the run has no whole cycle after the ramp.
     """
     t = signals["time"]
     first, last = metric_window(machine, t[-1])

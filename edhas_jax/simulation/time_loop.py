@@ -42,7 +42,7 @@ class SampleBlock(NamedTuple):
 
 
 def check_names(machine: Rig) -> tuple[str, ...]:
-    """What each check of `failed_checks` looks at: every state, then every signal with a valid range."""
+    """The names of the checks in `failed_checks`: every state, then every signal with a valid range."""
     y = machine.initial_state()
     return (*sorted(y), *machine.evaluate(y, 0.0, 1.0, y)[0].record.valid_ranges)
 

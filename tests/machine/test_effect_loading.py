@@ -88,7 +88,7 @@ def test_library_effects_act_on_rigs_with_their_slots():
 
 def test_an_effect_whose_slots_are_unused_is_refused():
     machine = replace(PumpBench(), amplifier=CurrentAmplifier(), controller=CascadeController())
-    with pytest.raises(EffectError, match="amplifier_lag acts on nothing here: .*coil_voltage_change"):
+    with pytest.raises(EffectError, match="amplifier_lag has no influence: .*coil_voltage_change"):
         check_effect(load_effect("amplifier_lag")(), machine)
 
 

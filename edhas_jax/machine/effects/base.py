@@ -60,7 +60,7 @@ class Effect:
     def __init_subclass__(cls):
         for other in (base for base in cls.__bases__ if base is not Effect):
             rule = "an effect is final; derive from Effect" if issubclass(other, Effect) else "derive from Effect alone"
-            raise EffectError(f"{cls.__name__} derives from {other.__name__}: {rule} and call what you need")
+            raise EffectError(f"{cls.__name__} derives from {other.__name__}: {rule} and reuse code by calling it")
         cls.id = structs.owner_id(cls)
         cls.states = {n: v for n, v in vars(cls).items() if isinstance(v, EffectState)}
         public = {n: v for n, v in vars(cls).items() if not n.startswith("_")}

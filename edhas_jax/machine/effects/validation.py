@@ -103,7 +103,7 @@ def _dry_run(machine, zero):
     s, rates = machine.evaluate(y, zero, zero, y)
     if not any(probe.id in found for found in s.record.contributions.values()):
         names = ", ".join(slot.name for slot in probe.slots)
-        raise EffectError(f"{probe.id} acts on nothing here: this {machine.name} does not ask for {names}")
+        raise EffectError(f"{probe.id} has no influence: this {machine.name} does not evaluate {names}")
     return rates
 
 

@@ -18,7 +18,7 @@ def cylinder_rates(m, y: dict, s: Signals, y_start: dict) -> dict:
         m: the machine.
         y: state by name, SI.
         s: signals; those of reversing valve and cylinder are added.
-        y_start: state at the start of the step, which standstill friction asks for.
+        y_start: state at the start of the step, which standstill friction needs.
 
     Returns:
         The rates of both pressures (strain pressures, see `Oil`), position and velocity of the cylinder.

@@ -29,7 +29,7 @@ class Controller:
 
     def __init_subclass__(cls):
         if cls.__bases__ != (Controller,):
-            raise ControllerError(f"{cls.__name__}: derive from Controller alone and call what you need")
+            raise ControllerError(f"{cls.__name__}: derive from Controller alone and reuse code by calling it")
         own = vars(cls)
         if "command" not in own:
             raise ControllerError(f"{cls.__name__} has no method `command`; define `def command(self, y, s)`")

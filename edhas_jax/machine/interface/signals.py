@@ -1,8 +1,8 @@
 """The named signals of the machine, and the object in which the equations collect them at one instant.
 
 `SIGNALS` is the one list of signal names that the model, measurements and effects share. `Signals` holds the values
-while the equations are evaluated, and an `EquationRecord` of what else the step and the balances need: power bonds,
-stored energies, oil nodes, orifices and valid ranges.
+while the equations are evaluated, and an `EquationRecord` of further quantities for the step and the balances: power
+bonds, stored energies, oil nodes, orifices and valid ranges.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from edhas_jax.core.name_suggestion import suggest
 
 
 class Signal(NamedTuple):
-    """What is known of a signal: SI unit, unit for display and meaning."""
+    """The description of a signal: SI unit, unit for display and meaning."""
 
     unit: str
     display_unit: str
@@ -28,9 +28,9 @@ SIGNALS: dict[str, Signal] = {
     "current": Signal("A", "A", "coil current"),
     "motor_force": Signal("N", "N", "electromagnetic force on the mover"),
     "piston_position": Signal("m", "mm", "mover and plungers, from mid-stroke, positive into chamber A"),
-    "piston_velocity": Signal("m/s", "m/s", "speed of the mover"),
-    "coupling_deflection": Signal("m", "mm", "how far the plungers lag behind the coil carrier"),
-    "friction_force": Signal("N", "N", "friction on the mover, viscous damping apart"),
+    "piston_velocity": Signal("m/s", "m/s", "velocity of the mover"),
+    "coupling_deflection": Signal("m", "mm", "lag of the plungers behind the coil carrier"),
+    "friction_force": Signal("N", "N", "friction on the mover, without viscous damping"),
     "stop_force": Signal("N", "N", "force of the end stops on the mover"),
     "chamber_pressure_a": Signal("Pa", "MPa", "pump chamber A, absolute"),
     "chamber_pressure_b": Signal("Pa", "MPa", "pump chamber B, absolute"),
@@ -58,8 +58,8 @@ SIGNALS: dict[str, Signal] = {
     "rod_pressure": Signal("Pa", "MPa", "rod side of the cylinder, absolute"),
     "return_flow": Signal("m^3/s", "L/min", "flow that returns to the accumulator"),
     "cylinder_position": Signal("m", "mm", "position of the cylinder"),
-    "cylinder_velocity": Signal("m/s", "m/s", "speed of the cylinder"),
-    "cylinder_friction": Signal("N", "N", "friction of the cylinder, viscous damping apart"),
+    "cylinder_velocity": Signal("m/s", "m/s", "velocity of the cylinder"),
+    "cylinder_friction": Signal("N", "N", "friction of the cylinder, without viscous damping"),
 }
 
 
@@ -95,7 +95,7 @@ class OrificeConnection(NamedTuple):
 
 
 class EquationRecord(NamedTuple):
-    """What the equations record beside the signals, for the step and for the balances.
+    """Quantities beside the signals that the equations record for the step and for the balances.
 
     Attributes:
         contributions: by slot and effect id, the contributions made there.
@@ -126,7 +126,7 @@ class Signals:
 
     Attributes:
         effects: pairs of an effect and its own states.
-        record: what the equations record beside the signals.
+        record: further quantities for the step and the balances.
         orifice_linearisation: None, or a function (name, flow, area, drop) -> flow by which the step replaces the
             derivatives of an orifice flow.
     """
@@ -147,7 +147,7 @@ class Signals:
         try:
             return self.__dict__["_values"][name]
         except KeyError:
-            raise UnknownNameError(f"no signal or parameter `{name}` here; {suggest(name, self._values)}") from None
+            raise UnknownNameError(f"there is no signal or parameter `{name}`; {suggest(name, self._values)}") from None
 
     def set(self, **values) -> None:
         """Add signals that are now known."""

@@ -37,7 +37,7 @@ class Slot(NamedTuple):
 
 
 SUPPLY_VOLTAGE = Slot("supply_voltage_change", "coil", "V", Rule.ADD, "added to the voltage limit of the supply")
-COIL_VOLTAGE = Slot("coil_voltage_change", "coil", "V", Rule.ADD, "added to the voltage that the coil sees")
+COIL_VOLTAGE = Slot("coil_voltage_change", "coil", "V", Rule.ADD, "added to the voltage at the coil")
 COIL_RESISTANCE = Slot("coil_resistance_factor", "coil", "-", Rule.SCALE, "multiplies the coil resistance")
 COIL_INDUCTANCE = Slot("coil_inductance_factor", "coil", "-", Rule.SCALE, "multiplies the coil inductance")
 FORCE_CONSTANT = Slot("force_constant_factor", "coil", "-", Rule.SCALE, "multiplies Km in force and back-EMF")
@@ -46,7 +46,7 @@ MOVER_FORCE = Slot("mover_force", "mover", "N", Rule.ADD, "force on the mover, p
 MOVER_FRICTION = Slot("mover_friction", "mover", "N", Rule.ADD, "friction on the mover, positive when it opposes v > 0")
 # with this slot in use, coil carrier and plungers are two bodies and the machine has two more states
 COUPLING_FORCE = Slot(
-    "coupling_force", "mover", "N", Rule.ADD, "force from coil carrier to plungers, which with it are two masses",
+    "coupling_force", "mover", "N", Rule.ADD, "force from coil carrier to plungers, which become two masses",
     ("coupling_deflection", "coupling_velocity"),
 )
 CHECK_VALVE_FORCE = Slot(
@@ -73,7 +73,7 @@ GAP_VISCOSITY = Slot(
 # with this slot in use, the manifold before the suction valves is one more oil node
 SUCTION_LINE_RESISTANCE = Slot(
     "suction_line_resistance", "suction", "Pa*s/m^3", Rule.ADD,
-    "resistance between accumulator and suction valves; with it a manifold of 10 mL stands before the valves",
+    "resistance between accumulator and suction valves; adds a manifold of 10 mL before the valves",
 )
 SUCTION_LINE_FLOW = Slot(
     "suction_line_flow", "suction", "m^3/s", Rule.ADD, "flow of a suction line whose oil has inertia",
@@ -91,7 +91,7 @@ OIL_COMPRESSIBILITY = Slot(
 )
 OIL_GAS = Slot(
     "oil_gas", "oil", "Pa", Rule.ADD,
-    "free gas in the oil as a, where the compressibility goes as a/p² at low pressure: chooses the pressure coordinate",
+    "free gas a in the oil, with compressibility a/p² at low pressure; determines the strain pressure",
 )
 OIL_VISCOSITY = Slot("oil_viscosity_factor", "oil", "-", Rule.SCALE, "multiplies the viscosity of the oil")
 CYLINDER_FORCE = Slot("cylinder_force", "cylinder", "N", Rule.ADD, "force on the cylinder, positive along x_c")

@@ -14,7 +14,7 @@ class MagneticSaturation(Effect):
     Source: chosen; a smooth form of the armature reaction in moving-coil motors.
     """
 
-    looks_like = "current peaks sharper and higher than the load asks for; nothing at small current"
+    looks_like = "current peaks sharper and higher than the load requires; nothing at small current"
     confused_with = ("force_constant_droop", "force_constant", "seal_friction")
 
     saturation_current: float = par(

@@ -13,7 +13,7 @@ class OutletLineInertance(Effect):
     """
 
     looks_like = (
-        "outlet flow smoother and later than the outlet pressure asks for; pressure ripple that grows with frequency"
+        "outlet flow smoother and later than the outlet pressure implies; pressure ripple that grows with frequency"
     )
     confused_with = ("hose_compliance", "sensor_lag", "outlet_volume")
 

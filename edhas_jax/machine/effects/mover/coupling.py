@@ -15,7 +15,7 @@ class CouplingCompliance(Effect):
     """
 
     looks_like = (
-        "less flow in proportion to the pressure, piston as ordered; ringing at 0.3 … 3 kHz after each reversal"
+        "less flow in proportion to the pressure, piston as commanded; ringing at 0.3 … 3 kHz after each reversal"
     )
     confused_with = ("backlash", "hose_compliance", "air_fraction", "piston_clearance")
 
