@@ -1,4 +1,4 @@
-"""Schematic of the machine (SVG), each part coloured by the probability that an effect is missing there."""
+"""Schematic of the machine (SVG), each component coloured by the probability that an effect is missing there."""
 
 import html
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ ZERO_COLOUR, FULL_COLOUR = (246, 248, 250), (222, 74, 28)  # RGB at probability 
 COLOUR_EXPONENT = 0.6  # below 1: small probabilities remain visible
 SIZE = 730, 340  # px
 PIPE_COLOUR = "#c9d3dc"
-MIN_LABELLED_PROBABILITY = 0.005  # parts below it are drawn without a number
+MIN_LABELLED_PROBABILITY = 0.005  # components below it are drawn without a number
 MAX_SENSOR_TEXT = 78  # characters of the list of measured signals
 
 
@@ -19,7 +19,7 @@ def draw_schematic(machine: Rig, probabilities: Mapping[str, float], measured: t
 
     Args:
         machine: the rig.
-        probabilities: probability by part of the machine, the sensors being the part "sensor".
+        probabilities: probability by component, all sensors being the component "sensor".
         measured: names of the measured signals.
     """
     drawing = _Drawing(probabilities)
@@ -30,8 +30,8 @@ def draw_schematic(machine: Rig, probabilities: Mapping[str, float], measured: t
     drawing.actuator(alone=bench)
     drawing.sensors(measured)
     width, height = SIZE
-    labelled = {part: p for part, p in probabilities.items() if p >= MIN_LABELLED_PROBABILITY}
-    text = ", ".join(f"{part.replace('_', ' ')} {p:.0%}" for part, p in labelled.items()) or "nowhere"
+    labelled = {name: p for name, p in probabilities.items() if p >= MIN_LABELLED_PROBABILITY}
+    text = ", ".join(f"{name.replace('_', ' ')} {p:.0%}" for name, p in labelled.items()) or "nowhere"
     return (
         f'<svg viewBox="0 0 {width} {height}" width="100%" style="max-width:{width}px" role="img" '
         f'font-family="system-ui, sans-serif" font-size="13" fill="{INK}">'
@@ -40,7 +40,7 @@ def draw_schematic(machine: Rig, probabilities: Mapping[str, float], measured: t
 
 
 def probability_colour(probability: float) -> str:
-    """The fill colour of a part as #rrggbb."""
+    """The fill colour of a component as #rrggbb."""
     t = min(max(probability, 0.0), 1.0) ** COLOUR_EXPONENT
     return "#" + "".join(f"{round(a + t * (b - a)):02x}" for a, b in zip(ZERO_COLOUR, FULL_COLOUR, strict=True))
 
@@ -122,12 +122,12 @@ class _Drawing:
         shown = names if len(names) < MAX_SENSOR_TEXT else names[: MAX_SENSOR_TEXT - 3] + " …"
         self._text(shown, 108, 325, GREY, 11, "start")
 
-    def _colour(self, part: str) -> str:
-        return probability_colour(self._probabilities.get(part, 0.0))
+    def _colour(self, component: str) -> str:
+        return probability_colour(self._probabilities.get(component, 0.0))
 
-    def _box(self, part: str, x: float, y: float, width: float, height: float, radius: float) -> None:
+    def _box(self, component: str, x: float, y: float, width: float, height: float, radius: float) -> None:
         self.parts.append(f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="{radius}" '
-                          f'fill="{self._colour(part)}" stroke="{INK}" stroke-width="1.3"/>')  # fmt: skip
+                          f'fill="{self._colour(component)}" stroke="{INK}" stroke-width="1.3"/>')  # fmt: skip
 
     def _valve(self, x: float, y: float) -> None:
         fill = self._colour("check_valves")
@@ -138,10 +138,10 @@ class _Drawing:
     def _line(self, x: float, y: float, to_x: float, to_y: float, width: float, colour: str = INK) -> None:
         self.parts.append(f'<line x1="{x}" y1="{y}" x2="{to_x}" y2="{to_y}" stroke="{colour}" stroke-width="{width}"/>')
 
-    def _label(self, part: str, x: float, y: float, anchor: str = "middle") -> None:
-        p = self._probabilities.get(part, 0.0)
+    def _label(self, component: str, x: float, y: float, anchor: str = "middle") -> None:
+        p = self._probabilities.get(component, 0.0)
         number = f' <tspan font-weight="700">{p:.0%}</tspan>' if p >= MIN_LABELLED_PROBABILITY else ""
-        name = part.replace("_", " ")
+        name = component.replace("_", " ")
         self.parts.append(f'<text x="{x}" y="{y}" text-anchor="{anchor}">{name}{number}</text>')
 
     def _text(self, text: str, x: float, y: float, colour: str, size: int, anchor: str = "middle") -> None:

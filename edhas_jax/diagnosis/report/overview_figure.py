@@ -21,7 +21,7 @@ OTHER_COLOUR = "#aab4be"
 
 
 def draw_overview(diagnosis: Diagnosis):
-    """Draw the worst signal of the hold-out runs with the calibrated and the final model, the scores and the stages.
+    """Draw the worst signal of the held-out runs with the calibrated and the final model, the scores and the stages.
 
     Returns:
         A matplotlib figure.

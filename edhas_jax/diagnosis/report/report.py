@@ -158,7 +158,7 @@ def _candidate_table(diagnosis: Diagnosis) -> str:
             "; ".join(remarks),
         ])  # fmt: skip
     header = (
-        "candidate", "probability", "predicted fall of χ²", "gain of log-evidence", "residual/noise on hold-out runs",
+        "candidate", "probability", "predicted fall of χ²", "gain of log-evidence", "residual/noise on held-out runs",
         "location and parameters",
     )  # fmt: skip
     return html_page.table(header, body)

@@ -9,7 +9,7 @@ from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.residuals import OVERALL, rms_by_signal
 
-USE_TITLES = {Use.FIT: "fitted runs", Use.HOLDOUT: "hold-out runs"}
+USE_TITLES = {Use.FIT: "fitted runs", Use.HOLDOUT: "held-out runs"}
 AXIS_START = 0.7  # lower end of the logarithmic axis
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 REMAINING_COLOUR, FALL_COLOUR, RISE_COLOUR = "#aab4be", COLOURS[2], COLOURS[1]
@@ -42,7 +42,7 @@ def _overall_rms(campaign: Campaign, residuals: Mapping[str, Mapping[str, np.nda
 
 
 def draw_waterfall(diagnosis: Diagnosis):
-    """Draw the residual over noise after each stage, one panel for the fitted runs and one for the hold-out runs.
+    """Draw the residual over noise after each stage, one panel for the fitted runs and one for the held-out runs.
 
     Returns:
         A matplotlib figure.

@@ -54,7 +54,7 @@ def as_json(diagnosis: Diagnosis, next_experiment: dict[str, Any] | None = None)
             if trial is not None or p > MIN_LISTED_PROBABILITY
         ],
         "groups": [[candidate.id for candidate in group] for group in diagnosis.confounded_groups()],
-        "where": [{"slot": part, "probability": p} for part, p in diagnosis.location_probabilities().items()],
+        "where": [{"slot": name, "probability": p} for name, p in diagnosis.location_probabilities().items()],
         "form": _generic_term_data(diagnosis),
         "calibrated": {n: v for n, v in estimates_as_json(final).items() if n in uncertain},
         "error": diagnosis.errors(),

@@ -34,7 +34,7 @@ STYLE = """
 def render_trace_viewer(campaign: Campaign, states: Mapping[str, Mapping[str, Mapping[str, np.ndarray]]]) -> str:
     """Render the viewer as HTML with its data and script.
 
-    It opens on the run and signal with the largest residual of the calibrated model, on a hold-out run if there is one.
+    It opens on the run and signal with the largest residual of the calibrated model, on a held-out run if there is one.
 
     Args:
         campaign: the measurements.

@@ -54,7 +54,7 @@ class Candidate:
 
     @property
     def location(self) -> str:
-        """The part of the machine that it acts on; "sensor" for a sensor fault."""
+        """The component of the machine on which it acts; "sensor" for a sensor fault."""
         return SENSOR_LOCATION if self.signal is not None else self.kind.slots[0].location
 
     @property

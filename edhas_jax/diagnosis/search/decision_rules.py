@@ -1,7 +1,6 @@
 """Decision rules of the diagnosis: acceptance of a candidate, significance of a residual, and the verdict.
 
-All thresholds for accepting an explanation are in this module. Each function states the scale on which it decides:
-chi-square, log-evidence gain [nats], or rms residual over noise.
+Each function states the scale on which it decides: chi-square, log-evidence gain [nats], or rms residual over noise.
 """
 
 import math
@@ -15,22 +14,21 @@ from edhas_jax.diagnosis.search.result import Round, Verdict, accepted_trials
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
 
-# acceptance: log-evidence gain [nats], and standard deviations by which ½χ² of the hold-out runs must fall
+# acceptance: log-evidence gain [nats], and standard deviations by which ½χ² of the held-out runs must fall
 MIN_GAIN, HOLDOUT_SIGMAS = 12.0, 2.0
-# above this gain one standard deviation suffices, because hold-out runs may be short and uninformative
+# above this gain one standard deviation suffices, because held-out runs may be short and uninformative
 OVERWHELMING_GAIN, HOLDOUT_SIGMAS_OVERWHELMING = 40.0, 1.0
 REPLACEMENT_MARGIN = 30.0  # nats by which one candidate must exceed the accepted effects to replace them
-EXPLAINED_HOLDOUT_RMS = 1.02  # rms residual over noise of hold-out runs above which something is unexplained
+EXPLAINED_HOLDOUT_RMS = 1.02  # rms residual over noise of held-out runs above which something is unexplained
 CHI_SQUARE_SIGMAS, RMS_SIGMAS = 3.0, 3.0  # tolerated scatter of χ² and of an rms under noise alone
 
 
-
 def is_confirmed(baseline: EvaluatedFit, trial: Trial) -> bool:
-    """Whether a trial is accepted: sufficient log-evidence gain [nats], and a significant fall on hold-out runs.
+    """Whether a trial is accepted: sufficient log-evidence gain [nats], and a significant fall on held-out runs.
 
     Args:
         baseline: the model without the candidate.
-        trial: the trial; its gain must reach 12 nats. ½χ² of the hold-out runs must fall by two standard deviations,
+        trial: the trial; its gain must reach 12 nats. ½χ² of the held-out runs must fall by two standard deviations,
             by one where the gain exceeds 40 nats.
     """
     if trial.evaluated is None or trial.log_evidence_gain < MIN_GAIN:
@@ -48,7 +46,7 @@ def replaces_accepted(rounds: Sequence[Round], trial: Trial) -> bool:
 
 
 def is_unexplained(evaluated: EvaluatedFit) -> bool:
-    """Whether the rms residual of the hold-out runs (of the fitted ones without any) exceeds the noise."""
+    """Whether the rms residual of the held-out runs (of the fitted ones without any) exceeds the noise."""
     campaign = evaluated.fit.problem.campaign
     use = Use.HOLDOUT if campaign.runs_for(Use.HOLDOUT) else Use.FIT
     samples = sum(int(np.isfinite(v).sum()) for v in evaluated.run_residuals(campaign.runs_for(use)))
@@ -64,7 +62,15 @@ def chi_square_excess(evaluated: EvaluatedFit) -> float:
 
 
 def decide_verdict(rounds: Sequence[Round]) -> Verdict:
-    """The verdict of some rounds, the last of which accepted nothing."""
+    """Decide the verdict.
+
+    The effect is unknown where a generic term explains clearly more than the library, an accepted parameter is at its
+    prior bound, or the final residual exceeds the noise. Otherwise the model is adequate if the first round accepted
+    nothing, and ambiguous if an accepted candidate is confounded with another one.
+
+    Args:
+        rounds: all rounds of the search, the last of which accepted nothing.
+    """
     after = rounds[-1].baseline
     implausible = any(at_prior_bound(t.candidate, after.fit) for t in accepted_trials(rounds))
     if rounds[-1].generic_trials or implausible or is_unexplained(after):

@@ -1,4 +1,4 @@
-"""A fit with its residuals on all runs of the campaign, including the hold-out runs, and its log-evidence."""
+"""A fit with its residuals on all runs of the campaign, including the held-out runs, and its log-evidence."""
 
 import dataclasses
 import math
@@ -69,7 +69,7 @@ class EvaluatedFit:
         return self.rms_over_noise(Use.FIT) < NEAR_NOISE_RMS
 
     def holdout_half_chi_square(self) -> np.ndarray:
-        """½Σ(residual/noise)² for each hold-out run and signal; for all runs where none is held out."""
+        """½Σ(residual/noise)² for each held-out run and signal; for all runs where none is held out."""
         campaign = self.fit.problem.campaign
         runs = campaign.runs_for(Use.HOLDOUT) or campaign.runs
         return np.array([0.5 * np.nansum(np.square(v)) for v in self.run_residuals(runs)])

@@ -1,7 +1,7 @@
-"""Forward selection of missing effects: calibrate, then add the candidates that hold-out runs confirm, one by one.
+"""Forward selection of missing effects: calibrate, then add the candidates that held-out runs confirm, one by one.
 
 Each round adds one candidate to the model. Candidates are ranked by their predicted fall of χ² (chi-square scale),
-compared by their log-evidence gain after a refit, and accepted if ½χ² of the hold-out runs falls significantly too.
+compared by their log-evidence gain after a refit, and accepted if ½χ² of the held-out runs falls significantly too.
 """
 
 import dataclasses
@@ -100,7 +100,7 @@ def _select_forward(
     campaign: Campaign, calibrated: EvaluatedFit, resolution: TimeResolution, more: Iterable[type[Effect]],
     allowed: set[str] | None, report: Report, first: Round | None = None,
 ) -> list[Round]:  # fmt: skip
-    """Add one candidate after another until hold-out runs confirm none.
+    """Add one candidate after another until held-out runs confirm none.
 
     Args:
         campaign: the measurements.
@@ -163,7 +163,7 @@ def _refit_without(
 def _localise(
     rounds: Sequence[Round], resolution: TimeResolution, report: Report
 ) -> tuple[dict[str, float], list[Trial]]:
-    """The share of χ² that each part of the machine accounts for; and the trials for it, the largest gain first."""
+    """The share of χ² that each component accounts for, and the trials made for it, the largest gain first."""
     report("localising the discrepancy")
     first, calibrated = rounds[0], rounds[0].baseline
 

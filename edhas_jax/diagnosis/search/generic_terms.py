@@ -1,7 +1,7 @@
 """Generic terms: single algebraic terms in the variables of an equation, for what no effect of the library explains.
 
 Each is an effect with one coefficient c, so that it is tried like any other candidate: added to the model, fitted
-together with all uncertain parameters, and checked on the hold-out runs.
+together with all uncertain parameters, and checked on the held-out runs.
 """
 
 from collections.abc import Callable

@@ -1,14 +1,15 @@
-"""Discrepancy localisation: the share of an unexplained residual that each part of the machine accounts for.
+"""Discrepancy localisation: the share of an unexplained residual that each component accounts for.
 
-A relation that the library lacks resembles a linear combination of effects that act on the same part of the machine.
-With E the matrix of all projected signatures of a part (see `screening`), at all points of their grids, the share is
+A relation that the library lacks resembles a linear combination of effects that act on the same component of the
+machine. With E the matrix of all projected signatures of a component (see `screening`), at all points of their grids,
+the share is
 
     share = |P r|²/|r|²,   P the orthogonal projector onto the span of E,
 
 the fraction of χ² of the residual r that the best combination removes. It is a fraction of the chi-square scale.
 Signatures are linear, so a fit may achieve less or more than they predict. Unless a trial has explained everything,
-the best-scoring candidates of each part are therefore fitted. The share is at least what the best fit achieves; far
-from the noise it is reduced by the ratio of achieved to predicted fall of χ².
+the best-scoring candidates of each component are therefore fitted. The share is at least what the best fit achieves;
+far from the noise it is reduced by the ratio of achieved to predicted fall of χ².
 
 A combination of lag, delay, gain and offset follows almost any residual of one signal. Sensors therefore count only by
 accepted sensor faults, and only by the part of the remaining misfit that lies in the sensor's own signal, since a
@@ -29,14 +30,14 @@ from edhas_jax.measurements.campaign import Use
 SHARE_EXPONENT = 3.0  # probability ∝ share³: calibrated on cases whose true effect was withheld from the library
 FITS_PER_LOCATION = 2
 EXPLAINED_RMS = 1.02  # rms residual over noise of the fitted runs below which a trial explains everything
-MIN_RELATIVE_FALL = 0.1  # joint fall of χ² of a part over that of the best part, below which nothing is fitted
+MIN_RELATIVE_FALL = 0.1  # joint fall of χ² of a component over the largest, below which nothing is fitted
 
 
 class Localisation(NamedTuple):
     """Where an unexplained residual originates.
 
     Args:
-        shares: fraction of χ² of the calibrated model's residual, 0 … 1, by part of the machine, the largest first.
+        shares: fraction of χ² of the calibrated model's residual, 0 … 1, by component, the largest first.
         trials: the candidates that were fitted for it.
     """
 
@@ -48,7 +49,7 @@ def localise_discrepancy(
     calibrated: EvaluatedFit, candidates: Iterable[Candidate], trials: Sequence[Trial], accepted: Sequence[Trial],
     attempt: Callable[[Score], Trial],
 ) -> Localisation:  # fmt: skip
-    """Determine the share of the residual of the calibrated model that each part of the machine accounts for.
+    """Determine the share of the residual of the calibrated model that each component accounts for.
 
     Args:
         calibrated: the model with its uncertain parameters fitted and no candidate added.
@@ -119,7 +120,7 @@ def _own_signal_share(trial: Trial) -> float:
 
 
 def location_probabilities(shares: dict[str, float]) -> dict[str, float]:
-    """Probability of each part of the machine to be the origin, proportional to the cube of its share of χ²."""
+    """Probability of each component to be the origin of a misfit, proportional to the cube of its share of χ²."""
     weights = {location: share**SHARE_EXPONENT for location, share in shares.items()}
     total = sum(weights.values())
     return {location: weight / total for location, weight in weights.items()} if total > 0.0 else {}

@@ -106,8 +106,8 @@ class Diagnosis:
         calibrated: the model with its uncertain parameters fitted.
         after: the model with the accepted candidates, everything fitted.
         seconds: computing time [s].
-        location_shares: for an unknown effect, the share of χ² of the calibrated model's residual by part of the
-            machine, the largest first; else empty.
+        location_shares: for an unknown effect, the share of χ² of the calibrated model's residual by component, the
+            largest first; else empty.
     """
 
     campaign: Campaign
@@ -161,10 +161,10 @@ class Diagnosis:
         return [(c, p, t) for c, (p, t) in sorted(found.items(), key=lambda item: -item[1][0])]
 
     def location_probabilities(self) -> dict[str, float]:
-        """The probability that something is missing in a part of the machine, the largest first.
+        """The probability that something is missing in a component, the largest first.
 
-        For an unknown effect these are the probabilities of each part to be its origin, from the shares of χ², and sum
-        to 1. Otherwise they sum the probabilities of the candidates of a part in one round, the largest of all rounds.
+        For an unknown effect these are the probabilities of each component to be its origin, from the shares of χ²,
+        and sum to 1. Otherwise each is the sum over the component's candidates in one round, the largest of all rounds.
         """
         if self.verdict is Verdict.UNKNOWN_EFFECT:
             return location_probabilities(self.location_shares)
@@ -174,7 +174,7 @@ class Diagnosis:
             for candidate, p in r.probabilities().items():
                 if candidate is not None and (r.accepted is not None or self.verdict is Verdict.ADEQUATE):
                     of_round[candidate.location] = of_round.get(candidate.location, 0.0) + p
-            out = {part: max(out.get(part, 0.0), of_round.get(part, 0.0)) for part in {**out, **of_round}}
+            out = {name: max(out.get(name, 0.0), of_round.get(name, 0.0)) for name in {**out, **of_round}}
         return dict(sorted(out.items(), key=lambda item: -item[1]))
 
     def sentences(self) -> list[str]:
@@ -182,7 +182,7 @@ class Diagnosis:
         use = "holdout" if self.campaign.runs_for(Use.HOLDOUT) else "fit"
         errors = self.errors()
         rms = [errors[state][use].get("overall", math.nan) for state in ("before", "calibrated", "after")]
-        runs = "hold-out runs" if use == "holdout" else "the fitted runs (none is held out)"
+        runs = "held-out runs" if use == "holdout" else "the fitted runs (none is held out)"
         out = []
         if self.verdict is Verdict.ADEQUATE:
             out.append("Nothing is missing: with its uncertain parameters fitted, the model is as good as the sensors.")
@@ -202,8 +202,8 @@ class Diagnosis:
 
     def _unknown_effect_sentences(self, use: Use) -> list[str]:
         """Where an unknown effect acts, its best generic term, and accepted candidates at their prior bound."""
-        part = next(iter(self.location_probabilities()), "the machine").replace("_", " ")
-        out = [f"Something is missing that no effect of the library explains; most likely it acts on {part}."]
+        component = next(iter(self.location_probabilities()), "the machine").replace("_", " ")
+        out = [f"Something is missing that no effect of the library explains; most likely it acts on {component}."]
         if (best := self.best_generic_trial) is not None:
             kind = best.candidate.kind
             value = best.evaluated.fit.values[f"{best.candidate.prefix}coefficient"]

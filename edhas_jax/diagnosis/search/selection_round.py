@@ -25,15 +25,26 @@ GENERIC_FALL_RATIO = 2.0  # ratio of predicted falls of χ² above which generic
 FULL_EXPLANATION_SHARE = 0.9  # of the excess of χ²: an effect that removes more leaves nothing to generic terms
 
 
-
 def search_round(
     baseline: EvaluatedFit, accepted: Sequence[Candidate], candidates: Sequence[Candidate], resolution: TimeResolution,
     report: Callable[[str], None], last: bool,
 ) -> tuple[Round, TimeResolution]:  # fmt: skip
-    """Search for one more candidate; return the round and the time steps needed after it.
+    """Search for one more candidate.
 
-    Generic terms are tried where no effect predicts to explain the excess of χ² over the noise. They are tried before
-    the effects if their predicted fall of χ² is much larger, else after them. The `last` round is only scored.
+    Generic terms are scored where no effect predicts a fall of half the excess of χ² over the noise. They are tried
+    before the effects if their predicted fall of χ² is twice as large, else after them if the accepted effect leaves
+    more than 10 % of the excess.
+
+    Args:
+        baseline: the model with the candidates of earlier rounds.
+        accepted: these candidates.
+        candidates: the effects and sensor faults to consider.
+        resolution: coarse and fine time steps per sample.
+        report: called with a sentence on the progress.
+        last: whether the candidates are only scored, because no more may be accepted.
+
+    Returns:
+        The round, and the time steps per sample that its trials need.
     """
     test, excess = ScoreTest(baseline.fit, accepted), chi_square_excess(baseline)
     scores = _score_all(test, candidates, report)

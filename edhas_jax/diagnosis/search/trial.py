@@ -35,7 +35,7 @@ class Trial:
         evaluated: the fit with the candidate; None where no fit was possible.
         log_evidence_gain: log-evidence with the candidate less that of the model without it, in nats, less
             `PRIOR_BOUND_PENALTY` where one of its parameters is at the prior bound; −inf without a fit.
-        holdout_half_chi_square_fall: fall of ½χ² on the hold-out runs, on all runs where none is held out; −inf
+        holdout_half_chi_square_fall: fall of ½χ² on the held-out runs, on all runs where none is held out; −inf
             without a fit.
     """
 
