@@ -1,4 +1,4 @@
-"""A machine as an FMU: the unit in FMPy against the package's own run, to rounding."""
+"""Export as an FMU: the unit simulated by FMPy against the package's own simulation, to rounding."""
 
 import shutil
 import subprocess
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C co
 
 PUMP_EFFECTS = ["lugre_friction", "piston_leakage", "entrained_air"]
 QUICK = {"duration": "0.06 s", "sample_rate": "2 kHz"}
-SAMPLES = 121  # of these runs
+SAMPLES = 121  # of a run with QUICK settings
 SINE = {"kind": "sine", "frequency": "30 Hz", "ramp_time": "20 ms"}
 ACTUATOR = {"rig": "actuator_bench", "reference": SINE, "simulation": QUICK}
 PUMP = {"rig": "pump_bench", "effects": PUMP_EFFECTS, "reference": SINE, "simulation": QUICK}
@@ -36,25 +36,25 @@ CHANGED = {
     "pump_bench": {"piston_clearance": 12e-6, "load_orifice_area": 2e-6, "accumulator.accumulator_pressure": 3e5},
     "actuator_system": {"load_force": 150.0, "step_size": 8e-3, "cylinder_sliding_friction": 20.0},
 }
-ROUNDING = 1e-10  # of the range of a signal; 1e-12 is what comes out
+ROUNDING = 1e-10  # share of the range of a signal; measured: about 1e-12
 
 
 @pytest.fixture(scope="module")
 def unit(tmp_path_factory):
     """`unit(mapping, *inputs)`: a unit, written and compiled once."""
-    made: dict[str, Unit] = {}
+    units: dict[str, Unit] = {}
 
     def of(mapping: dict, *inputs: str) -> Unit:
         key = repr((mapping, inputs))
-        if key not in made:
-            made[key] = Unit(tmp_path_factory.mktemp("fmu") / "machine.fmu", build_config(mapping), inputs)
-        return made[key]
+        if key not in units:
+            units[key] = Unit(tmp_path_factory.mktemp("fmu") / "machine.fmu", build_config(mapping), inputs)
+        return units[key]
 
     return of
 
 
 @pytest.mark.parametrize("mapping", [ACTUATOR, PUMP, SYSTEM], ids=lambda m: m["rig"])
-def test_the_unit_is_the_run(unit, mapping):
+def test_the_unit_equals_the_simulation(unit, mapping):
     u = unit(mapping)
     for values in ({}, CHANGED[mapping["rig"]]):
         run = edhas.simulate(set_parameters(u.config.machine, values), u.config.simulation)
@@ -81,7 +81,7 @@ def test_other_controllers_drives_and_steps(unit, more):
     assert difference(u.run(u.instance(), SAMPLES), run.signals) < ROUNDING
 
 
-def test_the_description_is_valid_and_tells_what_is_what(unit):
+def test_the_model_description_is_valid_and_complete(unit):
     from fmpy.validation import validate_fmu
 
     u = unit(PUMP, "reference", "load_orifice_area")
@@ -102,18 +102,18 @@ def test_the_description_is_valid_and_tells_what_is_what(unit):
     assert jax.tree.all(jax.tree.map(lambda a, b: a == b, again.machine, u.config.machine))
 
 
-def test_an_input_acts_as_the_same_change_of_a_run(unit):
+def test_an_input_acts_as_a_changed_parameter_of_a_simulation(unit):
     u = unit(PUMP, "load_orifice_area")
-    made, here = u.instance(), time_loop.initial_loop_state(u.config.machine, np.float64(20e-6))
-    for stretch, area in enumerate((4.2e-6, 1e-6)):
+    instance, loop_state = u.instance(), time_loop.initial_loop_state(u.config.machine, np.float64(20e-6))
+    for part, area in enumerate((4.2e-6, 1e-6)):
         machine = jax.tree.map(np.asarray, set_parameters(u.config.machine, {"load_orifice_area": area}))
-        here, expected = time_loop.integrate(machine, here, np.float64(20e-6), 25, 60)
-        got = u.run(made, 60, 60 * stretch, before=lambda t, area=area: {"load_orifice_area": area})
+        loop_state, expected = time_loop.integrate(machine, loop_state, np.float64(20e-6), 25, 60)
+        got = u.run(instance, 60, 60 * part, before=lambda t, area=area: {"load_orifice_area": area})
         assert difference(got, expected.signals) < ROUNDING
     assert got["outlet_pressure"].max() > 1.2 * 2e5
 
 
-def test_a_command_from_outside_is_an_open_loop(unit):
+def test_an_external_voltage_equals_an_open_loop(unit):
     u = unit(ACTUATOR, "voltage")
     assert not {"position_gain", "amplitude"} & set(u.number) and "reference" not in u.outputs
     got = u.run(u.instance(), SAMPLES, before=lambda t: {"voltage_command": -3.0 if t > 0.0199 else 0.0})
@@ -123,7 +123,7 @@ def test_a_command_from_outside_is_an_open_loop(unit):
     assert difference(got, run.signals) < ROUNDING and got["current"].min() < -0.5
 
 
-def test_a_set_point_from_outside_goes_on_at_the_rate_given_with_it(unit, tmp_path):
+def test_an_external_set_point_is_extrapolated_at_its_rate(unit, tmp_path):
     u = unit(PUMP, "reference", "load_orifice_area")
     speed, ramp = 0.05, Recorded(values=np.arange(SAMPLES) * (0.05 * INTERVAL), interval=INTERVAL)
     run = edhas.simulate(structs.replace(u.config.machine, reference=ramp), u.config.simulation)
@@ -133,7 +133,7 @@ def test_a_set_point_from_outside_goes_on_at_the_rate_given_with_it(unit, tmp_pa
     assert difference(recorded.run(recorded.instance(), SAMPLES), run.signals) < ROUNDING
 
 
-def test_the_valve_of_the_system_may_come_from_outside(unit):
+def test_the_reversing_valve_may_be_commanded_externally(unit):
     u = unit(SYSTEM, "target", "spool")
     got = u.run(u.instance(), 60, before=lambda t: {"target": 5e-3, "spool_command": -0.5})
     expected = -0.5 * (1.0 - np.exp(-np.arange(60) * INTERVAL / 8e-3))
@@ -148,11 +148,11 @@ def test_a_communication_step_need_not_be_a_multiple_of_the_step(unit):
     assert run.step == pytest.approx(50e-6 / 3)
     assert difference(u.run(u.instance(), 400, interval=50e-6), run.signals) < ROUNDING
     # and steps of any length end near the same state
-    made, t = u.instance(), 0.0
+    instance, t = u.instance(), 0.0
     for size in [3e-6, 0.0, 1.234e-3, 777e-6] * 9:
-        made.doStep(t, size)
+        instance.doStep(t, size)
         t += size
-    fine = dict(zip(u.outputs, u.see(made), strict=True))
+    fine = dict(zip(u.outputs, u.read_outputs(instance), strict=True))
     assert fine["piston_position"] == pytest.approx(np.interp(t, np.arange(401) * 5e-5, run.signals["piston_position"]),
                                                     abs=2e-7)  # fmt: skip
 
@@ -180,7 +180,7 @@ def test_states_are_saved_and_instances_share_nothing(unit):
     np.testing.assert_array_equal(u.run(one, 40)["voltage"], alone["voltage"])
 
 
-def test_a_machine_that_leaves_its_range_says_so_as_a_run_does(unit, capfd):
+def test_leaving_the_physical_range_is_reported_as_by_a_simulation(unit, capfd):
     values = {"amplitude": 9e-3, "stop_stiffness": 1.0}
     u = unit(PUMP)
     with pytest.raises(edhas.SimulationError) as failure:
@@ -195,13 +195,13 @@ def test_a_machine_that_leaves_its_range_says_so_as_a_run_does(unit, capfd):
     [
         (lambda u: u.instance(mover_mass=-1.0), "mover_mass: must lie in 100 mg"),
         (lambda u: u.instance(mover_mass=np.nan), "mover_mass: must lie in 100 mg"),
-        (lambda u: u.give(u.instance(), mover_mass=3.0), "a parameter can be set only until initialization ends"),
+        (lambda u: u.set_values(u.instance(), mover_mass=3.0), "a parameter can be set only until initialization ends"),
         (lambda u: u.instance().doStep(1.0, 1e-3), "this unit is at 0 s"),
         (lambda u: u.instance().doStep(0.0, -1e-3), "must be finite and not negative"),
         (lambda u: u.instance().getInteger([0]), "every variable of this unit is a real number"),
     ],
 )
-def test_what_a_tool_does_wrong_is_refused_in_a_sentence(unit, capfd, act, sentence):
+def test_wrong_calls_of_a_tool_are_refused_with_a_message(unit, capfd, act, sentence):
     from fmpy.fmi1 import FMICallException
 
     with pytest.raises(FMICallException):
@@ -245,7 +245,7 @@ class Ramps(Effect):
 '''
 
 
-def test_an_effect_of_ones_own_goes_along_unless_it_needs_what_c_lacks(tmp_path):
+def test_a_user_effect_is_exported_unless_it_has_no_counterpart_in_c(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
 
     def config(effect):
@@ -282,7 +282,7 @@ def test_bad_input_ends_with_one_sentence(tmp_path, monkeypatch, capsys, argumen
     assert [p.name for p in tmp_path.iterdir()] == ["taken.fmu"] and Path("taken.fmu").read_text() == "precious"
 
 
-def test_a_unit_may_be_sources_only_and_a_missing_compiler_is_told(tmp_path, monkeypatch, capsys):
+def test_sources_only_and_a_missing_compiler(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("CC", "no-such-compiler")
     arguments = ["export", str(CONFIGS / "actuator.yaml"), "--out", str(tmp_path / "unit.fmu")]
     assert main(arguments) == 2

@@ -13,7 +13,7 @@ INTERVAL = 5e-4  # s between communication points
 
 
 class Unit:
-    """A written unit, and what FMPy makes of it."""
+    """A written unit, with its description and its instances in FMPy."""
 
     def __init__(self, path: Path, config, inputs=()):
         self.path, self.config = path, config
@@ -24,33 +24,35 @@ class Unit:
         self.number = {v.name: v.valueReference for v in self.description.modelVariables}
 
     def instance(self, **values):
-        """An instance at the start of a run."""
+        """An initialised instance, with parameters or inputs set to `values`."""
         from fmpy.fmi2 import FMU2Slave
 
-        kind = self.description.coSimulation
-        made = FMU2Slave(guid=self.description.guid, unzipDirectory=self.folder, modelIdentifier=kind.modelIdentifier)
-        made.instantiate()
-        made.setupExperiment()
-        made.enterInitializationMode()
-        self.give(made, **values)
-        made.exitInitializationMode()
-        return made
+        identifier = self.description.coSimulation.modelIdentifier
+        instance = FMU2Slave(
+            guid=self.description.guid, unzipDirectory=self.folder, modelIdentifier=identifier
+        )
+        instance.instantiate()
+        instance.setupExperiment()
+        instance.enterInitializationMode()
+        self.set_values(instance, **values)
+        instance.exitInitializationMode()
+        return instance
 
-    def give(self, made, **values) -> None:
+    def set_values(self, instance, **values) -> None:
         """Set inputs or parameters."""
-        made.setReal([self.number[n] for n in values], list(values.values()))
+        instance.setReal([self.number[n] for n in values], list(values.values()))
 
-    def see(self, made) -> list[float]:
+    def read_outputs(self, instance) -> list[float]:
         """All outputs."""
-        return made.getReal([self.number[n] for n in self.outputs])
+        return instance.getReal([self.number[n] for n in self.outputs])
 
-    def run(self, made, count: int, first: int = 0, interval: float = INTERVAL, before=lambda t: {}) -> dict:
-        """The outputs at `count` communication points, a step after each; `before` gives the inputs at a time."""
+    def run(self, instance, count: int, first: int = 0, interval: float = INTERVAL, before=lambda t: {}) -> dict:
+        """The outputs at `count` communication points, a step after each; `before(t)` gives the inputs at time t."""
         rows = []
         for k in range(first, first + count):
-            self.give(made, **before(k * interval))
-            rows.append(self.see(made))
-            made.doStep(k * interval, interval)
+            self.set_values(instance, **before(k * interval))
+            rows.append(self.read_outputs(instance))
+            instance.doStep(k * interval, interval)
         return dict(zip(self.outputs, np.array(rows).T, strict=True))
 
 
@@ -58,7 +60,7 @@ def difference(columns, signals) -> float:
     """The largest difference of any signal, as a share of its range."""
 
     def share(got, expected):
-        # what stands still differs by the rounding of its value
+        # a constant signal differs by the rounding error of its value
         span = max(np.ptp(expected), 1e-9 * np.abs(expected).max()) or 1.0
         return np.abs(got - expected[: len(got)]).max() / span
 
