@@ -30,7 +30,7 @@ def sobol_indices(
         parameters: names of the parameters.
         outputs: names of the outputs.
         samples: rows of the sample, a power of two.
-        seed: of the sample and the bootstrap.
+        seed: of the sample.
 
     Returns:
         A row per output and parameter: `first` and `total` with the limits of their 95 % intervals, and the number of

@@ -45,5 +45,5 @@ def draw_sweep(
         return draw_heat_map(selection, choose_metric(result, metric), x, y, average)
     if kind == "parallel":
         return draw_parallel_coordinates(selection, choose_metric(result, metric))
-    require_one_of(kind, KINDS, "no picture")
+    require_one_of(kind, KINDS, "no kind of figure")
     return draw_pareto_front(selection, objectives)

@@ -54,8 +54,8 @@ class DetectabilityPlan:
         campaign: the campaign with predicted signals.
         candidates: thresholds of the candidates, the most easily detected first.
         cosines: cosines of their unexplained signatures in the same order, shape (k, k).
-        feasible_run_count: number of feasible runs among which `next_run` was chosen.
-        next_run: the best additional run; None if no candidate is feasible.
+        feasible_run_count: number of feasible candidate runs among which `next_run` was chosen.
+        next_run: the best additional run; None if no candidate run is feasible.
     """
 
     campaign: Campaign
@@ -65,7 +65,7 @@ class DetectabilityPlan:
     next_run: NextRun | None
 
     def indistinguishable_pairs(self) -> list[Pair]:
-        """Pairs of detectable candidates that cannot be told apart, the largest cosine first."""
+        """Indistinguishable pairs of detectable candidates, the largest cosine first."""
         return _indistinguishable(self.candidates, self.cosines)
 
     def sentence(self) -> str:
@@ -73,9 +73,9 @@ class DetectabilityPlan:
         detectable, pairs = sum(s.detectable for s in self.candidates), len(self.indistinguishable_pairs())
         summary = f"{detectable} of {len(self.candidates)} candidates are detectable within their plausible range; "
         if pairs:
-            summary += f"{pairs} {'pair' if pairs == 1 else 'pairs'} of them cannot be told apart."
+            summary += f"{pairs} {'pair' if pairs == 1 else 'pairs'} of them are indistinguishable."
         else:
-            summary += "all of them can be told apart."
+            summary += "all of them are distinguishable."
         if self.next_run is None:
             return f"{summary} No candidate run is feasible."
         run = ", ".join(f"{n.replace('_', ' ')} {text}" for n, text in self.next_run.conditions.items())

@@ -77,5 +77,5 @@ def draw_similarity(plan: DetectabilityPlan):
     bar.set_label("cosine of the signatures that known parameters cannot explain", fontsize=8, color=INK)
     bar.ax.tick_params(labelsize=7, colors=GREY)
     bar.outline.set_visible(False)
-    axes.set_title(f"framed: above {INDISTINGUISHABLE_COSINE}, cannot be told apart", fontsize=9, loc="left", color=INK)
+    axes.set_title(f"framed: above {INDISTINGUISHABLE_COSINE}, indistinguishable", fontsize=9, loc="left", color=INK)
     return figure

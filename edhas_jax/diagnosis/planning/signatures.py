@@ -1,4 +1,4 @@
-"""Signatures of candidate effects, and the part of them that no known parameter can imitate.
+"""Signatures of candidate effects, and the part of them that no known parameter can reproduce.
 
 A candidate with parameters x changes the signals by s(x), its signature, in units of noise. With J the derivatives of
 the signals by the p uncertain parameters of the machine and P = diag(1 where a parameter has a prior), the part of s
