@@ -131,6 +131,7 @@ def _rms(values, t, first, last) -> float:
 
 
 def _electrical(signals, energy, t, first, last, inside) -> dict[str, float]:
+    """Metrics of voltage, current and stroke."""
     i, u = signals["current"], signals["voltage"]
     return {
         "mean_electrical_power": mean_rate(t, energy["electrical input"], first, last, signals["coil_voltage"] * i),
@@ -150,6 +151,7 @@ def _harmonic(values, t, first, last, frequency) -> complex:
 
 
 def _tracking(machine, signals, t, first, last) -> dict[str, float]:
+    """Metrics of the piston's motion against its set point, over whole cycles."""
     f = float(machine.reference.frequency)
     set_point = _harmonic(signals["reference"], t, first, last, f)
     piston = _harmonic(signals["piston_position"], t, first, last, f)
@@ -162,6 +164,7 @@ def _tracking(machine, signals, t, first, last) -> dict[str, float]:
 
 
 def _hydraulic(machine, signals, energy, volume, t, first, last, inside) -> dict[str, float]:
+    """Metrics of flow, pressure and efficiency."""
     p, q = signals["outlet_pressure"], signals["outlet_flow"]
     leakages = signals["leakage_a"], signals["leakage_b"]
     flow = mean_rate(t, volume["outlet_flow"], first, last, q)
@@ -186,14 +189,15 @@ def _hydraulic(machine, signals, energy, volume, t, first, last, inside) -> dict
 
 
 def _step_response(machine, signals, t) -> dict[str, float]:
+    """Metrics of the cylinder's response to a step of its target."""
     x, target = signals["cylinder_position"], signals["target"]
-    size = target[-1] - x[0]
+    step_size = target[-1] - x[0]
     out = {"steady_error": float(target[-1] - x[-1])}
-    if size != 0.0 and np.ptp(target[1:]) == 0.0:
-        share = (x - x[0]) / size
-        outside = np.flatnonzero(share < 1.0 - SETTLING_BAND)
+    if step_size != 0.0 and np.ptp(target[1:]) == 0.0:
+        response = (x - x[0]) / step_size
+        outside = np.flatnonzero(response < 1.0 - SETTLING_BAND)
         if outside[-1] + 1 < len(t):
             k = outside[-1]
-            out["response_time"] = float(np.interp(1.0 - SETTLING_BAND, share[k : k + 2], t[k : k + 2]))
-        out["overshoot"] = float(max(0.0, share.max() - 1.0))
+            out["response_time"] = float(np.interp(1.0 - SETTLING_BAND, response[k : k + 2], t[k : k + 2]))
+        out["overshoot"] = float(max(0.0, response.max() - 1.0))
     return out

@@ -1,4 +1,4 @@
-"""Quantities as text."""
+"""Conversion of quantities between text and SI, and their display."""
 
 import math
 
@@ -47,7 +47,7 @@ def test_to_si_is_exact(text, unit, value):
 
 
 @pytest.mark.parametrize(
-    ("text", "unit", "says"),
+    ("text", "unit", "message_part"),
     [
         ("12", "m", 'a unit is missing; write for example "12 mm" (any unit of length)'),
         ("4", "rad", "a unit is missing"),
@@ -66,10 +66,10 @@ def test_to_si_is_exact(text, unit, value):
         ("5 m", "bogus", '"bogus" is not a unit'),
     ],
 )
-def test_to_si_refuses(text, unit, says):
+def test_to_si_refuses(text, unit, message_part):
     with pytest.raises(UnitError) as caught:
         to_si(text, unit)
-    assert says in str(caught.value)
+    assert message_part in str(caught.value)
 
 
 def test_a_tiny_exponent_does_not_hang():

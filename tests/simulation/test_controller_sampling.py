@@ -103,7 +103,7 @@ def test_agrees_with_the_exact_sampled_loop(delay):
 def test_the_command_is_held_and_delayed():
     """Pending and held command change every ten steps; a command acts ten steps after its sample."""
     y = states(bench(10 * H, 10 * H), H, 400)
-    pending, held = np.asarray(y["coming_voltage"]), np.asarray(y["held_voltage"])
+    pending, held = np.asarray(y["pending_voltage"]), np.asarray(y["held_voltage"])
     changed = np.flatnonzero(np.diff(pending)) + 1
     np.testing.assert_array_equal(changed, np.arange(10, 400, 10))
     np.testing.assert_array_equal(held[10:], pending[:-10])
@@ -114,7 +114,7 @@ def test_the_command_is_held_and_delayed():
 def test_sampling_instants_between_steps_are_carried_over(share):
     """Intervals between samples differ by at most one step, and their mean is the sample time."""
     steps = 3000
-    pending = np.asarray(states(bench(share * H), H, steps)["coming_voltage"])
+    pending = np.asarray(states(bench(share * H), H, steps)["pending_voltage"])
     at = np.flatnonzero(np.diff(pending))
     assert set(np.diff(at)) <= {int(np.floor(share)), int(np.ceil(share))}
     assert len(at) == pytest.approx(steps / share, abs=2.0)

@@ -53,7 +53,7 @@ class Sampled:
 
         The times count from the middle of the next step.
         """
-        sampling_states = ("held_voltage", "coming_voltage", "time_to_sample", "time_to_command")
+        sampling_states = ("held_voltage", "pending_voltage", "time_to_sample", "time_to_command")
         return controller.initial() | dict.fromkeys(sampling_states, 0.0)
 
     def command(self, controller: Controller, y: dict[str, Any], s: Signals):
@@ -71,12 +71,12 @@ class Sampled:
         interval = jnp.maximum(self.sample_time, h)
         delay = jnp.minimum(self.computation_delay, interval)
         sampled = y["time_to_sample"] < 0.5 * h
-        held = jnp.where(y["time_to_command"] < 0.5 * h, y["coming_voltage"], y["held_voltage"])
+        held = jnp.where(y["time_to_command"] < 0.5 * h, y["pending_voltage"], y["held_voltage"])
         to_command = jnp.where(sampled, y["time_to_sample"] + delay, y["time_to_command"])
-        pending = jnp.where(sampled, s.unlimited_voltage, y["coming_voltage"])
+        pending = jnp.where(sampled, s.unlimited_voltage, y["pending_voltage"])
         new = {
             "held_voltage": jnp.where(sampled & (to_command < 0.5 * h), pending, held),
-            "coming_voltage": pending,
+            "pending_voltage": pending,
             "time_to_sample": y["time_to_sample"] + jnp.where(sampled, interval, 0.0) - h,
             # a command that acts already may be applied again without effect
             "time_to_command": to_command - h,

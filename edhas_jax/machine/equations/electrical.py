@@ -56,7 +56,7 @@ def set_electrical_signals(m, y: dict, s: Signals) -> None:
     s.set(coil_voltage=m.amplifier.coil_voltage(s))
     if isinstance(m.amplifier, VoltageAmplifier):
         s.record_power("electrical input", "input", s.voltage, s.current)
-        if s.effect_contributions("coil_inductance_factor"):  # with a variable inductance, ½ L i² is not what flowed in
+        if s.effect_contributions("coil_inductance_factor"):  # ½ L i² is then not the energy supplied to the coil
             s.record_power("coil", "stored", s.coil_voltage - s.resistance * s.current - s.back_emf, s.current)
         else:
             s.record_stored_energy("coil", 0.5 * s.inductance * jnp.square(s.current))

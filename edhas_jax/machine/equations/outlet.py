@@ -33,7 +33,7 @@ def outlet_rates(m, s: Signals) -> dict:
     """
     p = s.outlet_pressure
     relief = m.outlet.relief_flow(p)
-    into_accumulator = s.return_flow + relief - s.drawn_flow
+    into_accumulator = s.return_flow + relief - s.flow_from_accumulator
     if s.effect_contributions("chamber_leakage"):
         into_accumulator = into_accumulator + s.leakage_a + s.leakage_b
     s.set(relief_flow=relief, accumulator_flow=into_accumulator)

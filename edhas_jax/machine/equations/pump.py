@@ -50,7 +50,7 @@ def pump_rates(m, y: dict, s: Signals) -> dict:
     suction_flow = s.suction_flow_a + s.suction_flow_b
     if has_line:
         rates |= m.oil.rate("suction_pressure", s.suction_line_flow - suction_flow, MANIFOLD_VOLUME, s)
-    s.set(drawn_flow=s.suction_line_flow if has_line else suction_flow)
+    s.set(flow_from_accumulator=s.suction_line_flow if has_line else suction_flow)
     return rates | pump_mover_rates(m, y, s)
 
 
@@ -67,7 +67,7 @@ def _set_suction_line_flow(y: dict, s: Signals) -> None:
 
 
 def chamber_rates(m, y: dict, s: Signals, side: str, sign: float, upstream: str) -> dict:
-    """One pump chamber with its suction and its delivery valve, Eq. (5).
+    """The rates of one pump chamber with its suction and its delivery valve, Eq. (5).
 
     V/β(p) dp/dt = S_p v − Q_d + Q_s − Q_L,   V = V_dead + S_p (stroke/2 − x)
 
