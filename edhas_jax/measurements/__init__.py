@@ -1,1 +1,1 @@
-"""Campaigns of measurements: files, checks, sensors, predicted signals and comparison."""
+"""Measurement campaigns: files, data checks, sensor models, unknown parameters, predicted signals, comparison."""

@@ -16,7 +16,7 @@ from edhas_jax.measurements.residuals import normalised_residuals, rms_over_nois
 from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
 from edhas_jax.simulation.integrator import evaluate_signals
 
-# signals of the model against which residuals are plotted and searched for patterns, beside the measured ones
+# signals of the model against which residuals are plotted and searched for patterns, in addition to the measured ones
 EXPLANATORY_SIGNALS = (
     "reference", "voltage", "current", "piston_position", "piston_velocity", "chamber_pressure_a", "outlet_pressure",
 )  # fmt: skip
@@ -24,7 +24,7 @@ EXPLANATORY_SIGNALS = (
 
 @dataclasses.dataclass(frozen=True)
 class RunComparison:
-    """The model beside the measurements of one run.
+    """The model compared with the measurements of one run.
 
     Args:
         run: the run.
@@ -53,7 +53,7 @@ class RunComparison:
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """A model beside the measurements of a campaign.
+    """A model compared with the measurements of a campaign.
 
     Args:
         campaign: the campaign.
@@ -93,7 +93,7 @@ def compare(
     Args:
         campaign: the measurements.
         machine: the model; the campaign's machine by default.
-        instruments: measurement chains through which the signals of the model are seen.
+        instruments: measurement chains that record the signals of the model.
         replay: the input that drives the model.
         on_progress: called with a sentence before each stage of the work.
 

@@ -25,7 +25,7 @@ def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
     """The report as HTML.
 
     Args:
-        comparison: the model beside the measurements.
+        comparison: the model compared with the measurements.
         patterns: the patterns in its residuals, the most important first.
     """
     campaign = comparison.campaign

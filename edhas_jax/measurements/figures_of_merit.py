@@ -25,7 +25,7 @@ def figures_of_merit(comparison: Comparison) -> pd.DataFrame:
     """Figures of merit of every signal in every run.
 
     Args:
-        comparison: the model beside the measurements.
+        comparison: the model compared with the measurements.
 
     Returns:
         A table indexed by run and signal with the columns of `COLUMNS`, in SI units.

@@ -11,7 +11,7 @@ from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.measurements.sensor_models import SensorModel, record
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
-LENGTH_MULTIPLE = 1024  # samples; traces are padded to a multiple of this, so that few array shapes are compiled
+TRACE_LENGTH_MULTIPLE = 1024  # samples; traces are padded to a multiple of this, so that few array shapes are compiled
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Instruments:
                     _, position, field = location
                     chain[position] = structs.replace(chain[position], **{field: float(u.value(coordinate))})
             chain = jax.tree.map(np.asarray, tuple(chain))
-            n, padding = len(time), -len(time) % LENGTH_MULTIPLE
+            n, padding = len(time), -len(time) % TRACE_LENGTH_MULTIPLE
             step = time[-1] - time[-2]
             padded_time = np.concatenate([time, time[-1] + step * np.arange(1, padding + 1)])
             trace = np.pad(values[signal], (0, padding), mode="edge")

@@ -13,7 +13,8 @@ from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
 
 TRACKING_BANDWIDTH = 1e4  # rad/s; bandwidth of the loop that tracks a replayed position, far above the machine's
-LENGTH_MULTIPLE = 4096  # samples; recordings are padded to a multiple of this, so that few array shapes are compiled
+# samples; recordings are padded to a multiple of this, so that few array shapes are compiled
+RECORDING_LENGTH_MULTIPLE = 4096
 UNLIMITED_SUPPLY = 1e4  # V; no replayed signal reaches it
 
 
@@ -67,7 +68,7 @@ def machine_with_replay(campaign: Campaign, run: BenchRun, machine: Rig, replay:
         recorded = resample_uniformly(run.file, run.time, values)
     except RecordingError as error:
         raise CampaignError(f"{error}: {replay.value} cannot be replayed") from None
-    padded = np.pad(np.asarray(recorded.values), (0, -len(recorded.values) % LENGTH_MULTIPLE), mode="edge")
+    padded = np.pad(np.asarray(recorded.values), (0, -len(recorded.values) % RECORDING_LENGTH_MULTIPLE), mode="edge")
     recorded = structs.replace(recorded, values=padded)
     supply, sampling = Supply(supply_voltage=UNLIMITED_SUPPLY), Continuous()
     machine = structs.replace(machine, reference=recorded, supply=supply, sampling=sampling)

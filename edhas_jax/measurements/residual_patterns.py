@@ -54,7 +54,7 @@ def find_patterns(comparison: Comparison) -> list[Pattern]:
     """Find the patterns in the residuals of all signals.
 
     Args:
-        comparison: the model beside the measurements.
+        comparison: the model compared with the measurements.
 
     Returns:
         The patterns, the largest `weight` first; none where all residuals are at the level of the noise.
@@ -101,12 +101,12 @@ def _candidate_shapes(runs: list[RunComparison], signal: str) -> list[_Shape]:
     name = _display_name(signal)
     ones = [np.ones(len(compared.run.time)) for compared in runs]
     shapes = [_Shape("time", ones, f"{name} reads {{size}} {{high}} throughout")]
-    own = [compared.model[signal] for compared in runs]
-    middle = float(np.mean(np.concatenate([values[:1] for values in own])))
-    span = max(np.ptp(values) for values in own)
+    modelled = [compared.model[signal] for compared in runs]
+    middle = float(np.mean(np.concatenate([values[:1] for values in modelled])))
+    span = max(np.ptp(values) for values in modelled)
     sentence = f"{name} is {{large}} in proportion: {{size}} over its whole range of {_quantity(signal, span)}"
-    shapes.append(_Shape(signal, [(v - middle) / span for v in own], sentence))
-    rates = [np.gradient(v, compared.run.time) for v, compared in zip(own, runs, strict=True)]
+    shapes.append(_Shape(signal, [(v - middle) / span for v in modelled], sentence))
+    rates = [np.gradient(v, compared.run.time) for v, compared in zip(modelled, runs, strict=True)]
     shapes.append(_Shape("time", [-rate * 1e-3 for rate in rates], f"{name} is {{late}} by {{delay}}"))
     for axis in runs[0].model:
         values = [compared.model[axis] for compared in runs]

@@ -1,1 +1,1 @@
-"""How often is an effect that was hidden in a campaign found by the diagnosis?"""
+"""Benchmark: how often does the diagnosis find an effect that is hidden in a synthetic campaign?"""

@@ -147,10 +147,10 @@ def test_the_documented_steps_from_a_csv_file_to_the_first_comparison(tmp_path, 
         re.findall(rf"```{k}\n(.*?)```", page, re.DOTALL) for k in ("yaml", "sh", "python")
     )
     assert main(["campaign", "new", "mine"]) == 0
-    own = pd.read_csv(VALID_CAMPAIGN / "run3.csv")
-    own = own.assign(**{POSITION: 1e3 * own[POSITION], PRESSURE: 1e3 * own[PRESSURE]})
-    own.columns = header.split(",")
-    own.to_csv("mine/bench2.csv", index=False)
+    logged = pd.read_csv(VALID_CAMPAIGN / "run3.csv")
+    logged = logged.assign(**{POSITION: 1e3 * logged[POSITION], PRESSURE: 1e3 * logged[PRESSURE]})
+    logged.columns = header.split(",")
+    logged.to_csv("mine/bench2.csv", index=False)
     (tmp_path / "mine" / "campaign.yaml").write_text(config)
     for line in shell.strip().splitlines():
         assert main(line.split()[1:]) == 0, capsys.readouterr()
