@@ -63,15 +63,19 @@ def gram(campaign):
     return SignatureGram(campaign, campaign.runs, candidates, 8, ignore_progress)
 
 
-def test_an_effect_at_the_threshold_has_the_detection_norm(campaign, plan):
-    for s in plan.candidates:
-        if s.candidate.id not in ("inverter_dead_time", "constant_bias_force"):
-            continue
-        (unknown,) = candidate_unknowns(s.candidate, campaign)
-        points = CandidatePoints(s.candidate, np.array([[unknown.coordinate(s.threshold)]]))
+@pytest.mark.parametrize("effect", ["inverter_dead_time", "constant_bias_force"])
+def test_an_effect_at_the_threshold_has_the_detection_norm(campaign, plan, effect):
+    (s,) = (s for s in plan.candidates if s.candidate.id == effect)
+    (unknown,) = candidate_unknowns(s.candidate, campaign)
+
+    def norm(size):
+        points = CandidatePoints(s.candidate, np.array([[unknown.coordinate(size)]]))
         gram = SignatureGram(campaign, campaign.runs_for(Use.FIT), [points], 8, ignore_progress)
-        assert np.sqrt(gram.unexplained()[0, 0]) == pytest.approx(DETECTION_NORM, rel=0.3)
-        assert s.detectable and s.threshold_share < 0.1
+        return np.sqrt(gram.unexplained()[0, 0])
+
+    assert norm(s.threshold) == pytest.approx(DETECTION_NORM, rel=0.3)
+    assert norm(0.5 * s.threshold) < 0.7 * DETECTION_NORM < 1.4 * DETECTION_NORM < norm(2.0 * s.threshold)
+    assert s.detectable and s.threshold_share < 0.1
 
 
 def test_an_effect_that_fades_as_its_parameter_grows_has_an_upper_threshold(plan):
@@ -102,7 +106,11 @@ def test_the_plan_is_reported_and_drawn(plan):
         assert one != other and cosine > 0.95
     plain = json.loads(json.dumps(plan_as_json(plan), allow_nan=False))
     assert plain["next_run"]["conditions"].keys() == {"frequency", "amplitude"}
-    assert plan.sentence().count("candidates") >= 1
+    detectable, pairs = sum(s.detectable for s in plan.candidates), len(list(plan.indistinguishable_pairs()))
+    sentence = plan.sentence()
+    assert sentence.startswith(f"{detectable} of {len(plan.candidates)} candidates are detectable")
+    assert (f"{pairs} pair" in sentence) if pairs else ("all of them can be told apart" in sentence)
+    assert f"of {plan.feasible_run_count} feasible ones: " in sentence
     assert draw_thresholds(plan).axes and draw_similarity(plan).axes
 
 
