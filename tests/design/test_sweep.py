@@ -58,8 +58,8 @@ def same(one: Path, other: Path) -> bool:
 
 def test_a_sweep_gives_a_table_with_units(workdir, finished, capsys, monkeypatch):
     assert main(COMMAND) == 0
-    said = capsys.readouterr().out
-    assert "8 designs, 8 computed" in said and "edhas plot sweep runs/tiny" in said
+    printed = capsys.readouterr().out
+    assert "8 designs, 8 computed" in printed and "edhas plot sweep runs/tiny" in printed
     folder = workdir / "runs" / "tiny"
     assert sorted(p.name for p in folder.iterdir() if p.name != ".lock") == [
         "chunks", "designs.parquet", "manifest.json", "table.parquet"
@@ -111,8 +111,8 @@ def test_an_interrupted_sweep_is_resumed(workdir, finished, capsys, monkeypatch)
     with monkeypatch.context() as patch:
         raise_after(patch, 2, KeyboardInterrupt())
         assert main(COMMAND) == 130
-    said = capsys.readouterr()
-    assert "4 of 8 designs are finished" in said.err and "the same command resumes" in said.err
+    printed = capsys.readouterr()
+    assert "4 of 8 designs are finished" in printed.err and "the same command resumes" in printed.err
     part = edhas.open_sweep("runs/tiny")
     assert part.done == 4 and part.manifest["state"] == "unfinished"
     assert (part.frame["status"] == "not_run").sum() == 4
@@ -152,10 +152,10 @@ def test_a_killed_sweep_is_resumed(workdir, finished):
     ("old", "new", "message"),
     [
         ("10 um", "12 um", "table of designs: other values"),
-        ("count: 2", "count: 3", "number of designs: 8 there, 12 here"),
-        ("100 us", "50 us", "setting step: 0.0001 there, 5e-05 here"),
+        ("count: 2", "count: 3", "number of designs: 8 in the folder, 12 now"),
+        ("100 us", "50 us", "setting step: 0.0001 in the folder, 5e-05 now"),
         ("piston_clearance", "piston_fit_length", "varied parameters"),
-        ("paper.yaml", "actuator.yaml", "rig: pump_bench there, actuator_bench here"),
+        ("paper.yaml", "actuator.yaml", "rig: pump_bench in the folder, actuator_bench now"),
     ],
 )
 def test_the_folder_of_another_sweep_is_refused(workdir, finished, capsys, old, new, message):
@@ -166,8 +166,8 @@ def test_the_folder_of_another_sweep_is_refused(workdir, finished, capsys, old, 
     (workdir / "tiny.yaml").write_text(text)
     before = (finished / "manifest.json").read_bytes()
     assert main([*COMMAND, "--out", str(finished)]) == 2
-    said = capsys.readouterr().err
-    assert "holds another sweep; nothing was changed" in said and message in said
+    printed = capsys.readouterr().err
+    assert "holds another sweep; nothing was changed" in printed and message in printed
     assert (finished / "manifest.json").read_bytes() == before
 
 
@@ -176,13 +176,13 @@ def test_another_machine_or_version_is_refused(workdir, finished, capsys, monkey
     (workdir / "other.yaml").write_text(base)
     (workdir / "tiny.yaml").write_text(TEXT.replace(str(CONFIGS / "paper.yaml"), "other.yaml"))
     assert main([*COMMAND, "--out", str(finished)]) == 2
-    assert "parameter pump.piston_diameter: 12 mm there, 13 mm here" in capsys.readouterr().err
+    assert "parameter pump.piston_diameter: 12 mm in the folder, 13 mm now" in capsys.readouterr().err
     (workdir / "tiny.yaml").write_text(TEXT)
 
     newer = identity.versions() | {"jax": "99.0"}
     monkeypatch.setattr(identity, "versions", lambda: newer)
     assert main([*COMMAND, "--out", str(finished)]) == 2
-    assert "99.0 here" in capsys.readouterr().err
+    assert "99.0 now" in capsys.readouterr().err
 
 
 def test_another_folder_is_not_changed(workdir, capsys):

@@ -37,7 +37,7 @@ def dask_executor(spec: str) -> Iterator[Executor]:
     """
     local = re.fullmatch(r"local:([1-9]\d{0,3})", spec)
     if not local and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", spec):
-        raise ClusterError(f"--cluster {spec}: write local:2 for processes here, or tcp://host:8786")
+        raise ClusterError(f"--cluster {spec}: write local:2 for processes on this machine, or tcp://host:8786")
     try:
         import dask
         import distributed

@@ -99,19 +99,19 @@ def identity_differences(stored: Mapping[str, Any], current: Mapping[str, Any]) 
     """The parameters, effects, designs, settings and versions in which two identities differ, one line each.
 
     Args:
-        stored: the identity in a folder; its values are called "there".
-        current: the identity of the sweep to run; its values are called "here".
+        stored: the identity in the folder.
+        current: the identity of the sweep to run.
     """
     if stored["rig"] != current["rig"]:
-        return [f"rig: {stored['rig']} there, {current['rig']} here"]
+        return [f"rig: {stored['rig']} in the folder, {current['rig']} now"]
     lines = _differing_values("", stored["kinds"], current["kinds"], str)
     lines += _differing_values("effect ", stored["effects"], current["effects"], str)
     lines += _differing_values("parameter ", stored["parameters"], current["parameters"], lambda v: format_quantity(*v))
     old, new = stored["designs"], current["designs"]
     if old["names"] != new["names"]:
-        lines.append(f"varied parameters: {', '.join(old['names'])} there, {', '.join(new['names'])} here")
+        lines.append(f"varied parameters: {', '.join(old['names'])} in the folder, {', '.join(new['names'])} now")
     elif old["count"] != new["count"]:
-        lines.append(f"number of designs: {old['count']:,} there, {new['count']:,} here")
+        lines.append(f"number of designs: {old['count']:,} in the folder, {new['count']:,} now")
     elif old["sha256"] != new["sha256"]:
         lines.append("table of designs: other values")
     lines += _differing_values("setting ", stored["settings"], current["settings"], str)
@@ -123,7 +123,7 @@ def _differing_values(what: str, stored: Mapping, current: Mapping, to_text: Cal
         return to_text(values[name]) if name in values else "none"
 
     return [
-        f"{what}{n}: {text(stored, n)} there, {text(current, n)} here"
+        f"{what}{n}: {text(stored, n)} in the folder, {text(current, n)} now"
         for n in dict.fromkeys([*stored, *current])
         if stored.get(n) != current.get(n)
     ]
