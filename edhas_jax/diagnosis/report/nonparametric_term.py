@@ -28,7 +28,7 @@ PRIOR_SPREAD = 3.0  # prior standard deviation of a node's value around the law,
 MAX_RELATIVE_STD = 0.5  # of the prior standard deviation: nodes estimated less precisely are omitted
 VARIANCE_BINS = 80  # bins of equal count for the explained variance
 VARIABLE_TIE = 0.02  # difference in explained variance below which the variable listed first is taken
-MAX_PATH_SAMPLES = 3000  # of the law's samples, those kept for a figure (about)
+PATH_SAMPLES = 3000  # approximate number of the law's samples that are kept for a figure
 COEFFICIENT_LIMITS = (-1e30, 1e30)
 STRETCH = 512  # samples of one program
 
@@ -114,7 +114,7 @@ def estimate_nonparametric_term(fitted: Fit, candidate: Candidate) -> Nonparamet
     deviation, std = _estimate_deviation(fitted, slot, local, nodes, spread)
     law_at_nodes = np.array([law[np.argsort(np.abs(q - node))[:SAMPLES_PER_NODE]].mean() for node in nodes])
     ok = std < MAX_RELATIVE_STD * PRIOR_SPREAD * magnitude
-    thinned = slice(None, None, max(1, len(law) // MAX_PATH_SAMPLES))
+    thinned = slice(None, None, max(1, len(law) // PATH_SAMPLES))
     values = (law_at_nodes + deviation)[ok]
     return NonparametricTerm(
         candidate, slot, variables[local], nodes[ok], values, std[ok], q[thinned], law[thinned]

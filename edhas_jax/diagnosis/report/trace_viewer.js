@@ -1,4 +1,4 @@
-// Measured and model over each other: choose run and signal, switch models on and off, drag to zoom, hover to read.
+// Measured and simulated signals of one run: choose run and signal, switch models on and off, drag to zoom, hover to read.
 (function () {
   const root = document.getElementById("traces");
   const data = JSON.parse(document.getElementById("traces-data").textContent);
@@ -32,10 +32,10 @@
     return d;
   }
   function draw() {
-    const here = data.runs[run], name = here.signals[signal] ? signal : Object.keys(here.signals)[0];
+    const current = data.runs[run], name = current.signals[signal] ? signal : Object.keys(current.signals)[0];
     const unit = data.units[name], noise = data.noise[name];
-    const n = here.count, t = k => here.first + here.step * k;
-    const [from, to] = span || here.shown;
+    const n = current.count, t = k => current.first + current.step * k;
+    const [from, to] = span || current.shown;
     const inside = [...Array(n).keys()].filter(k => t(k) >= from && t(k) <= to);
     const measured = series(run, name, "measured");
     const models = data.models.filter(m => !hidden.has(m.name));
@@ -61,7 +61,7 @@
     for (const v of tt.at) out += `<text x="${X(v)}" y="${H - 20}" text-anchor="middle">${v.toFixed(tt.digits)}</text>`;
     out += `<text x="${(L + W) / 2}" y="${H - 4}" text-anchor="middle">time, ms</text>` +
       `<text transform="translate(14 ${TOP / 2}) rotate(-90)" text-anchor="middle">${name.replace(/_/g, " ")}, ${unit}</text>` +
-      `<text transform="translate(14 ${mid}) rotate(-90)" text-anchor="middle">off / noise</text>`;
+      `<text transform="translate(14 ${mid}) rotate(-90)" text-anchor="middle">residual / noise</text>`;
     out += `<rect x="${L}" width="${W - L - R}" y="${Z(2)}" height="${Z(-2) - Z(2)}" fill="#e7ebef"/>`;
     const dots = inside.filter((k, i) => i % Math.max(1, Math.floor(inside.length / 700)) === 0 && !isNaN(measured[k]));
     out += `<g fill="${data.colour}" fill-opacity="0.6">` + dots.map(k => `<circle cx="${x(k).toFixed(1)}" cy="${Y(measured[k]).toFixed(1)}" r="2.2"/>`).join("") + "</g>";
@@ -79,9 +79,9 @@
     out += `<rect id="traces-zoom" y="8" height="${H - B - 8}" width="0" fill="#0b62c4" fill-opacity="0.12"/>` +
       `<line id="traces-at" y1="8" y2="${H - B}" stroke="#6e7781" visibility="hidden"/>`;
     root.querySelector("svg").innerHTML = out;
-    root.querySelector(".says").textContent = here.says;
+    root.querySelector(".description").textContent = current.description;
     root.querySelector(".reading").textContent = "";
-    const levels = here.levels[name];
+    const levels = current.levels[name];
     for (const m of data.models) {
       const label = root.querySelector(`[data-model="${m.name}"]`);
       label.classList.toggle("off", hidden.has(m.name));
@@ -97,7 +97,7 @@
     let begun = null;
     svg.onmousedown = e => { begun = time(e); e.preventDefault(); };
     svg.onmousemove = e => {
-      const now = time(e), k = Math.round((now - here.first) / here.step), mark = svg.querySelector("#traces-at");
+      const now = time(e), k = Math.round((now - current.first) / current.step), mark = svg.querySelector("#traces-at");
       if (begun !== null) {
         const zoom = svg.querySelector("#traces-zoom");
         zoom.setAttribute("x", X(Math.min(begun, now))); zoom.setAttribute("width", Math.abs(X(now) - X(begun)));
@@ -109,7 +109,7 @@
     };
     svg.onmouseup = e => {
       const end = time(e), apart = Math.abs(end - begun);
-      if (begun !== null && apart > 3 * here.step) { span = [Math.min(begun, end), Math.max(begun, end)]; }
+      if (begun !== null && apart > 3 * current.step) { span = [Math.min(begun, end), Math.max(begun, end)]; }
       begun = null; draw();
     };
     svg.ondblclick = () => { span = [t(0), t(n - 1)]; draw(); };

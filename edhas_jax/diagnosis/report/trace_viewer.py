@@ -65,7 +65,7 @@ def render_trace_viewer(campaign: Campaign, states: Mapping[str, Mapping[str, Ma
     script = resources.files(__package__).joinpath("trace_viewer.js").read_text(encoding="utf-8")
     return (
         f'<style>{STYLE}</style><div id="traces"><p>run <select class="run">{options}</select>signal '
-        f'<select class="signal">{names}</select><span class="says"></span><br>{legend}</p>'
+        f'<select class="signal">{names}</select><span class="description"></span><br>{legend}</p>'
         '<svg viewBox="0 0 1120 504"></svg><p class="reading"></p></div>'
         f'<script type="application/json" id="traces-data">{json.dumps(data, allow_nan=False)}</script>'
         f"<script>{script}</script>"
@@ -82,7 +82,7 @@ def _run(campaign: Campaign, run: BenchRun, states) -> dict[str, Any]:
         start = max(start, time[-1] - INITIAL_CYCLES * 1e3 / float(get_parameter(machine, "frequency")))
     out = {
         "count": len(time), "first": float(time[0]), "step": float((time[-1] - time[0]) / max(1, len(time) - 1)),
-        "shown": [float(start), float(time[-1])], "says": run_descriptions(campaign)[run.name],
+        "shown": [float(start), float(time[-1])], "description": run_descriptions(campaign)[run.name],
         "signals": {}, "levels": {},
     }  # fmt: skip
     for name, measured in run.signals.items():

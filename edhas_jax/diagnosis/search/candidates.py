@@ -89,7 +89,7 @@ def candidates_for(
         if kind.id not in present and can_mount(machine, kind)
     ]
     links = {(signal, type(link)) for signal, chain in instruments.chains.items() for link in chain}
-    # a dead time of half a sample cannot be told from another way of sampling a lag
+    # a dead time of half a sample is confounded with the way in which a lag is sampled
     links |= {(signal, SensorDelay) for signal, kind in links if kind is SensorLag}
     return effects + [
         Candidate(kind, signal)

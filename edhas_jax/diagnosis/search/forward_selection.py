@@ -10,10 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from edhas_jax.diagnosis.calibration.fit import FitError
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
-from edhas_jax.diagnosis.search.candidates import (
-    build_problem,
-    candidates_for,
-)
+from edhas_jax.diagnosis.search.candidates import build_problem, candidates_for
 from edhas_jax.diagnosis.search.decision_rules import decide_verdict, replaces_accepted
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, refine_fit, start_coordinates
 from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
@@ -21,11 +18,7 @@ from edhas_jax.diagnosis.search.localisation import localise_discrepancy
 from edhas_jax.diagnosis.search.result import Diagnosis, Round, Verdict, accepted_trials
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.selection_round import generic_candidates, search_round
-from edhas_jax.diagnosis.search.trial import (
-    TRIAL_STEPS,
-    Trial,
-    try_candidate,
-)
+from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, Trial, try_candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
