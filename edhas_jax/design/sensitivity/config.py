@@ -84,7 +84,7 @@ def load_sensitivity(path: Path | str) -> SensitivityTask:
     trajectories = reader.read_integer(("trajectories",), reader.data.get("trajectories", "20"), 0, 10_000)
     seed = reader.read_integer(("seed",), reader.data.get("seed", "0"), 0, 2**32 - 1)
     for name in sorted({axis.name for axis in points} & {axis.name for axis in reader.axes}):
-        reader.add(("ranges", name), "is fixed by the operating points; leave it out here or there")
+        reader.add(("ranges", name), "is fixed by the operating points; remove it from one of the two sections")
     reader.finish()
     axes = reader.axes
     default = tuple(n for n in DEFAULT_METRICS if n in known) or tuple(known[:3])

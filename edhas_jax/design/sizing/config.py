@@ -146,7 +146,7 @@ def load_sizing(path: Path | str) -> SizingTask:
     r = TaskReader(path, SECTIONS, "free")
     points = r.operating_points("points")
     for name in sorted({a.name for a in points} & {a.name for a in r.axes}):
-        r.add(("free", name), "is fixed by the operating points; leave it out here or there")
+        r.add(("free", name), "is fixed by the operating points; remove it from one of the two sections")
     known = metrics_of(r.machine) if r.machine is not None and not r.problems else list(METRICS)
     weights = _read_objective(r, known)
     front = r.read_integer(("front",), r.data.get("front", "0"), 0, 100)
