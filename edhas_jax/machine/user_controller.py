@@ -69,12 +69,12 @@ def check_controller(machine: Rig, precision: str = "float64") -> None:
         ControllerError: states or returned values are not what `Controller` requires, or its code fails (class.method,
             file, line, reason).
     """
-    kind = np.dtype(precision)
+    dtype = np.dtype(precision)
     names = _state_names(machine)
     trial = structs.replace(machine, sampling=Continuous())
-    numbers = jax.tree.map(lambda leaf: np.asarray(leaf, kind), trial)
+    numbers = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), trial)
     try:
-        jax.eval_shape(lambda m, zero: _dry_run(m, zero, names), numbers, kind.type(0.0))
+        jax.eval_shape(lambda m, zero: _dry_run(m, zero, names), numbers, dtype.type(0.0))
     except (ControllerError, EffectError) as error:
         raise ControllerError(str(error)) from error
 
@@ -115,7 +115,7 @@ def _dry_run(machine: Rig, zero, names: list[str]):
     return machine.evaluate(y, zero, zero, y)[1]
 
 
-def _checked(machine: Rig, method: str, names: list[str], kind: Any) -> Callable:
+def _checked(machine: Rig, method: str, names: list[str], dtype: Any) -> Callable:
     """The method with its result checked; an error in the user's code becomes a `ControllerError` of one sentence."""
     cls, inner = type(machine.controller), getattr(machine.controller, method)
 
@@ -128,13 +128,13 @@ def _checked(machine: Rig, method: str, names: list[str], kind: Any) -> Callable
             raise ControllerError(f"{at}: {_reason(error, machine, names)}") from error
         where = locate(cls, method)
         if method == "command":
-            check_number(where, value, "a real number in V", kind)
+            check_number(where, value, "a real number in V", dtype)
             return value
         if not isinstance(value, dict) or set(value) != set(names):
             listed = ", ".join(f"`{n}`" for n in names)
             raise ControllerError(f"{where}: return a dict with the rate of {listed or 'no state: an empty one'}")
         for name, rate in value.items():
-            check_number(where, rate, f"a real number as rate of {name}", kind)
+            check_number(where, rate, f"a real number as rate of {name}", dtype)
         return value
 
     return call

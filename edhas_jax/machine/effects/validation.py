@@ -85,8 +85,8 @@ def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> No
         raise EffectError(f"{effect.id} acts on {places} ({word} {names}), which {machine.name} does not have")
     trial = dataclasses.replace(machine, effects=(*others, effect))
     try:
-        kind = np.dtype(precision)
-        jax.eval_shape(_dry_run, jax.tree.map(lambda leaf: np.asarray(leaf, kind), trial), kind.type(0.0))
+        dtype = np.dtype(precision)
+        jax.eval_shape(_dry_run, jax.tree.map(lambda leaf: np.asarray(leaf, dtype), trial), dtype.type(0.0))
     except EffectError:
         raise
     except Exception as error:
@@ -95,19 +95,19 @@ def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> No
 
 def _dry_run(machine, zero):
     """Evaluate the equations once, with the results of the last effect's methods checked."""
-    probe = machine.effects[-1]
-    for method in _methods(type(probe)):
+    tested = machine.effects[-1]
+    for method in _methods(type(tested)):
         # the trace works on a copy of the effect, so the replaced methods do not outlive it
-        object.__setattr__(probe, method, _checked(probe, method, machine, zero.dtype))
+        object.__setattr__(tested, method, _checked(tested, method, machine, zero.dtype))
     y = {name: zero + jnp.asarray(value, zero.dtype) for name, value in machine.initial_state().items()}
     s, rates = machine.evaluate(y, zero, zero, y)
-    if not any(probe.id in found for found in s.record.contributions.values()):
-        names = ", ".join(slot.name for slot in probe.slots)
-        raise EffectError(f"{probe.id} has no influence: this {machine.name} does not evaluate {names}")
+    if not any(tested.id in found for found in s.record.contributions.values()):
+        names = ", ".join(slot.name for slot in tested.slots)
+        raise EffectError(f"{tested.id} has no influence: this {machine.name} does not evaluate {names}")
     return rates
 
 
-def _checked(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
+def _checked(effect: Effect, method: str, machine: Any, dtype: Any) -> Callable:
     """The method with its result checked; an error in the user's code becomes an `EffectError` of one sentence."""
     cls, inner = type(effect), getattr(effect, method)
     unit = SLOTS[method].unit if method in SLOTS else ""
@@ -121,7 +121,7 @@ def _checked(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
             raise EffectError(f"{locate(cls, method, error)}: {_reason(error, cls, machine)}") from error
         where = locate(cls, method)
         if method != "rates":
-            check_number(where, value, f"a real number in {unit}" if unit != "-" else "a real factor", kind)
+            check_number(where, value, f"a real number in {unit}" if unit != "-" else "a real factor", dtype)
             return value
         if not isinstance(value, dict):
             raise EffectError(f"{where}: returns {_type_text(value)}, not a dict of the rates of {_listed(cls.states)}")
@@ -132,28 +132,28 @@ def _checked(effect: Effect, method: str, machine: Any, kind: Any) -> Callable:
         if missing:
             raise EffectError(f"{where}: gives no rate of {_listed(missing)}")
         for name, rate in value.items():
-            check_number(where, rate, f"a real number in ({cls.states[name].unit})/s as rate of {name}", kind)
+            check_number(where, rate, f"a real number in ({cls.states[name].unit})/s as rate of {name}", dtype)
         return value
 
     return call
 
 
-def check_number(where: str, value: Any, wanted: str, kind: Any) -> None:
-    """Check that a method of the user returned one real number in the precision `kind`.
+def check_number(where: str, value: Any, expected: str, dtype: Any) -> None:
+    """Check that a method of the user returned one real number in the precision `dtype`.
 
     Raises:
-        EffectError: what it returned instead of `wanted`.
+        EffectError: what it returned instead of `expected`.
     """
     if value is None:
-        raise EffectError(f"{where}: returns nothing; return {wanted}")
+        raise EffectError(f"{where}: returns nothing; return {expected}")
     if not isinstance(value, float) and not hasattr(value, "dtype"):
-        raise EffectError(f"{where}: returns {_type_text(value)}; return {wanted}")
+        raise EffectError(f"{where}: returns {_type_text(value)}; return {expected}")
     if jnp.shape(value) != ():
-        raise EffectError(f"{where}: returns an array of shape {jnp.shape(value)}; return {wanted}, one at a time")
+        raise EffectError(f"{where}: returns an array of shape {jnp.shape(value)}; return {expected}, one at a time")
     if not jnp.issubdtype(jnp.result_type(value), jnp.floating):
-        raise EffectError(f"{where}: returns a value of type {jnp.result_type(value)}; return {wanted}")
+        raise EffectError(f"{where}: returns a value of type {jnp.result_type(value)}; return {expected}")
     is_bare = type(value) is float or getattr(value, "weak_type", False)
-    if not is_bare and jnp.result_type(value) != kind:
+    if not is_bare and jnp.result_type(value) != dtype:
         raise EffectError(f"{where}: {_PRECISION_HINT}")
 
 
