@@ -12,10 +12,18 @@ from tests.support.reference import run_of
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
+SLOW_FOLDERS_FIRST = ("design", "studies", "diagnosis", "contract", "reference", "measurements", "export", "project")
+
 
 def pytest_configure(config):
     """A warning that our own code causes is an error; those of others are theirs."""
     config.addinivalue_line("filterwarnings", "error:::edhas_jax")
+
+
+def pytest_collection_modifyitems(items):
+    """Files that take long first: both workers then end with short ones, at about the same time."""
+    order = {folder: k for k, folder in enumerate(SLOW_FOLDERS_FIRST)}
+    items.sort(key=lambda item: order.get(item.path.parent.name, len(order)))
 
 
 @pytest.fixture(scope="session")
