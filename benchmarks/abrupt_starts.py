@@ -14,11 +14,11 @@ import time
 
 import jax
 import numpy as np
+from edhas_jax.design.batch.cycles import run_cycles
 from scipy.stats import qmc
 
 import edhas_jax as edhas
 from edhas_jax.design.batch.batch import BatchSettings, Status, plan_chunks, run_designs
-from edhas_jax.design.batch.cycles import run_cycles
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage
 
 RANGES = {

@@ -29,7 +29,7 @@ import numpy as np
 from edhas_jax.compiler.jaxpr_to_ir import trace_to_ir
 from edhas_jax.compiler.scalar_ir import BOOLEAN_OPERATIONS, Dependence, Program
 from edhas_jax.core import structs
-from edhas_jax.design.batch.cycle import cycle_step, empty_sums
+from edhas_jax.design.batch.cycle_metrics import cycle_step, empty_sums
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.simulation.integrator import DEFAULT_STEP, step

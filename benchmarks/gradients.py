@@ -19,12 +19,12 @@ os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 import jax  # noqa: E402
 import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
+from edhas_jax.design.gradient.forward_blocks import DIRECTIONS, forward_blocks  # noqa: E402
 
 import edhas_jax as edhas  # noqa: E402
 from edhas_jax.design.batch.batch import BatchSettings, run_designs, steps_per_cycle  # noqa: E402
 from edhas_jax.design.gradient.fixed_point import GradientSettings, periodic  # noqa: E402
 from edhas_jax.design.gradient.forward import forward  # noqa: E402
-from edhas_jax.design.gradient.forward_blocks import DIRECTIONS, forward_blocks  # noqa: E402
 from edhas_jax.design.gradient.reverse import reverse  # noqa: E402
 from edhas_jax.design.gradient.table import parameters_of  # noqa: E402
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage  # noqa: E402

@@ -2,10 +2,6 @@
 
 import importlib
 
-from edhas_jax.core import runtime as _backend  # first: it sets compiler flags, which JAX reads only once
-
-_backend.prepare()
-
 __version__ = "0.1.0"
 
 # what a user needs, loaded when it is asked for: the core alone imports in a second

@@ -5,10 +5,13 @@ import functools
 import jax
 import pytest
 
-import edhas_jax  # noqa: F401  sets the compiler flags before JAX starts
+from edhas_jax.compiler.engines import ENGINES, VARIABLE
+from edhas_jax.core import runtime
 from tests.support.compilations import compilations as count_compilations
 from tests.support.reference import run_of
 
+jax.config.update("jax_enable_x64", True)  # for what tests compute by themselves; the package does not need it
+runtime.keep_xla_programs()
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
@@ -39,3 +42,10 @@ def compilations(tmp_path, monkeypatch):
     cache.mkdir()
     monkeypatch.setenv("EDHAS_CACHE", str(cache))
     return functools.partial(count_compilations, cache)
+
+
+@pytest.fixture(params=[engine.name for engine in ENGINES if not engine.unavailable()])
+def engine(request, monkeypatch):
+    """The name of each loop engine that this machine has; it serves during the test."""
+    monkeypatch.setenv(VARIABLE, request.param)
+    return request.param

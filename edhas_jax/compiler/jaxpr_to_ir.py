@@ -9,12 +9,8 @@ import numpy as np
 from jax.extend import core
 
 from edhas_jax.compiler import elementary_functions
+from edhas_jax.compiler.loop_engine import Untranslatable
 from edhas_jax.compiler.scalar_ir import COMPARISONS, Program
-
-
-class Untranslatable(Exception):
-    """A function uses an operation that the scalar IR lacks: an array, an integer, a loop, an unlisted function."""
-
 
 _CALL_PRIMITIVES = ("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "remat", "checkpoint")
 _IDENTITIES = ("convert_element_type", "copy", "copy_p", "stop_gradient", "broadcast_in_dim", "reshape", "squeeze")

@@ -1,10 +1,8 @@
-"""A loop over time for many lanes, compiled for this processor."""
+"""Loops in machine code of this processor: many lanes side by side in vector registers."""
 
 import ctypes
 import dataclasses
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -12,10 +10,12 @@ import numpy as np
 from edhas_jax.compiler.jaxpr_to_ir import trace_to_ir
 from edhas_jax.compiler.llvm_jit import function, host
 from edhas_jax.compiler.llvm_loop import InputSource, loop_assembly
+from edhas_jax.compiler.loop_engine import Loop, LoopBody, LoopResult, Untranslatable, lane_count
 from edhas_jax.compiler.scalar_ir import Dependence
-from edhas_jax.compiler.threads import each
+from edhas_jax.compiler.threads import run_threaded
+from edhas_jax.core import runtime
 
-_LEVELS = {
+_DEPENDENCE = {
     "carry": Dependence.CARRY,
     "lane": Dependence.INVARIANT,
     "uniform": Dependence.INVARIANT,
@@ -23,122 +23,110 @@ _LEVELS = {
 }
 
 
-class Marched(NamedTuple):
-    """What a loop leaves behind: the last carry, and those before every stretch with the samples as first axis."""
+class NativeLoop(Loop):
+    """A `LoopBody` compiled by LLVM; its machine code is kept in the cache folder.
 
-    carry: Any
-    kept: Any
-
-
-class Loop:
-    """carry ← body(n, carry, lane, uniform) for n = first, first + 1, …: for each lane on its own.
-
-    `body` is a JAX function of scalars. `carry`, `lane` (what differs from lane to lane) and `uniform` (what does not)
-    are pytrees of real scalars; the examples given here count only by their structure. With `fed`, another pytree of
-    what changes from sample to sample, the body has it as a fifth argument; `backwards` goes through the samples from
-    the last to the first; `vectors` are marched side by side, two where nothing is said. `tangents`, of the structure
-    of `carry`, is true where a leaf is a derivative: what depends on one is computed in the order of the body.
-    Changing any number compiles nothing. With a `cache` the machine code is kept; a `key` stands for all that the body
-    depends on, its own text included, and saves even looking at it. The numbers of a lane depend on that lane alone, to
-    the bit, not on its place or on the number of threads.
+    With `backwards` the samples are gone through from the last to the first. The numbers of a lane are the same to the
+    bit wherever it stands and however many threads there are.
 
     Raises:
-        Untranslatable: the body uses an operation that is not known here.
+        Untranslatable: the body uses an operation that has no counterpart in the scalar IR.
     """
 
-    def __init__(
-        self, body: Callable, dtype, carry: Any, lane: Any, uniform: Any, cache: Path | None = None,
-        key: str | None = None, fed: Any = None, backwards: bool = False, vectors: int | None = None,
-        tangents: Any = None,
-    ):  # fmt: skip
-        self.dtype = np.dtype(dtype)
+    def __init__(self, body: LoopBody, backwards: bool = False):
+        self.body, self.dtype, self._backwards = body, np.dtype(body.dtype), backwards
         processor = host().processor
+        vectors = 1 if body.single_lane else body.vectors
         if vectors is not None:
             processor = dataclasses.replace(processor, vectors=vectors)
-        tables = {"carry": carry, "lane": lane, "uniform": uniform} | ({} if fed is None else {"sample_inputs": fed})
-        self._structures = {name: jax.tree.structure(table) for name, table in tables.items()}
+        self._fields = ("carry", "lane", "uniform") + (() if body.sample_inputs is None else ("sample_inputs",))
+        structures = {name: jax.tree.structure(getattr(body, name)) for name in self._fields}
 
         def text() -> str:
-            levels = [jax.tree.map(lambda _, name=name: _LEVELS[name], table) for name, table in tables.items()]
-            if tangents is not None:
-                levels[0] = jax.tree.map(lambda tangent: Dependence.TANGENT if tangent else Dependence.CARRY, tangents)
-            program, out = trace_to_ir(body, self.dtype, Dependence.STEP, *levels)
-            if out != self._structures["carry"]:
-                raise ValueError(f"the body turns {self._structures['carry']} into {out}")
-            rows = {name: structure.num_leaves for name, structure in self._structures.items()}
-            leaves = ((name, row) for name, count in rows.items() for row in range(count))
-            sources = [InputSource("step"), *(InputSource(*leaf) for leaf in leaves)]
+            depends = [jax.tree.map(lambda _, n=name: _DEPENDENCE[n], getattr(body, name)) for name in self._fields]
+            if body.tangents is not None:
+                kinds = {False: Dependence.CARRY, True: Dependence.TANGENT}
+                depends[0] = jax.tree.map(kinds.__getitem__, body.tangents)
+            with runtime.double_precision():
+                program, out = trace_to_ir(body.step, self.dtype, Dependence.STEP, *depends)
+            if out != structures["carry"]:
+                raise ValueError(f"the body turns {structures['carry']} into {out}")
+            rows = {name: structure.num_leaves for name, structure in structures.items()}
+            inputs = (InputSource(name, row) for name, count in rows.items() for row in range(count))
+            sources = [InputSource("step"), *inputs]
             counts = rows["carry"], rows["lane"], rows.get("sample_inputs", 0)
             return loop_assembly(program, processor, sources, *counts, backwards)
 
         self.lanes = processor.lanes(self.dtype)
-        self._code = function(text, "run", [ctypes.c_void_p] * 5 + [ctypes.c_int64] * 4, cache, key)
+        arguments = [ctypes.c_void_p] * 5 + [ctypes.c_int64] * 4
+        key = None if body.key is None else f"{body.key} {processor} {self.dtype} {backwards}"
+        try:
+            self._code = function(text, "run", arguments, runtime.cache_folder(), key)
+        except RuntimeError as error:  # what LLVM says of code that it cannot compile
+            raise Untranslatable(f"LLVM: {str(error).splitlines()[0] if str(error) else error!r}") from error
 
-    def __call__(self, carry: Any, lane: Any, uniform: Any, first: int, steps: int, threads: int = 1) -> Any:
-        """The carry after `steps` steps; leaves of `carry` and `lane` have the shape (lanes,)."""
-        return self.march(carry, lane, uniform, first, steps, 1, threads, keep=False).carry
-
-    def march(
-        self, carry: Any, lane: Any, uniform: Any, first: int, per_sample: int, samples: int, threads: int = 1,
-        keep: bool = True, fed: Any = None,
-    ) -> Marched:  # fmt: skip
-        """`samples` stretches of `per_sample` steps, the carry being kept before each: leaves (samples, lanes).
-
-        Leaves of `fed` have the shape (samples,): they are the same for all lanes.
-        """
-        count = np.shape(jax.tree.leaves(carry)[0])[0]
+    def run(
+        self, carry: Any, lane: Any, uniform: Any, first: int, steps_per_sample: int, samples: int, threads: int = 1,
+        keep: bool = True, sample_inputs: Any = None,
+    ) -> LoopResult:  # fmt: skip
+        """See `Loop.run`."""
+        count = lane_count(carry)
         state, fixed = self.blocks("carry", carry, count), self.blocks("lane", lane, count)
         scalars = self.scalars(uniform)
         blocks, rows, _ = state.shape
         kept = np.empty((blocks, samples, rows, self.lanes) if keep else 0, self.dtype)
-        feed = np.empty(0, self.dtype)
-        if fed is not None:
-            columns = np.stack([np.asarray(leaf, self.dtype) for leaf in self._leaves("sample_inputs", fed)], axis=1)
+        inputs = np.empty(0, self.dtype)
+        if sample_inputs is not None:
+            leaves = self.body.leaves("sample_inputs", sample_inputs)
+            columns = np.stack([np.asarray(leaf, self.dtype) for leaf in leaves], axis=1)
             shape = blocks, samples, columns.shape[1], self.lanes
-            feed = np.ascontiguousarray(np.broadcast_to(columns[None, :, :, None], shape))
+            inputs = np.ascontiguousarray(np.broadcast_to(columns[None, :, :, None], shape))
 
         def work(some: range) -> None:
-            tables = (table[some.start :] if table.size else None for table in (state, fixed, feed, kept))
-            self.run(*tables, scalars, first, per_sample, samples, len(some))
+            tables = (table[some.start :] if table.size else None for table in (state, fixed, inputs, kept))
+            self.run_tables(*tables, scalars, first, steps_per_sample, samples, len(some))
 
-        each(work, [range(blocks)] if threads == 1 else [range(b, b + 1) for b in range(blocks)], threads)
+        parts = [range(blocks)] if threads == 1 else [range(b, b + 1) for b in range(blocks)]
+        run_threaded(work, parts, threads)
         seen = kept.transpose(2, 1, 0, 3).reshape(rows, samples, -1)[..., :count] if keep else ()
-        return Marched(self.tree(state, count), self._tree(seen) if keep else None)
+        return LoopResult(self.tree(state, count), self._unflatten(seen) if keep else None)
 
-    def run(self, state, fixed, fed, kept, scalars, first: int, per_sample: int, samples: int, blocks: int = 1) -> None:
-        """`march` on tables as they lie in memory, the state being replaced; see `assembly` for their shapes.
+    def with_vectors(self, vectors: int) -> "NativeLoop":
+        """See `Loop.with_vectors`."""
+        return NativeLoop(dataclasses.replace(self.body, vectors=vectors), self._backwards)
 
-        `state` and `fixed` as `blocks` makes them, `scalars` likewise; `fed` and `kept`, with the shape
-        (blocks, samples, rows, lanes), may be None.
+    def run_tables(
+        self, state, fixed, inputs, kept, scalars, first: int, steps_per_sample: int, samples: int, blocks: int = 1
+    ) -> None:
+        """`run` on tables as they lie in memory, the state being replaced; see `llvm_loop` for their shapes.
+
+        Args:
+            state, fixed: as `blocks` makes them.
+            inputs, kept: (blocks, samples, rows, lanes), or None.
+            scalars: as `scalars` makes them.
+            first, steps_per_sample, samples: as of `run`.
+            blocks: number of blocks in the tables.
         """
-        tables = (None if table is None else table.ctypes.data for table in (state, fixed, scalars, fed, kept))
-        self._code(*tables, first, per_sample, samples, blocks)
+        tables = (None if table is None else table.ctypes.data for table in (state, fixed, scalars, inputs, kept))
+        self._code(*tables, first, steps_per_sample, samples, blocks)
 
     def scalars(self, uniform: Any) -> np.ndarray:
-        """What is the same for all lanes, as `run` takes it."""
-        return np.array([*self._leaves("uniform", uniform)], self.dtype)
-
-    def tree(self, table: np.ndarray, count: int) -> Any:
-        """The carry of `count` lanes from a table (blocks, rows, lanes)."""
-        return self._tree(table.transpose(1, 0, 2).reshape(table.shape[1], -1)[:, :count])
-
-    def _tree(self, rows) -> Any:
-        return jax.tree.unflatten(self._structures["carry"], list(rows))
-
-    def _leaves(self, which: str, tree: Any) -> list:
-        leaves, structure = jax.tree.flatten(tree)
-        if structure != self._structures[which]:
-            raise ValueError(f"this loop was compiled for {self._structures[which]}, not for {structure}")
-        return leaves
+        """What is the same for all lanes, as one array (leaves,)."""
+        return np.array([*self.body.leaves("uniform", uniform)], self.dtype)
 
     def blocks(self, which: str, tree: Any, count: int) -> np.ndarray:
-        """The rows of a table ("carry" or "lane"), cut into blocks of lanes: (blocks, rows, lanes).
-
-        The last block is filled up with its last lane.
-        """
-        rows = self._leaves(which, tree)
-        table = np.empty((len(rows), -(-count // self.lanes) * self.lanes), self.dtype)
+        """The leaves of "carry" or "lane" as a table (blocks, rows, lanes); the last lane fills the last block up."""
+        rows = self.body.leaves(which, tree)
+        blocks = -(-count // self.lanes)
+        table = np.empty((len(rows), blocks * self.lanes), self.dtype)
         for row, leaf in zip(table, rows, strict=True):
             row[:count] = leaf
         table[:, count:] = table[:, count - 1 : count]
-        return np.ascontiguousarray(table.reshape(len(rows), -1, self.lanes).transpose(1, 0, 2))
+        return np.ascontiguousarray(table.reshape(len(rows), blocks, self.lanes).transpose(1, 0, 2))
+
+    def tree(self, table: np.ndarray, count: int) -> Any:
+        """The carry of `count` lanes from a table (blocks, rows, lanes)."""
+        return self._unflatten(table.transpose(1, 0, 2).reshape(table.shape[1], -1)[:, :count])
+
+    def _unflatten(self, rows) -> Any:
+        return jax.tree.unflatten(jax.tree.structure(self.body.carry), list(rows))

@@ -1,4 +1,4 @@
-"""Work shared among threads, of which the caller is one: a thread that is started waits for its turn, this one runs."""
+"""Work shared among threads; the caller is one of them, because a new thread has to wait for its turn."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -7,7 +7,7 @@ from typing import TypeVar
 Task = TypeVar("Task")
 
 
-def each(work: Callable[[Task], object], tasks: Sequence[Task], threads: int) -> None:
+def run_threaded(work: Callable[[Task], object], tasks: Sequence[Task], threads: int) -> None:
     """`work` on every one of the `tasks`, by at most so many `threads`; what fails ends all and is raised here."""
     left, failed = iter(tasks), []
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
+import numpy as np
 
 from edhas_jax.config.machine_checks import check_machine
 from edhas_jax.config.recorded_signal import RECORDING_KEYS, RecordingError, decode_samples, read_recording
@@ -134,7 +134,7 @@ class MachineReader:
         if cls is Recorded:
             # a placeholder until all parameters are read: the gain of the amplifier may scale the samples
             self.recordings[section] = dict(value)
-            return structs.replace(m, **{section: Recorded(values=jnp.zeros(2), interval=1.0)})
+            return structs.replace(m, **{section: Recorded(values=np.zeros(2), interval=1.0)})
         if not isinstance(getattr(m, section), cls):
             m = structs.replace(m, **{section: cls()})
         if section == "controller":

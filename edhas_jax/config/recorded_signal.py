@@ -7,7 +7,6 @@ import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.core.name_suggestion import suggest
@@ -211,7 +210,7 @@ def resample_uniformly(path: Path, time: np.ndarray, values: np.ndarray) -> Reco
         values = PchipInterpolator(time, values)(uniform_time)
         if count < 2:
             raise RecordingError("file", f"{path}: the time steps are too unequal to be brought to one step")
-    return Recorded(values=jnp.asarray(values), interval=interval, start=float(time[0]))
+    return Recorded(values=np.asarray(values, float), interval=interval, start=float(time[0]))
 
 
 def encode_samples(recorded: Recorded) -> dict[str, str]:
@@ -239,4 +238,4 @@ def decode_samples(keys: Mapping[str, str]) -> Recorded:
         raise invalid from None
     if "file" in keys or len(values) < 2 or not np.isfinite(values).all() or not interval > 0.0:
         raise invalid
-    return Recorded(values=jnp.asarray(values), interval=interval, start=start)
+    return Recorded(values=np.asarray(values, float), interval=interval, start=start)

@@ -1,15 +1,17 @@
-"""Compiler flags, precision and compilation cache, set before JAX starts so that no user has to know them."""
+"""Processor cores, precision and caches: what the package needs of its process, for its own calls only.
+
+Importing the package changes no setting of JAX: what its calls need they get by `double_precision` and `jit`. Only the
+command line, whose process is its own, calls `keep_xla_programs`.
+"""
 
 import functools
 import hashlib
 import os
-import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-# Both belong together: wide fusions keep the step from being computed several times over, and the loop compiled as one
-# function is free of a dispatch per fusion. They are undocumented options of jaxlib, checked with 0.10.2. The first can
-# make the compiler abort on other JAX programs in the same process; EDHAS_XLA=plain leaves both out.
-CPU_OPTIONS = "xla_cpu_use_multi_output_fusion=true,xla_cpu_small_while_loop_byte_threshold=100000000"
+import jax
 
 
 def cores() -> int:
@@ -19,30 +21,41 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def prepare() -> None:
-    """Set the flags, 64-bit numbers and the cache of compiled programs.
+def double_precision():
+    """A context in which JAX has 64-bit numbers, whatever the process has set; it holds for the calling thread."""
+    if hasattr(jax, "enable_x64"):
+        return jax.enable_x64(True)
+    from jax.experimental import enable_x64  # its place before JAX 0.8
 
-    `EDHAS_XLA=plain` leaves the compiler flags alone; `EDHAS_CACHE` names another folder for the cache, or `off`;
-    `EDHAS_CORES` is the number of cores to use, all by default; `EDHAS_ENGINE=xla` leaves the loops of a batch to XLA.
-    Flags that the user has set are kept.
+    return enable_x64(True)
+
+
+def jit(f: Callable | None = None, **options: Any) -> Callable:
+    """`jax.jit`, traced and called in double precision whatever the process has set; usable as a decorator."""
+    if f is None:
+        return functools.partial(jit, **options)
+    compiled = jax.jit(f, **options)
+
+    @functools.wraps(f)
+    def call(*args, **kwargs):
+        with double_precision():
+            return compiled(*args, **kwargs)
+
+    call.cache_size = compiled._cache_size
+    return call
+
+
+def eval_shape(f: Callable, *args: Any) -> Any:
+    """`jax.eval_shape` in double precision."""
+    with double_precision():
+        return jax.eval_shape(f, *args)
+
+
+def keep_xla_programs() -> None:
+    """Keep compiled XLA programs in the cache folder, for a process that runs nothing but this package.
+
+    A folder that the user has set for JAX is left as it is.
     """
-    flags = os.environ.get("XLA_FLAGS", "")
-    if os.environ.get("EDHAS_XLA") != "plain":
-        if "xla_backend_extra_options" not in flags:
-            flags = f"{flags} --xla_backend_extra_options={CPU_OPTIONS}"
-        if "xla_flags_reset" not in flags:  # flags are read anew for each program: a reverse pass wants others
-            flags = f"{flags} --xla_flags_reset=true"
-        if "EDHAS_CORES" in os.environ:
-            flags = re.sub(r"--xla_force_host_platform_device_count=\d+", "", flags)
-        if "xla_force_host_platform_device_count" not in flags:
-            # one device a core: a batch runs a loop of its own on each, which no thread pool inside a loop matches;
-            # never a single one, because a program for one device is compiled on another path, to other last bits
-            flags = f"{flags} --xla_force_host_platform_device_count={max(2, cores())}"
-        os.environ["XLA_FLAGS"] = flags.strip()
-
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
     cache = cache_folder()
     if cache is not None and not jax.config.jax_compilation_cache_dir:
         jax.config.update("jax_compilation_cache_dir", str(cache))
@@ -50,7 +63,7 @@ def prepare() -> None:
 
 
 def cache_folder() -> Path | None:
-    """Where compiled programs are kept, if anywhere."""
+    """The folder where compiled programs are kept, `EDHAS_CACHE` or one in the user's home; None if it is `off`."""
     named = os.environ.get("EDHAS_CACHE")
     return None if named == "off" else Path(named or Path.home() / ".cache" / "edhas_jax")
 
@@ -63,10 +76,3 @@ def code_hash(packages: tuple[str, ...]) -> str:
         for path in sorted((root / package).rglob("*.py")) or [root / package]:
             digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-def native_loops() -> bool:
-    """Whether the package compiles loops for this processor itself: on a CPU, unless `EDHAS_ENGINE=xla`."""
-    import jax
-
-    return os.environ.get("EDHAS_ENGINE") != "xla" and jax.default_backend() == "cpu"

@@ -11,7 +11,7 @@ from edhas_jax.compiler.c_source import C_LIBRARY
 from edhas_jax.compiler.jaxpr_to_ir import Untranslatable, trace_to_ir
 from edhas_jax.compiler.scalar_ir import Dependence, Program
 from edhas_jax.config.run_settings import SIMULATION_SETTINGS
-from edhas_jax.core import structs
+from edhas_jax.core import runtime, structs
 from edhas_jax.export.fmu_inputs import (
     ExternalSource,
     FmuError,
@@ -152,7 +152,7 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
     unit_intervals = {n: RecordedInterval(**dict.fromkeys(_INTERVAL_FIELDS, 1.0)) for n in recorded}
     example = machine_with(start_values, unit_intervals, 0.0)
     states = tuple(sorted(example.initial_state()))
-    signals = jax.eval_shape(lambda y: evaluate_signals(example, y, 0.0, 1.0), {n: jnp.zeros(()) for n in states})
+    signals = runtime.eval_shape(lambda y: evaluate_signals(example, y, 0.0, 1.0), {n: jnp.zeros(()) for n in states})
     hidden = {"time", *(v.name for v in candidates), *replaced}
     outputs = [n for n in SIGNALS if n in signals and n not in hidden]
 

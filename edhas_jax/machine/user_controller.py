@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.core import structs
+from edhas_jax.core import runtime, structs
 from edhas_jax.core.source_location import locate
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.components.controller_sampling import Continuous, Sampled
@@ -74,7 +74,7 @@ def check_controller(machine: Rig, precision: str = "float64") -> None:
     trial = structs.replace(machine, sampling=Continuous())
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), trial)
     try:
-        jax.eval_shape(lambda m, zero: _dry_run(m, zero, names), numbers, dtype.type(0.0))
+        runtime.eval_shape(lambda m, zero: _dry_run(m, zero, names), numbers, dtype.type(0.0))
     except (ControllerError, EffectError) as error:
         raise ControllerError(str(error)) from error
 

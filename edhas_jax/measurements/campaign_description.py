@@ -5,14 +5,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
+import numpy as np
 
 from edhas_jax.config.machine_reader import MachineReader
 from edhas_jax.config.problem_list import ProblemList
 from edhas_jax.config.recorded_signal import encode_samples
 from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, read_text_file, yaml_type
-from edhas_jax.core import structs
+from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.components.set_points import Recorded
@@ -106,7 +105,7 @@ class CampaignDescription(ProblemList):
                 kind = config[section].get("kind", "position") if section == "controller" else section
                 config[section] = {SHORT_NAMES.get(kind, {}).get(n, n): v for n, v in config[section].items()}
         if self.set_point:
-            placeholder = Recorded(values=jnp.zeros(2), interval=1.0)
+            placeholder = Recorded(values=np.zeros(2), interval=1.0)
             config["reference"] = {"kind": "recorded", **encode_samples(placeholder)}
         rig = RIGS.get(str(data.get("rig")))
         available = [effect.id for effect in DEFAULT_EFFECTS if rig is None or set(effect.slots) <= set(rig.slots)]
@@ -168,7 +167,7 @@ class CampaignDescription(ProblemList):
         section = self._mapping(self._data.get("signals"), ("signals",), "current: {unit: A, noise: 0.02}")
         if not section:
             self.add(("signals",), "missing; name the measured signals, such as `current: {unit: A, noise: 0.02}`")
-        signals = jax.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), self.machine)
+        signals = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), self.machine)
         available = signals.keys() - {"time"}
         for name, value in section.items():
             key = ("signals", name)

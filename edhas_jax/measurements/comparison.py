@@ -3,9 +3,9 @@
 import dataclasses
 from collections.abc import Callable
 
-import jax
 import numpy as np
 
+from edhas_jax.core import runtime
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig, Sine
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity, has_parameter
@@ -116,7 +116,7 @@ def compare(
             remarks.append(Remark(Severity.ERROR, run.file, 0, f"{problem}; the run is left out"))
     if not runs:
         raise CampaignError("\n".join(map(str, remarks)))
-    available = jax.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
+    available = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
     signals = tuple(dict.fromkeys([*campaign.channels, *(n for n in EXPLANATORY_SIGNALS if n in available)]))
     model = MeasurementModel(campaign, machine, (), runs, instruments, signals, replay)
     report_progress("choosing the time step")

@@ -9,9 +9,9 @@ sensor lag is a property of the sensor, not an error in the files.
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
+from edhas_jax.core import runtime
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.set_points import Sine
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
@@ -140,7 +140,7 @@ class DelayCheck:
         return np.sum(after**2) < np.sum(lagged**2)
 
 
-@jax.jit
+@runtime.jit
 def _lagged(lag, time, values):
     return SensorLag(lag_time=lag).record(time, values)
 

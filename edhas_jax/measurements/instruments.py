@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import jax
 import numpy as np
 
-from edhas_jax.core import structs
+from edhas_jax.core import runtime, structs
 from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.measurements.sensor_models import SensorModel, record
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
@@ -88,10 +88,10 @@ class Instruments:
         return values, sensitivities
 
 
-_record = jax.jit(record)
+_record = runtime.jit(record)
 
 
-@jax.jit
+@runtime.jit
 def _record_tangents(chain, time, trace, chain_tangents, trace_tangents):
     """Directional derivatives (samples, directions) of the recorded trace by the chain's parameters and the trace."""
 

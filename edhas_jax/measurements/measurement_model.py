@@ -15,7 +15,7 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign, has_parameter
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.replay import Replay, machine_with_replay
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
-from edhas_jax.simulation.batch_trajectories import march_lanes
+from edhas_jax.simulation.batch_trajectories import simulate_batch
 from edhas_jax.simulation.integrator import LARGEST_STEP
 
 # a parameter of every rig: the batch needs at least one parameter that varies between lanes
@@ -139,7 +139,7 @@ class MeasurementModel:
             sample_counts = np.repeat([self._sample_count(r, group) for _, r in jobs], lanes_per_job)
             h = group.interval / steps_per_sample
             grid = group.interval * np.arange(sample_counts.max())
-            traces = march_lanes(
+            traces = simulate_batch(
                 group.machine, columns, tangents, h, steps_per_sample, sample_counts, self.signals
             )  # fmt: skip
             for k, (p, r) in enumerate(jobs):

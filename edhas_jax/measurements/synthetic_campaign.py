@@ -11,6 +11,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from edhas_jax.core import runtime
 from edhas_jax.machine.parameters import get_parameter, set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Use
@@ -123,7 +124,7 @@ def _recorded(
     recorded = dict(traces)
     for signal, chain in chains.items():
         time = interval * np.arange(len(recorded[signal]))
-        recorded[signal] = np.asarray(jax.jit(record)(jax.tree.map(np.asarray, chain), time, recorded[signal]))
+        recorded[signal] = np.asarray(runtime.jit(record)(jax.tree.map(np.asarray, chain), time, recorded[signal]))
     return recorded
 
 

@@ -1,165 +1,202 @@
-"""Many runs side by side, each a lane: their signals at the samples, and derivatives along one direction per lane."""
+"""Trajectories of many runs side by side: signals at the samples, and derivatives along one direction per run.
 
-import threading
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from queue import SimpleQueue
+Each run is a lane of the loop engine. One loop goes through the time steps and keeps the state at every sample, another
+evaluates the signals from the states that were kept.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.core import runtime
+from edhas_jax.compiler.engines import compile_loop
+from edhas_jax.compiler.loop_engine import LoopBody
+from edhas_jax.compiler.threads import run_threaded
+from edhas_jax.core import runtime, structs
+from edhas_jax.machine.components.set_points import Recorded, RecordedInterval
 from edhas_jax.machine.parameters import set_parameters
-from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.integrator import evaluate_signals
-from edhas_jax.simulation.integrator import step as step_of
-from edhas_jax.simulation.native_trajectories import march_loop
+from edhas_jax.machine.rigs import Rig, State
+from edhas_jax.simulation.integrator import evaluate_signals, step
+from edhas_jax.simulation.loop_cache import cached_loop, key_of
 from edhas_jax.simulation.run import Precision
 
-WIDTH = 16  # lanes of one program: the last block of a call is filled up to it, so fewer waste less
-STRETCH = 256  # samples of one program; a longer run calls it again, and compiles nothing
+Observe = Callable[[Rig, State, Any, Any], dict[str, Any]]  # (machine, state, time, step) → signals by name
 
 
 class Traces(NamedTuple):
-    """Signals at the samples and their derivatives along the seeds, (samples, lanes) in SI by signal name.
+    """Signals at the samples and their derivatives along the seeds, (samples, runs) in SI by signal name.
 
-    Beyond the end of a lane, and after it has left the range of finite numbers, the entries are NaN.
+    Beyond the end of a run, and after it has left the range of finite numbers, the entries are NaN.
     """
 
     values: dict[str, np.ndarray]
     slopes: dict[str, np.ndarray] | None
 
 
-class _Block(NamedTuple):
-    """Lanes that are marched together: where they stand in the call, their parameters, seeds and samples."""
+class NamedSignals(NamedTuple):
+    """The signals of `names`, as `integrator.evaluate_signals` gives them."""
 
-    lanes: np.ndarray
-    values: dict[str, np.ndarray]
-    seeds: dict[str, np.ndarray] | None
-    samples: int
+    names: tuple[str, ...]
+
+    def __call__(self, machine: Rig, y: State, t, h) -> dict[str, Any]:
+        """The signals of one instant."""
+        found = evaluate_signals(machine, y, t, h)
+        return {n: found[n] for n in self.names}
 
 
-def march_lanes(
+def simulate_batch(
     machine: Rig,
     values: Mapping[str, np.ndarray],
     seeds: Mapping[str, np.ndarray] | None,
-    step: float,
-    per_sample: int,
+    step_size: float,
+    steps_per_sample: int,
     samples: int | np.ndarray,
-    watch: Sequence[str],
+    signals: Sequence[str] | Observe,
     precision: Precision = Precision.FLOAT64,
 ) -> Traces:
-    """March every lane from rest and sample the signals of `watch` after each `per_sample` steps of `step` [s].
+    """Simulate runs from rest and sample their signals. Changing any number compiles nothing.
 
-    `values` are parameters in SI by name, each (lanes,); the others are those of `machine`. With `seeds`, a change of
-    the same parameters for each lane, `slopes` holds d(signal)/dε of values + ε·seeds. `samples` may differ from lane
-    to lane. Changing any number compiles nothing anew; another set of names in `values` or `watch` does.
+    Args:
+        machine: what the runs have in common.
+        values: parameters that differ from run to run, by name in SI, each (runs,).
+        seeds: by the same names a change of each parameter, (runs,); missing ones are zero. With seeds the slopes are
+            d(signal)/dε of values + ε·seeds.
+        step_size: time step [s].
+        steps_per_sample: time steps between two samples.
+        samples: number of samples, one for all runs or (runs,); the first is the initial state.
+        signals: names of signals, or a function of (machine, state, time, step) that returns scalars by name; it has to
+            compare equal to what it is to share compiled code with.
+        precision: of all numbers.
     """
     dtype = np.dtype(precision.value)
     count = len(next(iter(values.values())))
     lengths = np.broadcast_to(np.asarray(samples, int), (count,))
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
     columns = {n: np.asarray(v, dtype) for n, v in values.items()}
-    along = None if seeds is None else {n: np.asarray(seeds.get(n, np.zeros(count)), dtype) for n in columns}
-    loop = march_loop(numbers, tuple(columns), watch, seeds is not None, dtype, per_sample * step)
-    if loop is not None:
-        signals = loop.march(numbers, (columns,) if along is None else (columns, along), step, per_sample, lengths)
-        return Traces(*signals, *[None] * (seeds is None))
-    shape = lengths.max(), count
-    out = {n: np.full(shape, np.nan) for n in watch}
-    slopes = None if seeds is None else {n: np.full(shape, np.nan) for n in watch}
-
-    blocks: SimpleQueue = SimpleQueue()
-    order = np.argsort(-lengths, kind="stable")
-    for first in range(0, count, WIDTH):
-        lanes = order[first : first + WIDTH]
-        filled = np.resize(lanes, WIDTH)
-        seeded = None if along is None else {n: v[filled] for n, v in along.items()}
-        blocks.put(_Block(lanes, {n: v[filled] for n, v in columns.items()}, seeded, int(lengths[lanes].max())))
-
-    grid = dtype.type(step), int(per_sample), tuple(watch)
-    stop = threading.Event()
-
-    def work(device):
-        # placed by hand: a default device would be traced anew for each
-        placed = jax.device_put(numbers, device)
-        while not blocks.empty() and not stop.is_set():
-            block = blocks.get()
-            inputs = placed, *jax.device_put((block.values, block.seeds), device)
-            _march_block(inputs, block, grid, out, slopes, stop)
-
-    devices = jax.local_devices()[: min(runtime.cores(), blocks.qsize())]
-    with ThreadPoolExecutor(len(devices)) as pool:
-        try:
-            for done in [pool.submit(work, device) for device in devices]:
-                done.result()
-        finally:
-            stop.set()
-    for column in (*out.values(), *(slopes or {}).values()):
-        column[np.arange(len(column))[:, None] >= lengths] = np.nan
-    return Traces(out, slopes)
+    lanes = [columns]
+    if seeds is not None:
+        lanes.append({n: np.asarray(seeds.get(n, np.zeros(count)), dtype) for n in columns})
+    recording = None
+    if isinstance(machine.reference, Recorded) and _has_interval(machine.reference, steps_per_sample * step_size):
+        recording = numbers.reference
+        numbers = structs.replace(numbers, reference=_ANY_INTERVAL)
+    observer = signals if callable(signals) else NamedSignals(tuple(signals))
+    loop = cached_loop(TrajectoryLoop, numbers, tuple(columns), observer, seeds is not None, dtype, dtype=dtype)
+    found = loop.run(numbers, lanes, recording, step_size, steps_per_sample, lengths)
+    return Traces(*found, *[None] * (seeds is None))
 
 
-def _march_block(inputs, block: _Block, grid, out, slopes, stop) -> None:
-    """March one block, stretch by stretch, and put its samples into `out` and `slopes`."""
-    h, per_sample, watch = grid
-    here = _start(*inputs)
-    for first in range(0, block.samples, STRETCH):
-        if stop.is_set():
-            return
-        here, rows = _stretch(*inputs, here, first * per_sample, h, per_sample, watch)
-        rows, slope_rows = jax.device_get(rows)
-        last = min(first + STRETCH, block.samples)
-        for n in watch:
-            out[n][first:last, block.lanes] = rows[n][: last - first, : len(block.lanes)]
-            if slopes is not None:
-                slopes[n][first:last, block.lanes] = slope_rows[n][: last - first, : len(block.lanes)]
+class TrajectoryLoop:
+    """Time steps of runs, and the signals of the states that they pass through.
+
+    With `seeded`, everything is followed by its derivative along a change of the parameters that each run has of its
+    own. `machine` counts only by its structure; where its set point is a `RecordedInterval`, every sample has its own.
+    """
+
+    def __init__(self, machine: Rig, varied: Sequence[str], observer: Observe, seeded: bool, dtype):
+        self._dtype = np.dtype(dtype)
+        names, interval = dict.fromkeys(varied, 0.0), _interval_of(machine)
+        self._state = {n: 0.0 for n in machine.initial_state()}
+        keyed = isinstance(observer, NamedSignals)
+
+        def key(what: str) -> str | None:
+            return key_of(machine, "trajectory", what, varied, observer, seeded) if keyed else None
+
+        def doubled(table):
+            return (table, table) if seeded else (table,)
+
+        def with_tangent(f, primals, tangents):
+            return jax.jvp(f, primals, tangents) if seeded else (f(*primals),)
+
+        def start(n, carry, lane, uniform):
+            (values, *seeds), (base, _) = lane, uniform
+
+            def one(values):
+                zero = jnp.zeros((), self._dtype)
+                return {n: zero + v for n, v in set_parameters(base, values).initial_state().items()}
+
+            return with_tangent(one, (values,), (*seeds,))
+
+        def advance(n, carry, lane, uniform, here=None):
+            (values, *seeds), (y, *dy), (base, h) = lane, carry, uniform
+
+            def one(values, y):
+                return step(set_parameters(_with_interval(base, here), values), y, n * h, h)[0]
+
+            return with_tangent(one, (values, y), (*seeds, *dy))
+
+        def evaluate(n, carry, lane, uniform):
+            (values, *seeds), (y, *dy), t, here = lane
+            base, h = uniform
+
+            def one(values, y):
+                found = observer(set_parameters(_with_interval(base, here), values), y, t, h)
+                return {n: jnp.asarray(v, self._dtype) for n, v in found.items()}
+
+            return with_tangent(one, (values, y), (*seeds, *dy))
+
+        shapes = runtime.eval_shape(lambda m: observer(m, m.initial_state(), 0.0, 1.0), machine)
+        self._signals = dict.fromkeys(shapes, 0.0)
+        state, signals, given = doubled(self._state), doubled(self._signals), (machine, 0.0)
+        lane = doubled(names), state, 0.0, interval
+        self._start = compile_loop(LoopBody(start, dtype, state, doubled(names), given, key=key("start")))
+        self._advance = compile_loop(
+            LoopBody(advance, dtype, state, doubled(names), given, sample_inputs=interval, key=key("advance"))
+        )
+        self._evaluate = compile_loop(LoopBody(evaluate, dtype, signals, lane, given, key=key("evaluate")))
+
+    def run(
+        self, machine: Rig, lanes: Sequence[dict[str, np.ndarray]], recording: Recorded | None, step_size: float,
+        steps_per_sample: int, lengths: np.ndarray,
+    ) -> tuple[dict[str, np.ndarray], ...]:  # fmt: skip
+        """Signals (samples, runs), and with seeds their derivatives; NaN beyond the `lengths` of the runs.
+
+        `lanes` are the parameters and, if seeded, their changes, each (runs,).
+        """
+        most = lengths.max()
+        out = tuple({s: np.full((most, len(lengths)), np.nan) for s in self._signals} for _ in lanes)
+        intervals = None if recording is None else RecordedInterval.split(recording, int(most))
+        # long runs first, and runs of one length together
+        order = np.argsort(-lengths, kind="stable")
+        width = self._advance.lanes
+        blocks = [order[first : first + width] for first in range(0, len(order), width)]
+
+        def work(rows: np.ndarray) -> None:
+            here = tuple({n: v[rows] for n, v in part.items()} for part in lanes)
+            samples, uniform = int(lengths[rows].max()), (machine, step_size)
+            empty = tuple({n: np.zeros(len(rows)) for n in self._state} for _ in lanes)
+            begin = self._start(empty, here, uniform, 0, 1)
+            given = jax.tree.map(lambda leaf: np.broadcast_to(leaf, most)[:samples], intervals)
+            kept = self._advance.run(begin, here, uniform, 0, steps_per_sample, samples, sample_inputs=given).samples
+            states = jax.tree.map(np.ravel, kept)
+            wide = tuple({n: np.tile(v, samples) for n, v in part.items()} for part in here)
+            time = np.repeat(np.arange(samples) * (steps_per_sample * step_size), len(rows))
+            given = jax.tree.map(lambda leaf: np.repeat(leaf, len(rows)), given)
+            empty = tuple({s: np.zeros(len(time)) for s in self._signals} for _ in lanes)
+            found = self._evaluate(empty, (wide, states, time, given), uniform, 0, 1)
+            for whole, part in zip(out, found, strict=True):
+                for s, column in part.items():
+                    whole[s][:samples, rows] = column.reshape(samples, len(rows))
+
+        run_threaded(work, blocks, runtime.cores())
+        for column in (column for part in out for column in part.values()):
+            column[np.arange(len(column))[:, None] >= lengths] = np.nan
+        return out
 
 
-@jax.jit
-def _start(machine: Rig, values, seeds):
-    """State and its tangent of every lane at rest."""
-
-    def one(values):
-        m = set_parameters(machine, values)
-        dtype = jnp.result_type(next(iter(values.values())))
-        return {n: jnp.asarray(v, dtype) for n, v in m.initial_state().items()}
-
-    if seeds is None:
-        return jax.vmap(one)(values), None
-    return jax.vmap(lambda v, s: jax.jvp(one, (v,), (s,)))(values, seeds)
+_ANY_INTERVAL = RecordedInterval(interval=1.0, index=0.0, value=0.0, slope=0.0, quadratic=0.0, cubic=0.0)
 
 
-@partial(jax.jit, static_argnames="watch")
-def _stretch(machine: Rig, values, seeds, here, first_step, h, per_sample, watch: tuple[str, ...]):
-    """`STRETCH` samples of every lane from state `here`; the first is taken where the lanes stand."""
+def _has_interval(recording: Recorded, interval: float) -> bool:
+    """Whether a recording starts at 0 and its samples are `interval` [s] apart: then a sample needs one interval."""
+    return float(recording.start) == 0.0 and abs(float(recording.interval) / interval - 1.0) <= 1e-9
 
-    def one(values: dict[str, Any], y: dict[str, Any]):
-        m = set_parameters(machine, values)
 
-        def sample(carry, _):
-            y, number = carry
-            seen = evaluate_signals(m, y, number.astype(h.dtype) * h, h)
+def _interval_of(machine: Rig) -> RecordedInterval | None:
+    return machine.reference if isinstance(machine.reference, RecordedInterval) else None
 
-            def go(k, y):
-                return step_of(m, y, (number + k).astype(h.dtype) * h, h)[0]
 
-            y = jax.lax.fori_loop(0, per_sample, go, y)
-            return (y, number + per_sample), {n: seen[n] for n in watch}
-
-        (y, _), rows = jax.lax.scan(sample, (y, jnp.asarray(first_step)), length=STRETCH)
-        return y, rows
-
-    y, dy = here
-    if seeds is None:
-        y, rows = jax.vmap(one, out_axes=(0, 1))(values, y)
-        return (y, None), (rows, None)
-
-    def both(values, y, seeds, dy):
-        return jax.jvp(one, (values, y), (seeds, dy))
-
-    (y, rows), (dy, slopes) = jax.vmap(both, out_axes=((0, 1), (0, 1)))(values, y, seeds, dy)
-    return (y, dy), (rows, slopes)
+def _with_interval(machine: Rig, interval: RecordedInterval | None) -> Rig:
+    return machine if interval is None else structs.replace(machine, reference=interval)

@@ -3,7 +3,6 @@
 import math
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
@@ -170,7 +169,7 @@ def _hydraulic(machine, signals, energy, volume, t, first, last, inside) -> dict
     flow = mean_rate(t, volume["outlet_flow"], first, last, q)
     speed = np.abs(signals["piston_velocity"])
     travel = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (speed[1:] + speed[:-1]))])
-    swept_flow = float(jnp.asarray(machine.pump.area())) * mean_rate(t, travel, first, last)
+    swept_flow = float(machine.pump.area()) * mean_rate(t, travel, first, last)
     hydraulic = mean_rate(t, energy["load orifice" if "load orifice" in energy else "load"], first, last)
     electrical = mean_rate(t, energy["electrical input"], first, last)
     out = {

@@ -211,11 +211,11 @@ def _simulate_with_step(machine: Rig, simulation: Simulation, largest_step: floa
     h = dtype.type(interval / per_sample)
     samples = int(math.floor(simulation.length(machine) * simulation.sample_rate + 1e-9)) + 1
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
-    loop, blocks, note = jax.jit(initial_loop_state)(numbers, h), [], ""
+    loop, blocks, note = initial_loop_state(numbers, h), [], ""
     try:
         while len(blocks) * SAMPLES_PER_CALL < samples and int(loop.failed_step) < 0:
             loop, block = integrate(numbers, loop, h, per_sample, SAMPLES_PER_CALL)
-            blocks.append(jax.device_get(block))
+            blocks.append(block)
             if on_progress is not None:
                 on_progress(min(1.0, len(blocks) * SAMPLES_PER_CALL / samples))
     except KeyboardInterrupt:

@@ -1,14 +1,18 @@
 """The time loop of a single run: step by step with energy balance and range checks, sample by sample."""
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from edhas_jax.compiler.engines import compile_loop
+from edhas_jax.compiler.loop_engine import LoopBody
+from edhas_jax.core import runtime
 from edhas_jax.machine.rigs import Rig, State
 from edhas_jax.simulation import energy_balance
 from edhas_jax.simulation.integrator import evaluate_signals, step_with_outputs
+from edhas_jax.simulation.loop_cache import cached_loop, key_of
 
 
 class LoopState(NamedTuple):
@@ -58,27 +62,28 @@ def failed_checks(machine: Rig, y: State, t, h) -> list:
 
 def _first_failed_check(machine: Rig, y: State, t, h):
     """The index of the first check that fails, or −1."""
-    failed = jnp.stack(failed_checks(machine, y, t, h))
-    return jnp.where(failed.any(), jnp.argmax(failed), -1)
+    index = jnp.full_like(t, -1.0)
+    for k, failed in reversed(list(enumerate(failed_checks(machine, y, t, h)))):
+        index = jnp.where(failed, float(k), index)
+    return index
 
 
 def initial_loop_state(machine: Rig, h) -> LoopState:
     """The loop state before the first step: the machine at rest, in the precision of `h`."""
-    dtype = jnp.result_type(h)
-    y = {n: jnp.asarray(v, dtype) for n, v in machine.initial_state().items()}
-    zero = jnp.zeros((), int)
-    return LoopState(y, energy_balance.zero_balance(machine, y, h), zero, zero - 1, zero - 1)
+    dtype = np.dtype(type(h))
+    y = {n: np.asarray(v, dtype) for n, v in machine.initial_state().items()}
+    with runtime.double_precision():
+        rows = runtime.eval_shape(lambda m: energy_balance.zero_balance(m, m.initial_state(), h), machine)
+    return LoopState(y, jax.tree.map(lambda _: np.zeros((), dtype), rows), 0, -1, -1)
 
 
-@partial(jax.jit, static_argnames="samples")
-def integrate(machine: Rig, begin: LoopState, h, per_sample, samples: int) -> tuple[LoopState, SampleBlock]:
+def integrate(machine: Rig, begin: LoopState, h, per_sample: int, samples: int) -> tuple[LoopState, SampleBlock]:
     """Integrate over `samples` samples; the first is taken at `begin`, before its steps.
 
-    Another number of samples, another rig or another list of effects compiles anew; no other value does, not even the
-    step or `per_sample`.
+    Another rig or another list of effects compiles anew; no value does, not even the step or `per_sample`.
 
     Args:
-        machine: the machine.
+        machine: the machine, its numbers in the precision of `h`.
         begin: where the loop continues.
         h: step [s].
         per_sample: number of steps after each sample.
@@ -87,22 +92,51 @@ def integrate(machine: Rig, begin: LoopState, h, per_sample, samples: int) -> tu
     Returns:
         The loop state after the last step, and the samples.
     """
-    dtype = jnp.result_type(h)
+    dtype = np.dtype(type(h))
+    loop = cached_loop(TimeLoop, machine, dtype, dtype=dtype)
+    return loop.run(machine, begin, h, per_sample, samples)
 
-    def advance(_, loop: LoopState) -> LoopState:
-        t = loop.step_number.astype(dtype) * h
-        y, _, at_midstep = step_with_outputs(machine, loop.y, t, h, energy_balance.midpoint_quantities)
-        balance = energy_balance.add_step(machine, loop.balance, loop.y, y, at_midstep, t, h)
-        check = _first_failed_check(machine, y, t + h, h)
-        is_first = (check >= 0) & (loop.failed_step < 0)
-        return LoopState(
-            y, balance, loop.step_number + 1,
-            jnp.where(is_first, loop.step_number + 1, loop.failed_step),
-            jnp.where(is_first, check, loop.failed_check),
-        )  # fmt: skip
 
-    def sample(loop: LoopState, _):
-        signals = evaluate_signals(machine, loop.y, loop.step_number.astype(dtype) * h, h)
-        return jax.lax.fori_loop(0, per_sample, advance, loop), SampleBlock(signals, loop.balance)
+class TimeLoop:
+    """The compiled loop of `integrate`; `machine` counts only by its structure."""
 
-    return jax.lax.scan(sample, begin, length=samples)
+    def __init__(self, machine: Rig, dtype):
+        def advance(n, carry, lane, uniform):
+            (y, balance, failed_step, failed_check), (base, h) = carry, uniform
+            t = n * h
+            after, _, at_midstep = step_with_outputs(base, y, t, h, energy_balance.midpoint_quantities)
+            balance = energy_balance.add_step(base, balance, y, after, at_midstep, t, h)
+            check = _first_failed_check(base, after, t + h, h)
+            is_first = (check >= 0.0) & (failed_step < 0.0)
+            return (
+                after, balance, jnp.where(is_first, n + 1.0, failed_step), jnp.where(is_first, check, failed_check)
+            )  # fmt: skip
+
+        def evaluate(n, carry, lane, uniform):
+            (y, t), (base, h) = lane, uniform
+            return {n: jnp.asarray(v, dtype) for n, v in evaluate_signals(base, y, t, h).items()}
+
+        start = initial_loop_state(machine, dtype.type(1.0))
+        names = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
+        self._dtype, self._signals, given = dtype, dict.fromkeys(names, 0.0), (machine, 0.0)
+        carry, lane = (start.y, start.balance, 0.0, 0.0), (start.y, 0.0)
+        self._advance = compile_loop(
+            LoopBody(advance, dtype, carry, {}, given, key=key_of(machine, "time loop"), single_lane=True)
+        )
+        self._evaluate = compile_loop(
+            LoopBody(evaluate, dtype, self._signals, lane, given, key=key_of(machine, "signals of a run"))
+        )
+
+    def run(self, machine: Rig, begin: LoopState, h, per_sample: int, samples: int) -> tuple[LoopState, SampleBlock]:
+        """See `integrate`."""
+        first, uniform = begin.step_number, (machine, h)
+        carry = begin.y, begin.balance, begin.failed_step, begin.failed_check
+        carry = jax.tree.map(lambda leaf: np.full(1, leaf, self._dtype), carry)
+        end, kept = self._advance.run(carry, {}, uniform, first, per_sample, samples)
+        y, balance, failed_step, failed_check = jax.tree.map(lambda leaf: leaf[0], end)
+        states, balances = jax.tree.map(lambda leaf: leaf[:, 0], kept[:2])
+        time = ((first + per_sample * np.arange(samples)).astype(self._dtype)) * h
+        empty = {n: np.zeros(samples, self._dtype) for n in self._signals}
+        signals = self._evaluate(empty, (states, time), uniform, 0, 1, runtime.cores())
+        state = LoopState(y, balance, first + per_sample * samples, int(failed_step), int(failed_check))
+        return state, SampleBlock(signals, balances)

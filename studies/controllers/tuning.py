@@ -23,7 +23,7 @@ from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.machine.parameters import find_parameter, get_parameter
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.batch_trajectories import march_lanes
+from edhas_jax.simulation.batch_trajectories import simulate_batch
 
 OBJECTIVE_METRICS = ("tracking_error", "rms_current", "peak_voltage")
 VOLTAGE_SHARE = 0.9  # of the supply voltage, above which the peak voltage is penalised
@@ -164,7 +164,7 @@ def _step_terms(task: TuningTask, names, x: np.ndarray, derive: bool) -> tuple[n
         count = len(columns[names[0]])
         seeds = {n: np.tile(np.arange(tangents) == i, count) * lanes[n] for i, n in enumerate(names)}
     signals = ("reference", "piston_position")
-    traces = march_lanes(
+    traces = simulate_batch(
         task.step_machine, lanes, seeds, STEP_RUN_STEP, STEPS_PER_SAMPLE, STEP_RUN_SAMPLES, signals
     )
     error = traces.values["piston_position"] - traces.values["reference"]

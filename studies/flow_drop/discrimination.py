@@ -20,7 +20,7 @@ from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenb
 from edhas_jax.diagnosis.search.candidates import limit_to_prior_bound
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.measurements.unknown_parameters import relative_unknown
-from edhas_jax.simulation.batch_trajectories import march_lanes
+from edhas_jax.simulation.batch_trajectories import simulate_batch
 from studies.flow_drop.causes import SizedCause
 from studies.paper.readings import RUN_IN, STEP
 
@@ -100,7 +100,7 @@ def _cycle(machine: PumpBench, columns, seeds, run: Run) -> tuple[dict, dict | N
     conditions = {n: np.full(len(next(iter(columns.values()))), v) for n, v in run._asdict().items()}
     length = (math.ceil(RUN_IN * run.frequency) + 1) * samples
     watch = ("outlet_flow", *SENSOR_NOISE)
-    found = march_lanes(machine, columns | conditions, seeds, interval / per_sample, per_sample, length, watch)
+    found = simulate_batch(machine, columns | conditions, seeds, interval / per_sample, per_sample, length, watch)
     return tuple(part and _readings({n: v[-samples:] for n, v in part.items()}) for part in found)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from edhas_jax.machine.parameters import get_parameter, list_parameters
 from edhas_jax.machine.rigs import ActuatorSystem, PumpBench
-from edhas_jax.simulation.batch_trajectories import march_lanes
+from edhas_jax.simulation.batch_trajectories import simulate_batch
 from edhas_jax.simulation.metrics import SETTLING_BAND
 
 Table = Mapping[str, np.ndarray]
@@ -34,7 +34,7 @@ def settled_cycle(machine: PumpBench, table: Table, frequency: float, seeds: Tab
     count = len(next(iter(table.values())))
     values = {n: np.asarray(v, float) for n, v in table.items()} | {"frequency": np.full(count, float(frequency))}
     length = (cycles + 1) * SAMPLES
-    found = march_lanes(machine, values, seeds, interval / per_sample, per_sample, length, BENCH_SIGNALS)
+    found = simulate_batch(machine, values, seeds, interval / per_sample, per_sample, length, BENCH_SIGNALS)
     return tuple(part and {n: v[-SAMPLES:] for n, v in part.items()} for part in found)
 
 
@@ -107,7 +107,7 @@ def step_figures(machine: ActuatorSystem, table: Table, band: float = SETTLING_B
     per_sample = math.ceil(1.0 / (STEP_RATE * STEP) - 1e-9)
     samples = int(STEP_TIME * STEP_RATE) + 1
     watch = ("cylinder_position", "target")
-    found = march_lanes(machine, table, None, 1.0 / (STEP_RATE * per_sample), per_sample, samples, watch).values
+    found = simulate_batch(machine, table, None, 1.0 / (STEP_RATE * per_sample), per_sample, samples, watch).values
     position, target = found["cylinder_position"].T, found["target"][-1]
     return {
         "response": np.array([settling_time(x, end, band) for x, end in zip(position, target, strict=True)]),

@@ -7,7 +7,8 @@ import pytest
 
 from edhas_jax.compiler.jaxpr_to_ir import Untranslatable
 from edhas_jax.compiler.llvm_ops import Processor
-from edhas_jax.compiler.native_loop import Loop
+from edhas_jax.compiler.loop_engine import LoopBody
+from edhas_jax.compiler.native_loop import NativeLoop
 
 EPS = {"float32": 2.0**-23, "float64": 2.0**-52}
 BOTH_SIGNS = np.concatenate([-np.logspace(3, -8, 500), [0.0], np.logspace(-8, 3, 500)])
@@ -41,7 +42,8 @@ FUNCTIONS = {
 
 def evaluate(f, x, dtype):
     """f(x) by a loop of one step."""
-    loop = Loop(lambda n, carry, lane, uniform: {"y": f(lane["x"])}, dtype, {"y": 0.0}, {"x": 0.0}, ())
+    body = LoopBody(lambda n, carry, lane, uniform: {"y": f(lane["x"])}, dtype, {"y": 0.0}, {"x": 0.0}, ())
+    loop = NativeLoop(body)
     return loop({"y": np.zeros(len(x))}, {"x": x}, (), 0, 1)["y"]
 
 

@@ -5,11 +5,10 @@ import pandas as pd
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.design.gradient.fixed_point import GradientSettings, periodic
+from edhas_jax.compiler.engines import ENGINES, VARIABLE
+from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.forward import forward
-from edhas_jax.design.gradient.forward_blocks import forward_blocks
 from edhas_jax.design.gradient.reverse import reverse
-from edhas_jax.design.gradient.reverse_blocks import reverse_blocks
 from edhas_jax.design.gradient.table import GradientError, Mode, gradient
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage
 from tests.support.reference import DATA
@@ -60,26 +59,26 @@ def table(machine, names, count=3):
 
 
 @pytest.mark.parametrize("designs", [3, 9])
-def test_forward_equals_reverse_equals_those_under_xla(designs):
-    """From the same periodic state, with as many terms: to rounding; a direction a lane, and several in two groups."""
+def test_forward_equals_reverse_on_every_engine(designs, monkeypatch):
+    """With as many terms: to rounding; one tangent per lane, and several in two groups."""
     names = ["frequency", "amplitude", "coil_resistance", "mover_mass", "coulomb_friction", "position_gain",
              "force_constant", "coil_inductance", "mover_damping"]  # fmt: skip
     metrics = ["mean_electrical_power", "peak_current", "tracking_error", "phase_lag"]
     columns, settings = table(ACTUATOR, names, designs), GradientSettings(128, 0.0, 3)
-    ahead, lanes = forward(ACTUATOR, columns, names, metrics, settings), periodic(ACTUATOR, columns, settings)
-    others = (
-        reverse(ACTUATOR, columns, names, metrics, settings),
-        reverse_blocks(ACTUATOR, columns, lanes, names, metrics, settings),
-        forward_blocks(ACTUATOR, columns, lanes, names, metrics, settings),
-    )
+    found = []
+    for engine in (e for e in ENGINES if not e.unavailable()):
+        monkeypatch.setenv(VARIABLE, engine.name)
+        found += [mode(ACTUATOR, columns, names, metrics, settings) for mode in (forward, reverse)]
+    first, *others = found
     sizes = np.stack([columns[n] for n in names], axis=1)
     for other in others:
         for m in metrics:
-            np.testing.assert_allclose(other.values[m], ahead.values[m], rtol=1e-9)
-            scale = sizes / ahead.values[m][:, None]
-            np.testing.assert_allclose(other.slopes[m] * scale, ahead.slopes[m] * scale, rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(other.values[m], first.values[m], rtol=1e-9)
+            scale = sizes / first.values[m][:, None]
+            np.testing.assert_allclose(other.slopes[m] * scale, first.slopes[m] * scale, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.usefixtures("engine")
 def test_derivatives_are_those_of_the_metrics():
     """Central differences of the actuator, which has no valves and no events that jump."""
     names, metrics = ["amplitude", "coil_resistance", "frequency"], ["rms_current", "amplitude_ratio", "phase_lag"]
@@ -97,6 +96,7 @@ def test_derivatives_are_those_of_the_metrics():
         assert row.derivative == pytest.approx(slope, rel=1e-4, abs=1e-8 * abs(row.value / row.parameter_value))
 
 
+@pytest.mark.usefixtures("engine")
 def test_units_and_points_are_told():
     got = gradient(ACTUATOR, ["rms_current"], ["coil_resistance", "reference.frequency"],
                    {"amplitude": ["2 mm", 3e-3]}, GradientSettings(128, 1e-2, 5))  # fmt: skip
@@ -105,6 +105,7 @@ def test_units_and_points_are_told():
     assert got.elasticities(1).shape == (2, 1)
 
 
+@pytest.mark.usefixtures("engine")
 def test_what_has_no_derivative_says_so():
     quick = GradientSettings(256, 1e-2, 5)
     stalled = gradient(edhas.change(ACTUATOR, supply_voltage="0.5 V"), ["rms_current"], ["mover_mass"], settings=quick)

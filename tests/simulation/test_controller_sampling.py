@@ -151,7 +151,7 @@ def test_every_engine_gives_the_same_result(monkeypatch):
     table = {"position_gain": np.array([5e3, 1e4, 2e4]), "sample_time": np.array([1e-4, 2e-4, 3.3e-4])}
     settings = BatchSettings(step=5e-5, tolerance=1e-3, max_cycles=4)
     native = run_designs(machine, table, settings)
-    traces = batch_trajectories.march_lanes(machine, table, None, H, 10, 60, ("piston_position",))
+    traces = batch_trajectories.simulate_batch(machine, table, None, H, 10, 60, ("piston_position",))
     monkeypatch.setenv("EDHAS_ENGINE", "xla")
     xla = run_designs(machine, table, settings)
     for name in ("tracking_error", "rms_current", "mean_electrical_power"):

@@ -7,7 +7,7 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
-from edhas_jax.simulation.batch_trajectories import march_lanes
+from edhas_jax.simulation.batch_trajectories import simulate_batch
 from studies.controllers import comparison as study
 from studies.controllers import tuning
 from tests.support.headline import headline
@@ -31,7 +31,7 @@ def test_the_errors_are_those_of_plain_runs_with_the_tuned_gains(findings):
     machine = edhas.change(machine, **findings.tuned[key].gains, frequency=30.0)
     changes = study.CONDITIONS["mass and friction"]
     values = {n: np.array([float(edhas.get(machine, n)), v]) for n, v in changes.items()}
-    signals = march_lanes(machine, values, None, 1.0 / 96000, 32, 1000, ("piston_position", "reference")).values
+    signals = simulate_batch(machine, values, None, 1.0 / 96000, 32, 1000, ("piston_position", "reference")).values
     difference = (signals["piston_position"] - signals["reference"])[-100:]
     rows = [list(study.CONDITIONS).index(condition) for condition in ("nominal", "mass and friction")]
     expected = np.sqrt(np.mean(difference**2, axis=0))

@@ -1,4 +1,4 @@
-"""Many designs of one machine: each to its periodic state, metrics reduced inside the time loop."""
+"""Batches: many designs of one machine, each run to its periodic state, with metrics computed in the time loop."""
 
 import dataclasses
 import math
@@ -7,26 +7,33 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 
-from edhas_jax.design.batch.cycle import REASONS, Lanes, Status, changed
-from edhas_jax.design.batch.cycles import CHUNK, run_cycles, told
+from edhas_jax.core import runtime
+from edhas_jax.design.batch.cycle_metrics import REASONS, Status, cycle_change
+from edhas_jax.design.batch.periodic_solver import LONG_TABLE, BatchState, metrics_with_status, run_to_periodic
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
 from edhas_jax.simulation.integrator import DEFAULT_STEP
 from edhas_jax.simulation.run import Precision
 
-SLOW = 8  # cycles beyond which the step is looked at, by so many MORE with a longer one
-MORE = 2
-HANGS = 0.01  # change of flow, power or stroke with the step above which a design is flagged
+SLOW_CYCLES = 8  # a design that takes more is checked for its sensitivity to the step
+CHECK_CYCLES = 2  # run with the longer step of that check
+STEP_SENSITIVITY = 0.01  # relative change with the step above which a design is flagged
 
 
 @dataclasses.dataclass(frozen=True)
 class BatchSettings:
     """How a batch is run.
 
-    `step` [s] is the largest time step: each design takes equal steps per cycle, as many as keep below it. A design is
-    periodic when flow, electrical power and stroke change by less than `tolerance` from one cycle to the next, twice in
-    a row; one that takes more than eight cycles is flagged if they hang on the step by more than 1 %. With `soft_start`
-    the first cycle is a ramp, whatever ramp the machine has; without it the set point starts at once.
+    A design is periodic when flow, electrical power and stroke change by less than `tolerance` from one cycle to the
+    next, twice in a row. One that takes more than eight cycles is flagged if results change by more than 1 % with a √2
+    longer step.
+
+    Attributes:
+        step: largest time step [s]; each design takes equal steps per cycle, as many as keep below it.
+        tolerance: relative change from cycle to cycle below which a design is periodic.
+        max_cycles: most cycles of a design.
+        soft_start: whether the first cycle is a ramp, whatever ramp the machine has; else the set point starts at once.
+        precision: of all numbers.
     """
 
     step: float = DEFAULT_STEP
@@ -69,7 +76,7 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     chunks = []
     for n in np.unique(steps):
         rows = np.flatnonzero(steps == n)
-        chunks += [Chunk(rows[i : i + CHUNK], int(n)) for i in range(0, len(rows), CHUNK)]
+        chunks += [Chunk(rows[i : i + LONG_TABLE], int(n)) for i in range(0, len(rows), LONG_TABLE)]
     return chunks
 
 
@@ -89,30 +96,30 @@ def run_chunk(
     dtype = np.dtype(settings.precision.value)
     base = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
     columns = {n: np.asarray(v)[chunk.rows].astype(dtype) for n, v in values.items()}
-    how = dtype.type(settings.tolerance), settings.max_cycles, settings.soft_start
-    lanes = run_cycles(base, columns, chunk.steps_per_cycle, *how)
-    out = told(base, columns, lanes.kept, lanes.done) | {"cycles": lanes.cycles}
+    options = dtype.type(settings.tolerance), settings.max_cycles, settings.soft_start
+    state = run_to_periodic(base, columns, chunk.steps_per_cycle, *options)
+    out = metrics_with_status(base, columns, state.metrics, state.done) | {"cycles": state.cycles}
     out = {n: np.asarray(v, float) for n, v in out.items()}
-    slow = np.flatnonzero((out["cycles"] > SLOW) & (out["status"] == Status.OK))
+    slow = np.flatnonzero((out["cycles"] > SLOW_CYCLES) & (out["status"] == Status.OK))
     if len(slow):
-        here, columns = jax.tree.map(lambda leaf: leaf[slow], (lanes, columns))
-        hangs = _step_matters(base, columns, here, chunk.steps_per_cycle, dtype)
-        out["status"][slow[hangs]] = Status.STEP_TOO_LARGE
+        state, columns = jax.tree.map(lambda leaf: leaf[slow], (state, columns))
+        sensitive = _step_sensitive(base, columns, state, chunk.steps_per_cycle, dtype)
+        out["status"][slow[sensitive]] = Status.STEP_TOO_LARGE
     return out
 
 
-def _step_matters(base: Rig, columns: dict[str, np.ndarray], lanes: Lanes, steps: int, dtype) -> np.ndarray:
-    """Which of some designs change by more than `HANGS` when they go on with a step √2 times as long.
+def _step_sensitive(base: Rig, columns: dict[str, np.ndarray], state: BatchState, steps: int, dtype) -> np.ndarray:
+    """Which designs (designs,) change by more than `STEP_SENSITIVITY` when they go on with a √2 longer step.
 
     Designs that take long to become periodic are near to losing their period, where the step matters most.
     """
     coarser = int(round(steps / math.sqrt(2.0)))
     # a tolerance below zero: none of these cycles is the last one
-    after = run_cycles(base, columns, coarser, dtype.type(-1.0), MORE, False, lanes)
-    return ~(np.asarray(_changed(after.kept, lanes.kept)) <= HANGS)
+    after = run_to_periodic(base, columns, coarser, dtype.type(-1.0), CHECK_CYCLES, False, state)
+    return ~(np.asarray(_change_of(after.metrics, state.metrics)) <= STEP_SENSITIVITY)
 
 
-_changed = jax.jit(changed)
+_change_of = runtime.jit(cycle_change)
 
 
 def run_designs(

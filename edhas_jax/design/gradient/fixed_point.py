@@ -1,12 +1,12 @@
-"""What forward and reverse mode have in common: settings, the periodic state they begin with, what comes out.
+"""Derivatives of the periodic state as a fixed point: what forward and reverse mode have in common.
 
 A derivative is that of the periodic state. With Φ the derivative of the state after a cycle by that before it, B that
 by the parameters, and m and p those of a metric by state and parameters,
 
     d(metric)/d(parameters) = p + m (1 + Φ + Φ² + …) B
 
-Designs first run without derivatives until they are periodic. Then the same cycle is gone through again and again, in
-forward mode with the sum times B, in reverse mode back with m times the sum, until no further term counts.
+Designs first run without derivatives until they are periodic. Then the same cycle is run repeatedly: in forward mode it
+carries the partial sum times B, in reverse mode m times the partial sum, until the next term is below the tolerance.
 
 Source: Griewank & Walther, Evaluating Derivatives, 2008, chapter 15, on the derivatives of a fixed point.
 """
@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.design.batch.cycle import Lanes
-from edhas_jax.design.batch.cycles import run_cycles, told
+from edhas_jax.design.batch.periodic_solver import BatchState, metrics_with_status, run_to_periodic
 from edhas_jax.machine.rigs import Rig
 
 
@@ -26,11 +25,14 @@ from edhas_jax.machine.rigs import Rig
 class GradientSettings:
     """How derivatives are computed.
 
-    Every design takes `steps_per_cycle` equal steps per cycle, whatever its frequency: then the frequency scales the
-    step, and its derivative is exact as well. The error of a derivative falls with the first power of the step
-    (docs/gradients.md). Designs run until flow, power and stroke have changed by less than `tolerance` over two cycles
-    in a row; terms are added until they change no elasticity by more than `tolerance` (of 1 or of itself, whichever is
-    larger). Neither takes more than `max_cycles`.
+    Every design takes equally many steps per cycle, whatever its frequency: then the frequency scales the step, and its
+    derivative is exact as well. The error of a derivative falls with the first power of the step (docs/gradients.md).
+
+    Attributes:
+        steps_per_cycle: time steps in a cycle.
+        tolerance: relative change of flow, power and stroke over two cycles in a row below which a design is periodic;
+            and change of an elasticity (of 1 or of itself, whichever is larger) below which terms are no longer added.
+        max_cycles: most cycles of a design, and most terms.
     """
 
     steps_per_cycle: int = 16384
@@ -41,8 +43,12 @@ class GradientSettings:
 class Derivatives(NamedTuple):
     """Metrics of designs and their derivatives, all in SI.
 
-    `values` and `slopes` by metric: (designs,) and (designs, parameters); `status` (designs,) as in a batch. `cycles`
-    (designs,) were run until each was periodic, `terms` is how often the last was gone through with derivatives.
+    Attributes:
+        values: metrics by name, (designs,).
+        slopes: derivatives by metric, (designs, parameters).
+        status: (designs,) as in a batch.
+        cycles: (designs,) run until each was periodic.
+        terms: terms of the series.
     """
 
     values: dict[str, np.ndarray]
@@ -52,33 +58,27 @@ class Derivatives(NamedTuple):
     terms: int
 
 
-def periodic(machine: Rig, columns: Mapping[str, np.ndarray], settings: GradientSettings) -> Lanes:
-    """The designs of `columns` (SI) after as many cycles as each takes to become periodic."""
-    how = settings.steps_per_cycle, np.asarray(settings.tolerance), settings.max_cycles, True
-    return run_cycles(machine, columns, *how)
+def periodic_state(machine: Rig, columns: Mapping[str, np.ndarray], settings: GradientSettings) -> BatchState:
+    """The designs of `columns` (SI), each run to its periodic state."""
+    options = settings.steps_per_cycle, np.asarray(settings.tolerance), settings.max_cycles, True
+    return run_to_periodic(machine, columns, *options)
 
 
-def status(machine: Rig, columns: Mapping[str, np.ndarray], lanes: Lanes, settings, still) -> np.ndarray:
-    """What became of each design, as in a batch; those whose derivatives are not `still` are not periodic."""
-    steady = (lanes.kept["residual"] <= settings.tolerance) & still
-    return np.asarray(told(machine, columns, lanes.kept, steady)["status"], float)
+def status_of(machine: Rig, columns: Mapping[str, np.ndarray], state: BatchState, settings, converged) -> np.ndarray:
+    """The status (designs,) as in a batch; designs whose derivatives have not `converged` count as not periodic."""
+    steady = (state.metrics["residual"] <= settings.tolerance) & converged
+    return np.asarray(metrics_with_status(machine, columns, state.metrics, steady)["status"], float)
 
 
-def filled(columns: dict[str, np.ndarray], lanes: int) -> list[tuple[np.ndarray, dict[str, np.ndarray]]]:
-    """Blocks of exactly `lanes` designs: their rows, and their columns, the last block filled up with repetitions."""
-    count = len(next(iter(columns.values())))
-    blocks = []
-    for first in range(0, count, lanes):
-        rows = np.arange(first, min(first + lanes, count))
-        blocks.append((rows, {n: np.resize(column[rows], lanes) for n, column in columns.items()}))
-    return blocks
+def series_converged(values, slopes, terms, scales, tolerance: float) -> np.ndarray:
+    """True where the last term of the series is below the tolerance for every metric, or a slope is not finite.
 
-
-def settled(values, slopes, terms, scales, tolerance: float) -> np.ndarray:
-    """Whether the last `terms` of the slopes no longer count, lane by lane, for all metrics; so where no term can help.
-
-    Those are lanes with a slope that is not finite. `values`, `slopes` and `terms` by metric; `scales`: the size of the
-    parameter of each lane. All have the shape of `scales`, or are broadcast to it.
+    Args:
+        values: metrics by name. All arrays have the shape of `scales` or are broadcast to it.
+        slopes: derivatives of the metrics, summed up to the last term.
+        terms: that last term.
+        scales: size of the parameter of each lane.
+        tolerance: change of an elasticity, of 1 or of itself, whichever is larger.
     """
     still = np.ones(np.shape(scales), bool)
     for name, value in values.items():

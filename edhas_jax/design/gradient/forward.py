@@ -1,7 +1,7 @@
-"""Forward mode: a lane is a design that carries its tangents by some parameters through the periodic cycle.
+"""Forward mode: tangents by some parameters are carried through the periodic cycle together with the state.
 
-The tangents of one design share most of their work. Where there are fewer designs than lanes in a vector, each pair of
-a design and a parameter is a lane of its own instead.
+The tangents of one design share most of their work, so a lane is a design with several of them. Where there are fewer
+designs than lanes in a vector, each pair of a design and a parameter is a lane of its own instead.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,18 +10,24 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from edhas_jax.compiler.engines import compile_loop
+from edhas_jax.compiler.loop_engine import LoopBody
 from edhas_jax.compiler.multi_jvp import multi_jvp
-from edhas_jax.compiler.native_loop import Loop
 from edhas_jax.core import runtime
-from edhas_jax.design.batch.cycle import cycle_step, empty_sums, measured
-from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings, periodic, settled, status
-from edhas_jax.design.gradient.forward_blocks import forward_blocks
+from edhas_jax.design.batch.cycle_metrics import cycle_metrics, cycle_step, empty_sums
+from edhas_jax.design.gradient.fixed_point import (
+    Derivatives,
+    GradientSettings,
+    periodic_state,
+    series_converged,
+    status_of,
+)
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.native_loop_cache import loop_of
+from edhas_jax.simulation.loop_cache import cached_loop
 
-TOGETHER = 8  # tangents of a design: more no longer fit the caches
-ENOUGH = 8  # designs that fill the lanes of a vector
+MOST_TANGENTS = 8  # of a lane: more no longer fit the caches
+DESIGNS_OF_A_VECTOR = 8  # fewer designs do not fill the lanes of a vector
 
 
 def forward(
@@ -32,100 +38,100 @@ def forward(
     settings: GradientSettings,
     on_cycle: Callable[[float], None] | None = None,
 ) -> Derivatives:
-    """Metrics of designs and their derivatives by the parameters `names`, all of which are among the `columns` (SI).
+    """Metrics of designs and their derivatives, in forward mode.
 
-    `on_cycle(share)` is called with the share of the work that is done.
+    Args:
+        machine: what the designs have in common.
+        columns: parameters that differ, by name in SI, each (designs,).
+        names: the parameters to differentiate by, all among the columns.
+        metrics: the metrics to differentiate.
+        settings: steps and tolerances.
+        on_cycle: called with the share of the work that is done.
     """
     columns = {n: np.asarray(column, float) for n, column in columns.items()}
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
     count = len(next(iter(columns.values())))
-    lanes = periodic(base, columns, settings)
-    groups = _groups(names) if count >= ENOUGH else None
-    loops = [loop_of(TangentLoop, base, tuple(columns), group) for group in groups or [None]]
-    if None in loops:
-        return forward_blocks(base, columns, lanes, names, metrics, settings, on_cycle)
+    state = periodic_state(base, columns, settings)
+    groups = _groups(names) if count >= DESIGNS_OF_A_VECTOR else [None]
+    loops = [cached_loop(TangentLoop, base, tuple(columns), group) for group in groups]
     found = []
-    for k, loop in enumerate(loops):
+    for k, (loop, group) in enumerate(zip(loops, groups, strict=True)):
 
         def report(share, k=k):
             if on_cycle is not None:
                 on_cycle((k + share) / len(loops))
 
-        group = groups[k] if groups else names
-        found.append(loop.run(base, columns, lanes.y, group, metrics, settings, report))
-    still = np.all([part.still for part in found], axis=0)
+        found.append(loop.run(base, columns, state.y, group or names, metrics, settings, report))
+    converged = np.all([part.converged for part in found], axis=0)
     return Derivatives(
         found[0].values, {n: np.concatenate([part.slopes[n] for part in found], axis=1) for n in metrics},
-        status(base, columns, lanes, settings, still), lanes.cycles, max(part.terms for part in found),
+        status_of(base, columns, state, settings, converged), state.cycles, max(part.terms for part in found),
     )  # fmt: skip
 
 
 def _groups(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """The parameters in as few groups of at most TOGETHER as possible, nearly equal in size."""
-    return [tuple(part) for part in np.array_split(np.array(names, object), -(-len(names) // TOGETHER))]
+    """The parameters in as few groups of at most `MOST_TANGENTS` as possible, nearly equal in size."""
+    return [tuple(part) for part in np.array_split(np.array(names, object), -(-len(names) // MOST_TANGENTS))]
 
 
 class Tangents(NamedTuple):
-    """Of designs and a group of parameters: metrics (designs,), slopes (designs, parameters); whether they settled."""
+    """Metrics (designs,), their slopes by a group of parameters (designs, parameters), and convergence (designs,)."""
 
     values: dict[str, np.ndarray]
     slopes: dict[str, np.ndarray]
-    still: np.ndarray
+    converged: np.ndarray
     terms: int
 
 
 class TangentLoop:
-    """A cycle of many designs with tangents, as machine code.
+    """A cycle of many designs with tangents.
 
     With a `group` every lane is a design and has a tangent by each of its parameters; without, every lane is a pair of
     a design and a parameter and has one tangent.
-
-    Raises:
-        Untranslatable: the machine uses an operation that has no machine code here.
     """
 
     def __init__(self, machine: Rig, varied: Sequence[str], group: tuple[str, ...] | None):
-        self._group, self._each = group, range(len(group) if group else 1)
+        self._group, self._tangents = group, range(len(group) if group else 1)
 
-        def body(n, carry, lane, uniform):
-            (state, moved), (values, seeds), (base, steps) = carry, lane, uniform
+        def advance(n, carry, lane, uniform):
+            (state, tangents), (values, seeds), (base, steps) = carry, lane, uniform
 
             def step(values, state):
                 return cycle_step(set_parameters(base, values), *state, n, steps, False)
 
-            along = [{n: float(n == name) for n in values} for name in group] if group else [seeds]
-            state, moved = multi_jvp(
-                step, (values, state), [(seed, _one(moved, k)) for k, seed in enumerate(along)]
+            directions = [{n: float(n == name) for n in values} for name in group] if group else [seeds]
+            state, tangents = multi_jvp(
+                step, (values, state), [(seed, _tangent(tangents, k)) for k, seed in enumerate(directions)]
             )  # fmt: skip
-            return state, _together(moved)
+            return state, _interleaved(tangents)
 
         self._sums = {n: np.asarray(v, float) for n, v in empty_sums(machine, float).items()}
         state = dict.fromkeys(machine.initial_state(), 0.0), dict.fromkeys(self._sums, 0.0)
-        moved = _together([state for _ in self._each])
+        tangents = _interleaved([state for _ in self._tangents])
         lane = dict.fromkeys(varied, 0.0), {} if group else dict.fromkeys(varied, 0.0)
         # one vector of so many tangents fills the nearest cache
-        how = {"vectors": 1, "tangents": (_filled(state, False), _filled(moved, True))} if group else {}
-        self._loop = Loop(body, float, (state, moved), lane, (machine, 0.0), runtime.cache_folder(), **how)
+        options = {"vectors": 1, "tangents": (_filled(state, False), _filled(tangents, True))} if group else {}
+        self._loop = compile_loop(LoopBody(advance, float, (state, tangents), lane, (machine, 0.0), **options))
 
     def run(self, machine: Rig, columns, y, names, metrics, settings: GradientSettings, on_cycle) -> Tangents:
         """The derivatives by the parameters `names`, from the periodic states `y` of the designs of `columns`."""
-        count, each = len(next(iter(columns.values()))), len(self._each)
-        scales = np.abs(np.stack([columns[n] for n in names], axis=1)).reshape(-1, each)
+        count, width = len(next(iter(columns.values()))), len(self._tangents)
+        scales = np.abs(np.stack([columns[n] for n in names], axis=1)).reshape(-1, width)
         pairs = len(scales) // count
         values, y = ({n: np.repeat(v, pairs) for n, v in table.items()} for table in (columns, y))
         # the direction of each tangent, (lanes, tangents) for each parameter
-        seeds = {n: np.tile([float(n == other) for other in names], count).reshape(-1, each) for n in columns}
-        done, moved_y = np.zeros(len(scales), bool), {n: np.zeros(scales.shape) for n in y}
+        seeds = {n: np.tile([float(n == other) for other in names], count).reshape(-1, width) for n in columns}
+        done, tangents_y = np.zeros(len(scales), bool), {n: np.zeros(scales.shape) for n in y}
         kept = {n: np.full(len(scales), np.nan) for n in metrics}
         slopes = {n: np.full(scales.shape, np.nan) for n in metrics}
         for number in range(settings.max_cycles):
             rows = np.flatnonzero(~done)
-            here = (_at(table, rows) for table in (values, seeds, y, moved_y))
-            new, slope, moved = self._cycle(machine, *here, settings.steps_per_cycle)
+            tables = (_rows_of(table, rows) for table in (values, seeds, y, tangents_y))
+            new, slope, moved = self._cycle(machine, *tables, settings.steps_per_cycle)
             new, slope = ({n: table[n] for n in metrics} for table in (new, slope))
             terms, wide = {n: slope[n] - slopes[n][rows] for n in metrics}, {n: new[n][:, None] for n in metrics}
-            done[rows] = settled(wide, slope, terms, scales[rows], settings.tolerance).all(axis=1)
-            for table, part in ((kept, new), (slopes, slope), (moved_y, moved)):
+            done[rows] = series_converged(wide, slope, terms, scales[rows], settings.tolerance).all(axis=1)
+            for table, part in ((kept, new), (slopes, slope), (tangents_y, moved)):
                 for n, column in part.items():
                     table[n][rows] = column
             on_cycle(1.0 if done.all() else (number + 1) / settings.max_cycles)
@@ -136,29 +142,30 @@ class TangentLoop:
             done.reshape(count, pairs).all(axis=1), number + 1,
         )  # fmt: skip
 
-    def _cycle(self, machine: Rig, values, seeds, y, moved_y, steps: int):
+    def _cycle(self, machine: Rig, values, seeds, y, tangents_y, steps: int):
         """The metrics after a cycle (lanes,), and the tangents of metrics and states (lanes, tangents)."""
-        count, each = next(iter(moved_y.values())).shape
+        count, width = next(iter(tangents_y.values())).shape
         sums = {n: np.full(count, v) for n, v in self._sums.items()}
-        moved = moved_y, {n: np.zeros((count, each)) for n in self._sums}
+        tangents = tangents_y, {n: np.zeros((count, width)) for n in self._sums}
         lane = values, {} if self._group else {n: table[:, 0] for n, table in seeds.items()}
-        begin = (y, sums), jax.tree.map(lambda table: [table[:, k] for k in self._each], moved)
-        (_, sums), moved = self._loop(begin, lane, (machine, float(steps)), 0, steps, runtime.cores())
-        moved = jax.tree.map(lambda table: np.stack(table, axis=1), moved, is_leaf=_several)
-        return *jax.device_get(_measured(machine, values, seeds, sums, moved[1], 1.0 / steps)), moved[0]
+        begin = (y, sums), jax.tree.map(lambda table: [table[:, k] for k in self._tangents], tangents)
+        (_, sums), tangents = self._loop(begin, lane, (machine, float(steps)), 0, steps, runtime.cores())
+        tangents = jax.tree.map(lambda table: np.stack(table, axis=1), tangents, is_leaf=_is_list)
+        found = jax.device_get(_metric_tangents(machine, values, seeds, sums, tangents[1], 1.0 / steps))
+        return *found, tangents[0]
 
 
-def _several(leaf) -> bool:
+def _is_list(leaf) -> bool:
     return isinstance(leaf, list)
 
 
-def _one(tree, k: int):
-    """Of a pytree of lists the k-th of each."""
-    return jax.tree.map(lambda several: several[k], tree, is_leaf=_several)
+def _tangent(tree, k: int):
+    """Of a pytree of lists the k-th entry of each."""
+    return jax.tree.map(lambda several: several[k], tree, is_leaf=_is_list)
 
 
-def _together(trees: list):
-    """One pytree of lists from a list of pytrees: what belongs to one variable lies side by side."""
+def _interleaved(trees: list):
+    """One pytree of lists from a list of pytrees: the tangents of one variable lie side by side."""
     return jax.tree.map(lambda *leaves: list(leaves), *trees)
 
 
@@ -166,19 +173,19 @@ def _filled(tree, value: bool):
     return jax.tree.map(lambda _: value, tree)
 
 
-def _at(columns: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
+def _rows_of(columns: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
     return {n: column[rows] for n, column in columns.items()}
 
 
-@jax.jit
-def _measured(machine, values, seeds, sums, moved, share):
+@runtime.jit
+def _metric_tangents(machine, values, seeds, sums, tangents, share):
     """The metrics of a cycle (lanes,) and their tangents (lanes, directions)."""
 
-    def one(values, seeds, sums, moved):
+    def one(values, seeds, sums, tangents):
         def metrics(values, sums):
-            return measured(set_parameters(machine, values), sums, share)
+            return cycle_metrics(set_parameters(machine, values), sums, share)
 
-        out, along = jax.linearize(metrics, values, sums)
-        return out, jax.vmap(along)(seeds, moved)
+        out, linear = jax.linearize(metrics, values, sums)
+        return out, jax.vmap(linear)(seeds, tangents)
 
-    return jax.vmap(one)(values, seeds, sums, moved)
+    return jax.vmap(one)(values, seeds, sums, tangents)

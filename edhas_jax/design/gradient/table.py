@@ -5,13 +5,13 @@ import enum
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 import pandas as pd
 
+from edhas_jax.core import runtime
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError
-from edhas_jax.design.batch.cycle import REASONS, Status, empty_sums, measured
+from edhas_jax.design.batch.cycle_metrics import REASONS, Status, cycle_metrics, empty_sums
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings
 from edhas_jax.design.gradient.forward import forward
@@ -118,7 +118,7 @@ def plan(machine: Rig, metrics, parameters, points) -> tuple[list[str], list[str
 
 def metrics_of(machine: Rig) -> list[str]:
     """The metrics of a machine in its periodic state."""
-    shapes = jax.eval_shape(lambda m: measured(m, empty_sums(m, float), 1.0), machine)
+    shapes = runtime.eval_shape(lambda m, sums: cycle_metrics(m, sums, 1.0), machine, empty_sums(machine, float))
     return [n for n in METRICS if n in shapes]
 
 

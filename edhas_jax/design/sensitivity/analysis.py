@@ -8,7 +8,7 @@ import pandas as pd
 
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.design.batch.batch import run_designs
-from edhas_jax.design.batch.cycle import Status
+from edhas_jax.design.batch.cycle_metrics import Status
 from edhas_jax.design.batch.experiment_design import designs_at
 from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.table import gradient

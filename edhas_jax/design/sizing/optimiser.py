@@ -11,6 +11,7 @@ import optax
 import pandas as pd
 from scipy.optimize import minimize
 
+from edhas_jax.core import runtime
 from edhas_jax.design.sizing.problem import DesignEvaluation, SizingProblem
 
 INITIAL_STEP, FINAL_STEP = 0.06, 0.004  # learning rates of Adam, as shares of the range of a variable
@@ -75,7 +76,7 @@ def augmented_lagrangian_descent(
     z = np.clip(starts, 0.0, 1.0)
     schedule = optax.cosine_decay_schedule(INITIAL_STEP, iterations, FINAL_STEP / INITIAL_STEP)
     adam = optax.adam(schedule)
-    state, update = adam.init(z), jax.jit(adam.update)
+    state, update = runtime.jit(adam.init)(z), runtime.jit(adam.update)
     multipliers = None
     best = SearchResult(z.copy(), np.full(len(z), -np.inf), np.full(len(z), np.inf), pd.DataFrame())
     last_valid, rows = np.full_like(z, np.nan), []

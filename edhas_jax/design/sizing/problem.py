@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from edhas_jax.design.batch.cycle import Status
+from edhas_jax.design.batch.cycle_metrics import Status
 from edhas_jax.design.batch.experiment_design import designs_at
 from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.forward import forward

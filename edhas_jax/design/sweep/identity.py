@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import hashlib
+import importlib.metadata
 import json
 import os
 import sys
@@ -12,10 +13,10 @@ from typing import Any
 
 import jax
 import jaxlib
-import llvmlite
 import numpy as np
 
 import edhas_jax
+from edhas_jax.compiler.engines import serving_engine
 from edhas_jax.config.writer import config_kind, dump_config
 from edhas_jax.core import runtime
 from edhas_jax.core.units import format_quantity
@@ -60,7 +61,6 @@ def machine_text(sweep: Sweep) -> str:
     return dump_config(sweep.machine, Simulation(precision=sweep.settings.precision))
 
 
-@functools.cache
 def versions() -> dict[str, str]:
     """The versions that determine the results, with a hash of the model's own code."""
     return {
@@ -68,16 +68,24 @@ def versions() -> dict[str, str]:
         "model code": runtime.code_hash(MODEL_PACKAGES)[:12],
         "jax": jax.__version__,
         "jaxlib": jaxlib.__version__,
-        "llvmlite": llvmlite.__version__,
+        "llvmlite": _installed_version("llvmlite"),
+        "engine": serving_engine().name,
     }
 
 
+@functools.cache
+def _installed_version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
+
+
 def device() -> dict[str, str]:
-    """The processor on which this process computes, the kind of its time loops, and the compiler flags."""
+    """The processor on which this process computes, and the compiler flags."""
     return {
         "platform": jax.default_backend(),
         "device": str(jax.devices()[0].device_kind),
-        "loops": "machine code" if runtime.native_loops() else "XLA",
         "xla_flags": os.environ.get("XLA_FLAGS", ""),
     }
 

@@ -2,9 +2,8 @@
 
 import dataclasses
 import math
-from functools import partial
+from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -16,9 +15,10 @@ from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.interface.slots import Rule, Slot
-from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.machine.parameters import get_parameter
+from edhas_jax.measurements.measurement_model import PLACEHOLDER_PARAMETER, MeasurementModel
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
-from edhas_jax.simulation.integrator import step
+from edhas_jax.simulation.batch_trajectories import simulate_batch
 
 NODES = 11  # of the piecewise linear function
 NODE_CLUSTERING = 3.0  # nodes are spaced as sinh over ±3, denser around zero, where laws change most
@@ -30,7 +30,6 @@ VARIANCE_BINS = 80  # bins of equal count for the explained variance
 VARIABLE_TIE = 0.02  # difference in explained variance below which the variable listed first is taken
 PATH_SAMPLES = 3000  # approximate number of the law's samples that are kept for a figure
 COEFFICIENT_LIMITS = (-1e30, 1e30)
-STRETCH = 512  # samples of one program
 
 _DRIVE = {"current": "current", "piston_velocity": "piston_velocity", "piston_position": "piston_position",
           "voltage": "voltage"}  # fmt: skip
@@ -188,32 +187,27 @@ def _curve_effect(slot: Slot, local: str) -> type[Effect]:
     return type(name, (Effect,), body | {slot.name: contribute})
 
 
+class SignalsWithContribution(NamedTuple):
+    """All signals, and as `law` what an effect contributes at the first place of a slot."""
+
+    slot: str
+    effect: str
+
+    def __call__(self, machine, y, t, h) -> dict[str, Any]:
+        """The signals of one instant."""
+        s, _ = machine.evaluate(y, t, h, y)
+        signals = {n: v for n, v in s.values().items() if n in SIGNALS}
+        return signals | {"law": s.record.contributions[self.slot][self.effect][0]}
+
+
 def _trajectory(fitted: Fit, r: int, slot: Slot, effect: str) -> dict[str, np.ndarray]:
     """The signals (n,) of a fitted run, and as `law` what an effect adds at the first place of a slot."""
     base = fitted.problem.model()
     run = base.runs[r]
-    machine = jax.tree.map(np.asarray, base.campaign.machine_of(run, fitted.machine))
+    machine = base.campaign.machine_of(run, fitted.machine)
     steps, interval = fitted.resolution.coarse, run.interval
-    h, samples = interval / steps, math.ceil(run.time[-1] / interval - 1e-4) + 1
-    y = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
-    stretches = []
-    for first in range(0, samples, STRETCH):
-        y, rows = _march(machine, y, first * steps, h, steps, slot.name, effect)
-        stretches.append(jax.device_get(rows))
-    return {n: np.concatenate([rows[n] for rows in stretches])[:samples] for n in stretches[0]}
-
-
-@partial(jax.jit, static_argnames=("slot", "effect"))
-def _march(machine, y, first_step, h, per_sample, slot: str, effect: str):
-    """`STRETCH` samples from state `y`: signals, and the effect's contribution."""
-
-    def sample(carry, _):
-        y, number = carry
-        s, _ = machine.evaluate(y, number * h, h, y)
-        row = {n: jnp.asarray(v) for n, v in s.values().items() if n in SIGNALS}
-        row["law"] = jnp.asarray(s.record.contributions[slot][effect][0], float)
-        y = jax.lax.fori_loop(0, per_sample, lambda k, y: step(machine, y, (number + k) * h, h)[0], y)
-        return (y, number + per_sample), row
-
-    (y, _), rows = jax.lax.scan(sample, (y, jnp.asarray(first_step)), length=STRETCH)
-    return y, rows
+    samples = math.ceil(run.time[-1] / interval - 1e-4) + 1
+    values = {PLACEHOLDER_PARAMETER: np.array([float(get_parameter(machine, PLACEHOLDER_PARAMETER))])}
+    observer = SignalsWithContribution(slot.name, effect)
+    traces = simulate_batch(machine, values, None, interval / steps, steps, samples, observer)
+    return {n: column[:, 0] for n, column in traces.values.items()}

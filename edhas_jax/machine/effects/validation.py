@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from edhas_jax.core import runtime
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.source_location import first_line, locate
 from edhas_jax.machine.effects.base import Effect, EffectError
@@ -86,7 +87,7 @@ def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> No
     trial = dataclasses.replace(machine, effects=(*others, effect))
     try:
         dtype = np.dtype(precision)
-        jax.eval_shape(_dry_run, jax.tree.map(lambda leaf: np.asarray(leaf, dtype), trial), dtype.type(0.0))
+        runtime.eval_shape(_dry_run, jax.tree.map(lambda leaf: np.asarray(leaf, dtype), trial), dtype.type(0.0))
     except EffectError:
         raise
     except Exception as error:
