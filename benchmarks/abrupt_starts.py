@@ -14,11 +14,11 @@ import time
 
 import jax
 import numpy as np
-from edhas_jax.design.batch.cycles import run_cycles
 from scipy.stats import qmc
 
 import edhas_jax as edhas
 from edhas_jax.design.batch.batch import BatchSettings, Status, plan_chunks, run_designs
+from edhas_jax.design.batch.periodic_solver import run_to_periodic
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage
 
 RANGES = {
@@ -90,10 +90,10 @@ def gone_on_with(designs: dict[str, np.ndarray], k: int, step: float, finest: fl
     steps = [plan_chunks(MACHINE, one, settings(s))[0].steps_per_cycle for s in (step, finest)]
     how = settings(step)
     machine = jax.tree.map(lambda leaf: np.asarray(leaf, float), MACHINE)
-    lanes = run_cycles(machine, one, steps[0], np.asarray(how.tolerance), how.max_cycles, how.soft_start)
+    lanes = run_to_periodic(machine, one, steps[0], np.asarray(how.tolerance), how.max_cycles, how.soft_start)
     # a tolerance below zero: all these cycles are run
-    lanes = run_cycles(machine, one, steps[1], np.asarray(-1.0), STAYS, False, lanes)
-    return float(lanes.kept["mean_flow"][0])
+    lanes = run_to_periodic(machine, one, steps[1], np.asarray(-1.0), STAYS, False, lanes)
+    return float(lanes.metrics["mean_flow"][0])
 
 
 if __name__ == "__main__":

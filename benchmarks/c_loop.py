@@ -34,6 +34,8 @@ from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.simulation.integrator import DEFAULT_STEP, step
 
+jax.config.update("jax_enable_x64", True)  # for what this benchmark computes by itself
+
 FLAGS = ("-O3", "-march=native", "-fopenmp", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
 VARIED = {
     "frequency": ("reference", 10.0),

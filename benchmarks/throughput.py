@@ -13,7 +13,6 @@ import json
 import math
 import os
 import platform
-import re
 import subprocess
 import sys
 import time
@@ -23,9 +22,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import c_loop
-import jax
 import pandas as pd
 
+from edhas_jax.compiler.engines import serving_engine
 from edhas_jax.design.batch.batch import BatchSettings, run_designs, steps_per_cycle
 from edhas_jax.simulation.integrator import DEFAULT_STEP
 from edhas_jax.simulation.run import Precision
@@ -59,7 +58,7 @@ def main() -> None:
             rows.append({"device": device, "date": date.today().isoformat(), **row, "cores": count})
             print(f"{count:5}{row['dtype']:>9}{row['batch']:7}", end="")
             print(f"{row['rate'] / 1e6:10.2f}{row['c_rate'] / 1e6:10.2f}{row['c_metrics'] / 1e6:14.2f}", flush=True)
-    columns = ["device", "flags", "date", "batch", "dtype", "cores", "rate", "c_rate", "c_metrics"]
+    columns = ["device", "engine", "date", "batch", "dtype", "cores", "rate", "c_rate", "c_metrics"]
     table = pd.DataFrame(rows)[columns]
     if options.out:
         table.to_csv(options.out, index=False)
@@ -85,10 +84,8 @@ def processor() -> str:
 def measured(cores: list[int], largest: int):
     """The rows of a process that is confined to these cores, as they come."""
     command = [sys.executable, __file__, "--worker", "--largest", str(largest)]
-    # the package sets one device a core, unless it is told otherwise
-    flags = re.sub(r"--xla_force_host_platform_device_count=\d+", "", os.environ.get("XLA_FLAGS", ""))
     with c_loop.confined(cores):
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"XLA_FLAGS": flags})
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     with process:
         for line in process.stdout:
             yield json.loads(line)
@@ -106,7 +103,7 @@ def worker(largest: int) -> None:
             jobs = {"rate": package_job(batch, dtype, cores)}
             if loop is not None:
                 jobs |= {"c_rate": c_job(loop, batch, cores), "c_metrics": c_job(whole, batch, cores, A_CYCLE)}
-            row = {"flags": os.environ.get("XLA_FLAGS", ""), "batch": batch, "dtype": dtype}
+            row = {"engine": serving_engine().name, "batch": batch, "dtype": dtype}
             print(json.dumps(row | {"c_rate": math.nan, "c_metrics": math.nan} | rates(jobs)), flush=True)
 
 
@@ -119,7 +116,7 @@ class Job(NamedTuple):
 
 def package_job(batch: int, dtype: str, cores: int) -> Job:
     """One cycle of the engine; it uses the cores this process is confined to."""
-    if cores != len(os.sched_getaffinity(0)) or len(jax.local_devices()) < cores:
+    if cores != len(os.sched_getaffinity(0)):
         raise ValueError(f"this process is not set up for {cores} cores")
     machine, values = c_loop.bench_machine(), c_loop.designs(batch, "float64")
     # no cycle counts as periodic, so that each design takes the same number of steps

@@ -5,12 +5,14 @@ No command imports JAX, pandas, matplotlib or SciPy before it runs, so that `edh
 
 import argparse
 import sys
+import warnings
 
 import edhas_jax
 from edhas_jax.commands import (
     add,
     campaign,
     compare,
+    device,
     diagnose,
     effects,
     export,
@@ -27,7 +29,7 @@ from edhas_jax.commands import (
 
 COMMANDS = (
     simulate, sweep, compare, fit, plan, sensitivity, campaign, size, diagnose, add, export, plot, parameters, effects,
-    schema,
+    schema, device,
 )  # fmt: skip
 STATUS_USER_ERROR = 2
 STATUS_INTERRUPTED = 130
@@ -44,6 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
         what the command itself returns (1 from `edhas campaign check` when a file looks wrong).
     """
     options = _parser().parse_args(arguments)
+    _prepare_process()
     try:
         return options.command(options) or 0
     except BrokenPipeError:
@@ -57,6 +60,23 @@ def main(arguments: list[str] | None = None) -> int:
         return STATUS_USER_ERROR
 
 
+def _prepare_process() -> None:
+    """Keep compiled XLA programs from one command to the next, and print warnings about engines as plain sentences."""
+    from edhas_jax.compiler.engines import EngineFallback
+    from edhas_jax.core.runtime import keep_xla_programs
+
+    keep_xla_programs()
+    show = warnings.showwarning
+
+    def show_sentence(message, category, *where, **options):
+        if issubclass(category, EngineFallback):
+            print(f"edhas: {message}", file=sys.stderr)
+        else:
+            show(message, category, *where, **options)
+
+    warnings.showwarning = show_sentence
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="edhas", description=edhas_jax.__doc__)
     parser.add_argument("--version", action="version", version=f"edhas_jax {edhas_jax.__version__}")
@@ -68,6 +88,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _user_errors() -> tuple[type[Exception], ...]:
     """The errors that wrong input causes; any other one is a defect of the program and keeps its traceback."""
+    from edhas_jax.compiler.engines import EngineError
     from edhas_jax.config.machine_config import ConfigError
     from edhas_jax.config.run_folder import ResultFileError
     from edhas_jax.core.units import UnitError
@@ -78,7 +99,8 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from edhas_jax.simulation.run import SimulationError
 
     return (
-        CampaignError, ConfigError, EffectError, FmuError, ParameterError, ResultFileError, SimulationError, UnitError,
+        CampaignError, ConfigError, EffectError, EngineError, FmuError, ParameterError, ResultFileError,
+        SimulationError, UnitError,
     )  # fmt: skip
 
 
