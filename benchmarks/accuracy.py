@@ -7,9 +7,11 @@ import argparse
 import sys
 from pathlib import Path
 
+import jax
 import numpy as np
 import pandas as pd
 
+jax.config.update("jax_enable_x64", True)  # for what this benchmark computes by itself
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from edhas_jax.simulation.integrator import DEFAULT_STEP  # noqa: E402

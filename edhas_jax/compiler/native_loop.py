@@ -101,10 +101,14 @@ class NativeLoop(Loop):
         """`run` on tables as they lie in memory, the state being replaced; see `llvm_loop` for their shapes.
 
         Args:
-            state, fixed: as `blocks` makes them.
-            inputs, kept: (blocks, samples, rows, lanes), or None.
-            scalars: as `scalars` makes them.
-            first, steps_per_sample, samples: as of `run`.
+            state: carry, as `blocks` makes it.
+            fixed: lane values, as `blocks` makes them.
+            inputs: sample inputs, (blocks, samples, rows, lanes), or None.
+            kept: where the carries at the samples go, (blocks, samples, rows, lanes), or None.
+            scalars: uniform values, as `scalars` makes them.
+            first: number of the first step.
+            steps_per_sample: steps between two samples.
+            samples: number of samples.
             blocks: number of blocks in the tables.
         """
         tables = (None if table is None else table.ctypes.data for table in (state, fixed, scalars, inputs, kept))

@@ -92,7 +92,14 @@ def find_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
 
 
 def get_parameter(machine: Rig, name: str) -> Any:
-    """The value (SI) of a parameter, by flat name or `owner.name`.
+    """The value (SI) of a parameter.
+
+    Args:
+        machine: the machine.
+        name: of the parameter, flat or as `owner.name`.
+
+    Returns:
+        The value as the machine holds it: a number or an array of JAX.
 
     Raises:
         ParameterError: unknown or ambiguous name.

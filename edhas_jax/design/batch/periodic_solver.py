@@ -194,7 +194,8 @@ def metrics_with_status(
     """The metrics of designs with their `status` (designs,), an integer of `Status`.
 
     Args:
-        machine, columns: as of `run_to_periodic`.
+        machine: what the designs have in common.
+        columns: parameters that differ, by name in SI, each (designs,).
         metrics: those of a `BatchState`.
         converged: (designs,) whether each design is periodic.
     """

@@ -37,7 +37,11 @@ def reverse(
     All designs that run together take as many terms as the slowest of them.
 
     Args:
-        machine, columns, names, metrics, settings: as of `forward`.
+        machine: what the designs have in common.
+        columns: parameters that differ, by name in SI, each (designs,).
+        names: the parameters to differentiate by, all among the columns.
+        metrics: the metrics to differentiate.
+        settings: steps and tolerances.
         terms: number of terms of the series; None: until they no longer count.
     """
     columns = {n: np.asarray(column, float) for n, column in columns.items()}

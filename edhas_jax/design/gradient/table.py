@@ -50,7 +50,7 @@ class Gradient:
     settings: GradientSettings
 
     def elasticities(self, point: int = 0) -> pd.DataFrame:
-        """Parameters × metrics at one point."""
+        """Elasticities (parameters × metrics) at the operating point of this number."""
         rows = self.frame[self.frame["point"] == point]
         return rows.pivot(index="parameter", columns="metric", values="elasticity").reindex(
             index=rows["parameter"].unique(), columns=rows["metric"].unique()
@@ -66,12 +66,23 @@ def gradient(
     mode: Mode = Mode.FORWARD,
     on_cycle: Callable[[float], None] | None = None,
 ) -> Gradient:
-    """Derivatives of `metrics` by `parameters` (default: all) of a bench driven by a sine, in its periodic state.
+    """Derivatives of metrics by parameters of a bench driven by a sine, in its periodic state.
 
-    `points` are operating points, by parameter a list of values (SI, or text with unit), all of one length; without
-    them it is the machine as it stands. The derivatives are those of the program that computes the metrics, through
-    valve impact, friction reversal and saturation; their error falls with the step (docs/gradients.md).
-    `on_cycle(share)` is called with the share of the work that is done.
+    The derivatives are those of the program that computes the metrics, through valve impact, friction reversal and
+    saturation; their error falls with the step (docs/gradients.md).
+
+    Args:
+        machine: the bench.
+        metrics: names of metrics; None: all.
+        parameters: names of parameters; None: all that act in the periodic state.
+        points: operating points, by parameter a list of values (SI, or text with unit), all of one length; None: the
+            machine as it stands.
+        settings: steps per cycle and tolerances.
+        mode: forward or reverse mode; the result is the same to rounding.
+        on_cycle: called in forward mode with the share of the work that is done, 0 … 1.
+
+    Returns:
+        A table with a row per operating point, metric and parameter, with units and elasticities.
 
     Raises:
         GradientError: a name or value is wrong, or the machine has no periodic state.

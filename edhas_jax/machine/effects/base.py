@@ -23,7 +23,16 @@ class EffectState(NamedTuple):
 
 
 def state(unit: str, doc: str, initial: float = 0.0) -> Any:
-    """Declare a state of an effect; the effect gives its rate in `rates`."""
+    """Declare a state of an effect; the effect gives its rate in `rates`.
+
+    Args:
+        unit: SI unit as text.
+        doc: meaning.
+        initial: value at the start of a run, SI.
+
+    Returns:
+        The declaration, to be assigned to a class attribute.
+    """
     return EffectState(unit, doc, initial)
 
 
