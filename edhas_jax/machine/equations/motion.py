@@ -32,6 +32,8 @@ def mover_rates(m, y: dict, s: Signals, mass, damping, pressure_force) -> dict:
 
     Returns:
         The rates of mover, amplifier and controller.
+
+    Source: Actuators 2022, 11(10), 281, Eq. (3), with the force of the end stops added.
     """
     v = s.piston_velocity
     s.record_stored_energy("mover", 0.5 * mass * jnp.square(v))
