@@ -12,6 +12,7 @@ from edhas_jax.compiler.sparse_elimination import StrainUnknown, jacobian, solve
 from edhas_jax.machine.rigs import RIGS, ActuatorBench, PumpBench
 from edhas_jax.simulation.integrator import step
 from tests.support.reference import changed, nominal, random_state, value_of
+from tests.support.xla import jit
 
 STEP_SIZE = 20e-6  # s
 
@@ -30,8 +31,8 @@ def jacobians(rig: str):
     def rates(y, known):
         return machine.evaluate(y, 0.123, STEP_SIZE, known)[1]
 
-    sparse = jax.jit(lambda y: value_and_jacobian(lambda z: rates(z, y), y))
-    dense = jax.jit(lambda y: jax.jacfwd(lambda z: rates(z, y))(y))
+    sparse = jit(lambda y: value_and_jacobian(lambda z: rates(z, y), y))
+    dense = jit(lambda y: jax.jacfwd(lambda z: rates(z, y))(y))
     return machine, sparse, dense
 
 
@@ -40,7 +41,7 @@ def compiled_solver(rig: str):
     """The compiled solution k of (shift · I − J) k = right_side, as a function of state, right side and shift."""
     machine = nominal(RIGS[rig])
 
-    @jax.jit
+    @jit
     def solution(y, right_side, shift):
         return solve(linearize(lambda z: machine.evaluate(z, 0.123, STEP_SIZE, y)[1], y), right_side, shift)
 
@@ -242,11 +243,10 @@ def test_gradient_through_a_step_equals_finite_differences(rig, parameter):
     base = value_of(machine, parameter)
     output = "piston_velocity" if rig is ActuatorBench else "chamber_pressure_a"
 
-    @jax.jit
-    def after(value):
+    def end(value):
         return step(changed(machine, parameter, value), y, 0.1, STEP_SIZE)[0][output]
 
-    got = jax.grad(after)(base)
+    after, got = jit(end), jit(jax.grad(end))(base)
     d = 1e-4 * base
     expected = (8.0 * (after(base + d) - after(base - d)) - (after(base + 2 * d) - after(base - 2 * d))) / (12.0 * d)
     np.testing.assert_allclose(got, expected, rtol=1e-5)

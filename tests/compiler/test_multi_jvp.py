@@ -9,6 +9,7 @@ from edhas_jax.compiler.multi_jvp import multi_jvp
 from edhas_jax.machine.rigs import RIGS
 from edhas_jax.simulation.integrator import step
 from tests.support.reference import nominal, random_state
+from tests.support.xla import jit
 
 STEP_SIZE = 20e-6  # s
 
@@ -34,7 +35,7 @@ def nonlinear(x, y):
 @pytest.mark.parametrize("tangent_count", [1, 2, 8])
 def test_a_general_function(tangent_count):
     rng = np.random.default_rng(tangent_count)
-    compiled = jax.jit(lambda *p: multi_jvp(nonlinear, *p))
+    compiled = jit(lambda *p: multi_jvp(nonlinear, *p))
     for _ in range(20):
         primals, *tangents = (({"a": v[0], "b": v[1]}, v[2]) for v in rng.normal(size=(1 + tangent_count, 3)))
         assert_trees_close(compiled(primals, tangents), separate_jvps(nonlinear, primals, tangents))
@@ -46,7 +47,7 @@ def test_a_branch_not_taken_contributes_nothing():
     def f(x):
         return jnp.where(x > 0.0, jnp.where(x > 0.0, 1.0 / x, x) * 3.0, x**2)
 
-    _, derivatives = jax.jit(lambda x: multi_jvp(f, (x,), [(1.0,), (2.0,)]))(jnp.asarray(0.0))
+    _, derivatives = jit(lambda x: multi_jvp(f, (x,), [(1.0,), (2.0,)]))(jnp.asarray(0.0))
     assert derivatives == [0.0, 0.0]
 
 
@@ -71,8 +72,8 @@ def test_the_step_of_a_rig(rig):
     def f(y):
         return step(machine, y, 0.123, STEP_SIZE)[0]
 
-    compiled = jax.jit(lambda y, tangents: multi_jvp(f, (y,), [(t,) for t in tangents]))
-    reference = jax.jit(lambda y, tangents: separate_jvps(f, (y,), [(t,) for t in tangents]))
+    compiled = jit(lambda y, tangents: multi_jvp(f, (y,), [(t,) for t in tangents]))
+    reference = jit(lambda y, tangents: separate_jvps(f, (y,), [(t,) for t in tangents]))
     for _ in range(6):
         y = random_state(machine, rng)
         tangents = [{n: abs(float(y[n])) * rng.normal() + 1e-9 for n in names} for _ in range(3)]

@@ -25,6 +25,7 @@ from edhas_jax.machine.user_controller import check_controller, load_controller
 from edhas_jax.simulation.integrator import step
 from tests.support import ROOT
 from tests.support.reference import random_state
+from tests.support.xla import jit
 
 PAGE = (ROOT / "docs/controllers.md").read_text(encoding="utf-8").partition("## A controller of your own")[2]
 PYTHON, YAML = (re.search(rf"```{language}\n(.*?)```", PAGE, re.S)[1] for language in ("python", "yaml"))
@@ -77,12 +78,11 @@ def test_acts_on_every_rig(controller, precision, rig):
 def test_control_law_and_its_derivatives_are_finite(controller):
     machine = bench(controller)
 
-    @jax.jit
-    def law(machine, y, t):
+    def control_law(machine, y, t):
         s, rates = machine.evaluate(y, t, H, y)
         return {"command": s.unlimited_voltage} | {n: rates[n] for n in machine.controller.initial()}
 
-    slopes = jax.jit(jax.jacfwd(law, argnums=(0, 1)))
+    law, slopes = jit(control_law), jit(jax.jacfwd(control_law, argnums=(0, 1)))
     rest = {n: jnp.asarray(v, float) for n, v in machine.initial_state().items()}
     rng = np.random.default_rng(0)
     states = [rest, *(random_state(machine, rng) for _ in range(5))]
@@ -132,12 +132,13 @@ def test_batches_and_derivatives(controller, sampled):
     machine = edhas.change(bench(controller), ramp_time=0.0)
     if sampled:
         machine = structs.replace(machine, sampling=Sampled(sample_time=1.1e-4, computation_delay=5e-5))
-    number = jax.jit(functools.partial(mean_square_current, machine, p.name))
+    mean_square = functools.partial(mean_square_current, machine, p.name)
+    number = jit(mean_square)
     values = p.default * jnp.array([0.8, 1.0, 1.2])
-    np.testing.assert_allclose(jax.vmap(number)(values), [number(v) for v in values], rtol=1e-9)
+    np.testing.assert_allclose(jit(jax.vmap(mean_square))(values), [number(v) for v in values], rtol=1e-9)
     e = 1e-4 * p.default
     difference = (number(p.default + e) - number(p.default - e)) / (2.0 * e)
-    assert float(jax.jit(jax.grad(number))(p.default)) == pytest.approx(float(difference), rel=1e-4)
+    assert float(jit(jax.grad(mean_square))(p.default)) == pytest.approx(float(difference), rel=1e-4)
 
 
 def test_the_documented_controller_from_its_file(tmp_path, monkeypatch, capsys):

@@ -15,6 +15,7 @@ from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench, Rig
 from edhas_jax.simulation.integrator import evaluate_signals, step
 from tests.support.convergence import Stretch, beginning
 from tests.support.reference import changed, nominal, value_of
+from tests.support.xla import jit
 
 H, STEPS = 20e-6, 200
 
@@ -75,6 +76,7 @@ class Problem(NamedTuple):
     """
 
     outcome: Callable
+    compiled: Callable
     machine: Rig
     path: dict[str, np.ndarray]
     end: dict[str, np.ndarray]
@@ -100,7 +102,7 @@ def problem(name: str) -> Problem:
         y, (flows, path) = jax.lax.scan(one, y0, jnp.arange(STEPS))
         return y, flows.mean(), path
 
-    _, mean, path = jax.device_get(jax.jit(march)(case.machine))
+    _, mean, path = jax.device_get(jit(march)(case.machine))
     end = {
         n: np.asarray((1.0 + 0.1 * k) / max(np.abs(path[n]).max(), 1e-12)) for k, n in enumerate(sorted(path))
     }
@@ -110,13 +112,13 @@ def problem(name: str) -> Problem:
         return sum(end[n] * y[n] for n in y) + flow / np.abs(mean)
 
     machine = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), case.machine)
-    return Problem(jax.jit(outcome), machine, path, end, 1.0 / (STEPS * np.abs(mean)))
+    return Problem(outcome, jit(outcome), machine, path, end, 1.0 / (STEPS * np.abs(mean)))
 
 
 @functools.cache
 def forward(name: str):
     outcome = problem(name).outcome
-    return jax.jit(lambda machine, direction: jax.jvp(outcome, (machine,), (direction,))[1])
+    return jit(lambda machine, direction: jax.jvp(outcome, (machine,), (direction,))[1])
 
 
 @functools.cache
@@ -124,7 +126,7 @@ def reverse(name: str):
     """All derivatives at once, step by step from the end: a transposed step compiles faster than a transposed loop."""
     found, begin = problem(name), CASES[name].begin
 
-    @jax.jit
+    @jit
     def back(machine, y, t, cotangents):
         return jax.vjp(lambda machine, y: advance(name, machine, y, t), machine, y)[1](cotangents)
 
@@ -141,7 +143,7 @@ PAIRS = [(name, parameter) for name, case in CASES.items() for parameter in case
 
 @pytest.mark.parametrize(("name", "parameter"), PAIRS)
 def test_forward_equals_differences_and_reverse(name, parameter):
-    outcome, machine, *_ = problem(name)
+    _, outcome, machine, *_ = problem(name)
     base = value_of(machine, parameter)
     direction = changed(jax.tree.map(jnp.zeros_like, machine), parameter, base)
     elasticity = float(forward(name)(machine, direction))

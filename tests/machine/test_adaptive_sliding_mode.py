@@ -15,6 +15,7 @@ from edhas_jax.machine.effects import Effect, LugreFriction
 from edhas_jax.machine.interface.signals import Signals
 from edhas_jax.machine.rigs import ActuatorBench, Step
 from edhas_jax.simulation.integrator import step
+from tests.support.xla import jit
 
 NOMINAL = {"nominal_mass": 0.12, "nominal_damping": 20.0}
 H = 10e-6
@@ -36,7 +37,7 @@ class RampForce(Effect):
 def states_over_time(machine, steps: int):
     """The states after each step, (steps,) by name."""
 
-    @jax.jit
+    @jit
     def run(machine):
         def one(y, n):
             y, _ = step(machine, y, n * H, H)
@@ -65,7 +66,7 @@ def test_the_tracking_differentiator_is_fhan():
     c, rng = AdaptiveSlidingMode(), np.random.default_rng(0)
     r, h = c.tracking_acceleration, c.tracking_time
     at = {"voltage": 0.0, "unlimited_voltage": 0.0, "piston_position": 0.0, "piston_velocity": 0.0, "current": 0.0}
-    rates = jax.jit(lambda y, where: c.rates(y, Signals(at | where)))
+    rates = jit(lambda y, where: c.rates(y, Signals(at | where)))
     for scale in (0.1, 1.0, 30.0):
         for x1, x2 in scale * np.array([r * h * h, r * h]) * rng.uniform(-2.0, 2.0, (200, 2)):
             reference, velocity = rng.uniform(-1e-3, 1e-3), rng.uniform(-0.1, 0.1)

@@ -22,6 +22,7 @@ from edhas_jax.simulation import batch_trajectories
 from edhas_jax.simulation.integrator import step
 from edhas_jax.simulation.rk4_reference import trajectories
 from tests.contract.test_absent_effects import by_rig, count_operations, step_jaxpr
+from tests.support.xla import jit
 
 H = 20e-6
 
@@ -47,7 +48,7 @@ def bench(sample_time, delay=0.0, controller=PiController()):
     return ActuatorBench(controller=controller, sampling=sampling, reference=Sine(frequency=20.0, ramp_time=0.0))
 
 
-@functools.partial(jax.jit, static_argnames="steps")
+@functools.partial(jit, static_argnames="steps")
 def states(machine, h, steps: int):
     """The states after each step, (steps,) by name."""
 

@@ -10,6 +10,7 @@ import numpy as np
 from edhas_jax.machine.rigs import ActuatorBench, PumpBench, Rig
 from edhas_jax.simulation.integrator import step
 from tests.support.reference import changed, nominal
+from tests.support.xla import jit
 
 STEPS = (50e-6, 40e-6, 25e-6, 20e-6, 12.5e-6, 10e-6)
 FINE = 0.5e-6
@@ -47,7 +48,7 @@ def stretches() -> dict[str, Stretch]:
     }
 
 
-@partial(jax.jit, static_argnums=4)
+@partial(jit, static_argnums=4)
 def _advance(machine: Rig, y, t, h, intervals: int, per_interval):
     """The states after each of the intervals; another number of steps compiles nothing anew."""
 
