@@ -138,10 +138,14 @@ def _place_nodes(low: float, high: float) -> np.ndarray:
     return np.sinh(np.linspace(np.arcsinh(low * scale), np.arcsinh(high * scale), NODES)) / scale
 
 
-def _hat_functions(nodes, q):
-    """The piecewise linear basis functions (NODES,) at a value; constant outside the nodes."""
-    up = jnp.clip((q - nodes[:-1]) / jnp.diff(nodes), 0.0, 1.0)
-    return jnp.concatenate([jnp.ones(1), up]) - jnp.concatenate([up, jnp.zeros(1)])
+def _hat_functions(nodes: list, q) -> list:
+    """The piecewise linear basis functions at a value, one for each node; constant outside the nodes.
+
+    They are scalars, because a loop in machine code holds no arrays.
+    """
+    pairs = zip(nodes[:-1], nodes[1:], strict=True)
+    up = [jnp.minimum(jnp.maximum((q - low) / (high - low), 0.0), 1.0) for low, high in pairs]
+    return [before - after for before, after in zip([1.0, *up], [*up, 0.0], strict=True)]
 
 
 def _estimate_deviation(
@@ -174,10 +178,9 @@ def _curve_effect(slot: Slot, local: str) -> type[Effect]:
     neutral = 1.0 if slot.rule is Rule.SCALE else 0.0
 
     def contribute(self, s, z):
-        nodes, values = (
-            jnp.stack([jnp.asarray(getattr(self, f"{what}_{k}")) for k in range(NODES)]) for what in ("at", "value")
-        )
-        return neutral + _hat_functions(nodes, getattr(s, local)) @ values
+        nodes, values = ([getattr(self, f"{what}_{k}") for k in range(NODES)] for what in ("at", "value"))
+        hats = _hat_functions(nodes, getattr(s, local))
+        return neutral + sum(hat * value for hat, value in zip(hats, values, strict=True))
 
     names = [f"{what}_{k}" for what in ("at", "value") for k in range(NODES)]
     body = {n: par(0.0, slot.unit, COEFFICIENT_LIMITS, "node of a curve") for n in names}
