@@ -73,6 +73,28 @@ def test_learn_example(here, monkeypatch):
     assert (here / "report.html").stat().st_size > 100_000
 
 
+def test_gradient_page(here):
+    table = execute(blocks("docs/gradients.md", "python")[0])["table"]
+    assert table.elasticities(1).loc["piston_diameter", "mean_flow"] > 1.0
+
+
+def test_sweep_page(here):
+    names = execute(blocks("docs/sweeps.md", "python")[0])
+    assert len(names["table"]) == 100 and len(names["best"]) == 5
+
+
+def test_fit_page(here):
+    shutil.copytree(here / "studies" / "demo" / "campaign", here / "bench")
+    names = execute(blocks("docs/fitting.md", "python")[0])
+    low, high = names["found"].interval("coil_resistance")
+    assert low < names["found"].values["coil_resistance"] < high
+
+
+def test_imports_of_the_diagnosis_page():
+    imports = [line for line in blocks("docs/diagnosis.md", "python")[0].splitlines() if "import" in line]
+    assert callable(execute("\n".join(imports))["diagnose"])
+
+
 def test_make_targets():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     for line in blocks("README.md", "sh")[0].strip().splitlines():
@@ -133,5 +155,20 @@ def test_named_programs_and_files_exist():
             ).exists(), f"{page.name}: {module}"
         for path in re.findall(r"\b((?:edhas_jax|tests|studies|benchmarks|configs)/[\w/]+\.(?:py|yaml|json))", text):
             assert (ROOT / path).exists(), f"{page.name}: {path}"
-        for module in re.findall(r"`(edhas_jax(?:\.[a-z]\w*)+)`", text):
-            assert importlib.util.find_spec(module.rpartition(".")[0]), f"{page.name}: {module}"
+        for name in re.findall(r"`(edhas_jax(?:\.\w+)+)", text):
+            assert is_importable(name), f"{page.name}: {name}"
+
+
+def is_importable(name: str) -> bool:
+    """Whether a dotted name is a module of the package, or something in one."""
+    module, _, attribute = name.rpartition(".")
+    try:
+        return hasattr(importlib.import_module(module), attribute) or bool(importlib.util.find_spec(name))
+    except ImportError:
+        return False
+
+
+def test_wrong_name_is_not_importable():
+    assert is_importable("edhas_jax.measurements.sensor_models") and is_importable("edhas_jax.open_run")
+    assert not is_importable("edhas_jax.measurements.no_such_module")
+    assert not is_importable("edhas_jax.no_such_package.module")
