@@ -33,7 +33,9 @@ def columns(table, rows=slice(None)):
 
 
 @pytest.mark.parametrize("precision", list(Precision))
-def test_forty_designs_of_the_independent_solver(designs, precision):
+def test_designs_of_the_independent_solver(designs, precision, engine):
+    """All forty on the native engine, every fifth on the others, which take longer."""
+    designs = designs[:: 1 if engine == "native" else 5]
     got = run_designs(PUMP, columns(designs), BatchSettings(precision=precision))
     assert (got["status"] == Status.OK).all()
     np.testing.assert_allclose(got["mean_flow"], designs.mean_flow, rtol=2e-3)
@@ -43,10 +45,10 @@ def test_forty_designs_of_the_independent_solver(designs, precision):
 
 
 def test_metrics_are_those_of_a_single_run():
-    frequency = np.array([10.0, 20.0])
+    frequency = np.array([20.0, 40.0])
     got = run_designs(PUMP, {"frequency": frequency}, BatchSettings(tolerance=1e-5))
     for k, f in enumerate(frequency):
-        run = edhas.simulate(edhas.change(PUMP, frequency=f), edhas.Simulation(duration=0.8, sample_rate=20e3))
+        run = edhas.simulate(edhas.change(PUMP, frequency=f), edhas.Simulation(duration=0.4, sample_rate=20e3))
         last = {n: m.value for n, m in run.metrics.items()}
         for name in METRICS:
             if name in got:
@@ -131,7 +133,7 @@ def test_the_number_of_cores_changes_no_bit():
         "print(hashlib.sha1(b''.join(got[n].tobytes() for n in sorted(got))).hexdigest())\n"
     )
     digests = set()
-    for cores in "123":
+    for cores in "13":
         environment = os.environ | {"EDHAS_CORES": cores}
         done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr

@@ -6,6 +6,7 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.compiler.engines import ENGINES, VARIABLE
+from edhas_jax.design.gradient import forward as forward_mode
 from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.design.gradient.reverse import reverse
@@ -60,10 +61,9 @@ def table(machine, names, count=3):
 
 @pytest.mark.parametrize("designs", [3, 9])
 def test_forward_equals_reverse_on_every_engine(designs, monkeypatch):
-    """With as many terms: to rounding; one tangent per lane, and several in two groups."""
-    names = ["frequency", "amplitude", "coil_resistance", "mover_mass", "coulomb_friction", "position_gain",
-             "force_constant", "coil_inductance", "mover_damping"]  # fmt: skip
-    metrics = ["mean_electrical_power", "peak_current", "tracking_error", "phase_lag"]
+    """With as many terms: to rounding; one tangent per lane with few designs, two groups of tangents with many."""
+    monkeypatch.setattr(forward_mode, "MOST_TANGENTS", 2)
+    names, metrics = ["frequency", "coil_resistance", "mover_damping"], ["mean_electrical_power", "phase_lag"]
     columns, settings = table(ACTUATOR, names, designs), GradientSettings(128, 0.0, 3)
     found = []
     for engine in (e for e in ENGINES if not e.unavailable()):
@@ -81,8 +81,8 @@ def test_forward_equals_reverse_on_every_engine(designs, monkeypatch):
 @pytest.mark.usefixtures("engine")
 def test_derivatives_are_those_of_the_metrics():
     """Central differences of the actuator, which has no valves and no events that jump."""
-    names, metrics = ["amplitude", "coil_resistance", "frequency"], ["rms_current", "amplitude_ratio", "phase_lag"]
-    settings = GradientSettings(512, 1e-9, 60)
+    names, metrics = ["amplitude", "frequency"], ["rms_current", "amplitude_ratio", "phase_lag"]
+    settings = GradientSettings(128, 1e-9, 60)
     machine = edhas.change(edhas.ActuatorBench(), amplitude="2 mm")
     frame = gradient(machine, metrics, names, settings=settings).frame
 
