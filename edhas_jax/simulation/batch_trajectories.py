@@ -141,11 +141,12 @@ class TrajectoryLoop:
         self._signals = dict.fromkeys(shapes, 0.0)
         state, signals, given = doubled(self._state), doubled(self._signals), (machine, 0.0)
         lane = doubled(names), state, 0.0, interval
-        self._start = compile_loop(LoopBody(start, dtype, state, doubled(names), given, key=key("start")))
+        # both take one step only: one vector compiles fastest
+        self._start = compile_loop(LoopBody(start, dtype, state, doubled(names), given, key=key("start"), vectors=1))
         self._advance = compile_loop(
             LoopBody(advance, dtype, state, doubled(names), given, sample_inputs=interval, key=key("advance"))
         )
-        self._evaluate = compile_loop(LoopBody(evaluate, dtype, signals, lane, given, key=key("evaluate")))
+        self._evaluate = compile_loop(LoopBody(evaluate, dtype, signals, lane, given, key=key("evaluate"), vectors=1))
 
     def run(
         self, machine: Rig, lanes: Sequence[dict[str, np.ndarray]], recording: Recorded | None, step_size: float,

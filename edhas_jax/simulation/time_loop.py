@@ -124,7 +124,7 @@ class TimeLoop:
             LoopBody(advance, dtype, carry, {}, given, key=key_of(machine, "time loop"), single_lane=True)
         )
         self._evaluate = compile_loop(
-            LoopBody(evaluate, dtype, self._signals, lane, given, key=key_of(machine, "signals of a run"))
+            LoopBody(evaluate, dtype, self._signals, lane, given, key=key_of(machine, "signals of a run"), vectors=1)
         )
 
     def run(self, machine: Rig, begin: LoopState, h, per_sample: int, samples: int) -> tuple[LoopState, SampleBlock]:

@@ -112,9 +112,9 @@ class CycleLoop:
         carry = {n: 0.0 for n in machine.initial_state()}, sums
         self._carry = jax.tree.structure(carry)
         lane, key = dict.fromkeys(varied, 0.0), key_of(machine, "cycle", tuple(varied))
-        body = LoopBody(step, dtype, carry, lane, (machine, 0.0, 0.0), key=key, vectors=MANY_VECTORS)
-        self._many = compile_loop(body)
-        self._few = functools.cache(lambda: self._many.with_vectors(FEW_VECTORS))
+        body = LoopBody(step, dtype, carry, lane, (machine, 0.0, 0.0), key=key, vectors=FEW_VECTORS)
+        self._few = compile_loop(body)
+        self._many = functools.cache(lambda: self._few.with_vectors(MANY_VECTORS))
 
     def run(
         self, machine: Rig, columns: dict[str, np.ndarray], count: int, steps: int, tolerance, max_cycles: int,
@@ -140,7 +140,7 @@ class CycleLoop:
             values = jax.tree.unflatten(table.structure, list(table.table[:, rows]))
             uniform = machine, steps, float(soft and number == 0)
             # the numbers of a design are the same in both, to the bit
-            loop = self._few() if 2 * len(rows) <= runtime.cores() * self._many.lanes else self._many
+            loop = self._few if len(rows) <= runtime.cores() * self._few.lanes else self._many()
             after = np.array(jax.tree.leaves(loop(before, values, uniform, 0, steps, runtime.cores())))
             # finished designs keep their state; their sums are not read
             states[:, rows], sums[:, rows] = after[: len(states)], after[len(states) :]
