@@ -141,10 +141,12 @@ def test_the_number_of_cores_changes_no_bit():
     assert len(digests) == 1
 
 
-def test_a_longer_table_compiles_nothing(compilations):
-    run_designs(PUMP, {"valve_mass": np.linspace(2e-3, 6e-3, 3)}, QUICK)
-    before = compilations()
+def test_another_number_of_designs_compiles_nothing(compilations):
+    """There is one loop for few designs and one for many."""
     run_designs(PUMP, {"valve_mass": np.linspace(2e-3, 6e-3, 300)}, QUICK)
+    before = compilations()
+    for count in (3, 40, 500):
+        run_designs(PUMP, {"valve_mass": np.linspace(2e-3, 6e-3, count)}, QUICK)
     assert compilations() == before
     run_designs(edhas.ActuatorBench(), {"coil_inductance": np.linspace(4e-3, 5e-3, 3)}, QUICK)
     assert compilations() > before
