@@ -85,12 +85,13 @@ def errors(found: Diagnosis) -> tuple[float, float, float]:
 
 def evidence(found: Diagnosis) -> str:
     """What every trial brought, for the message of a test that fails."""
-    told = [
+    reported = [
         f"{t.candidate.name} {t.log_evidence_gain:.1f} of {t.score.predicted_gain:.1f}"
         for turn in found.rounds
         for t in turn.trials
     ]
-    return f"{found.verdict}, errors {errors(found)}, before {found.rounds[0].baseline.log_evidence:.2f}, trials {told}"
+    before = found.rounds[0].baseline.log_evidence
+    return f"{found.verdict}, errors {errors(found)}, before {before:.2f}, trials {reported}"
 
 
 def lead(found: Diagnosis, of: int = 0) -> float:
@@ -119,9 +120,9 @@ def test_a_calibration_that_was_stuck_is_no_effect(monkeypatch):
 
     calibrated = forward_selection._calibrate
     monkeypatch.setattr(forward_selection, "_calibrate", stuck)
-    told = []
-    found = diagnosed(seed=1, on_progress=told.append)
-    assert any("fits better when started from" in sentence for sentence in told)
+    reported = []
+    found = diagnosed(seed=1, on_progress=reported.append)
+    assert any("fits better when started from" in sentence for sentence in reported)
     assert found.verdict is Verdict.ADEQUATE and not found.accepted, evidence(found)
     assert errors(found)[1] == pytest.approx(1.0, abs=0.05)
 
@@ -169,9 +170,9 @@ def test_an_effect_that_was_passed_over_is_found_at_the_end(monkeypatch):
 
     try_best_candidates = selection_round.try_best_candidates
     monkeypatch.setattr(selection_round, "try_best_candidates", blind)
-    told = []
-    found = diagnosed(CoggingForce(cogging_amplitude=2.0), seed=2, on_progress=told.append)
-    assert any(sentence == "mover: trying cogging_force" for sentence in told)
+    reported = []
+    found = diagnosed(CoggingForce(cogging_amplitude=2.0), seed=2, on_progress=reported.append)
+    assert any(sentence == "mover: trying cogging_force" for sentence in reported)
     assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
     assert [t.candidate.id for t in found.accepted] == ["cogging_force"] and not found.location_shares
     assert errors(found)[2] == pytest.approx(1.0, abs=0.05)

@@ -1,4 +1,4 @@
-"""A fit of growing stretches finds its way where the misfit of whole runs is full of pits."""
+"""A fit of growing parts of the runs converges where the cost of whole runs has many local minima."""
 
 import dataclasses
 

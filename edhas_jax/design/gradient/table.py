@@ -87,7 +87,7 @@ def gradient(
     Raises:
         GradientError: a name or value is wrong, or the machine has no periodic state.
     """
-    metrics, names, columns = plan(machine, metrics, parameters, points)
+    metrics, names, columns = _parse_request(machine, metrics, parameters, points)
     if mode is Mode.FORWARD:
         found = forward(machine, columns, names, metrics, settings, on_cycle)
     else:
@@ -96,7 +96,7 @@ def gradient(
     return Gradient(_frame(machine, columns, names, metrics, shown, found), machine, settings)
 
 
-def plan(machine: Rig, metrics, parameters, points) -> tuple[list[str], list[str], dict[str, np.ndarray]]:
+def _parse_request(machine: Rig, metrics, parameters, points) -> tuple[list[str], list[str], dict[str, np.ndarray]]:
     """The metrics, the parameters by their own names, and the columns (SI) of what is run.
 
     Raises:
@@ -120,8 +120,8 @@ def plan(machine: Rig, metrics, parameters, points) -> tuple[list[str], list[str
             raise GradientError(f"{name}: {error}") from None
     lengths = {len(v) for v in given.values()}
     if len(lengths) > 1 or 0 in lengths:
-        told = ", ".join(f"{n} {len(v)}" for n, v in given.items())
-        raise GradientError(f"every parameter of the operating points needs equally many values; got {told}")
+        counts = ", ".join(f"{n} {len(v)}" for n, v in given.items())
+        raise GradientError(f"every parameter of the operating points needs equally many values; got {counts}")
     count = lengths.pop() if lengths else 1
     columns = {n: np.full(count, float(get_parameter(machine, n))) for n in names}
     return list(metrics or known), names, columns | given
@@ -164,7 +164,7 @@ def _frame(machine, columns, names, metrics, shown, found: Derivatives) -> pd.Da
             value, unit = found.values[metric][point], METRICS[metric][0]
             for j, name in enumerate(names):
                 size, slope = columns[name][point], found.slopes[metric][point, j]
-                note = missing(machine, columns, point, metric, value, slope, Status(int(status)))
+                note = _why_missing(machine, columns, point, metric, value, slope, Status(int(status)))
                 elasticity = np.nan
                 if note:
                     slope = np.nan
@@ -180,7 +180,7 @@ def _frame(machine, columns, names, metrics, shown, found: Derivatives) -> pd.Da
     return pd.DataFrame(rows)
 
 
-def missing(machine: Rig, columns, point: int, metric: str, value: float, slope: float, status: Status) -> str:
+def _why_missing(machine: Rig, columns, point: int, metric: str, value: float, slope: float, status: Status) -> str:
     """Why this derivative does not exist; empty if it does."""
     if status in _NO_DERIVATIVE:
         return f"no derivative: {REASONS[status]}"

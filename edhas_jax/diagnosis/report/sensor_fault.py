@@ -10,7 +10,7 @@ from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.sensor_models import SensorGain, SensorOffset
 
-BINS = 24  # bins of equal count over which errors are averaged
+ERROR_BINS = 24  # bins of equal count over which errors are averaged
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +55,7 @@ def estimate_sensor_error(fitted: Fit, candidate: Candidate) -> SensorError:
             valid = np.isfinite(run.signals[signal])
             rows.append(np.array([x, run.signals[signal] - true, recorded - true])[:, valid])
     x, measured, modelled = np.concatenate(rows, axis=1)
-    bins = np.array_split(np.argsort(x), BINS)
+    bins = np.array_split(np.argsort(x), ERROR_BINS)
     noise = base.campaign.channels[signal].noise
     x, measured, modelled = (np.array([v[b].mean() for b in bins]) for v in (x, measured, modelled))
     std = noise / np.sqrt([len(b) for b in bins])
