@@ -46,9 +46,10 @@ def main(arguments: list[str] | None = None) -> int:
         what the command itself returns (1 from `edhas campaign check` when a file looks wrong).
     """
     options = _parser().parse_args(arguments)
-    _prepare_process()
     try:
-        return options.command(options) or 0
+        with warnings.catch_warnings():  # restores how warnings are shown, for callers within a process
+            _prepare_process()
+            return options.command(options) or 0
     except BrokenPipeError:
         sys.stderr.close()
         return 0

@@ -49,6 +49,12 @@ class LoopBody:
     vectors: int | None = None
     single_lane: bool = False
 
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """What a step takes beside its number, by field name, in the order of its arguments."""
+        names = ("carry", "lane", "uniform") + (() if self.sample_inputs is None else ("sample_inputs",))
+        return {name: getattr(self, name) for name in names}
+
     def leaves(self, which: str, tree: Any) -> list:
         """The leaves of `tree`, which must have the structure of the field `which`.
 

@@ -39,11 +39,10 @@ class NativeLoop(Loop):
         vectors = 1 if body.single_lane else body.vectors
         if vectors is not None:
             processor = dataclasses.replace(processor, vectors=vectors)
-        self._fields = ("carry", "lane", "uniform") + (() if body.sample_inputs is None else ("sample_inputs",))
-        structures = {name: jax.tree.structure(getattr(body, name)) for name in self._fields}
+        structures = {name: jax.tree.structure(tree) for name, tree in body.inputs.items()}
 
         def text() -> str:
-            depends = [jax.tree.map(lambda _, n=name: _DEPENDENCE[n], getattr(body, name)) for name in self._fields]
+            depends = [jax.tree.map(lambda _, n=n: _DEPENDENCE[n], tree) for n, tree in body.inputs.items()]
             if body.tangents is not None:
                 kinds = {False: Dependence.CARRY, True: Dependence.TANGENT}
                 depends[0] = jax.tree.map(kinds.__getitem__, body.tangents)

@@ -76,8 +76,7 @@ def _operations(body: LoopBody) -> int:
         return len(jaxpr.eqns) + sum(inner)
 
     dtype = np.dtype(body.dtype)
-    fields = ("carry", "lane", "uniform") + (() if body.sample_inputs is None else ("sample_inputs",))
-    given = [jax.tree.map(lambda leaf: np.zeros(np.shape(leaf), dtype), getattr(body, n)) for n in fields]
+    given = [jax.tree.map(lambda leaf: np.zeros(np.shape(leaf), dtype), tree) for tree in body.inputs.values()]
     with runtime.double_precision():
         return counted(jax.make_jaxpr(body.step)(np.zeros((), dtype), *given).jaxpr)
 

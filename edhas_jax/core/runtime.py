@@ -41,7 +41,6 @@ def jit(f: Callable | None = None, **options: Any) -> Callable:
         with double_precision():
             return compiled(*args, **kwargs)
 
-    call.cache_size = compiled._cache_size
     return call
 
 

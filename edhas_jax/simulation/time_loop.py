@@ -72,8 +72,7 @@ def initial_loop_state(machine: Rig, h) -> LoopState:
     """The loop state before the first step: the machine at rest, in the precision of `h`."""
     dtype = np.dtype(type(h))
     y = {n: np.asarray(v, dtype) for n, v in machine.initial_state().items()}
-    with runtime.double_precision():
-        rows = runtime.eval_shape(lambda m: energy_balance.zero_balance(m, m.initial_state(), h), machine)
+    rows = runtime.eval_shape(lambda m: energy_balance.zero_balance(m, m.initial_state(), h), machine)
     return LoopState(y, jax.tree.map(lambda _: np.zeros((), dtype), rows), 0, -1, -1)
 
 

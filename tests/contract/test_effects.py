@@ -208,7 +208,7 @@ def test_the_order_of_effects_changes_nothing():
     for other in results[1:]:
         for one, two in zip(results[0], other, strict=True):
             for name, rate in one.items():
-                # the forces nearly cancel, so that rounding is relative to the terms
+                # the forces nearly cancel: the rounding error scales with the terms, not with their sum
                 np.testing.assert_allclose(two[name], rate, rtol=1e-10, atol=1e-8, err_msg=name)
 
 

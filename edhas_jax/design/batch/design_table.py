@@ -79,7 +79,7 @@ def read_design_table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
             raise DesignError(f"{path}: column `{cell}`: {column} has a column already")
         values = rows[:, i]
         scale = one - zero
-        # dividing by a whole number makes 20 µm the float that 20e-6 is
+        # division by the integer gives the same floating-point number as the literal 20e-6 for 20 µm; a product may not
         values = values / round(1 / scale) if scale < 0.7 and not zero else zero + values * scale
         low, high = p.span
         invalid = ~((low <= values) & (values <= high))

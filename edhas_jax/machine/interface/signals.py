@@ -71,7 +71,7 @@ class UnknownNameError(AttributeError):
 
 
 class PowerBond(NamedTuple):
-    """A power bond: the power `effort` × `flow` [W] goes to a row of the energy balance in `group`."""
+    """A power term of the energy balance, `effort` × `flow` [W], in the group `group`."""
 
     group: str
     effort: Any
@@ -158,7 +158,7 @@ class Signals:
         return Signals({**self._values, **local}, self.effects, self.record, self.orifice_linearisation)
 
     def record_power(self, name: str, group: str, effort, flow) -> None:
-        """Record that the power `effort` × `flow` [W] goes to the row `name` of the energy balance."""
+        """Count the power `effort` × `flow` [W] in the row `name` of the energy balance."""
         self.record.power_bonds[name] = PowerBond(group, effort, flow)
 
     def record_stored_energy(self, name: str, energy) -> None:
