@@ -20,6 +20,7 @@ from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import COMPONENT_KINDS, ParameterError, find_parameter, list_parameters
 from edhas_jax.machine.rigs import RIGS, Rig
 from edhas_jax.measurements.campaign import CampaignError, Channel, Remark, Severity, Use
+from edhas_jax.measurements.record_timing import RecordTiming, read_time, read_timing
 from edhas_jax.measurements.run_reader import ColumnSource
 from edhas_jax.simulation.integrator import evaluate_signals
 
@@ -29,6 +30,7 @@ KEYS = (
     "name", "rig", "parameters", "without", "uncertain", "amplifier", "controller", "reference", "time", "signals",
     "runs",
 )  # fmt: skip
+RUN_KEYS = ("file", "use", "start", "window")  # of a run, besides its conditions
 # short names of parameters by section or kind of controller
 SHORT_NAMES = {
     "amplifier": {"gain": "amplifier_gain"},
@@ -44,12 +46,13 @@ SHORT_NAMES = {
 
 
 class RunEntry(NamedTuple):
-    """An entry under `runs`: name of the run, its file, what it is used for, and its conditions by parameter (SI)."""
+    """An entry under `runs`: name of the run, its file, its use, its conditions by parameter (SI), its timing."""
 
     name: str
     file: Path
     use: Use
     conditions: dict[str, float]
+    timing: RecordTiming
 
 
 class CampaignDescription(ProblemList):
@@ -160,7 +163,9 @@ class CampaignDescription(ProblemList):
 
     def _read_time(self) -> ColumnSource:
         section = self._mapping(self._data.get("time"), ("time",), "{column: t, unit: ms}")
-        self.add_unknown_keys(("time",), section, ("column", "unit"))
+        self.add_unknown_keys(("time",), section, ("column", "unit", "start"))
+        start = read_time(self, ("time", "start"), section["start"]) if "start" in section else None
+        self._timing = RecordTiming(start)
         return ColumnSource(str(section.get("column", "time")), str(section.get("unit", "")))
 
     def _read_signals(self) -> None:
@@ -218,17 +223,18 @@ class CampaignDescription(ProblemList):
                 self.add((*key, "use"), f"one of fit, holdout belongs here; {found}")
             conditions = {}
             for name, value in row.items():
-                if name in ("file", "use") or (canonical := self._canonical_name((*key, name), name)) is None:
+                if name in RUN_KEYS or (canonical := self._canonical_name((*key, name), name)) is None:
                     continue
                 p, _ = find_parameter(self.machine, canonical)
                 size = self.read_quantity((*key, name), p, value)
                 if size is not None:
                     conditions[canonical] = size
+            timing = read_timing(self, key, row, self._timing)
             if not self.problems:
                 names = [entry.name for entry in self.run_entries]
                 stem = Path(file).stem
                 name = stem if stem not in names else f"{stem}-{k + 1}"
-                self.run_entries.append(RunEntry(name, self.folder / file, Use(use), conditions))
+                self.run_entries.append(RunEntry(name, self.folder / file, Use(use), conditions, timing))
 
 
 def read_description(

@@ -9,6 +9,7 @@ from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters, short_names
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, DEFAULT_EFFECTS
+from edhas_jax.measurements.record_timing import START_TOLERANCE
 
 NUMBER_FORMAT = "%.6g"
 
@@ -73,6 +74,7 @@ def campaign_text(campaign: Campaign) -> str:
     lines.append("runs:")
     for run in campaign.runs:
         words = [f"file: {run.name}.csv", f"use: {run.use.value}"]
+        words += ["start: 0 s"] if run.time[0] > START_TOLERANCE * run.interval else []
         for name, value in run.conditions.items():
             words.append(f"{name}: {exact_quantity(value, find_parameter(machine, name)[0].unit)}")
         lines.append(f"  - {{{', '.join(words)}}}")

@@ -69,7 +69,7 @@ def _first_harmonic_ratio(
     if not np.isfinite(compared.frequency):
         return complex(np.nan)
     time = compared.run.time
-    cycles = np.floor((time[-1] - compared.ramp_time) * compared.frequency)
+    cycles = np.floor((time[-1] - max(compared.ramp_time, time[0])) * compared.frequency)
     selected = valid & (time > time[-1] - cycles / compared.frequency)
     if cycles < 1 or not selected.any():
         return complex(np.nan)

@@ -15,6 +15,7 @@ from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Use
+from edhas_jax.measurements.record_timing import RecordTiming, TimingError
 from edhas_jax.measurements.signal_checks import true_intervals
 from edhas_jax.measurements.table_reader import Column, Table, TableError, read_table
 
@@ -42,7 +43,9 @@ class RunReader:
         self.remarks: list[Remark] = []
         self._machine, self._time, self._sources, self._set_point = machine, time, sources, set_point
 
-    def read(self, name: str, file: Path, use: Use, conditions: dict[str, float]) -> BenchRun | None:
+    def read(
+        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming = RecordTiming()
+    ) -> BenchRun | None:
         """Read the file of one run.
 
         Args:
@@ -50,6 +53,7 @@ class RunReader:
             file: a CSV, Parquet or MATLAB file.
             use: fit or holdout.
             conditions: parameters of the machine in this run (SI).
+            timing: where the time of the run is zero, and which part of the record is used.
 
         Returns:
             The run; None if no signal of it can be used.
@@ -58,10 +62,17 @@ class RunReader:
         try:
             table = read_table(file, self.remarks.append)
             order, time = self._time_stamps(table)
+            part, time, used, remarks = timing.apply(file, time)
+            self.remarks += remarks
+            order = order[part]
             reference = self._recorded_set_point(table, order, time) if self._set_point else None
         except TableError as error:
             self._remark(error.line, f"{error}; the run is left out")
             return None
+        except TimingError as error:
+            self._remark(0, f"{error}; the run is left out")
+            return None
+        order, time = order[used], time[used]
         signals = {}
         for signal, source in self._sources.items():
             column = table.columns.get(source.column)

@@ -1,4 +1,4 @@
-"""Check the time axis of a run: gaps, jitter, a late start, and too few samples per cycle of the set point."""
+"""Check the time axis of a run: gaps, jitter, and too few samples per cycle of the set point."""
 
 from collections.abc import Iterator
 
@@ -31,9 +31,6 @@ def check_time_axis(run: BenchRun, machine: Rig) -> Iterator[Remark]:
     def warn(sample: int, sentence: str) -> Remark:
         return Remark(Severity.WARNING, run.file, int(run.lines[sample]), sentence)
 
-    if abs(run.time[0]) > GAP_IN_INTERVALS * interval:
-        start = format_quantity(run.time[0], "s")
-        yield warn(0, f"the first sample is at {start}; time must count from the start of the run, at rest")
     gaps = np.flatnonzero(steps > GAP_IN_INTERVALS * interval)
     for k in gaps[:MAX_LISTED_GAPS]:
         missing, gap = round(steps[k] / interval) - 1, format_quantity(steps[k], "s")

@@ -143,7 +143,7 @@ def test_the_documented_steps_from_a_csv_file_to_the_first_comparison(tmp_path, 
     monkeypatch.chdir(tmp_path)
     page = DOCS.read_text(encoding="utf-8")
     header = re.search(r"```\n(.*)\n", page)[1]
-    (config,), (shell,), (python,) = (
+    (config, *_), (shell,), (python,) = (
         re.findall(rf"```{k}\n(.*?)```", page, re.DOTALL) for k in ("yaml", "sh", "python")
     )
     assert main(["campaign", "new", "mine"]) == 0

@@ -1,6 +1,7 @@
 """Campaigns that are planned but not measured: their description is read, their signals are predicted."""
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +33,15 @@ class PlannedCampaignDescription(CampaignDescription):
             )
         return tuple(self._planned_run(*row, rate) for row in self.run_entries)
 
-    def _planned_run(self, name, file, use, conditions, rate: float) -> BenchRun:
+    def _planned_run(self, name, file, use, conditions, timing, rate: float) -> BenchRun:
         duration = periodic_duration(self.machine, conditions) or APERIODIC_DURATION
+        low, high = timing.window
+        duration = high if math.isfinite(high) else max(duration, low + duration)
         if duration * rate < MIN_SAMPLES:
             raise CampaignError(f"{file}: has {duration * rate:.0f} samples at {format_quantity(rate, 'Hz')}, at least "
                                 f"{MIN_SAMPLES} are needed; raise the sampling rate")  # fmt: skip
         time = np.arange(round(duration * rate) + 1) / rate
+        time = time[time >= low - 0.5 / rate]
         return BenchRun(name, file, use, conditions, time, {}, np.arange(len(time)) + 2)
 
 

@@ -1,0 +1,144 @@
+"""Time of a record: counted from its first sample or from a stated start, and limited to a window."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edhas_jax.config.problem_list import ProblemList
+from edhas_jax.core.units import UnitError, format_quantity, to_si
+from edhas_jax.measurements.campaign import Remark, Severity
+
+START_TOLERANCE = 1.5  # sample intervals; a clock that starts within it of zero is not changed
+MIN_SAMPLES = 2  # within a window
+MAX_GAP_IN_RECORDS = 10.0  # lengths of the record without gaps; a longer gap is a jump of the clock
+CLOCK_ROUNDING = 2.0  # units in the last place of a time stamp, by which rounding moves it at most
+INTERVAL_DIGITS = 6  # to which the interval of evenly sampled records is rounded
+
+
+class TimingError(ValueError):
+    """A record has no samples at the stated times."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordTiming:
+    """Which part of a record is used, and where its time is zero.
+
+    Args:
+        start: time stamp [s] at which the run begins, with the machine at rest; None for the first time stamp.
+        window: first and last time [s] that are used, counted from the start.
+    """
+
+    start: float | None = None
+    window: tuple[float, float] = (0.0, math.inf)
+
+    def apply(self, file: Path, time: np.ndarray) -> tuple[slice, np.ndarray, np.ndarray, list[Remark]]:
+        """Count time from the start of the run.
+
+        Args:
+            file: the file of the record, for messages.
+            time: increasing time stamps (samples,) [s].
+
+        Returns:
+            The longest part of the record without a jump of its clock; its times (samples,) [s] from the start,
+            negative before it; a mask (samples,) of its samples that are used; remarks on the clock.
+
+        Raises:
+            TimingError: fewer than `MIN_SAMPLES` samples are used.
+        """
+        if len(time) < MIN_SAMPLES:
+            raise TimingError(f"it has {len(time)} samples with a valid time; at least {MIN_SAMPLES} are needed")
+        remarks, seconds = [], lambda value: format_quantity(value, "s")
+        interval = float(np.median(np.diff(time)))
+        part, jumps = _longest_part(time, MAX_GAP_IN_RECORDS * len(time) * interval)
+        for k in jumps:
+            sentence = f"time jumps from {seconds(time[k])} to {seconds(time[k + 1])}; only the longest part is used"
+            remarks.append(Remark(Severity.ERROR, file, 0, sentence))
+        first, tolerance = float(time[part][0]), START_TOLERANCE * interval
+        start = self.start
+        if start is None:
+            start = 0.0 if abs(first) <= tolerance else first
+            if start:
+                sentence = f"its clock starts at {seconds(first)}; time is counted from there"
+                if first < 0.0 < time[part][-1]:
+                    sentence += "; if the run begins at 0 s, write `start: 0 s` in its entry"
+                remarks.append(Remark(Severity.NOTE, file, 0, sentence))
+        elif first > start + tolerance:
+            sentence = f"the first sample comes {seconds(first - start)} after the stated start of the run"
+            remarks.append(Remark(Severity.WARNING, file, 0, sentence))
+        relative = _without_rounding(time[part] - start, float(np.spacing(np.abs(time[part]).max())), interval)
+        low, high = self.window
+        # half a sample interval: a bound that names a time stamp includes it in spite of rounding
+        used = (relative >= low - 0.5 * interval) & (relative <= high + 0.5 * interval)
+        if used.sum() < MIN_SAMPLES:
+            record = f"the record lasts from {seconds(relative[0])} to {seconds(relative[-1])}"
+            window = f"from {seconds(low)}" + (f" to {seconds(high)}" if math.isfinite(high) else "")
+            raise TimingError(f"the window {window} holds {used.sum()} samples; counted from its start, {record}")
+        return part, relative, used, remarks
+
+
+def _longest_part(time: np.ndarray, longest_gap: float) -> tuple[slice, np.ndarray]:
+    """The part with most samples between two jumps of the clock, and the samples before the jumps."""
+    jumps = np.flatnonzero(np.diff(time) > longest_gap)
+    edges = np.concatenate([[0], jumps + 1, [len(time)]])
+    k = int(np.argmax(np.diff(edges)))
+    return slice(int(edges[k]), int(edges[k + 1])), jumps
+
+
+def _without_rounding(time: np.ndarray, last_place: float, interval: float) -> np.ndarray:
+    """Times (samples,) moved to an even grid where they lie on it but for the rounding of the time stamps."""
+    if interval <= 0.0 or last_place < 1e-9 * interval:
+        return time
+    index = np.round((time - time[0]) / interval)
+    exact = (time[-1] - time[0]) / index[-1] if index[-1] > 0.0 else interval
+    index = np.round((time - time[0]) / exact)
+    for step in (float(f"{exact:.{INTERVAL_DIGITS}g}"), exact):
+        grid = time[0] + step * index
+        if np.abs(grid - time).max() <= CLOCK_ROUNDING * last_place:
+            return grid
+    return time
+
+
+def read_timing(problems: ProblemList, key: tuple, row: Mapping[str, Any], default: RecordTiming) -> RecordTiming:
+    """Read `start` and `window` of an entry under `runs`.
+
+    Args:
+        problems: collects what is wrong.
+        key: the key of the entry.
+        row: the entry.
+        default: the timing of runs that do not state their own.
+    """
+    start = read_time(problems, (*key, "start"), row["start"]) if "start" in row else default.start
+    if "window" not in row:
+        return RecordTiming(start, default.window)
+    section = row["window"]
+    if not isinstance(section, Mapping):
+        problems.add((*key, "window"), f"write for example `window: {{from: 0.2 s, to: 1.5 s}}`; got {section}")
+        return default
+    problems.add_unknown_keys((*key, "window"), section, ("from", "to"))
+    low, high = 0.0, math.inf
+    if "from" in section:
+        low = read_time(problems, (*key, "window", "from"), section["from"])
+    if "to" in section:
+        high = read_time(problems, (*key, "window", "to"), section["to"])
+    if low is None or high is None:
+        return default
+    if not 0.0 <= low < high:
+        problems.add((*key, "window"), "`from` must be 0 s or later, and `to` later than `from`")
+    return RecordTiming(start, (low, high))
+
+
+def read_time(problems: ProblemList, key: tuple, value: Any) -> float | None:
+    """Read a time with its unit in seconds; None, and a problem, for anything else."""
+    try:
+        seconds = to_si(str(value), "s", "0.2 s")
+    except UnitError as error:
+        problems.add(key, str(error))
+        return None
+    if not math.isfinite(seconds):
+        problems.add(key, f"must be a finite time, for example 0.2 s; got {value}")
+        return None
+    return seconds
