@@ -1,4 +1,7 @@
-"""Figures of a comparison: measured and simulated traces, residuals over signals and conditions, residual spectra."""
+"""Figures of a comparison: measured and simulated traces, errors over signals and conditions, residual spectra.
+
+Errors are drawn as model − measured, so that they lie above zero where the model is too high, as the sentences say.
+"""
 
 import numpy as np
 
@@ -9,6 +12,7 @@ from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.measurements.comparison import Comparison, RunComparison
 from edhas_jax.measurements.residual_patterns import Pattern
 
+ERROR_LABEL = "(model − measured) / noise"
 SHOWN_CYCLES = 2.0  # cycles at the end of a run that are drawn
 SHOWN_SHARE = 0.4  # share of the length that is drawn of a run without cycles
 BIN_COUNT = 30
@@ -18,7 +22,7 @@ BINNED_OVER = ("phase", "piston_position", "piston_velocity", "current", "outlet
 
 
 def draw_traces(comparison: Comparison, signal: str):
-    """A matplotlib figure of one signal in every run: measured and model ± 2 standard deviations, residual below."""
+    """A matplotlib figure of one signal in every run: measured and model ± 2 standard deviations, error below."""
     from matplotlib.figure import Figure
 
     runs = [compared for compared in comparison.runs if signal in compared.residuals]
@@ -40,13 +44,13 @@ def draw_traces(comparison: Comparison, signal: str):
         above.plot(time, measured, ".", ms=2.2, color=COLOURS[0], label="measured")
         above.plot(time, model, color=COLOURS[1], lw=1.1, label="model ± 2 noise")
         below.axhspan(-2, 2, color=NOISE_BAND_COLOUR, lw=0)
-        below.plot(time, compared.residuals[signal][shown], lw=0.8, color=COLOURS[0])
+        below.plot(time, -compared.residuals[signal][shown], lw=0.8, color=COLOURS[0])
         below.set_xlabel("time, ms" if row == rows - 1 else "", fontsize=8, color=INK)
         frequency = format_quantity(compared.frequency, "Hz") if np.isfinite(compared.frequency) else ""
         title = f"{compared.run.name}  {frequency}   {compared.rms_over_noise[signal]:.2f} × noise"
         above.set_title(title, fontsize=9, loc="left", color=INK)
         above.tick_params(labelbottom=False)
-        for axes, label in ((above, f"{signal.replace('_', ' ')}, {unit}"), (below, "residual / noise")):
+        for axes, label in ((above, f"{signal.replace('_', ' ')}, {unit}"), (below, ERROR_LABEL)):
             _style_axes(axes)
             if column == 0:
                 axes.set_ylabel(label, fontsize=8, color=INK)
@@ -59,7 +63,7 @@ def draw_traces(comparison: Comparison, signal: str):
 
 
 def draw_binned_residuals(comparison: Comparison):
-    """A matplotlib figure of the mean normalised residual in bins of phase, position, velocity, current and pressure.
+    """A matplotlib figure of the mean error over noise in bins of phase, position, velocity, current and pressure.
 
     One line per run, coloured from pale to dark in the order of the campaign.
     """
@@ -82,7 +86,7 @@ def draw_binned_residuals(comparison: Comparison):
                     cell.plot(at, mean, color=shade, lw=1.2, label=compared.run.name)
             _style_axes(cell)
             if column == 0:
-                cell.set_ylabel(f"{signal.replace('_', ' ')}\nresidual / noise", fontsize=8, color=INK)
+                cell.set_ylabel(f"{signal.replace('_', ' ')}\n{ERROR_LABEL}", fontsize=8, color=INK)
             if row == len(signals) - 1:
                 cell.set_xlabel(_axis_label(axis), fontsize=8, color=INK)
     handles, labels = cells[0, 0].get_legend_handles_labels()
@@ -144,7 +148,7 @@ def draw_spectra(comparison: Comparison):
 
 
 def draw_pattern(comparison: Comparison, pattern: Pattern):
-    """A matplotlib figure of the residuals of one signal over the quantity of its pattern, all runs."""
+    """A matplotlib figure of the error of one signal over the quantity of its pattern, all runs."""
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 
@@ -159,11 +163,11 @@ def draw_pattern(comparison: Comparison, pattern: Pattern):
     axis = pattern.axis if pattern.axis != "time" or not _all_cyclic(comparison) else "phase"
     for compared, shade in zip(runs, shades, strict=True):
         at = _abscissa(compared, axis)
-        axes.plot(at, scale * compared.residuals[pattern.signal], ".", ms=1.2, alpha=0.25, color=shade)
+        axes.plot(at, -scale * compared.residuals[pattern.signal], ".", ms=1.2, alpha=0.25, color=shade)
         middle, mean = _binned(compared, pattern.signal, axis)
         axes.plot(middle, scale * mean, color=shade, lw=1.4, label=compared.run.name)
     axes.set_xlabel(_axis_label(axis), fontsize=9, color=INK)
-    axes.set_ylabel(f"{pattern.signal.replace('_', ' ')}: measured − model, {unit}", fontsize=9, color=INK)
+    axes.set_ylabel(f"{pattern.signal.replace('_', ' ')}: model − measured, {unit}", fontsize=9, color=INK)
     axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     _style_axes(axes)
     return figure
@@ -193,8 +197,8 @@ def _abscissa(compared: RunComparison, axis: str) -> np.ndarray:
 
 
 def _binned(compared: RunComparison, signal: str, axis: str) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of bins of equal width along a quantity, and the mean residual in each; sparse bins are left out."""
-    at, values = _abscissa(compared, axis), compared.residuals[signal]
+    """Centres of bins of equal width along a quantity, and the mean error over noise in each, without sparse bins."""
+    at, values = _abscissa(compared, axis), -compared.residuals[signal]
     ok = np.isfinite(at) & np.isfinite(values)
     if not ok.any():
         return np.zeros(0), np.zeros(0)

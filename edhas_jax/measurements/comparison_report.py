@@ -52,8 +52,8 @@ def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
             for p in patterns[:MAX_DRAWN_PATTERNS]
             if np.isfinite(p.weight)
         ),
-        html_page.heading("Mean residual against phase, position, velocity, current and pressure"),
-        html_page.image(draw_binned_residuals(comparison), "mean residual in bins"),
+        html_page.heading("Mean error against phase, position, velocity, current and pressure"),
+        html_page.image(draw_binned_residuals(comparison), "mean error in bins"),
         *_residuals_over_conditions(comparison),
         html_page.heading("Spectra of the residuals"),
         html_page.image(draw_spectra(comparison), "spectra of the residuals"),
@@ -90,12 +90,13 @@ def _figures_of_merit_table(comparison: Comparison) -> str:
     body = []
     for (run, signal), row in zip(table.index, table.itertuples(index=False), strict=True):
         unit = SIGNALS[signal].unit
+        optional = ((row.harmonic, "{:.0f}"), (row.amplitude, "{:.4f}"), (np.degrees(row.phase), "{:+.2f}°"),
+                    (1e3 * row.delay, "{:+.3f} ms"))  # fmt: skip
         body.append([
             f"{run} {signal}", f"{row.residual_over_noise:.2f}", f"{row.nrmse:.3%}",
             *(format_quantity(value, unit) if np.isfinite(value) else "" for value in (row.peak, row.mean)),
-            *("" if not np.isfinite(value) else text.format(value) for value, text in
-              ((row.amplitude, "{:.4f}"), (np.degrees(row.phase), "{:+.2f}°"), (1e3 * row.delay, "{:+.3f} ms"))),
+            *(text.format(value) if np.isfinite(value) else "" for value, text in optional),
             f"{row.memory:+.2f}", "white" if row.white else "not white",
         ])  # fmt: skip
-    header = ["", "residual / noise", "NRMSE", "peak", "mean", "amplitude", "phase", "delay", "autocorrelation", ""]
-    return html_page.table(header, body)
+    columns = "residual / noise", "NRMSE", "peak", "mean", "harmonic", "amplitude", "phase", "delay", "autocorrelation"
+    return html_page.table(["", *columns, ""], body)

@@ -1,7 +1,8 @@
 """Find patterns in the residuals of a comparison: offset, gain, delay, steps, proportions, regions of the stroke.
 
 Each signal is treated by matching pursuit: of all candidate shapes, the one that explains most of the sum of squares is
-subtracted, and the search repeated. Every pattern is ranked by what it explains and described in one sentence.
+subtracted, and the search repeated. Every pattern is ranked by what it explains and described in one sentence about the
+model: "outlet pressure: the model is 3 % too high" means that the measured pressure is lower.
 """
 
 import dataclasses
@@ -18,6 +19,7 @@ MAX_PATTERNS_PER_SIGNAL = 3
 NEGLIGIBLE_RESIDUAL = 1.15  # residual over noise below which a signal is not searched for patterns
 STEP_WIDTH = 0.03  # width of a smoothed step, as a share of the range of the quantity that changes sign
 MIN_GROWTH = 1.6  # ratio of the sizes of a pattern in the runs above and below the median of a condition
+MAX_RELATIVE_ERROR = 0.9  # of the model's signal, above which the measured signal counts as not following it
 MIN_STROKE_CYCLES = 0.2  # duration of a stroke, in cycles, below which a change of direction is noise
 DISPLAY_NAMES = {"reference": "set point"}
 
@@ -47,7 +49,7 @@ class _Shape:
 
     axis: str
     values: list[np.ndarray]
-    sentence: str  # with fields such as {size}, the change of the signal for one unit of the shape
+    sentence: str  # with fields such as {size}, the error of the model for one unit of the shape
 
 
 def find_patterns(comparison: Comparison) -> list[Pattern]:
@@ -67,10 +69,11 @@ def _patterns_of_signal(comparison: Comparison, signal: str) -> list[Pattern]:
     runs = [compared for compared in comparison.runs if signal in compared.residuals]
     residuals = [compared.residuals[signal] for compared in runs]
     if not all(np.isfinite(compared.model[signal]).all() for compared in runs):
-        sentence = f"the model fails before it gives {_display_name(signal)} in some run"
+        sentence = f"{_display_name(signal)}: the model fails before the end of some run"
         return [Pattern(signal, "phase", 1.0, math.inf, sentence)]
     measured = [np.isfinite(values) for values in residuals]
-    remaining = np.concatenate([values[ok] for values, ok in zip(residuals, measured, strict=True)])
+    # error of the model: model − measured, in standard deviations of the noise
+    remaining = np.concatenate([-values[ok] for values, ok in zip(residuals, measured, strict=True)])
     count, excess = len(remaining), float(remaining @ remaining) - len(remaining)
     if excess < (NEGLIGIBLE_RESIDUAL**2 - 1.0) * count:
         return []
@@ -78,6 +81,7 @@ def _patterns_of_signal(comparison: Comparison, signal: str) -> list[Pattern]:
     columns = [np.concatenate([v[ok] for v, ok in zip(shape.values, measured, strict=True)]) for shape in shapes]
     run_of_sample = np.concatenate([np.full(ok.sum(), k) for k, ok in enumerate(measured)])
     noise = comparison.campaign.channels[signal].noise
+    span = max(float(np.ptp(compared.model[signal])) for compared in runs)
     patterns: list[Pattern] = []
     for _ in range(MAX_PATTERNS_PER_SIGNAL):
         best, largest = None, 0.0
@@ -90,7 +94,7 @@ def _patterns_of_signal(comparison: Comparison, signal: str) -> list[Pattern]:
             break
         column, shape = columns[best], shapes[best]
         size = float(remaining @ column) / float(column @ column)
-        sentence = _sentence(shape, signal, size * noise) + _trend_clause(runs, remaining, column, run_of_sample)
+        sentence = _sentence(shape, signal, size * noise, span) + _trend_clause(runs, remaining, column, run_of_sample)
         patterns.append(Pattern(signal, shape.axis, largest / excess, largest, sentence))
         remaining = remaining - size * column
     return patterns or [_without_pattern(signal, remaining, noise, excess)]
@@ -100,31 +104,43 @@ def _candidate_shapes(runs: list[RunComparison], signal: str) -> list[_Shape]:
     """Offset, gain and delay of the signal, functions of every other signal, and regions of the stroke."""
     name = _display_name(signal)
     ones = [np.ones(len(compared.run.time)) for compared in runs]
-    shapes = [_Shape("time", ones, f"{name} reads {{size}} {{high}} throughout")]
+    shapes = [_Shape("time", ones, f"{name}: the model is {{size}} {{high}} throughout")]
     modelled = [compared.model[signal] for compared in runs]
     middle = float(np.mean(np.concatenate([values[:1] for values in modelled])))
     span = max(np.ptp(values) for values in modelled)
-    sentence = f"{name} is {{large}} in proportion: {{size}} over its whole range of {_quantity(signal, span)}"
-    shapes.append(_Shape(signal, [(v - middle) / span for v in modelled], sentence))
+    if span > 0.0:
+        shapes.append(_gain_shape(signal, [v - middle for v in modelled], float(span)))
     rates = [np.gradient(v, compared.run.time) for v, compared in zip(modelled, runs, strict=True)]
-    shapes.append(_Shape("time", [-rate * 1e-3 for rate in rates], f"{name} is {{late}} by {{delay}}"))
+    shapes.append(_Shape("time", [-rate * 1e-3 for rate in rates], f"{name}: the model is {{delay}} {{late}}"))
     for axis in runs[0].model:
         values = [compared.model[axis] for compared in runs]
         largest = max(float(np.abs(v).max()) for v in values)
         if largest <= 0.0 or SIGNALS[axis].unit == "Pa" or axis == signal:
             continue
         other, at_largest = _display_name(axis), _quantity(axis, largest)
-        sentence = f"{name} steps by {{twice}} where {other} changes sign ({{high}} while it is positive)"
+        signs = f"{{size}} {{high}} while {other} is positive, and {{size}} {{low}} while it is negative"
+        sentence = f"{name}: the model is {signs}"
         shapes.append(_Shape(axis, [np.tanh(v / (STEP_WIDTH * largest)) for v in values], sentence))
-        sentence = f"{name} deviates in proportion to {other}: {{size}} {{high}} at {at_largest}"
+        sentence = f"{name}: the model's error is proportional to {other}: {{size}} {{high}} at {at_largest}"
         shapes.append(_Shape(axis, [v / largest for v in values], sentence))
-        sentence = (
-            f"{name} reads {{size}} {{high}} where {other} is largest in either direction, and right where it is 0"
-        )
+        where = f"where {other} is largest in either direction, and right where it is 0"
+        sentence = f"{name}: the model is {{size}} {{high}} {where}"
         shapes.append(_Shape(axis, [np.square(v / largest) for v in values], sentence))
-        sentence = f"{name} deviates as the square of {other}, with its sign: {{size}} {{high}} at {at_largest}"
+        law = f"goes with the square of {other} and has its sign"
+        sentence = f"{name}: the model's error {law}: {{size}} {{high}} at {at_largest}"
         shapes.append(_Shape(axis, [v * np.abs(v) / largest**2 for v in values], sentence))
     return shapes + _stroke_regions(runs, name)
+
+
+def _gain_shape(signal: str, values: list[np.ndarray], span: float) -> _Shape:
+    """The error of a signal in proportion to its deviation `values` from the start; its range is `span`, SI."""
+    # a signal of both signs is too large where it is positive and where it is negative
+    is_one_sided = min(float(v.min()) for v in values) > -0.05 * span
+    sentence = (
+        f"{_display_name(signal)}: the model is {{share}} {'{high}' if is_one_sided else '{large}'} "
+        f"({{size}} over its range of {_quantity(signal, span)})"
+    )
+    return _Shape(signal, [v / span for v in values], sentence)
 
 
 def _stroke_regions(runs: list[RunComparison], name: str) -> list[_Shape]:
@@ -135,7 +151,7 @@ def _stroke_regions(runs: list[RunComparison], name: str) -> list[_Shape]:
     for direction, sign in (("outward (x rising)", 1.0), ("return (x falling)", -1.0)):
         for tenth, words in ((0, "first tenth"), (1, "second tenth"), (8, "ninth tenth"), (9, "last tenth")):
             values = [(_stroke_position(compared, sign) * 10.0 // 1.0 == tenth).astype(float) for compared in runs]
-            sentence = f"{name} reads {{size}} {{high}} in the {words} of the {direction} stroke"
+            sentence = f"{name}: the model is {{size}} {{high}} in the {words} of the {direction} stroke"
             shapes.append(_Shape("phase", values, sentence))
     return shapes
 
@@ -151,10 +167,17 @@ def _stroke_position(compared: RunComparison, sign: float) -> np.ndarray:
     return position
 
 
-def _sentence(shape: _Shape, signal: str, size: float) -> str:
+def _sentence(shape: _Shape, signal: str, size: float, span: float) -> str:
+    """The sentence of a shape for an error of the model `size` of a signal with the range `span`, both in SI."""
+    share = size / span if span > 0.0 else 0.0  # of the model; the sentence relates it to the measured signal
+    if shape.axis == signal and share > MAX_RELATIVE_ERROR:
+        how = "in the opposite direction" if share > 2.0 - MAX_RELATIVE_ERROR else "hardly at all"
+        moves = f"where the model moves by {_quantity(signal, span)}, the measured signal moves {how}"
+        return f"{_display_name(signal)}: {moves}"
     return shape.sentence.format(
         size=_quantity(signal, abs(size)),
-        twice=_quantity(signal, 2.0 * abs(size)), high="high" if size > 0.0 else "low",
+        share=f"{format_number(100.0 * abs(share / (1.0 - share)), 2)} %" if shape.axis == signal else "",
+        high="too high" if size > 0.0 else "too low", low="too low" if size > 0.0 else "too high",
         large="too large" if size > 0.0 else "too small", late="late" if size > 0.0 else "early",
         delay=format_quantity(float(f"{abs(size) * 1e-3:.2g}"), "s"),
     )  # fmt: skip
@@ -184,9 +207,8 @@ def _trend_clause(
 
 def _without_pattern(signal: str, remaining: np.ndarray, noise: float, excess: float) -> Pattern:
     size = _quantity(signal, noise * math.sqrt(excess / len(remaining)))
-    return Pattern(
-        signal, "phase", 1.0, excess, f"{_display_name(signal)} deviates by {size} (rms) without a simple pattern"
-    )
+    sentence = f"{_display_name(signal)}: the model is wrong by {size} (rms) without a simple pattern"
+    return Pattern(signal, "phase", 1.0, excess, sentence)
 
 
 def _display_name(name: str) -> str:

@@ -1,8 +1,10 @@
 """Comparison with measurements: the true model leaves noise, the patterns locate the error of a wrong one."""
 
 import dataclasses
+import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import edhas_jax as edhas
@@ -16,22 +18,17 @@ from edhas_jax.measurements.figures_of_merit import COLUMNS, figures_of_merit, l
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_patterns import find_patterns
-from edhas_jax.measurements.sensor_models import SensorGain, SensorLag, SensorOffset
-from tests.support.faulty_campaign import VALID_CAMPAIGN
+from edhas_jax.measurements.sensor_models import SensorDelay, SensorGain, SensorOffset
+from tests.support.faulty_campaign import VALID_CAMPAIGN, copy_campaign, modify_table
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
+PRESSURE, REST = "outlet_pressure [MPa]", 0.2  # MPa, pressure at the start
 NOISE_TOLERANCE = 0.15  # of residual over noise about 1
 
 
 @pytest.fixture(scope="module")
 def campaign():
     return measured(empty_campaign(), bench())
-
-
-def patterns_with_sensor(sensor):
-    """The patterns when the current was recorded by a sensor that the model does not include."""
-    campaign = measured(empty_campaign(), bench(), Instruments({"current": (sensor,)}))
-    return find_patterns(compare(campaign))
 
 
 def test_the_true_model_leaves_noise(campaign):
@@ -84,27 +81,66 @@ def test_an_inverter_dead_time_is_located():
     found = compare(measured(empty_campaign(), truth))
     (first, *_) = find_patterns(found)
     assert (first.signal, first.axis) == ("voltage", "current")
-    assert "where current changes sign (high while it is positive)" in first.sentence
-    assert sentences([first])[0].startswith("Voltage steps by 1.")
+    match = re.fullmatch(
+        r"voltage: the model is (\S+) V too low while current is positive, and \1 V too high while it is negative.*",
+        first.sentence,
+    )
+    assert 0.5 < float(match[1]) <= 0.85
     text = comparison_report(found, find_patterns(found))
-    assert "current changes sign" in text and text.count("data:image/png") >= 6
+    assert sentences([first])[0].startswith("Voltage: the model is")
+    assert "too low while current is positive" in text and text.count("data:image/png") >= 6
 
 
-def test_an_offset_is_described_as_one():
-    (first, *_) = patterns_with_sensor(SensorOffset(offset=0.15))
-    assert first.sentence == "current reads 0.15 A high throughout"
+@pytest.mark.parametrize(
+    ("of_model", "of_bench", "sentence"),
+    [
+        (SensorOffset(offset=0.15), None, "current: the model is 0.15 A too high throughout"),
+        (None, SensorOffset(offset=0.15), "current: the model is 0.15 A too low throughout"),
+        (SensorGain(gain=1.2), None, "current: the model is 20 % too large "),
+        (None, SensorGain(gain=1.25), "current: the model is 20 % too small "),
+        (SensorDelay(delay_time=0.4e-3), None, r"current: the model is 4\d\d µs late"),
+        (None, SensorDelay(delay_time=0.4e-3), r"current: the model is 4\d\d µs early"),
+        (None, SensorGain(gain=-1.0), "current: where the model moves by "),
+    ],
+)
+def test_sentences_say_how_the_model_is_wrong(of_model, of_bench, sentence):
+    """A fault of the bench's sensor makes the model wrong the other way round."""
+    campaign = measured(empty_campaign(), bench(), _on_current(of_bench))
+    found = compare(campaign, instruments=_on_current(of_model))
+    (first, *_) = find_patterns(found)
+    assert re.match(sentence, first.sentence)
+    row = figures_of_merit(found).loc[("run1", "current")]
+    if "early" in sentence or "late" in sentence:
+        assert row["delay"] == pytest.approx(0.4e-3 if "late" in sentence else -0.4e-3, rel=0.2)
+    if "throughout" in sentence:
+        assert row["mean"] == pytest.approx(0.15 if "high" in sentence else -0.15, rel=0.05)
+    if "%" in sentence:
+        assert row["amplitude"] == pytest.approx(1.2 if "large" in sentence else 0.8, rel=0.01)
 
 
-def test_a_gain_error_is_described_as_one():
-    (first, *_) = patterns_with_sensor(SensorGain(gain=1.2))
-    assert first.signal == "current" and "too large in proportion" in first.sentence
+def _on_current(sensor):
+    return Instruments({"current": (sensor,)} if sensor else {})
 
 
-def test_a_lag_is_described_as_a_delay():
-    (first, *_) = patterns_with_sensor(SensorLag(lag_time=0.6e-3))
-    assert first.signal == "current" and "late by" in first.sentence
-    # less than the time constant, because where the current jumps a lag differs from a delay
-    assert 200.0 < float(first.sentence.split("late by ")[1].split()[0]) <= 600.0
+def test_amplitude_and_phase_are_those_of_the_harmonic_that_carries_the_signal(campaign):
+    """A signal rectified by the pump has no first harmonic; others have none, or none in common with the model."""
+    found = compare(campaign)
+    compared, run = found.runs[0], found.runs[0].run
+    time = run.time
+    cycle = 2.0 * np.pi * compared.frequency * time
+    noise = 5e-6 * np.random.default_rng(1).standard_normal(len(time))
+    model = dict(compared.model, current=np.abs(np.sin(cycle)), voltage=np.sin(cycle), piston_position=0.0 * time)
+    signals = {"current": np.abs(np.sin(cycle - 0.1)) / 1.25, "voltage": np.sin(3.0 * cycle), "piston_position": noise}
+    residuals = {n: (v - model[n]) / campaign.channels[n].noise for n, v in signals.items()}
+    compared = dataclasses.replace(
+        compared, run=dataclasses.replace(run, signals=signals), model=model, residuals=residuals
+    )
+    found = dataclasses.replace(found, runs=(compared,))
+    table = figures_of_merit(found).loc["run1"]
+    assert list(table["harmonic"]) == pytest.approx([2.0, np.nan, np.nan], nan_ok=True)
+    assert table["amplitude"]["current"] == pytest.approx(1.25, rel=1e-2)
+    assert table["phase"]["current"] == pytest.approx(-0.2, rel=1e-2)  # the model is 0.1 rad of its cycle early
+    assert table[["amplitude", "phase"]].iloc[1:].isna().all(axis=None)
 
 
 def test_ljung_box_separates_white_from_correlated_noise():
@@ -117,11 +153,21 @@ def test_ljung_box_separates_white_from_correlated_noise():
 
 
 def test_on_the_command_line(tmp_path, capsys):
-    out = tmp_path / "compared"
-    assert main(["compare", str(VALID_CAMPAIGN), "--out", str(out)]) == 0
+    """The measured pressures are lowered, so that the model is too high."""
+    folder, out = copy_campaign(tmp_path / "bench"), tmp_path / "compared"
+    for run in ("run3.csv", "run4.csv", "run8.csv"):
+        modify_table(folder, run, lambda f: f.assign(**{PRESSURE: REST + (f[PRESSURE] - REST) / 1.5}))
+    assert main(["compare", str(folder), "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "residual over noise" in printed and "run8" in printed
+    assert 45.0 < float(re.search(r"1\. Outlet pressure: the model is (\S+) % too high ", printed)[1]) < 60.0
     assert {p.name for p in out.iterdir()} == {"report.html", "figures.csv"}
+    assert "% too high" in (out / "report.html").read_text()
+    figures = pd.read_csv(out / "figures.csv", index_col=["run", "signal"])
+    pressure, position = (figures.xs(name, level="signal") for name in ("outlet_pressure", "piston_position"))
+    assert (pressure["mean"] > 0.0).all() and (pressure["harmonic"] == 2.0).all()
+    assert pressure["amplitude"].to_numpy() == pytest.approx(1.5, rel=0.05)
+    assert (position["harmonic"] == 1.0).all()
     assert main(["compare", str(VALID_CAMPAIGN), "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
     assert main(["fit", str(VALID_CAMPAIGN), "--out", str(out), "--profile", "nonsense", "--overwrite"]) == 2
