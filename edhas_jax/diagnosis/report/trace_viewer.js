@@ -16,11 +16,18 @@
     if (!cache.has(key)) cache.set(key, numbers(data.runs[r].signals[s][name]));
     return cache.get(key);
   }
+  // about `count` round numbers between two limits, at least three: multiples of 1, 2 or 5 times a power of ten
   function ticks(low, high, count) {
+    if (!(high > low)) return {at: [], digits: 0};
     const raw = (high - low) / count, size = Math.pow(10, Math.floor(Math.log10(raw)));
-    const step = size * [1, 2, 5, 10].find(m => m * size >= raw), out = [];
-    for (let v = Math.ceil(low / step) * step; v <= high + 1e-9 * step; v += step) out.push(v);
-    return {at: out, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9))};
+    const multiples = step => {
+      const first = Math.ceil(low / step - 1e-9), last = Math.floor(high / step + 1e-9);
+      return Array.from({length: last - first + 1}, (_, k) => (first + k) * step + 0);  // + 0 turns -0 into 0
+    };
+    const steps = [10, 5, 2, 1, 0.5, 0.2].map(m => m * size);
+    const fitting = steps.filter(s => s >= raw).pop();
+    const step = steps.find(s => s <= fitting && multiples(s).length >= 3) || fitting;
+    return {at: multiples(step), digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9))};
   }
   function path(x, y, inside) {
     let d = "", pen = "M";
@@ -48,6 +55,7 @@
       const z = Math.abs(measured[k] - row[k]) / noise;
       if (z > off) off = z;
     }
+    if (low > high) low = high = 0;  // every sample is missing
     const pad = 0.06 * (high - low) || 1; low -= pad; high += pad;
     const X = v => L + (v - from) / (to - from) * (W - L - R);
     const Y = v => TOP - (v - low) / (high - low) * (TOP - 8);
@@ -104,8 +112,9 @@
       }
       if (k < 0 || k >= n || now < from || now > to) return;
       mark.setAttribute("x1", x(k)); mark.setAttribute("x2", x(k)); mark.setAttribute("visibility", "visible");
-      root.querySelector(".reading").textContent = `${t(k).toFixed(2)} ms: measured ${measured[k].toPrecision(5)}` +
-        models.map((m, i) => `, ${m.name} ${values[i][k].toPrecision(5)}`).join("") + " " + unit;
+      const text = value => isNaN(value) ? "missing" : `${value.toPrecision(5)} ${unit}`;
+      root.querySelector(".reading").textContent = `${t(k).toFixed(2)} ms: measured ${text(measured[k])}` +
+        models.map((m, i) => `, ${m.name} ${text(values[i][k])}`).join("");
     };
     svg.onmouseup = e => {
       const end = time(e), apart = Math.abs(end - begun);
