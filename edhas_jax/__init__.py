@@ -7,6 +7,8 @@ __version__ = "0.1.0"
 # what a user needs, loaded when it is asked for: the core alone imports in a second
 _PUBLIC = {
     "load": ("config.machine_config", "read_config"),
+    "trust": ("core.trusted_code", "trust"),
+    "distrust": ("core.trusted_code", "distrust"),
     "change": ("machine.parameters", "change"),
     "get": ("machine.parameters", "get_parameter"),
     "simulate": ("simulation.run", "simulate"),

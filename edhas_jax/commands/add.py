@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_file
+from edhas_jax.commands.arguments import add_output_file, add_own_code, own_code
 from edhas_jax.commands.console import console, table
 
 
@@ -12,6 +12,7 @@ def add_parser(commands) -> None:
     parser.add_argument("effect", help="id of an effect, or FILE.py:Class")
     parser.add_argument("--campaign", type=Path, required=True, help="folder of the campaign")
     add_output_file(parser, "configuration to write (default: NAME_EFFECT.yaml)")
+    add_own_code(parser, effects=False)
     parser.set_defaults(command=run)
 
 
@@ -34,8 +35,8 @@ def run(options) -> None:
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.simulation.run import Simulation
 
-    campaign = read_campaign(options.campaign)
-    effect = load_effect(options.effect)
+    campaign = read_campaign(options.campaign, own_code(options))
+    effect = load_effect(options.effect, trust=[options.effect])
     path = options.out or Path(f"{campaign.name}_{effect.id}.yaml")
     if path.exists() and not options.overwrite:
         raise ResultFileError(f"{path}: exists already; nothing was written. Name another file or add --overwrite")

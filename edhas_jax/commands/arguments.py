@@ -29,6 +29,20 @@ def add_overrides(parser: argparse.ArgumentParser, example: str) -> None:
     )  # fmt: skip
 
 
+def add_own_code(parser: argparse.ArgumentParser, effects: bool = True) -> None:
+    """`--effect` and `--controller` for files of one's own that a configuration or campaign names."""
+    for option in ("effect", "controller") if effects else ("controller",):
+        parser.add_argument(
+            f"--{option}", dest=f"own_{option}s", action="append", default=[], metavar="FILE.py:CLASS",
+            help=f"let this {option} of your own run if a file names it (`edhas trust FILE.py` allows it for good)",
+        )  # fmt: skip
+
+
+def own_code(options) -> list[str]:
+    """The files of the user's own that the command line names."""
+    return [spec for name in ("own_effects", "own_controllers", "effects") for spec in getattr(options, name, [])]
+
+
 def add_user_effects(parser: argparse.ArgumentParser, metavar: str, description: str) -> None:
     """`--effect FILE.py:Class`, which may be given several times."""
     parser.add_argument("--effect", dest="effects", action="append", default=[], metavar=metavar, help=description)

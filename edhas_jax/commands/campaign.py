@@ -2,7 +2,7 @@
 
 import time
 
-from edhas_jax.commands.arguments import add_campaign_folder
+from edhas_jax.commands.arguments import add_campaign_folder, add_own_code, own_code
 from edhas_jax.commands.console import console, progress_bar, table
 
 STATUS_REMARKS = 1
@@ -15,6 +15,7 @@ def add_parser(commands) -> None:
     ).add_subparsers(title="what to do", required=True, metavar="ACTION")
     check = actions.add_parser("check", help="read everything, list what looks wrong; status 1 if anything does")
     add_campaign_folder(check)
+    add_own_code(check, effects=False)
     check.set_defaults(command=run_check)
     new = actions.add_parser("new", help="write a commented template that passes the check")
     add_campaign_folder(new, "folder to write")
@@ -30,7 +31,7 @@ def run_check(options) -> int:
     from edhas_jax.measurements.campaign_reader import read_campaign
 
     out = console()
-    campaign = read_campaign(options.campaign)
+    campaign = read_campaign(options.campaign, own_code(options))
     began = time.perf_counter()
     with progress_bar(out, time_remaining=True) as bar:
         task = bar.add_task("checking, and comparing with the model", total=1.0)

@@ -4,6 +4,8 @@ No command imports JAX, pandas, matplotlib or SciPy before it runs, so that `edh
 """
 
 import argparse
+import importlib
+import os
 import sys
 import warnings
 
@@ -25,11 +27,12 @@ from edhas_jax.commands import (
     simulate,
     size,
     sweep,
+    trust,
 )
 
 COMMANDS = (
     simulate, sweep, compare, fit, plan, sensitivity, campaign, size, diagnose, add, export, plot, parameters, effects,
-    schema, device,
+    schema, device, trust,
 )  # fmt: skip
 STATUS_USER_ERROR = 2
 STATUS_INTERRUPTED = 130
@@ -67,6 +70,8 @@ def _prepare_process() -> None:
     from edhas_jax.core.runtime import keep_xla_programs
 
     keep_xla_programs()
+    if os.path.lexists("matplotlibrc"):
+        _import_matplotlib_elsewhere()
     show = warnings.showwarning
 
     def show_sentence(message, category, *where, **options):
@@ -76,6 +81,16 @@ def _prepare_process() -> None:
             show(message, category, *where, **options)
 
     warnings.showwarning = show_sentence
+
+
+def _import_matplotlib_elsewhere() -> None:
+    """Import matplotlib without the settings of the working folder, which may have it call other programs."""
+    here = os.getcwd()
+    os.chdir(os.path.dirname(edhas_jax.__file__))
+    try:
+        importlib.import_module("matplotlib")
+    finally:
+        os.chdir(here)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -92,6 +107,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from edhas_jax.compiler.engines import EngineError
     from edhas_jax.config.machine_config import ConfigError
     from edhas_jax.config.run_folder import ResultFileError
+    from edhas_jax.core.trusted_code import TrustError
     from edhas_jax.core.units import UnitError
     from edhas_jax.export.fmu_inputs import FmuError
     from edhas_jax.machine.effects import EffectError
@@ -101,7 +117,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
 
     return (
         CampaignError, ConfigError, EffectError, EngineError, FmuError, ParameterError, ResultFileError,
-        SimulationError, UnitError,
+        SimulationError, TrustError, UnitError,
     )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder
+from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_own_code, own_code
 from edhas_jax.commands.console import console, file_names, print_remarks, table
 
 
@@ -16,6 +16,7 @@ def add_parser(commands) -> None:
         help="drive the model with this measured signal, so that what lies behind it is judged alone",
     )  # fmt: skip
     add_output_folder(parser, "comparisons")
+    add_own_code(parser)
     parser.set_defaults(command=run)
 
 
@@ -32,8 +33,8 @@ def run(options) -> None:
     from edhas_jax.measurements.replay import Replay
     from edhas_jax.measurements.residual_patterns import find_patterns
 
-    campaign = read_campaign(options.campaign)
-    machine = None if options.model is None else read_config(options.model).machine
+    campaign = read_campaign(options.campaign, own_code(options))
+    machine = None if options.model is None else read_config(options.model, trust=own_code(options)).machine
     folder = options.out or unused_folder(Path("comparisons"), campaign.name)
     require_new_folder(folder, options.overwrite)
     out = console()

@@ -2,7 +2,13 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_user_effects
+from edhas_jax.commands.arguments import (
+    add_campaign_folder,
+    add_output_folder,
+    add_own_code,
+    add_user_effects,
+    own_code,
+)
 from edhas_jax.commands.console import console, file_names, print_remarks, save_figure, table
 
 
@@ -12,6 +18,7 @@ def add_parser(commands) -> None:
     add_campaign_folder(parser)
     add_output_folder(parser, "diagnoses")
     add_user_effects(parser, "FILE.py:CLASS", "also consider an effect of your own; may be given several times")
+    add_own_code(parser, effects=False)
     parser.set_defaults(command=run)
 
 
@@ -35,10 +42,10 @@ def run(options) -> None:
     from edhas_jax.measurements.campaign import CampaignError
     from edhas_jax.measurements.campaign_reader import read_campaign
 
-    campaign = read_campaign(options.campaign)
+    campaign = read_campaign(options.campaign, own_code(options))
     folder = options.out or unused_folder(Path("diagnoses"), campaign.name)
     require_new_folder(folder, options.overwrite)
-    user_effects = [load_effect(spec) for spec in options.effects]
+    user_effects = [load_effect(spec, trust=[spec]) for spec in options.effects]
     out = console()
     print_remarks(out, campaign.remarks)
     with out.status("reading") as status:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from edhas_jax.commands.arguments import add_own_code, own_code
 from edhas_jax.commands.console import console, save_figure, table
 
 
@@ -11,6 +12,7 @@ def add_parser(commands) -> None:
     parser.add_argument("name", nargs="?", help="id of an effect, or FILE.py:Class")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="draw what the named effect does to the signals")
     parser.add_argument("--config", type=Path, help="list the effects of this configuration, a user's own included")
+    add_own_code(parser)
     parser.set_defaults(command=run)
 
 
@@ -23,14 +25,14 @@ def run(options) -> None:
 
     out = console()
     if options.name:
-        effect = load_effect(options.name)
+        effect = load_effect(options.name, trust=[options.name])
         _print_effect(effect, out)
         if options.picture:
             _draw_effect(effect, options.picture, out)
         return
     listed = LIBRARY
     if options.config:
-        listed = tuple(type(e) for e in read_config(options.config).machine.effects)
+        listed = tuple(type(e) for e in read_config(options.config, trust=own_code(options)).machine.effects)
     rows = table("effects", "effect", "acts on", "what it is", "parameters")
     for effect in listed:
         where = ", ".join(dict.fromkeys(s.location for s in effect.slots))

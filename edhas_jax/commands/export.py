@@ -4,7 +4,7 @@ import os
 from collections import Counter
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_file, add_overrides
+from edhas_jax.commands.arguments import add_output_file, add_overrides, add_own_code, own_code
 from edhas_jax.commands.console import console, table
 
 
@@ -19,6 +19,7 @@ def add_parser(commands) -> None:
              "may be given several times",
     )  # fmt: skip
     add_overrides(parser, "step=10us")
+    add_own_code(parser)
     parser.add_argument(
         "--compiler", dest="compilers", action="append", default=[], metavar="COMMAND",
         help="C compiler (default: $CC or cc); several, cross compilers among them, add a binary each",
@@ -35,7 +36,7 @@ def run(options) -> None:
     from edhas_jax.export.fmu import export_fmu
 
     compilers = [] if options.sources_only else options.compilers or [os.environ.get("CC") or "cc"]
-    config = read_config(options.config, options.overrides)
+    config = read_config(options.config, options.overrides, own_code(options))
     path = options.out or Path(f"{options.config.stem}.fmu")
     out = console()
     with out.status("reading") as status:

@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder
+from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_own_code, own_code
 from edhas_jax.commands.console import console, file_names, print_remarks, table
 
 
@@ -17,6 +17,7 @@ def add_parser(commands) -> None:
         "--profile", action="append", default=[], metavar="NAME",
         help="also the likelihood along this parameter, all others fitted anew; may be given several times",
     )  # fmt: skip
+    add_own_code(parser, effects=False)
     parser.set_defaults(command=run)
 
 
@@ -40,7 +41,7 @@ def run(options) -> None:
     from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 
     began = time.perf_counter()
-    campaign = read_campaign(options.campaign)
+    campaign = read_campaign(options.campaign, own_code(options))
     folder = options.out or unused_folder(Path("fits"), campaign.name)
     require_new_folder(folder, options.overwrite)
     unknowns = uncertain_unknowns(campaign)

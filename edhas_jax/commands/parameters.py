@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from edhas_jax.commands.arguments import add_own_code, own_code
 from edhas_jax.commands.console import console, table
 
 NO_SOURCE = "chosen; the paper gives no value"
@@ -11,6 +12,7 @@ def add_parser(commands) -> None:
     """Declare the command and its arguments."""
     parser = commands.add_parser("parameters", help="every parameter with unit, value, range, meaning, source")
     parser.add_argument("config", nargs="?", type=Path, help="configuration (default: all rigs and effects)")
+    add_own_code(parser)
     parser.set_defaults(command=run)
 
 
@@ -23,7 +25,8 @@ def run(options) -> None:
 
     out = console()
     if options.config:
-        listed = [(p, value) for p, value, _ in list_parameters(read_config(options.config).machine)]
+        machine = read_config(options.config, trust=own_code(options)).machine
+        listed = [(p, value) for p, value, _ in list_parameters(machine)]
         title = f"parameters of {options.config}"
     else:
         listed = [(p, p.default) for owner in _parameter_owners() for p in structs.parameters(owner)]

@@ -3,7 +3,13 @@
 import json
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_user_effects
+from edhas_jax.commands.arguments import (
+    add_campaign_folder,
+    add_output_folder,
+    add_own_code,
+    add_user_effects,
+    own_code,
+)
 from edhas_jax.commands.console import console, file_names, progress_bar, save_figure, table
 
 MAX_PRINTED_PAIRS = 12
@@ -16,6 +22,7 @@ def add_parser(commands) -> None:
     parser.add_argument("--rate", default="5 kHz", help="sampling of runs without a file (default: 5 kHz)")
     add_user_effects(parser, "FILE.py:Class", "also consider this effect of your own; may be given several times")
     add_output_folder(parser, "plans")
+    add_own_code(parser, effects=False)
     parser.set_defaults(command=run)
 
 
@@ -32,10 +39,10 @@ def run(options) -> None:
     from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign
     from edhas_jax.machine.effects.loading import load_effect
 
-    campaign = read_planned_campaign(options.campaign, to_si(options.rate, "Hz", "5 kHz"))
+    campaign = read_planned_campaign(options.campaign, to_si(options.rate, "Hz", "5 kHz"), own_code(options))
     folder = options.out or unused_folder(Path("plans"), campaign.name)
     require_new_folder(folder, options.overwrite)
-    user_effects = [load_effect(spec) for spec in options.effects]
+    user_effects = [load_effect(spec, trust=[spec]) for spec in options.effects]
     out = console()
     with progress_bar(out) as bar:
         task = bar.add_task("compiling", total=1.0)

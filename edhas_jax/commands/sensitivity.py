@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_folder
+from edhas_jax.commands.arguments import add_output_folder, add_own_code, own_code
 from edhas_jax.commands.console import console, file_names, progress_bar, save_figure, table
 
 MAX_PRINTED_PARAMETERS = 4  # for each metric
@@ -14,6 +14,7 @@ def add_parser(commands) -> None:
     parser = commands.add_parser("sensitivity", help="which parameters matter where: elasticities, Sobol, Morris")
     parser.add_argument("config", type=Path, help="configuration of the analysis, YAML")
     add_output_folder(parser, "runs")
+    add_own_code(parser)
     parser.set_defaults(command=run)
 
 
@@ -26,7 +27,7 @@ def run(options) -> None:
     from edhas_jax.design.sensitivity.figures import draw_local, draw_morris, draw_sobol
     from edhas_jax.design.sensitivity.result_folder import save_sensitivity
 
-    analysis = load_sensitivity(options.config)
+    analysis = load_sensitivity(options.config, own_code(options))
     folder = options.out or unused_folder(Path("runs"), options.config.stem)
     require_new_folder(folder, options.overwrite)
     out = console()

@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_folder, add_overrides
+from edhas_jax.commands.arguments import add_output_folder, add_overrides, add_own_code, own_code
 from edhas_jax.commands.console import console, file_names, progress_bar, table
 
 SMALLEST_SHARE = 5e-4  # of the energy; smaller entries of the ledger are not printed
@@ -14,6 +14,7 @@ def add_parser(commands) -> None:
     parser = commands.add_parser("simulate", help="run one machine and write a run folder")
     parser.add_argument("config", type=Path, help="configuration, YAML")
     add_overrides(parser, "piston_clearance=15um")
+    add_own_code(parser)
     add_output_folder(parser, "runs")
     parser.add_argument("--no-figure", action="store_true", help="write no picture")
     parser.set_defaults(command=run)
@@ -25,7 +26,7 @@ def run(options) -> None:
     from edhas_jax.config.run_folder import require_new_folder, save_run, unused_folder
     from edhas_jax.simulation.run import simulate
 
-    config = read_config(options.config, options.overrides)
+    config = read_config(options.config, options.overrides, own_code(options))
     folder = options.out or unused_folder(Path("runs"), options.config.stem)
     require_new_folder(folder, options.overwrite)
     out = console()

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_folder
+from edhas_jax.commands.arguments import add_output_folder, add_own_code, own_code
 from edhas_jax.commands.console import console, progress_bar, save_figure, table
 
 
@@ -11,6 +11,7 @@ def add_parser(commands) -> None:
     parser = commands.add_parser("size", help="find the dimensions that make a machine best within its limits")
     parser.add_argument("config", type=Path, help="configuration of the task, YAML")
     add_output_folder(parser, "runs")
+    add_own_code(parser)
     parser.set_defaults(command=run)
 
 
@@ -26,7 +27,7 @@ def run(options) -> None:
     from edhas_jax.machine.parameters import get_parameter
     from edhas_jax.simulation.metrics import METRICS
 
-    sizing = load_sizing(options.config)
+    sizing = load_sizing(options.config, own_code(options))
     folder = options.out or unused_folder(Path("runs"), options.config.stem)
     require_new_folder(folder, options.overwrite)
     out = console()

@@ -5,6 +5,7 @@ import sys
 import time
 from pathlib import Path
 
+from edhas_jax.commands.arguments import add_own_code, own_code
 from edhas_jax.commands.console import console, table
 
 STATUS_INTERRUPTED = 130
@@ -19,6 +20,7 @@ def add_parser(commands) -> None:
     parser.add_argument(
         "--cluster", metavar="WHERE", help="hand chunks to Dask: local:2 for processes here, tcp://host:8786"
     )
+    add_own_code(parser)
     parser.set_defaults(command=run)
 
 
@@ -27,7 +29,7 @@ def run(options) -> int | None:
     from edhas_jax.design.sweep.config import load_sweep
     from edhas_jax.design.sweep.run import run_sweep
 
-    sweep = load_sweep(options.config)
+    sweep = load_sweep(options.config, own_code(options))
     folder = options.out or Path("runs") / options.config.stem
     out = console()
     began = time.perf_counter()

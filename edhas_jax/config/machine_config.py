@@ -13,6 +13,7 @@ from typing import Any
 from edhas_jax.config.machine_reader import TOP_LEVEL_KEYS, MachineReader
 from edhas_jax.config.writer import dump_config
 from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, read_text_file, yaml_type
+from edhas_jax.core.trusted_code import Trust
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run import Simulation
 
@@ -43,12 +44,20 @@ class Config:
     recordings: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
 
 
-def read_config(path: Path | str, overrides: Sequence[str] = ()) -> Config:
+def read_config(
+    path: Path | str,
+    overrides: Sequence[str] = (),
+    trust: Trust = (),
+    is_result: bool = False,
+) -> Config:
     """Read a configuration from a YAML file.
 
     Args:
         path: the file; effects and recordings named in it are relative to its folder.
         overrides: changes such as "piston_clearance=15 um" or "duration=2 s" that replace values of the file.
+        trust: Python files (or modules) of your own that may run if the configuration names them, besides those that
+            were allowed by `edhas trust`.
+        is_result: whether the file belongs to a result; code that may not run is then left out of the machine.
 
     Returns:
         The machine and the settings of its run.
@@ -62,7 +71,7 @@ def read_config(path: Path | str, overrides: Sequence[str] = ()) -> Config:
         data, lines, problems = parse_yaml(text)
     except YamlError as error:
         raise ConfigError(f"{_location(path, error.line)}: {error}") from None
-    reader = MachineReader(data, path.parent, overrides)
+    reader = MachineReader(data, path.parent, overrides, trust, is_result)
     problems += [(line_of(lines, key), f"{key_text(key)}: {message}") for key, message in reader.problems]
     if problems:
         problems.sort(key=lambda problem: problem[0])
@@ -71,13 +80,19 @@ def read_config(path: Path | str, overrides: Sequence[str] = ()) -> Config:
     return Config(reader.machine, reader.simulation, reader.name, path, text, reader.recordings)
 
 
-def build_config(mapping: Mapping[str, Any], overrides: Sequence[str] = (), base_dir: Path | str = ".") -> Config:
+def build_config(
+    mapping: Mapping[str, Any],
+    overrides: Sequence[str] = (),
+    base_dir: Path | str = ".",
+    trust: Trust = (),
+) -> Config:
     """Make a configuration from a Python mapping with the same keys as a file.
 
     Args:
         mapping: keys and values as in a YAML file; quantities as text with unit.
         overrides: changes such as "piston_clearance=15 um" that replace values of the mapping.
         base_dir: folder to which files of effects and recordings are relative.
+        trust: as for `read_config`; a class in place of its name needs none.
 
     Returns:
         The machine and the settings of its run.
@@ -87,7 +102,7 @@ def build_config(mapping: Mapping[str, Any], overrides: Sequence[str] = (), base
     """
     if not isinstance(mapping, Mapping):
         raise ConfigError(f"a mapping with the keys {', '.join(TOP_LEVEL_KEYS)} is needed, not {yaml_type(mapping)}")
-    reader = MachineReader(mapping, Path(base_dir), overrides)
+    reader = MachineReader(mapping, Path(base_dir), overrides, trust)
     if reader.problems:
         raise ConfigError("\n".join(dict.fromkeys(f"{key_text(key)}: {message}" for key, message in reader.problems)))
     config = Config(reader.machine, reader.simulation, reader.name, recordings=reader.recordings)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from edhas_jax.config.code_not_run import controller_not_run, effect_not_run
 from edhas_jax.config.machine_checks import check_machine
 from edhas_jax.config.recorded_signal import RECORDING_KEYS, RecordingError, decode_samples, read_recording
 from edhas_jax.config.run_settings import SETTING_NAMES, quantity_text, read_settings
@@ -14,6 +15,7 @@ from edhas_jax.config.yaml_with_lines import KeyPath, key_text, yaml_type
 from edhas_jax.core import structs
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
+from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si, with_article
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.controllers import OpenLoop
@@ -43,6 +45,8 @@ class MachineReader:
         data: the mapping of the configuration.
         base_dir: folder to which files of effects, controllers and recordings are relative.
         overrides: changes such as "piston_clearance=15 um" that replace values of the mapping.
+        trust: the user's code that may run.
+        is_result: whether the mapping comes with a result; code is then left out unless `trust` names it.
 
     Attributes:
         problems: key and message of every problem. The other attributes are valid only when there are none.
@@ -52,10 +56,15 @@ class MachineReader:
         recordings: for each section with a recorded input its keys, with the absolute path of its file.
     """
 
-    def __init__(self, data: Mapping[str, Any], base_dir: Path, overrides: Sequence[str]):
+    def __init__(
+        self, data: Mapping[str, Any], base_dir: Path, overrides: Sequence[str], trust: Trust = (),
+        is_result: bool = False,
+    ):  # fmt: skip
         self.problems: list[tuple[KeyPath, str]] = []
         self.recordings: dict[str, dict[str, str]] = {}
         self._data, self._base_dir = data, base_dir
+        self._trust, self._leave_out_code = TrustedCode.of(trust), is_result and TrustedCode.of(trust).names_nothing
+        self._controller_left_out, self._effects_left_out = None, ()  # parts of the machine whose code was not run
         self._incomplete = False  # a component or effect could not be read: unknown names may be its parameters
         self._given: dict[tuple[str, str], KeyPath] = {}  # keys of the parameters set so far, by (path, name)
         settings, self._overrides = self._split_overrides(overrides)
@@ -100,7 +109,8 @@ class MachineReader:
             for read in (self._effects, self._parameters, self._apply_overrides, self._recorded_inputs):
                 m = read(m)
             self.problems += check_machine(m, self._given, self._incomplete)
-            return m
+            controller = self._controller_left_out or m.controller
+            return structs.replace(m, controller=controller, effects=(*m.effects, *self._effects_left_out))
         return None
 
     def _mapping(self, section: str, example: str) -> Mapping[str, Any]:
@@ -171,9 +181,12 @@ class MachineReader:
             message = f"no {section} of kind `{kind}`; {suggest(kind, kinds)}"
         if section == "controller" and isinstance(kind, str) and (":" in kind or kind.endswith(".py")):
             try:
-                return load_controller(kind, self._base_dir)
+                return load_controller(kind, self._base_dir, self._trust)
             except ControllerError as error:
                 message = str(error)
+                if self._leave_out_code:
+                    self._controller_left_out = controller_not_run(kind)
+                    return None
         self._add((section, "kind"), message)
         return None
 
@@ -191,8 +204,11 @@ class MachineReader:
                 check_effect(effect, m, self.simulation.precision.value)
                 m = structs.replace(m, effects=(*m.effects, effect))
             except (EffectError, UnitError) as error:
-                self._add(("effects", i), str(error))
                 self._incomplete = True
+                if self._leave_out_code and ":" in str(spec):
+                    self._effects_left_out += (effect_not_run(spec),)
+                else:
+                    self._add(("effects", i), str(error))
         return m
 
     def _effect(self, spec: Any) -> Effect:
@@ -205,7 +221,7 @@ class MachineReader:
         if isinstance(spec, type) and issubclass(spec, Effect):
             cls = spec
         elif isinstance(spec, str):
-            cls = load_effect(spec, self._base_dir)
+            cls = load_effect(spec, self._base_dir, self._trust)
         else:
             raise EffectError(f"the id of an effect or file.py:ClassName belongs here, not {yaml_type(spec)}")
         for p in structs.parameters(cls):

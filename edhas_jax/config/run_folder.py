@@ -1,6 +1,7 @@
 """Run folders: the results of one simulation on disk together with the configuration that reproduces them."""
 
 import contextlib
+import dataclasses
 import datetime
 import json
 import math
@@ -8,7 +9,7 @@ import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ import edhas_jax
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.trusted_code import TrustedCode
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.simulation.metrics import RunTooShortError
 from edhas_jax.simulation.run import Run
@@ -112,10 +114,11 @@ def _write_files(folder: Path, run: Run, figure: bool) -> None:
     pq.write_table(_table(run.signals, {n: SIGNALS[n].unit for n in run.signals}), folder / SIGNALS_FILE)
     columns = {"time": run.signals["time"]}
     units = {"time": "s"}
+    groups = {ENERGY_PREFIX + n: group for n, group in run.row_groups().items()}
     for prefix, unit, entries in ((ENERGY_PREFIX, "J", run.energy), (VOLUME_PREFIX, "m^3", run.volume)):
         columns |= {prefix + n: v for n, v in entries.items()}
         units |= {prefix + n: unit for n in entries}
-    pq.write_table(_table(columns, units), folder / LEDGER_FILE)
+    pq.write_table(_table(columns, units, groups), folder / LEDGER_FILE)
     try:
         metrics = {n: {"value": m.value, "unit": m.unit, "doc": m.doc} for n, m in run.metrics.items()}
     except RunTooShortError:
@@ -141,9 +144,12 @@ def _write_files(folder: Path, run: Run, figure: bool) -> None:
     write_json(folder / MANIFEST_FILE, manifest)
 
 
-def _table(columns: dict, units: dict[str, str]) -> pa.Table:
-    """A table of float64 columns with the unit of each in its metadata."""
-    fields = [pa.field(n, pa.float64(), metadata={"unit": units[n]}) for n in columns]
+def _table(columns: dict, units: dict[str, str], groups: dict[str, str] | None = None) -> pa.Table:
+    """A table of float64 columns with the unit of each, and its group if it has one, in its metadata."""
+    metadata = {n: {"unit": units[n]} for n in columns}
+    for name, group in (groups or {}).items():
+        metadata[name]["group"] = group
+    fields = [pa.field(n, pa.float64(), metadata=metadata[n]) for n in columns]
     return pa.table([pa.array(np.asarray(v, float)) for v in columns.values()], schema=pa.schema(fields))
 
 
@@ -164,11 +170,13 @@ def replace_nonfinite(value: Any) -> Any:
     return value
 
 
-def open_run(folder: str | Path) -> Run:
-    """Read a run folder.
+def open_run(folder: str | Path, trust: Iterable[str | Path] = ()) -> Run:
+    """Read a run folder, without running code that it names.
 
     Args:
         folder: a folder that `save_run` has written.
+        trust: Python files (or modules) of your own that may run to make the machine. Without them signals, metrics,
+            ledger and picture are there, and `simulate` of the machine says what it needs.
 
     Returns:
         The run with its machine, settings, signals and ledgers in SI.
@@ -187,16 +195,27 @@ def open_run(folder: str | Path) -> Run:
             raise ResultFileError(f"{folder}: {reason}")
         signals = _columns(pd.read_parquet(folder / SIGNALS_FILE))
         ledger = _columns(pd.read_parquet(folder / LEDGER_FILE))
+        groups = _groups(pq.read_schema(folder / LEDGER_FILE))
     except ResultFileError:
         raise
     except (OSError, ValueError, KeyError, pa.ArrowException) as error:
         raise ResultFileError(f"{folder}: unreadable or incomplete: {error}") from None
-    config = read_config(folder / CONFIG_FILE)
+    trusted = dataclasses.replace(TrustedCode.of(trust), remembered=False)
+    config = read_config(folder / CONFIG_FILE, trust=trusted, is_result=True)
     energy, volume = (
         {n.removeprefix(prefix): v for n, v in ledger.items() if n.startswith(prefix)}
         for prefix in (ENERGY_PREFIX, VOLUME_PREFIX)
     )
-    return Run(config.machine, config.simulation, signals, energy, volume, manifest["step"], manifest["step_note"])
+    step, note = manifest["step"], manifest["step_note"]
+    return Run(config.machine, config.simulation, signals, energy, volume, step, note, groups)
+
+
+def _groups(schema: pa.Schema) -> dict[str, str] | None:
+    """The group of each row of the energy balance, from the schema of the ledger; None in one of an older version."""
+    rows = {f.name.removeprefix(ENERGY_PREFIX): f.metadata or {} for f in schema if f.name.startswith(ENERGY_PREFIX)}
+    if not all(b"group" in metadata for metadata in rows.values()):
+        return None
+    return {name: metadata[b"group"].decode() for name, metadata in rows.items()}
 
 
 def _columns(table: pd.DataFrame) -> dict[str, np.ndarray]:

@@ -3,6 +3,7 @@
 import json
 from typing import Any
 
+from edhas_jax.config.code_not_run import require_code
 from edhas_jax.config.recorded_signal import encode_samples
 from edhas_jax.config.run_settings import SIMULATION_SETTINGS
 from edhas_jax.core.units import exact_quantity, to_si
@@ -25,12 +26,16 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
 
     Returns:
         YAML text; every value carries its unit.
+
+    Raises:
+        EffectError: the machine comes from a result that was opened without running the user's code.
     """
     if isinstance(config, Rig):
         m, settings, title, recordings = config, simulation or Simulation(), "", {}
     else:
         m, settings = config.machine, simulation or config.simulation
         title, recordings = config.name, config.recordings
+    require_code(m)
     lines = [f"name: {json.dumps(title, ensure_ascii=False)}"] if title else []
     lines += [f"rig: {m.name}", f"effects: [{', '.join(_yaml_scalar(effect_spec(type(e))) for e in m.effects)}]"]
     rows = list_parameters(m)

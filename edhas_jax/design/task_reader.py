@@ -15,6 +15,7 @@ from edhas_jax.config.yaml_with_lines import (
     read_text_file,
     yaml_type,
 )
+from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.design.batch.experiment_design import Axis
 from edhas_jax.design.sweep.axes_reader import AxesReader
 from edhas_jax.design.sweep.config import SweepReader
@@ -37,7 +38,14 @@ class TaskReader(ProblemList):
         name: title of the task.
     """
 
-    def __init__(self, path: Path | str, sections: tuple[str, ...], ranges: str, optional: bool = False):
+    def __init__(
+        self,
+        path: Path | str,
+        sections: tuple[str, ...],
+        ranges: str,
+        optional: bool = False,
+        trust: Trust = (),
+    ):
         """Read a file; problems are collected until `finish`.
 
         Args:
@@ -45,6 +53,7 @@ class TaskReader(ProblemList):
             sections: the sections that this kind of task has besides the common ones.
             ranges: the section of the parameters that have a range.
             optional: whether that section may be missing.
+            trust: the user's code that may run.
 
         Raises:
             ConfigError: the file cannot be read, or is not YAML.
@@ -60,7 +69,7 @@ class TaskReader(ProblemList):
         # the task is read as a sweep of one design with the same machine, settings and ranges
         sweep = {"kind": "sobol", "count": "1", "parameters": self.data.get(ranges)}
         common = {n: self.data[n] for n in COMMON_SECTIONS if n in self.data}
-        reader = SweepReader(common | {"sweep": sweep}, self.path)
+        reader = SweepReader(common | {"sweep": sweep}, self.path, TrustedCode.of(trust))
         may_miss = optional and ranges not in self.data
         self.problems += [
             (_with_section(key, ranges), what)

@@ -12,6 +12,7 @@ import numpy as np
 
 from edhas_jax.core import runtime, structs
 from edhas_jax.core.source_location import locate
+from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.components.controller_sampling import Continuous, Sampled
 from edhas_jax.machine.effects import EffectError
@@ -24,24 +25,28 @@ from edhas_jax.machine.rigs import Rig
 METHODS = {"initial": "(self)", "command": "(self, y, s)", "rates": "(self, y, s)"}
 
 
-def load_controller(spec: str, base_dir: Path | str = ".") -> type[Controller]:
+def load_controller(
+    spec: str, base_dir: Path | str = ".", trust: Trust = ()
+) -> type[Controller]:
     """Load a controller class.
 
     Args:
         spec: "my_controllers.py:LeadLag" or "package.module:LeadLag".
         base_dir: folder from which a relative file is looked up.
+        trust: files and modules that may run, besides those that were allowed by `edhas trust`.
 
     Returns:
-        The class; an unchanged file gives the same class again.
+        The class; an unchanged file gives the same class again, and is not run again.
 
     Raises:
-        ControllerError: missing file or class, an error in the file, or an incorrect declaration.
+        ControllerError: code that was not allowed to run, a missing file or class, an error in the file, or an
+            incorrect declaration.
     """
     source, colon, name = (part.strip() for part in spec.rpartition(":"))
     if not colon:
         raise ControllerError(f"{name} names no class; write {name}:ClassName")
     try:
-        cls = load_user_class(source, name, Path(base_dir), Controller, "edhas_jax.Controller")
+        cls = load_user_class(source, name, Path(base_dir), Controller, TrustedCode.of(trust))
         check_parameters(cls)
     except EffectError as error:
         raise ControllerError(str(error)) from error

@@ -13,6 +13,7 @@ from edhas_jax.config.recorded_signal import encode_samples
 from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, read_text_file, yaml_type
 from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
@@ -61,6 +62,7 @@ class CampaignDescription(ProblemList):
     Args:
         data: the mapping in the file.
         folder: the folder of the file, to which the files of the runs are relative.
+        trust: the user's code that may run.
 
     Attributes:
         name: name of the campaign.
@@ -74,10 +76,10 @@ class CampaignDescription(ProblemList):
         remarks: severity, key and sentence of everything that is left out or worth knowing.
     """
 
-    def __init__(self, data: Mapping[str, Any], folder: Path):
+    def __init__(self, data: Mapping[str, Any], folder: Path, trust: Trust = ()):
         super().__init__([])
         self.remarks: list[tuple[Severity, tuple, str]] = []
-        self._data, self.folder = data, folder
+        self._data, self.folder, self._trust = data, folder, trust
         self.add_unknown_keys((), data, KEYS)
         self.name = str(data.get("name") or folder.resolve().name)
         reference = data.get("reference")
@@ -120,7 +122,7 @@ class CampaignDescription(ProblemList):
             if name not in available:
                 self.add(("without", k), f"no refined effect `{name}` of this rig; {suggest(str(name), available)}")
         config["effects"] = [name for name in available if name not in without]
-        reader = MachineReader(config, self.folder, ())
+        reader = MachineReader(config, self.folder, (), self._trust)
         self.problems += reader.problems
         return None if self.problems else reader.machine
 
@@ -238,13 +240,16 @@ class CampaignDescription(ProblemList):
 
 
 def read_description(
-    path: Path, description: type[CampaignDescription] = CampaignDescription
+    path: Path,
+    description: type[CampaignDescription] = CampaignDescription,
+    trust: Trust = (),
 ) -> tuple[CampaignDescription, list[Remark]]:
     """Read a `campaign.yaml`.
 
     Args:
         path: the file.
         description: the class to read it with.
+        trust: the user's code that may run.
 
     Returns:
         The description, and its remarks with the lines that they refer to.
@@ -256,7 +261,7 @@ def read_description(
         data, lines, problems = parse_yaml(read_text_file(path, CampaignError))
     except YamlError as error:
         raise CampaignError(f"{path}:{error.line}: {error}" if error.line else f"{path}: {error}") from None
-    found = description(data, path.parent)
+    found = description(data, path.parent, trust)
     problems += [(line_of(lines, key), f"{key_text(key)}: {sentence}") for key, sentence in found.problems]
     if problems:
         problems.sort(key=lambda problem: problem[0])

@@ -3,16 +3,19 @@
 from pathlib import Path
 
 from edhas_jax.core import structs
+from edhas_jax.core.trusted_code import Trust
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, read_description
 from edhas_jax.measurements.run_reader import RunReader
 
 
-def read_campaign(path: Path | str) -> Campaign:
+def read_campaign(path: Path | str, trust: Trust = ()) -> Campaign:
     """Read a campaign.
 
     Args:
         path: its folder, or its `campaign.yaml`.
+        trust: Python files (or modules) of your own that may run if the campaign names them, besides those that were
+            allowed by `edhas trust`.
 
     Returns:
         The campaign in SI units. `Campaign.remarks` lists the data that are left out, and those that look wrong.
@@ -22,7 +25,7 @@ def read_campaign(path: Path | str) -> Campaign:
     """
     path = Path(path)
     path = path / CAMPAIGN_FILE if path.is_dir() else path
-    description, remarks = read_description(path)
+    description, remarks = read_description(path, trust=trust)
     reader = RunReader(description.machine, description.time, description.sources, description.set_point)
     runs = [run for entry in description.run_entries if (run := reader.read(*entry)) is not None]
     remarks = (*remarks, *reader.remarks)

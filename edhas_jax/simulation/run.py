@@ -3,7 +3,7 @@
 import dataclasses
 import enum
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import jax
 import numpy as np
@@ -75,6 +75,7 @@ class Run:
         volume: volume since the start [m³] by row of the volume balance, each (samples,); empty without a pump.
         step: the step taken [s].
         step_note: how the step was chosen.
+        groups: the group of each row of the energy balance; None if the machine tells it.
     """
 
     machine: Rig
@@ -84,6 +85,7 @@ class Run:
     volume: dict[str, np.ndarray]
     step: float
     step_note: str
+    groups: Mapping[str, str] | None = None
 
     @property
     def metrics(self) -> dict[str, Metric]:
@@ -97,9 +99,13 @@ class Run:
         table.attrs["units"] = {n: SIGNALS[n].unit for n in self.signals}
         return table
 
+    def row_groups(self) -> Mapping[str, str]:
+        """The group of each row of the energy balance, see `energy_balance.row_groups`."""
+        return energy_balance.row_groups(self.machine) if self.groups is None else self.groups
+
     def ledger(self) -> pd.DataFrame:
         """The energy balance of the whole run: group, energy [J] and share of the electrical input, by row."""
-        groups = energy_balance.row_groups(self.machine)
+        groups = self.row_groups()
         table = pd.DataFrame(
             {"group": pd.Series(groups), "energy": pd.Series({n: float(v[-1]) for n, v in self.energy.items()})}
         )
@@ -109,7 +115,7 @@ class Run:
 
     def energy_residual(self) -> float:
         """The energy that the balance does not account for, as a share of all energy converted."""
-        groups = energy_balance.row_groups(self.machine)
+        groups = self.row_groups()
         total = {n: float(v[-1]) for n, v in self.energy.items()}
         missing = sum(v if groups[n] == "input" else -v for n, v in total.items())
         return missing / max(sum(abs(v) for n, v in total.items() if groups[n] != "stored") / 2, 1e-300)

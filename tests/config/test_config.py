@@ -192,7 +192,7 @@ def test_user_effect_and_its_parameters(tmp_path):
     (tmp_path / "a.yaml").write_text(
         "rig: pump_bench\neffects: [mine.py:SealDrag]\nparameters: {seal_drag.seal_damping: 5 N·s/m}\n"
     )
-    config = read_config(tmp_path / "a.yaml")
+    config = read_config(tmp_path / "a.yaml", trust=[tmp_path / "mine.py"])
     assert get_parameter(config.machine, "seal_damping") == 5.0
     (tmp_path / "deep").mkdir()
     (tmp_path / "deep/b.yaml").write_text(dump_config(config), encoding="utf-8")

@@ -145,7 +145,8 @@ def test_the_documented_controller_from_its_file(tmp_path, monkeypatch, capsys):
     (tmp_path / "my_controllers.py").write_text(PYTHON, encoding="utf-8")
     (tmp_path / "mine.yaml").write_text(YAML + "sampling: {kind: sampled, sample_time: 0.1 ms}\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    assert main(["simulate", "mine.yaml", "--out", "run", "--no-figure", "--set", "lead_gain=14 kV/m"]) == 0
+    assert main(["simulate", "mine.yaml", "--out", "run", "--no-figure", "--set", "lead_gain=14 kV/m",
+                 "--controller", "my_controllers.py:FilteredLead"]) == 0  # fmt: skip
     assert "tracking_error" in capsys.readouterr().out
     machine = edhas.open_run("run").machine
     assert edhas.get(machine, "lead_gain") == 14e3 and edhas.get(machine, "lead_time") == 3e-3
@@ -156,7 +157,8 @@ def test_the_documented_controller_from_its_file(tmp_path, monkeypatch, capsys):
     assert jax.tree.leaves(again) == jax.tree.leaves(config.machine)
     before = effect_code(machine)["controller"]
     (tmp_path / "my_controllers.py").write_text(PYTHON.replace("gain K", "the gain K"), encoding="utf-8")
-    assert effect_code(read_config("mine.yaml").machine)["controller"] != before
+    changed = read_config("mine.yaml", trust=["my_controllers.py"]).machine
+    assert effect_code(changed)["controller"] != before
     assert "controller" not in effect_code(ActuatorBench())
 
 

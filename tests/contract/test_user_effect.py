@@ -57,7 +57,7 @@ def mean_square_current(machine, strength, samples=200):
 
 
 def test_simulate(config):
-    loaded = edhas.load(config)
+    loaded = edhas.load(config, trust=[config.parent / "my_effects.py"])
     run = edhas.simulate(loaded.machine, loaded.simulation)
     bare = edhas.simulate(edhas.change(loaded.machine, guide_friction=1e-6), loaded.simulation)
     lost = run.ledger().loc["guide_friction", "energy"]
@@ -68,7 +68,7 @@ def test_simulate(config):
 
 
 def test_vmap_and_grad(config):
-    machine = edhas.load(config).machine
+    machine = edhas.load(config, trust=[config.parent / "my_effects.py"]).machine
     strengths = jnp.array([0.5, 2.0, 8.0])
     batched = jax.vmap(lambda f: mean_square_current(machine, f))(strengths)
     single = jnp.stack([mean_square_current(machine, f) for f in strengths])
@@ -82,10 +82,11 @@ def test_vmap_and_grad(config):
 
 def test_command_line(config, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["simulate", str(config), "--out", "run", "--no-figure", "--set", "guide_friction=1 N"]) == 0
+    own = ["--effect", f"{config.parent}/my_effects.py:GuideFriction"]
+    assert main(["simulate", str(config), "--out", "run", "--no-figure", "--set", "guide_friction=1 N", *own]) == 0
     assert "guide_friction" in capsys.readouterr().out
     assert edhas.get(edhas.open_run(tmp_path / "run").machine, "guide_friction") == 1.0
-    assert main(["effects", "--config", str(config)]) == 0
+    assert main(["effects", "--config", str(config), *own]) == 0
     assert "guide_friction" in capsys.readouterr().out
     assert main(["effects", f"{Path(config).parent / 'my_effects.py'}:GuideFriction"]) == 0
     assert "bending" in capsys.readouterr().out

@@ -251,7 +251,7 @@ def test_a_user_effect_is_exported_unless_it_has_no_counterpart_in_c(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
 
     def config(effect):
-        return build_config({**ACTUATOR, "effects": [f"own.py:{effect}"]}, base_dir=tmp_path)
+        return build_config({**ACTUATOR, "effects": [f"own.py:{effect}"]}, (), tmp_path, [tmp_path / "own.py"])
 
     u = Unit(tmp_path / "own.fmu", config("Ramps"))
     with warnings.catch_warnings():

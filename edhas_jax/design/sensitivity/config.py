@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.trusted_code import Trust
 from edhas_jax.design.batch.batch import BatchSettings
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.batch.experiment_design import Axis, full_factorial
@@ -53,11 +54,13 @@ class SensitivityTask:
         return full_factorial(self.points) if self.points else {}
 
 
-def load_sensitivity(path: Path | str) -> SensitivityTask:
+def load_sensitivity(path: Path | str, trust: Trust = ()) -> SensitivityTask:
     """Read a sensitivity analysis from a YAML file.
 
     Args:
         path: the configuration file.
+        trust: Python files (or modules) of your own that may run if the file names them, besides those that were
+            allowed by `edhas trust`.
 
     Returns:
         The task; without a section `ranges` it has no global analysis.
@@ -65,7 +68,7 @@ def load_sensitivity(path: Path | str) -> SensitivityTask:
     Raises:
         ConfigError: every problem of the file, one line each.
     """
-    reader = TaskReader(path, SECTIONS, "ranges", optional=True)
+    reader = TaskReader(path, SECTIONS, "ranges", optional=True, trust=trust)
     points = reader.operating_points("points")
     known = metrics_of(reader.machine) if reader.machine is not None and not reader.problems else []
     metrics = reader.list_section("metrics")

@@ -12,6 +12,7 @@ from edhas_jax.config.run_settings import quantity_text
 from edhas_jax.config.yaml_with_lines import KeyPath
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
+from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.design.batch.batch import BatchSettings
 from edhas_jax.design.batch.design_table import resolve_parameter
@@ -131,11 +132,13 @@ class SizingTask:
         return full_factorial(self.points) if self.points else {}
 
 
-def load_sizing(path: Path | str) -> SizingTask:
+def load_sizing(path: Path | str, trust: Trust = ()) -> SizingTask:
     """Read a sizing task from a YAML file.
 
     Args:
         path: the configuration file.
+        trust: Python files (or modules) of your own that may run if the file names them, besides those that were
+            allowed by `edhas trust`.
 
     Returns:
         The task.
@@ -143,7 +146,7 @@ def load_sizing(path: Path | str) -> SizingTask:
     Raises:
         ConfigError: every problem of the file, one line each.
     """
-    r = TaskReader(path, SECTIONS, "free")
+    r = TaskReader(path, SECTIONS, "free", trust=trust)
     points = r.operating_points("points")
     for name in sorted({a.name for a in points} & {a.name for a in r.axes}):
         r.add(("free", name), "is fixed by the operating points; remove it from one of the two sections")

@@ -8,6 +8,7 @@ import numpy as np
 
 from edhas_jax.config.machine_config import build_config
 from edhas_jax.config.yaml_with_lines import parse_yaml
+from edhas_jax.core.trusted_code import TrustedCode
 from edhas_jax.design.batch.batch import BatchSettings, Chunk, run_chunk
 from edhas_jax.design.sweep.identity import device, versions
 from edhas_jax.machine.rigs import Rig
@@ -20,6 +21,7 @@ class ChunkJob:
     Attributes:
         number: of the chunk in the sweep.
         machine: the machine as configuration text, so that every process builds the same.
+        code: the user's code that the machine needs, with the content that has run where the sweep was read.
         values: by parameter the values (SI) of its designs, shape (designs,).
         steps_per_cycle: integration steps per cycle of the set point.
         settings: settings of the batch.
@@ -27,6 +29,7 @@ class ChunkJob:
 
     number: int
     machine: str
+    code: TrustedCode
     values: Mapping[str, np.ndarray]
     steps_per_cycle: int
     settings: BatchSettings
@@ -52,10 +55,11 @@ class ChunkResult:
 def compute_chunk(job: ChunkJob) -> ChunkResult:
     """Run all designs of one chunk in this process."""
     rows = np.arange(len(next(iter(job.values.values()))))
-    metrics = run_chunk(_build_machine(job.machine), job.values, Chunk(rows, job.steps_per_cycle), job.settings)
+    machine = _build_machine(job.machine, job.code)
+    metrics = run_chunk(machine, job.values, Chunk(rows, job.steps_per_cycle), job.settings)
     return ChunkResult(job.number, metrics, versions(), device())
 
 
 @functools.lru_cache(maxsize=8)
-def _build_machine(text: str) -> Rig:
-    return build_config(parse_yaml(text)[0]).machine
+def _build_machine(text: str, code: TrustedCode) -> Rig:
+    return build_config(parse_yaml(text)[0], trust=code).machine

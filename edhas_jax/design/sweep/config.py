@@ -21,6 +21,7 @@ from edhas_jax.config.yaml_with_lines import (
     yaml_type,
 )
 from edhas_jax.core.structs import Parameter
+from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.design.batch.batch import BatchError, BatchSettings, plan_chunks
 from edhas_jax.design.batch.design_table import read_design_table
 from edhas_jax.design.batch.experiment_design import (
@@ -80,11 +81,13 @@ class Sweep:
         return len(next(iter(self.designs.values())))
 
 
-def load_sweep(path: Path | str) -> Sweep:
+def load_sweep(path: Path | str, trust: Trust = ()) -> Sweep:
     """Read a sweep from a YAML file, generate its designs, and check them.
 
     Args:
         path: the configuration file.
+        trust: Python files (or modules) of your own that may run if the machine names them, besides those that were
+            allowed by `edhas trust`.
 
     Returns:
         The sweep, ready to run.
@@ -101,7 +104,7 @@ def load_sweep(path: Path | str) -> Sweep:
         if "`rig:" in what:  # the message for a file that should describe a machine
             what = "a mapping with the keys `base:` (the configuration of a machine) and `sweep:` is needed"
         raise ConfigError(f"{path}:{error.line}: {what}" if error.line else f"{path}: {what}") from None
-    reader = SweepReader(data, path)
+    reader = SweepReader(data, path, TrustedCode.of(trust))
     if not isinstance(data.get("sweep"), Mapping) and "rig" in data:
         what = f"describes one machine, not a sweep; name it in a file of its own with `base: {path.name}` and `sweep:`"
         raise ConfigError(f"{path}: {what}")
@@ -136,10 +139,10 @@ class SweepReader(ProblemList):
         designs: by parameter a column of values (SI); None if they cannot be generated.
     """
 
-    def __init__(self, data: Mapping[str, Any], path: Path):
+    def __init__(self, data: Mapping[str, Any], path: Path, trust: TrustedCode):
         super().__init__([])
         self.base_problems: list[str] = []
-        self._data, self._path = data, path
+        self._data, self._path, self._trust = data, path, trust
         self.add_unknown_keys((), data, SECTIONS)
         name = data.get("name") or ""
         self.name = str(name)
@@ -160,7 +163,7 @@ class SweepReader(ProblemList):
             if not isinstance(base, str):
                 return self.add(("base",), f"the file of a machine belongs here, not {yaml_type(base)}")
             try:
-                config = read_config(self._path.parent / base)
+                config = read_config(self._path.parent / base, trust=self._trust)
                 self.machine, self._simulation = config.machine, config.simulation
             except ConfigError as error:
                 self.base_problems += str(error).splitlines()
@@ -168,7 +171,7 @@ class SweepReader(ProblemList):
             self.add(("machine",), f"a mapping such as `machine: {{rig: pump_bench}}` belongs here, not "
                                     f"{yaml_type(inline)}")  # fmt: skip
         else:
-            reader = MachineReader(inline, self._path.parent, ())
+            reader = MachineReader(inline, self._path.parent, (), self._trust)
             self.problems += [(("machine", *key), what) for key, what in reader.problems]
             if not reader.problems:
                 self.machine, self._simulation = reader.machine, reader.simulation

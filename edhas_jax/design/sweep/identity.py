@@ -6,9 +6,7 @@ import hashlib
 import importlib.metadata
 import json
 import os
-import sys
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -19,8 +17,10 @@ import edhas_jax
 from edhas_jax.compiler.engines import serving_engine
 from edhas_jax.config.writer import config_kind, dump_config
 from edhas_jax.core import runtime
+from edhas_jax.core.trusted_code import TrustedCode
 from edhas_jax.core.units import format_quantity
 from edhas_jax.design.sweep.config import Sweep
+from edhas_jax.machine.effects.loading import content_hash_of, trusted_as_loaded
 from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run import Simulation
@@ -97,10 +97,15 @@ def effect_code(machine: Rig) -> dict[str, str]:
     return sources if controller == "library" else sources | {"controller": controller}
 
 
+def user_code(machine: Rig) -> TrustedCode:
+    """The user's code that a machine consists of, with the content that has run in this process."""
+    parts = (*machine.effects, machine.controller)
+    return trusted_as_loaded(type(part) for part in parts if _code_of(part) != "library")
+
+
 def _code_of(part) -> str:
-    module = sys.modules[type(part).__module__]
-    in_library = module.__name__.startswith("edhas_jax.")
-    return "library" if in_library else hashlib.sha256(Path(module.__file__).read_bytes()).hexdigest()[:12]
+    in_library = type(part).__module__.startswith("edhas_jax.")
+    return "library" if in_library else content_hash_of(type(part))[:12]
 
 
 def identity_differences(stored: Mapping[str, Any], current: Mapping[str, Any]) -> list[str]:

@@ -9,8 +9,6 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from edhas_jax.config.machine_config import build_config
-from edhas_jax.config.yaml_with_lines import parse_yaml
 from edhas_jax.design.batch.batch import plan_chunks
 from edhas_jax.design.sweep.chunk_job import ChunkJob, ChunkResult, compute_chunk
 from edhas_jax.design.sweep.config import Sweep
@@ -22,8 +20,8 @@ from edhas_jax.design.sweep.folder import (
     read_chunk,
     read_manifest,
 )
-from edhas_jax.design.sweep.identity import machine_text, versions
-from edhas_jax.design.sweep.table import TABLE_FILE, SweepResult, sweep_table, to_result
+from edhas_jax.design.sweep.identity import machine_text, user_code, versions
+from edhas_jax.design.sweep.table import TABLE_FILE, SweepResult, to_result, with_results
 
 
 def run_sweep(
@@ -59,9 +57,9 @@ def run_sweep(
         if on_progress is not None:
             on_progress(done, len(sweep))
         store.check_space(len(sweep) - done)
-        text = machine_text(sweep)
+        text, code = machine_text(sweep), user_code(sweep.machine)
         jobs = [
-            ChunkJob(n, text, {k: v[c.rows] for k, v in sweep.designs.items()}, c.steps_per_cycle, sweep.settings)
+            ChunkJob(n, text, code, {k: v[c.rows] for k, v in sweep.designs.items()}, c.steps_per_cycle, sweep.settings)
             for n, c in enumerate(chunks)
             if n not in finished
         ]
@@ -116,7 +114,6 @@ def open_sweep(folder: Path | str) -> SweepResult:
         data = pq.read_table(folder / DESIGNS_FILE)
     except (OSError, ValueError, pa.ArrowException) as error:
         raise SweepError(f"{folder}: unreadable or half-written: {error}") from None
-    designs = {name: data[name].to_numpy() for name in data.column_names}
     metrics: dict[str, np.ndarray] = {n: np.full(len(data), np.nan) for n in ("cycles", "residual", "status")}
     for path in sorted((folder / CHUNKS_FOLDER).glob("*.parquet")):
         columns = read_chunk(path, manifest["hash"])
@@ -124,5 +121,4 @@ def open_sweep(folder: Path | str) -> SweepResult:
             rows = columns.pop("design")
             for name, column in columns.items():
                 metrics.setdefault(name, np.full(len(data), np.nan))[rows] = column
-    machine = build_config(parse_yaml(manifest["machine"])[0]).machine
-    return to_result(sweep_table(machine, designs, metrics), manifest)
+    return to_result(with_results(data, metrics), manifest)

@@ -62,27 +62,42 @@ def sweep_table(
         metrics: by metric a column of values (SI), with status, cycles and residual; NaN for a design that has not
             been run.
     """
-    fields, columns = [], []
-
-    def add(name, values, kind=None, **metadata):
-        columns.append(pa.array(values, kind))
-        fields.append(pa.field(name, columns[-1].type, metadata={k: v for k, v in metadata.items() if v}))
-
+    columns = []
     for name, values in designs.items():
         p, _ = find_parameter(machine, name)
         shown = display_unit(p.unit, float(np.abs(values).max())) or "-"
-        add(name, np.asarray(values, float), role="parameter", unit=p.unit, shown=shown, doc=p.doc)
-    if metrics is not None:
-        for name in (n for n in METRICS if n in metrics):
-            unit, shown, doc = METRICS[name]
-            add(name, np.asarray(metrics[name], float), role="metric", unit=unit, shown=shown, doc=doc)
-        for name, doc in CONVERGENCE_COLUMNS.items():
-            add(name, np.asarray(metrics[name], float), role="account", unit="-", shown="-", doc=doc)
-        statuses = [None if np.isnan(s) else Status(int(s)) for s in metrics["status"]]
-        names = [NOT_RUN if s is None else s.name.lower() for s in statuses]
-        add("status", names, pa.string(), doc="outcome of the run")
-        add("reason", ["not run yet" if s is None else REASONS[s] for s in statuses], pa.string(), doc="why")
-    return pa.table(columns, schema=pa.schema(fields))
+        columns.append(_column(name, values, role="parameter", unit=p.unit, shown=shown, doc=p.doc))
+    table = pa.table([values for _, values in columns], schema=pa.schema([field for field, _ in columns]))
+    return table if metrics is None else with_results(table, metrics)
+
+
+def with_results(table: pa.Table, metrics: Mapping[str, np.ndarray]) -> pa.Table:
+    """Add the results to a table of designs.
+
+    Args:
+        table: the designs, a row each.
+        metrics: as for `sweep_table`.
+    """
+    columns = []
+    for name in (n for n in METRICS if n in metrics):
+        unit, shown, doc = METRICS[name]
+        columns.append(_column(name, metrics[name], role="metric", unit=unit, shown=shown, doc=doc))
+    for name, doc in CONVERGENCE_COLUMNS.items():
+        columns.append(_column(name, metrics[name], role="account", unit="-", shown="-", doc=doc))
+    statuses = [None if np.isnan(s) else Status(int(s)) for s in metrics["status"]]
+    names = [NOT_RUN if s is None else s.name.lower() for s in statuses]
+    columns.append(_column("status", names, pa.string(), doc="outcome of the run"))
+    reasons = ["not run yet" if s is None else REASONS[s] for s in statuses]
+    columns.append(_column("reason", reasons, pa.string(), doc="why"))
+    for field, values in columns:
+        table = table.append_column(field, values)
+    return table
+
+
+def _column(name: str, values, kind: pa.DataType | None = None, **metadata: str) -> tuple[pa.Field, pa.Array]:
+    """A column, of numbers unless `kind` says otherwise, with what is known of it."""
+    column = pa.array(np.asarray(values, float) if kind is None else values, kind)
+    return pa.field(name, column.type, metadata={k: v for k, v in metadata.items() if v}), column
 
 
 def to_frame(data: pa.Table) -> pd.DataFrame:

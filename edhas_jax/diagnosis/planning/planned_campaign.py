@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.planning.candidate_runs import periodic_duration
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
@@ -45,12 +46,15 @@ class PlannedCampaignDescription(CampaignDescription):
         return BenchRun(name, file, use, conditions, time, {}, np.arange(len(time)) + 2)
 
 
-def read_planned_campaign(path: Path | str, rate: float) -> Campaign:
+def read_planned_campaign(
+    path: Path | str, rate: float, trust: Trust = ()
+) -> Campaign:
     """Read the campaign in a folder, with planned runs in place of those that have no data file yet.
 
     Args:
         path: the folder, or its `campaign.yaml`.
         rate: sampling rate [Hz] of the planned runs.
+        trust: as for `read_campaign`.
 
     Returns:
         The campaign: with its measured runs if all data files exist, else with planned runs only.
@@ -61,11 +65,11 @@ def read_planned_campaign(path: Path | str, rate: float) -> Campaign:
     """
     path = Path(path)
     file = path / CAMPAIGN_FILE if path.is_dir() else path
-    description, _ = read_description(file, PlannedCampaignDescription)
+    description, _ = read_description(file, PlannedCampaignDescription, trust)
     planned = description.planned_runs(rate)
     measured = {}
     if all(run.file.exists() for run in planned):
-        measured = {run.name: run for run in read_campaign(path).runs}
+        measured = {run.name: run for run in read_campaign(path, trust).runs}
     runs = tuple(measured.get(run.name, run) for run in planned)
     return Campaign(
         description.name, file.parent, description.machine, description.uncertain, description.channels, runs, ()

@@ -1,0 +1,50 @@
+"""What stands for the user's code in a result that is opened without running it."""
+
+from typing import NoReturn
+
+from edhas_jax.machine.effects import Effect, EffectError
+from edhas_jax.machine.interface.controller_base import Controller, ControllerError
+
+
+def effect_not_run(spec: str) -> Effect:
+    """An effect with the name of the user's; evaluating it raises an EffectError that says what to do."""
+
+    def mover_force(self, s, z) -> NoReturn:
+        raise EffectError(_sentence(spec))
+
+    return type(_class_name(spec), (Effect,), _declaration(spec) | {"mover_force": mover_force})()
+
+
+def controller_not_run(spec: str) -> Controller:
+    """A controller with the name of the user's; evaluating it raises a ControllerError that says what to do."""
+
+    def command(self, y, s) -> NoReturn:
+        raise ControllerError(_sentence(spec))
+
+    return type(_class_name(spec), (Controller,), _declaration(spec) | {"command": command})()
+
+
+def require_code(machine) -> None:
+    """Refuse a machine whose code was not run: it has lost the parameters of that code.
+
+    Raises:
+        EffectError: what to do instead.
+    """
+    for part in (*machine.effects, machine.controller):
+        spec = getattr(type(part), "_spec_not_run", None)
+        if spec is not None:
+            raise EffectError(_sentence(spec))
+
+
+def _declaration(spec: str) -> dict:
+    return {"__module__": __name__, "__doc__": f"Of {spec}, which was not run.", "_spec_not_run": spec}
+
+
+def _class_name(spec: str) -> str:
+    name = spec.rpartition(":")[2].strip()
+    return name if name.isidentifier() else "NotRun"
+
+
+def _sentence(spec: str) -> str:
+    return (f"the machine of this result needs {spec}, which is not run when a result is opened; to have the machine, "
+            f"open the result with trust=[\"{spec.rpartition(':')[0]}\"], or run its configuration again")  # fmt: skip
