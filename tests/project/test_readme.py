@@ -124,7 +124,8 @@ def test_own_effect(here):
     name = re.search(r"class (\w+)\(Effect\)", code)[1]
     (here / "my_effects.py").write_text(code)
     (here / "my_pump.yaml").write_text(f"rig: actuator_bench\neffects: [my_effects.py:{name}]\n")
-    assert main(["simulate", "my_pump.yaml", "--no-figure"]) == 0
+    assert main(["simulate", "my_pump.yaml", "--no-figure"]) == 2  # nobody has allowed the file to run
+    assert main(["simulate", "my_pump.yaml", "--no-figure", "--effect", f"my_effects.py:{name}"]) == 0
     assert main(["effects", f"my_effects.py:{name}"]) == 0
 
 
