@@ -29,13 +29,13 @@ from edhas_jax.commands import (
     sweep,
     trust,
 )
+from edhas_jax.commands.interruption import STATUS_INTERRUPTED
 
 COMMANDS = (
     simulate, sweep, compare, fit, plan, sensitivity, campaign, size, diagnose, add, export, plot, parameters, effects,
     schema, device, trust,
 )  # fmt: skip
 STATUS_USER_ERROR = 2
-STATUS_INTERRUPTED = 130
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,5 +1,7 @@
 """The command `edhas diagnose`."""
 
+import re
+import sys
 from pathlib import Path
 
 from edhas_jax.commands.arguments import (
@@ -10,6 +12,9 @@ from edhas_jax.commands.arguments import (
     own_code,
 )
 from edhas_jax.commands.console import console, file_names, print_remarks, save_figure, table
+from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
+
+DEFAULT_PARENT = Path("diagnoses")
 
 
 def add_parser(commands) -> None:
@@ -22,8 +27,11 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
-def run(options) -> None:
+def run(options) -> int | None:
     """Find the effects that a campaign's model lacks, write a folder, print the verdict.
+
+    Returns:
+        The exit status of an interrupted command, else None.
 
     Raises:
         CampaignError: the fit fails.
@@ -31,45 +39,125 @@ def run(options) -> None:
     """
     from rich.markup import escape
 
-    from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
+    from edhas_jax.config.run_folder import report_write_errors
+    from edhas_jax.core.optional_parts import OptionalParts
     from edhas_jax.diagnosis.calibration.fit import FitError
-    from edhas_jax.diagnosis.planning.next_experiment import next_experiment
-    from edhas_jax.diagnosis.report.overview_figure import draw_overview
-    from edhas_jax.diagnosis.report.report import write_report
     from edhas_jax.diagnosis.report.result_file import save_diagnosis
+    from edhas_jax.diagnosis.search.checkpoint import CHECKPOINT_FOLDER, Checkpoint, diagnosis_identity
     from edhas_jax.diagnosis.search.forward_selection import diagnose
     from edhas_jax.machine.effects.loading import load_effect
     from edhas_jax.measurements.campaign import CampaignError
     from edhas_jax.measurements.campaign_reader import read_campaign
 
     campaign = read_campaign(options.campaign, own_code(options))
-    folder = options.out or unused_folder(Path("diagnoses"), campaign.name)
-    require_new_folder(folder, options.overwrite)
     user_effects = [load_effect(spec, trust=[spec]) for spec in options.effects]
+    identity = diagnosis_identity(campaign, user_effects)
     out = console()
+    folder, sentences = _choose_folder(options, campaign.name, identity)
+    for sentence in sentences:
+        out.print(escape(sentence), soft_wrap=True)
     print_remarks(out, campaign.remarks)
-    with out.status("reading") as status:
+    checkpoint, optional, status_code = Checkpoint(folder / CHECKPOINT_FOLDER, identity), OptionalParts(), None
+    with terminate_as_interrupt(), out.status("reading") as status:
+
+        def say(sentence: str) -> None:
+            status.update(escape(sentence))
+
         try:
-            diagnosis = diagnose(
-                campaign, more=user_effects, on_progress=lambda sentence: status.update(escape(sentence))
-            )
+            diagnosis = diagnose(campaign, more=user_effects, on_progress=say, checkpoint=checkpoint)
         except FitError as error:
             raise CampaignError(str(error)) from None
-        status.update("looking for the most informative next run")
-        experiment = next_experiment(diagnosis)
-        status.update("writing the report")
+        except KeyboardInterrupt:
+            if not checkpoint.kept:
+                raise
+            print(f"edhas: interrupted; {checkpoint.kept} finished stages of the search are kept in {folder}; "
+                  "the same command goes on from them", file=sys.stderr)  # fmt: skip
+            return STATUS_INTERRUPTED
+        optional.failures += checkpoint.failures
         with report_write_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
-            save_diagnosis(diagnosis, folder, None if experiment is None else experiment.as_json())
-            write_report(diagnosis, folder / "report.html", experiment)
-            save_figure(draw_overview(diagnosis), folder / "diagnosis.png")
+            save_diagnosis(diagnosis, folder)
+        experiment = None
+        try:
+            experiment = _add_optional_parts(diagnosis, folder, optional, say)
+            checkpoint.remove()
+        except KeyboardInterrupt:
+            optional.failures.append("Interrupted: the result is written, but not all of its pictures; "
+                                     "the same command makes them.")  # fmt: skip
+            status_code = STATUS_INTERRUPTED
+        with report_write_errors(folder):
+            save_diagnosis(diagnosis, folder, None if experiment is None else experiment.as_json(), optional.failures)
+    _print_result(out, diagnosis, experiment, optional.failures, folder)
+    return status_code
+
+
+def _choose_folder(options, name: str, identity: dict[str, str]) -> tuple[Path, list[str]]:
+    """The folder to write, that of the same unfinished diagnosis if there is one, and sentences about the choice.
+
+    Raises:
+        ResultFileError: the folder of `--out` exists and is not that of an unfinished diagnosis.
+    """
+    from edhas_jax.config.run_folder import require_new_folder, unused_folder
+    from edhas_jax.diagnosis.search.checkpoint import CHECKPOINT_FOLDER, stored_identity
+
+    if options.out:
+        folder, places = options.out, [options.out]
+    else:
+        folder = unused_folder(DEFAULT_PARENT, name)
+        places = sorted(p for p in DEFAULT_PARENT.glob("*") if _without_number(p.name) == _without_number(folder.name))
+    sentences, unfinished = [], {p: stored_identity(p / CHECKPOINT_FOLDER) for p in places}
+    for place, stored in unfinished.items():
+        if stored == identity:
+            return place, [f"Going on from the finished rounds in {place}."]
+        if stored is not None:
+            changed = " and ".join(what for what in identity if stored.get(what) != identity[what])
+            sentences.append(
+                f"The finished rounds in {place} are not used, because they were computed from other inputs: "
+                f"{changed} changed."
+            )
+    if unfinished.get(folder) is None:
+        require_new_folder(folder, options.overwrite)
+    return folder, sentences
+
+
+def _without_number(name: str) -> str:
+    """The name of a folder without the number that distinguishes it from earlier ones."""
+    return re.sub(r"-\d+$", "", name)
+
+
+def _add_optional_parts(diagnosis, folder: Path, optional, say):
+    """Write report, next experiment and pictures; each may fail alone. Returns the experiment, if there is one."""
+    from edhas_jax.diagnosis.planning.next_experiment import next_experiment
+    from edhas_jax.diagnosis.report.overview_figure import draw_overview
+    from edhas_jax.diagnosis.report.report import write_report
+
+    path = folder / "report.html"
+    say("writing the report")
+    optional.attempt("The report", lambda: write_report(diagnosis, path, pictures=False))
+    say("looking for the most informative next run")
+    experiment = optional.attempt("The next experiment", lambda: next_experiment(diagnosis))
+    say("drawing the pictures")
+    optional.attempt("diagnosis.png", lambda: save_figure(draw_overview(diagnosis), folder / "diagnosis.png"))
+    failed = optional.attempt(
+        "The report with pictures", lambda: write_report(diagnosis, path, experiment, optional.failures)
+    )
+    optional.failures += failed or []
+    return experiment
+
+
+def _print_result(out, diagnosis, experiment, failures: list[str], folder: Path) -> None:
+    """Print tables, conclusions, what failed, and where the files are."""
+    from rich.markup import escape
+
     out.print(candidates_table(diagnosis))
     out.print(errors_table(diagnosis))
     for sentence in diagnosis.sentences():
         out.print(escape(sentence), soft_wrap=True)
     if experiment is not None:
         out.print(escape(experiment.sentence), soft_wrap=True)
-    out.print(f"{diagnosis.seconds:.0f} s; written to {folder}: {file_names(folder)}")
+    for sentence in failures:
+        out.print(escape(sentence), soft_wrap=True)
+    out.print(f"{diagnosis.seconds:.0f} s; written to {folder}: {file_names(folder)}", soft_wrap=True)
 
 
 def candidates_table(diagnosis):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_own_code, own_code
 from edhas_jax.commands.console import console, file_names, print_remarks, table
+from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
 
 
 def add_parser(commands) -> None:
@@ -21,8 +22,11 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
-def run(options) -> None:
+def run(options) -> int | None:
     """Calibrate the uncertain parameters of a campaign's machine, write a folder, print the estimates.
+
+    Returns:
+        The exit status of an interrupted command, else None.
 
     Raises:
         CampaignError: a profile is asked of a parameter that is not uncertain, or the fit fails.
@@ -31,6 +35,7 @@ def run(options) -> None:
     from rich.markup import escape
 
     from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
+    from edhas_jax.core.optional_parts import OptionalParts
     from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem, fit
     from edhas_jax.diagnosis.calibration.report import fit_report
     from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
@@ -51,37 +56,53 @@ def run(options) -> None:
             raise CampaignError(f"--profile {name}: not an uncertain parameter; these are: {', '.join(uncertain)}")
     out = console()
     print_remarks(out, campaign.remarks)
-    with out.status("reading") as status:
+    optional, drift, profiles, status_code = OptionalParts(), None, [], None
+    with terminate_as_interrupt(), out.status("reading") as status:
         problem = FitProblem(campaign, campaign.machine, unknowns)
         try:
             calibrated = fit(problem, starts=options.starts, on_progress=status.update)
         except FitError as error:
             raise CampaignError(str(error)) from None
-        drift, profiles = None, []
-        try:
-            drift = fit_each_run(calibrated, lambda step: status.update(f"each run alone, {step}"))
-            for name in options.profile:
-                what = f"profile of {name}, "
-                profiles.append(
-                    profile_likelihood(calibrated, name, lambda step, what=what: status.update(what + step))
-                )
-        except KeyboardInterrupt:
-            out.print("interrupted: the results so far are written")
         status.update("residuals of all runs")
         fine = calibrated.resolution.fine
         before = campaign_residuals(campaign, campaign.machine, Instruments(), fine)
         after = campaign_residuals(campaign, calibrated.machine, calibrated.instruments, fine)
-    seconds = time.perf_counter() - began
-    result = Calibration(calibrated, drift, tuple(profiles), before, after, seconds)
-    with report_write_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "report.html").write_text(fit_report(result), encoding="utf-8")
-        save_calibration(result, folder)
+        result = Calibration(calibrated, None, (), before, after, time.perf_counter() - began)
+        with report_write_errors(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            save_calibration(result, folder)
+        try:
+            drift = optional.attempt(
+                "The fit of each run alone",
+                lambda: fit_each_run(calibrated, lambda step: status.update(f"each run alone, {step}")),
+            )
+            for name in options.profile:
+                what = f"profile of {name}, "
+                profile = optional.attempt(
+                    f"The profile of {name}",
+                    lambda name=name, what=what: profile_likelihood(
+                        calibrated, name, lambda step: status.update(what + step)
+                    ),
+                )
+                profiles += [] if profile is None else [profile]
+        except KeyboardInterrupt:
+            optional.failures.append("Interrupted: the results so far are written.")
+            status_code = STATUS_INTERRUPTED
+        seconds = time.perf_counter() - began
+        result = Calibration(calibrated, drift, tuple(profiles), before, after, seconds)
+        with report_write_errors(folder):
+            save_calibration(result, folder, optional.failures)
+            text = optional.attempt("report.html", lambda: fit_report(result))
+            if text is not None:
+                (folder / "report.html").write_text(text, encoding="utf-8")
     out.print(errors_table(result))
     out.print(estimates_table(result))
     for number, sentence in enumerate(result.findings(), 1):
         out.print(f"{number}. {escape(sentence)}", soft_wrap=True)
-    out.print(f"{seconds:.0f} s; written to {folder}: " + file_names(folder))
+    for sentence in optional.failures:
+        out.print(escape(sentence), soft_wrap=True)
+    out.print(f"{seconds:.0f} s; written to {folder}: " + file_names(folder), soft_wrap=True)
+    return status_code
 
 
 def errors_table(result):

@@ -1,6 +1,5 @@
 """The command `edhas plan`."""
 
-import json
 from pathlib import Path
 
 from edhas_jax.commands.arguments import (
@@ -11,6 +10,7 @@ from edhas_jax.commands.arguments import (
     own_code,
 )
 from edhas_jax.commands.console import console, file_names, progress_bar, save_figure, table
+from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
 
 MAX_PRINTED_PAIRS = 12
 
@@ -26,13 +26,19 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
-def run(options) -> None:
+def run(options) -> int | None:
     """Predict which effects a planned campaign can detect, write a folder, print the most useful next run.
+
+    Returns:
+        The exit status of a command that was interrupted after the sizes were known, else None.
 
     Raises:
         ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
+    from rich.markup import escape
+
+    from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder, write_json
+    from edhas_jax.core.optional_parts import OptionalParts
     from edhas_jax.core.units import to_si
     from edhas_jax.diagnosis.planning.detectability_plan import plan_as_json, plan_detectability
     from edhas_jax.diagnosis.planning.figures import draw_similarity, draw_thresholds
@@ -43,8 +49,8 @@ def run(options) -> None:
     folder = options.out or unused_folder(Path("plans"), campaign.name)
     require_new_folder(folder, options.overwrite)
     user_effects = [load_effect(spec, trust=[spec]) for spec in options.effects]
-    out = console()
-    with progress_bar(out) as bar:
+    out, optional = console(), OptionalParts()
+    with terminate_as_interrupt(), progress_bar(out) as bar:
         task = bar.add_task("compiling", total=1.0)
         planned = plan_detectability(
             campaign, more=user_effects,
@@ -52,10 +58,9 @@ def run(options) -> None:
         )  # fmt: skip
     with report_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(plan_as_json(planned), indent=2, allow_nan=False)
-        (folder / "plan.json").write_text(text + "\n", encoding="utf-8")
-        save_figure(draw_thresholds(planned), folder / "sizes.png")
-        save_figure(draw_similarity(planned), folder / "overlaps.png")
+        write_json(folder / "plan.json", plan_as_json(planned))
+        for name, draw in (("sizes.png", draw_thresholds), ("overlaps.png", draw_similarity)):
+            optional.attempt(name, lambda name=name, draw=draw: save_figure(draw(planned), folder / name))
     out.print(sizes_table(planned))
     pairs = planned.indistinguishable_pairs()
     if pairs:
@@ -66,7 +71,10 @@ def run(options) -> None:
         if len(pairs) > MAX_PRINTED_PAIRS:
             out.print(f"and {len(pairs) - MAX_PRINTED_PAIRS} more pairs, in {folder / 'plan.json'}", soft_wrap=True)
     out.print(planned.sentence(), soft_wrap=True)
+    for sentence in optional.failures:
+        out.print(escape(sentence), soft_wrap=True)
     out.print(f"written to {folder}: " + file_names(folder), soft_wrap=True)
+    return STATUS_INTERRUPTED if planned.interrupted else None
 
 
 def sizes_table(planned):

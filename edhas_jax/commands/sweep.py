@@ -7,8 +7,8 @@ from pathlib import Path
 
 from edhas_jax.commands.arguments import add_own_code, own_code
 from edhas_jax.commands.console import console, table
+from edhas_jax.commands.interruption import STATUS_INTERRUPTED
 
-STATUS_INTERRUPTED = 130
 LOG_INTERVAL = 10.0  # s, between lines of progress where there is no terminal
 
 

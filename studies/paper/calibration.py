@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
+from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import PumpBench
 from studies.paper.published_numbers import CALIBRATED_QUANTITIES, CALIBRATION_TARGETS, with_derived_parameters
@@ -119,7 +120,7 @@ def calibrate(machine: PumpBench, on_step: Callable[[int, np.ndarray], None] | N
     reached, slopes = targets_at(machine, x)
     deviation = np.array([CALIBRATION_TARGETS[n][1] for n in reached])
     # Laplace approximation, with the tolerated deviations as standard deviations
-    spread = np.sqrt(np.diag(np.linalg.inv(found.model.curvature[best]))) * SPAN
+    spread = np.sqrt(np.diag(regularised_inverse(found.model.curvature[best]))) * SPAN
     return Calibrated(
         {n: float(v) for n, v in quantities_at(x).items()}, reached, slopes / deviation[:, None],
         dict(zip(NAMES, spread.tolist(), strict=True)), 2.0 * found.model.cost, int(found.steps.sum()),

@@ -1,9 +1,13 @@
 """Levenberg-Marquardt on functions with known minima."""
 
+import re
+
 import numpy as np
 import pytest
 
-from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt, regularised_inverse
+from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
+from edhas_jax.diagnosis.calibration.symmetric_matrices import log_determinant, regularised_inverse, square_root
+from tests.support import ROOT
 
 UNBOUNDED = np.full(2, -np.inf), np.full(2, np.inf)
 
@@ -77,6 +81,27 @@ def test_a_noisy_cost_ends_the_search():
 
     found = levenberg_marquardt(noisy, np.array([[1.0, 1.0]]), *UNBOUNDED, tolerance=1e-9, max_steps=100)
     assert found.converged[0] and len(calls) < 60
+
+
+@pytest.mark.parametrize("zeroed", [0, 2])
+def test_a_direction_without_information_has_a_large_finite_variance(zeroed):
+    """A curvature with an empty row, and one of rank two; neither the inverse nor the determinant fails."""
+    slopes = np.random.default_rng(3).standard_normal((2, 4))
+    curvature = slopes.T @ slopes
+    curvature[:, :zeroed] = curvature[:zeroed] = 0.0
+    covariance = regularised_inverse(curvature)
+    assert np.isfinite(covariance).all() and np.diag(covariance).max() > 1e10
+    assert np.isfinite(log_determinant(curvature)) and np.isfinite(log_determinant(covariance))
+    root = square_root(covariance)
+    np.testing.assert_allclose(root @ root.T, covariance, rtol=1e-6, atol=1e-6 * np.abs(covariance).max())
+    assert np.isnan(regularised_inverse(np.full((2, 2), np.nan))).all() and np.isnan(log_determinant([[np.inf]]))
+
+
+def test_no_other_module_inverts_a_matrix():
+    """Curvatures and covariances are inverted in `symmetric_matrices` from eigenvalues, never by these functions."""
+    inverse = re.compile(r"linalg\.(inv|pinv|solve|cholesky|det|slogdet)|cho_(factor|solve)")
+    modules = (ROOT / "edhas_jax").rglob("*.py")
+    assert not [p.name for p in modules if inverse.search(p.read_text(encoding="utf-8"))]
 
 
 def test_the_regularised_inverse_is_positive_definite():

@@ -175,6 +175,18 @@ def test_the_distance_after_refitting_matches_its_definition():
     assert _distance_after_refit(difference, jacobian, covariance) == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.parametrize("rank", [0, 2])
+def test_the_distance_after_refitting_allows_for_a_singular_covariance(rank):
+    """Directions of which the covariance knows no variance are not refitted."""
+    rng = np.random.default_rng(4)
+    jacobian, root = rng.standard_normal((50, 4)), rng.standard_normal((4, rank))
+    covariance, difference = root @ root.T, rng.standard_normal(50)
+    total = np.eye(50) + jacobian @ covariance @ jacobian.T
+    expected = np.sqrt(difference @ np.linalg.solve(total, difference))
+    assert _distance_after_refit(difference, jacobian, covariance) == pytest.approx(expected, rel=1e-9)
+    assert _distance_after_refit(difference, jacobian, np.full((4, 4), np.nan)) == -np.inf
+
+
 def test_the_next_experiment_discriminates_two_rivals():
     truth = structs.replace(bench(), effects=(*bench().effects, InverterDeadTime(dead_time_voltage=0.8)))
     diagnosis = diagnose(measured(empty_campaign(), truth), library=(InverterDeadTime,))
@@ -190,4 +202,8 @@ def test_the_next_experiment_discriminates_two_rivals():
     assert next_experiment(with_trials(first.accepted, twin)).separation == pytest.approx(0.0, abs=1e-6)
     experiment = next_experiment(with_trials(first.accepted, other))
     assert experiment.separation > 5.0 and set(experiment.conditions) == {"frequency", "amplitude"}
+    fitted = other.evaluated.fit
+    singular = dataclasses.replace(fitted, covariance=np.ones_like(fitted.covariance))
+    uncertain = dataclasses.replace(other, evaluated=dataclasses.replace(other.evaluated, fit=singular))
+    assert next_experiment(with_trials(first.accepted, uncertain)).separation > 5.0
     assert json.dumps(experiment.as_json()) and other.candidate.name in experiment.sentence

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt, regularised_inverse
+from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
+from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use

@@ -5,6 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from edhas_jax.diagnosis.calibration.symmetric_matrices import least_norm_solution
+
 MAX_COORDINATE_STEP = 1.5  # largest change of a coordinate per step; coordinates are scaled to be of order one
 OVERFLOW_LIMIT = 1e150  # products of two larger numbers would overflow
 INITIAL_DAMPING = 1e-2
@@ -12,6 +14,7 @@ MAX_DAMPING = 1e8  # a start whose damping grows beyond this is abandoned
 RELATIVE_TOLERANCE = 1e-7  # share of the cost; adds to `tolerance` where model error leaves a large cost
 # a cost simulated with contacts is not smooth below this decrease, absolute or as a share of the cost
 NOISE_FLOOR, RELATIVE_NOISE_FLOOR = 1.0, 1e-6
+UNDETERMINED_SHARE = 1e-13  # of the largest curvature: along flatter directions there is no step
 MAX_FAILED_STEPS = 3  # consecutive rejected steps below the noise floor that end a search
 
 
@@ -45,18 +48,6 @@ class Minima:
     model: QuadraticModel
     steps: np.ndarray
     converged: np.ndarray
-
-
-def regularised_inverse(curvature: np.ndarray) -> np.ndarray:
-    """Invert a curvature (n, n) so that the result is positive definite in spite of rounding.
-
-    Coordinates are scaled to unit curvature first, and eigenvalues below the rounding error of the largest one are
-    raised to it.
-    """
-    scale = 1.0 / np.sqrt(np.diag(curvature))
-    values, vectors = np.linalg.eigh(scale[:, None] * curvature * scale)
-    floored = np.maximum(values, len(values) * np.finfo(float).eps * values[-1])
-    return scale[:, None] * ((vectors / floored) @ vectors.T) * scale
 
 
 def levenberg_marquardt(
@@ -166,7 +157,7 @@ def _bounded_step(gradient, curvature, damping, active, low, high):
     damped = curvature + damping * np.diag(np.maximum(np.diag(curvature), 1e-12))
     while active.any():
         reduced = gradient[active] + damped[np.ix_(active, ~active)] @ step[~active]
-        step[active] = -np.linalg.lstsq(damped[np.ix_(active, active)], reduced, rcond=1e-13)[0]
+        step[active] = -least_norm_solution(damped[np.ix_(active, active)], reduced, UNDETERMINED_SHARE)
         outside = active & ((step < low) | (step > high))
         step = np.clip(step, low, high)
         if not outside.any():

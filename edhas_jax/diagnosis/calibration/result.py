@@ -1,12 +1,14 @@
 """Result of a calibration: residuals of all runs before and after, diagnostics of the estimate, and its files."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from edhas_jax.config.run_folder import replace_nonfinite, write_json
 from edhas_jax.config.writer import dump_config
+from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.uncertainty import Drift, ProfileLikelihood
@@ -72,7 +74,7 @@ class Calibration:
 
     def drifting(self) -> list[str]:
         """The unknowns whose estimates differ from run to run, the largest difference first."""
-        if self.drift is None:
+        if self.drift is None or not self.drift.runs:
             return []
         worst = np.abs(self.drift.score).max(axis=0)
         order = [int(k) for k in np.argsort(-worst) if worst[k] > DRIFT_SCORE]
@@ -152,15 +154,23 @@ def simulate_campaign(
     return {run.name: outcomes[r] for r, run in enumerate(campaign.runs)}
 
 
-def save_calibration(calibration: Calibration, folder: Path) -> None:
-    """Write `config.yaml`, which `edhas simulate` runs, and `fit.json` into an existing folder."""
+def save_calibration(calibration: Calibration, folder: Path, failures: Sequence[str] = ()) -> None:
+    """Write `config.yaml`, which `edhas simulate` runs, and `fit.json` into an existing folder.
+
+    Args:
+        calibration: the fit with the checks that are finished.
+        folder: an existing folder.
+        failures: a sentence on each check that could not be made.
+    """
     fit = calibration.fit
     rate = 1.0 / min(run.interval for run in fit.problem.campaign.runs)
     step = min(1.0 / rate / fit.resolution.fine, LARGEST_STEP)
     comment = f"# {fit.problem.campaign.name}, calibrated by `edhas fit`; without the conditions of any run\n"
     text = comment + dump_config(fit.machine, Simulation(step=step, sample_rate=rate))
-    (folder / CONFIG_FILE).write_text(text, encoding="utf-8")
-    write_json(folder / RESULT_FILE, replace_nonfinite(calibration_as_json(calibration)))
+    data = calibration_as_json(calibration) | {"failed_parts": list(failures)}
+    write_json(folder / RESULT_FILE, replace_nonfinite(data))
+    with atomic_write(folder / CONFIG_FILE) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def estimates_as_json(fit: Fit) -> dict[str, dict]:

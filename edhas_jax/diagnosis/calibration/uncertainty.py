@@ -7,6 +7,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit, gauss_newton_model
 from edhas_jax.diagnosis.calibration.least_squares import levenberg_marquardt
+from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.measurements.measurement_model import EvaluationPoint
 
 COST_TOLERANCE = 0.02  # in ½χ², of the fits of single runs and of the profiles
@@ -20,7 +21,7 @@ class Drift:
     """Estimates of n unknowns from each run alone, compared with the common estimate.
 
     Attributes:
-        runs: names of the runs.
+        runs: names of the runs that could be fitted.
         x: estimates in coordinates, shape (runs, n).
         std: their standard errors in coordinates, shape (runs, n).
         score: distance from the common estimate in standard deviations of that distance, shape (runs, n). Of the order
@@ -85,11 +86,13 @@ def fit_each_run(fit: Fit, on_progress: Callable[[str], None] | None = None) -> 
     found = levenberg_marquardt(
         evaluate, starts, low, high, tolerance=COST_TOLERANCE, on_step=_step_reporter(on_progress)
     )
-    covariance = np.array([np.linalg.pinv(c, hermitian=True) for c in found.model.curvature])
+    fitted = np.isfinite(found.model.cost)  # a run in which the model fails at the common estimate is left out
+    covariance = np.array([regularised_inverse(c) for c in found.model.curvature[fitted]]).reshape(-1, n, n)
     variance = np.einsum("rkk->rk", covariance)
     difference_variance = np.maximum(variance - np.diag(fit.covariance), MIN_DIFFERENCE_VARIANCE * variance)
-    score = (found.x - fit.uncorrected) / np.sqrt(difference_variance)
-    return Drift(tuple(run.name for run in model.runs), found.x.reshape(count, n), np.sqrt(variance), score)
+    score = (found.x[fitted] - fit.uncorrected) / np.sqrt(difference_variance)
+    names = tuple(run.name for run, is_fitted in zip(model.runs, fitted, strict=True) if is_fitted)
+    return Drift(names, found.x[fitted], np.sqrt(variance), score)
 
 
 def profile_likelihood(fit: Fit, name: str, on_progress: Callable[[str], None] | None = None) -> ProfileLikelihood:

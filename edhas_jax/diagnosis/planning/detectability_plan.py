@@ -55,7 +55,8 @@ class DetectabilityPlan:
         candidates: thresholds of the candidates, the most easily detected first.
         cosines: cosines of their unexplained signatures in the same order, shape (k, k).
         feasible_run_count: number of feasible candidate runs among which `next_run` was chosen.
-        next_run: the best additional run; None if no candidate run is feasible.
+        next_run: the best additional run; None if no candidate run is feasible, or the search for it was interrupted.
+        interrupted: whether the search for the next run was interrupted.
     """
 
     campaign: Campaign
@@ -63,6 +64,7 @@ class DetectabilityPlan:
     cosines: np.ndarray
     feasible_run_count: int
     next_run: NextRun | None
+    interrupted: bool = False
 
     def indistinguishable_pairs(self) -> list[Pair]:
         """Indistinguishable pairs of detectable candidates, the largest cosine first."""
@@ -76,6 +78,8 @@ class DetectabilityPlan:
             summary += f"{pairs} {'pair' if pairs == 1 else 'pairs'} of them are indistinguishable."
         else:
             summary += "all of them are distinguishable."
+        if self.interrupted:
+            return f"{summary} The search for the best next run was interrupted."
         if self.next_run is None:
             return f"{summary} No candidate run is feasible."
         run = ", ".join(f"{n.replace('_', ' ')} {text}" for n, text in self.next_run.conditions.items())
@@ -132,15 +136,18 @@ def plan_detectability(
     order = np.argsort([f.threshold_share for f in found], kind="stable")
     found, overlap = [found[k] for k in order], overlap[np.ix_(order, order)]
     report("feasible candidate runs", 0.7)
-    feasible = feasible_runs(campaign, campaign.machine, steps)
-    next_run = None
-    if feasible:
-        points = [CandidatePoints(f.candidate, f.x[None]) for f in found]
-        gram = SignatureGram(
-            campaign, (*runs, *feasible), points, steps, lambda stage, share: report(stage, 0.7 + 0.3 * share)
-        )
-        next_run = _best_next_run(campaign, found, gram, len(runs), feasible)
-    return DetectabilityPlan(campaign, tuple(found), overlap, len(feasible), next_run)
+    feasible, next_run, interrupted = (), None, False
+    try:
+        feasible = feasible_runs(campaign, campaign.machine, steps)
+        if feasible:
+            points = [CandidatePoints(f.candidate, f.x[None]) for f in found]
+            gram = SignatureGram(
+                campaign, (*runs, *feasible), points, steps, lambda stage, share: report(stage, 0.7 + 0.3 * share)
+            )
+            next_run = _best_next_run(campaign, found, gram, len(runs), feasible)
+    except KeyboardInterrupt:  # the sizes are known; they are not lost with the search
+        interrupted = True
+    return DetectabilityPlan(campaign, tuple(found), overlap, len(feasible), next_run, interrupted)
 
 
 def _indistinguishable(candidates, overlap: np.ndarray, among: np.ndarray | None = None) -> list[Pair]:
@@ -207,5 +214,6 @@ def plan_as_json(plan: DetectabilityPlan) -> dict[str, Any]:
             "becomes_visible": list(next_run.newly_detectable),
             "not_told_apart": [list(pair) for pair in next_run.indistinguishable],
         },
+        "interrupted": plan.interrupted,
         "sentence": plan.sentence(),
     }  # fmt: skip

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse, square_root
 from edhas_jax.diagnosis.planning.candidate_runs import feasible_runs, format_conditions
 from edhas_jax.diagnosis.search.result import Diagnosis, Round, Verdict
 from edhas_jax.diagnosis.search.trial import Trial
@@ -150,10 +151,11 @@ def _euclidean_distance(one: dict[str, np.ndarray], other: dict[str, np.ndarray]
 
 
 def _distance_after_refit(difference: np.ndarray, jacobian: np.ndarray, covariance: np.ndarray) -> float:
-    """√(Δᵀ (I + J Σ Jᵀ)⁻¹ Δ), by the Woodbury identity; -inf if it is not finite."""
-    projection = jacobian.T @ difference
-    precision = np.linalg.inv(covariance) + jacobian.T @ jacobian
-    square = difference @ difference - projection @ np.linalg.solve(precision, projection)
+    """√(Δᵀ (I + J Σ Jᵀ)⁻¹ Δ), by the Woodbury identity with Σ = L Lᵀ, which may be singular; −inf if not finite."""
+    spread = jacobian @ square_root(covariance)
+    projection = spread.T @ difference
+    precision = np.eye(spread.shape[1]) + spread.T @ spread
+    square = difference @ difference - projection @ regularised_inverse(precision) @ projection
     return math.sqrt(max(float(square), 0.0)) if np.isfinite(square) else -math.inf
 
 

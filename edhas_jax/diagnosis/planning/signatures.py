@@ -15,6 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from edhas_jax.diagnosis.calibration.least_squares import OVERFLOW_LIMIT
+from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidate_unknowns
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.instruments import Instruments
@@ -71,7 +73,8 @@ class SignatureGram:
                     change = {n: signals[r][n] - self._nominal[r][n] for n in signals[r]}
                     columns[r].append(self._over_noise(r, change)[:, None])
         tables = [np.concatenate(parts, axis=1) for parts in columns]
-        failed = ~np.all([np.isfinite(table).all(axis=0) for table in tables], axis=0)
+        # not finite, or so large that its square would not be
+        failed = ~np.all([(np.abs(table) < OVERFLOW_LIMIT).all(axis=0) for table in tables], axis=0)
         for table in tables:
             table[:, failed] = 0.0
         self.failed = failed[len(known) :]
@@ -85,7 +88,7 @@ class SignatureGram:
         """EᵀE, shape (k, k), from a Gram matrix (p + k, p + k) summed over runs: its Schur complement."""
         p = len(self._prior)
         signatures, mixed, known = gram[p:, p:], gram[:p, p:], gram[:p, :p] + np.diag(self._prior)
-        projected = signatures - mixed.T @ np.linalg.solve(known, mixed)
+        projected = signatures - mixed.T @ regularised_inverse(known) @ mixed
         square = np.maximum(np.diag(projected), ROUNDING_SHARE * np.diag(signatures))
         projected[np.diag_indices_from(projected)] = square
         return projected

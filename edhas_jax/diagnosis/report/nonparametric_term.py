@@ -10,7 +10,7 @@ import numpy as np
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.least_squares import regularised_inverse
+from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.interface.signals import SIGNALS

@@ -2,9 +2,12 @@
 
 import html
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from edhas_jax.core import html_page
+from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.optional_parts import OptionalParts
 from edhas_jax.core.units import format_with_error
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.planning.next_experiment import Experiment
@@ -35,26 +38,45 @@ STYLE = """<style>
 </style>"""
 
 
-def write_report(diagnosis: Diagnosis, path: Path, experiment: Experiment | None = None) -> None:
+def write_report(
+    diagnosis: Diagnosis, path: Path, experiment: Experiment | None = None, failures: Sequence[str] = (),
+    pictures: bool = True,
+) -> list[str]:  # fmt: skip
     """Write the report of a diagnosis as one self-contained HTML file.
+
+    A picture that cannot be drawn leaves a sentence in its place.
 
     Args:
         diagnosis: the result to report.
         path: file to write.
         experiment: the run recommended next.
+        failures: sentences on other parts of the result that could not be made.
+        pictures: whether the report has pictures; without them it is text and tables alone.
+
+    Returns:
+        A sentence for each picture that could not be drawn.
     """
-    Path(path).write_text(diagnosis_report(diagnosis, experiment), encoding="utf-8")
+    optional = OptionalParts()
+    text = diagnosis_report(diagnosis, experiment, failures, pictures, optional)
+    with atomic_write(Path(path)) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return optional.failures
 
 
-def diagnosis_report(diagnosis: Diagnosis, experiment: Experiment | None = None) -> str:
-    """The report as HTML; arguments as in `write_report`."""
-    campaign = diagnosis.campaign
-    states = {"before": diagnosis.before, "calibrated": diagnosis.calibrated.residuals}
-    if diagnosis.accepted:
-        states["after"] = diagnosis.after.residuals
-    if (best := diagnosis.best_generic_trial) is not None:
-        states["generic term"] = best.evaluated.residuals
-    probabilities = {} if diagnosis.verdict is Verdict.ADEQUATE else diagnosis.location_probabilities()
+def diagnosis_report(
+    diagnosis: Diagnosis, experiment: Experiment | None = None, failures: Sequence[str] = (), pictures: bool = True,
+    optional: OptionalParts | None = None,
+) -> str:  # fmt: skip
+    """The report as HTML; `optional` collects what fails, the other arguments are those of `write_report`."""
+    campaign, optional = diagnosis.campaign, optional or OptionalParts()
+
+    def picture(what: str, draw: Callable[[], list[str]]) -> list[str]:
+        """The HTML of a section with pictures, or the sentence on its failure."""
+        if not pictures:
+            return []
+        made = optional.attempt(f"The {what} of the report", draw)
+        return [html_page.paragraph(optional.failures[-1])] if made is None else made
+
     parts = [
         STYLE,
         html_page.heading(f"{campaign.name}: diagnosis", 1),
@@ -64,21 +86,16 @@ def diagnosis_report(diagnosis: Diagnosis, experiment: Experiment | None = None)
             f"{diagnosis.seconds:.0f} s."
         ),
         _verdict_box(diagnosis),
-        '<div class="beside"><div>', html_page.heading("Location"),
-        draw_schematic(campaign.machine, probabilities, tuple(campaign.channels)),
-        "</div><div>", html_page.heading("Residual after each stage"),
-        html_page.image(draw_waterfall(diagnosis), "residual over noise from the present model down to the noise"),
+        *(html_page.paragraph(sentence) for sentence in failures),
+        '<div class="beside"><div>', *picture("drawing of the machine", lambda: _location_section(diagnosis)),
+        "</div><div>", *picture("residual after each stage", lambda: _waterfall_section(diagnosis)),
         "</div></div>",
-        html_page.heading("Measured and simulated signals"),
-        html_page.paragraph("Click a model to switch it on or off; drag to zoom, double-click for the whole run. "
-                       "Band: two standard deviations of the sensor's noise."),
-        render_trace_viewer(campaign, states),
-        *_term_sections(diagnosis),
+        *picture("measured and simulated signals", lambda: _signals_section(diagnosis)),
+        *picture("missing term", lambda: _term_sections(diagnosis)),
         *_ambiguity_section(diagnosis, experiment),
         html_page.heading("Candidates"),
         _candidate_table(diagnosis),
-        html_page.heading("Parameters: prior and estimates"),
-        html_page.image(draw_parameter_shifts(diagnosis), "uncertain parameters before and after"),
+        *picture("parameters", lambda: _parameter_section(diagnosis)),
     ]  # fmt: skip
     if campaign.remarks:
         remarks = [str(remark) for remark in campaign.remarks]
@@ -90,6 +107,44 @@ def _verdict_box(diagnosis: Diagnosis) -> str:
     kind = "verdict fine" if diagnosis.verdict is Verdict.ADEQUATE else "verdict"
     sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in diagnosis.sentences())
     return f'<div class="{kind}">{sentences}</div>'
+
+
+def _location_section(diagnosis: Diagnosis) -> list[str]:
+    """The machine with the probability of each component."""
+    campaign = diagnosis.campaign
+    probabilities = {} if diagnosis.verdict is Verdict.ADEQUATE else diagnosis.location_probabilities()
+    schematic = draw_schematic(campaign.machine, probabilities, tuple(campaign.channels))
+    return [html_page.heading("Location"), schematic]
+
+
+def _waterfall_section(diagnosis: Diagnosis) -> list[str]:
+    """The residual after each stage."""
+    caption = "residual over noise from the present model down to the noise"
+    return [html_page.heading("Residual after each stage"), html_page.image(draw_waterfall(diagnosis), caption)]
+
+
+def _signals_section(diagnosis: Diagnosis) -> list[str]:
+    """The interactive plot of measured and simulated signals."""
+    states = {"before": diagnosis.before, "calibrated": diagnosis.calibrated.residuals}
+    if diagnosis.accepted:
+        states["after"] = diagnosis.after.residuals
+    if (best := diagnosis.best_generic_trial) is not None:
+        states["generic term"] = best.evaluated.residuals
+    explanation = (
+        "Click a model to switch it on or off; drag to zoom, double-click for the whole run. "
+        "Band: two standard deviations of the sensor's noise."
+    )
+    return [
+        html_page.heading("Measured and simulated signals"),
+        html_page.paragraph(explanation),
+        render_trace_viewer(diagnosis.campaign, states),
+    ]
+
+
+def _parameter_section(diagnosis: Diagnosis) -> list[str]:
+    """The uncertain parameters before and after."""
+    image = html_page.image(draw_parameter_shifts(diagnosis), "uncertain parameters before and after")
+    return [html_page.heading("Parameters: prior and estimates"), image]
 
 
 def explaining_candidates(diagnosis: Diagnosis) -> list[tuple[Fit, Candidate]]:

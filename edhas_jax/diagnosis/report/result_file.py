@@ -1,10 +1,12 @@
 """Files of a diagnosis: the result as JSON, and the final model as a configuration."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from edhas_jax.config.run_folder import replace_nonfinite, write_json
 from edhas_jax.config.writer import dump_config
+from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
@@ -19,14 +21,18 @@ VERSION = 1  # of the schema in docs/diagnosis.md
 MIN_LISTED_PROBABILITY = 0.001  # candidates without a trial are listed above it
 
 
-def save_diagnosis(diagnosis: Diagnosis, folder: Path, next_experiment: dict[str, Any] | None = None) -> None:
-    """Write `diagnosis.json`, and the model with the accepted effects as `config.yaml`.
+def save_diagnosis(
+    diagnosis: Diagnosis, folder: Path, next_experiment: dict[str, Any] | None = None, failures: Sequence[str] = ()
+) -> None:
+    """Write `diagnosis.json`, then the model with the accepted effects as `config.yaml`.
 
     Args:
         diagnosis: the result to write.
         folder: an existing folder.
         next_experiment: the recommended run as plain data.
+        failures: a sentence on each optional part of the result that could not be made.
     """
+    write_json(folder / RESULT, replace_nonfinite(as_json(diagnosis, next_experiment, failures)))
     campaign, final = diagnosis.campaign, diagnosis.final
     rate = 1.0 / min(run.interval for run in campaign.runs)
     head = f"# {campaign.name}, as diagnosed by `edhas diagnose`; before the conditions of any run are set\n"
@@ -35,11 +41,13 @@ def save_diagnosis(diagnosis: Diagnosis, folder: Path, next_experiment: dict[str
         names = ", ".join(f"{link.id} on {signal}" for signal, chain in chains for link in chain)
         head += f"# sensor faults are not part of the machine: {names}\n"
     text = head + dump_config(final.machine, Simulation(sample_rate=rate))
-    (folder / CONFIG_FILE).write_text(text, encoding="utf-8")
-    write_json(folder / RESULT, replace_nonfinite(as_json(diagnosis, next_experiment)))
+    with atomic_write(folder / CONFIG_FILE) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
-def as_json(diagnosis: Diagnosis, next_experiment: dict[str, Any] | None = None) -> dict[str, Any]:
+def as_json(
+    diagnosis: Diagnosis, next_experiment: dict[str, Any] | None = None, failures: Sequence[str] = ()
+) -> dict[str, Any]:
     """The diagnosis as plain data, values in SI; schema in docs/diagnosis.md."""
     final = diagnosis.final
     uncertain = [u.name for u in final.problem.unknowns if "." not in u.name]
@@ -59,6 +67,7 @@ def as_json(diagnosis: Diagnosis, next_experiment: dict[str, Any] | None = None)
         "calibrated": {n: v for n, v in estimates_as_json(final).items() if n in uncertain},
         "error": diagnosis.errors(),
         "next_experiment": next_experiment,
+        "failed_parts": list(failures),
         "seconds": diagnosis.seconds,
     }
 

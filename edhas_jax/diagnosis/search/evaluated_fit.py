@@ -14,8 +14,9 @@ from edhas_jax.diagnosis.calibration.fit import (
     fit,
     gauss_newton_model,
 )
-from edhas_jax.diagnosis.calibration.least_squares import Minima, levenberg_marquardt, regularised_inverse
+from edhas_jax.diagnosis.calibration.least_squares import Minima, levenberg_marquardt
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
+from edhas_jax.diagnosis.calibration.symmetric_matrices import log_determinant, regularised_inverse
 from edhas_jax.measurements.campaign import BenchRun, Use
 from edhas_jax.measurements.measurement_model import EvaluationPoint
 from edhas_jax.measurements.residuals import rms_over_noise
@@ -52,7 +53,7 @@ class EvaluatedFit:
         that all models of a campaign share is omitted, so that only differences (gains) have a meaning. The
         determinant is the penalty of each parameter, comparable with that of the BIC.
         """
-        return -self.cost + 0.5 * float(np.linalg.slogdet(self.fit.covariance)[1])
+        return -self.cost + 0.5 * log_determinant(self.fit.covariance)
 
     def run_residuals(self, runs: Iterable[BenchRun]) -> list[np.ndarray]:
         """The residuals of the given runs, one array for each run and signal."""

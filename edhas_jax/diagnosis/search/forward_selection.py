@@ -5,12 +5,13 @@ compared by their log-evidence gain after a refit, and accepted if ½χ² of the
 """
 
 import dataclasses
-import time
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
-from edhas_jax.diagnosis.calibration.fit import FitError
+from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
-from edhas_jax.diagnosis.search.candidates import build_problem, candidates_for
+from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidates_for
+from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.decision_rules import decide_verdict, replaces_accepted
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, refine_fit, start_coordinates
 from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
@@ -18,6 +19,7 @@ from edhas_jax.diagnosis.search.localisation import localise_discrepancy
 from edhas_jax.diagnosis.search.result import Diagnosis, Round, Verdict, accepted_trials
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.selection_round import generic_candidates, search_round
+from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, StageEncoder, accepted_candidates
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, Trial, try_candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
@@ -31,11 +33,35 @@ LOCAL_MINIMUM_GAIN_SHARE = 0.1  # of a candidate's gain: a refit without it that
 Report = Callable[[str], None]
 
 
+@dataclasses.dataclass(frozen=True)
+class _Search:
+    """What all stages of one diagnosis share: its inputs, its checkpoint, and whom it reports to."""
+
+    campaign: Campaign
+    library: tuple[type[Effect], ...] | None
+    more: tuple[type[Effect], ...]
+    checkpoint: Checkpoint
+    report: Report
+
+    def stage(self, name: str, compute: Callable, encode: Callable, decode: Callable) -> Any:
+        """The value of a stage from the checkpoint, or computed."""
+        return self.checkpoint.stage(name, self.campaign, self.more, compute, encode, decode)
+
+    def candidates(self, fitted: FitProblem) -> list[Candidate]:
+        """The candidates that a model lacks."""
+        found = candidates_for(self.campaign, fitted.machine, fitted.instruments, self.more)
+        if self.library is None:
+            return found
+        allowed = {kind.id for kind in (*self.library, *self.more)}
+        return [c for c in found if c.signal is not None or c.id in allowed]
+
+
 def diagnose(
     campaign: Campaign,
     library: Iterable[type[Effect]] | None = None,
     more: Iterable[type[Effect]] = (),
     on_progress: Report | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Diagnosis:
     """Determine whether effects are missing in the model of a campaign, and which.
 
@@ -44,6 +70,7 @@ def diagnose(
         library: effect classes to consider; all of the library by default. Sensor faults are always considered.
         more: user-defined effect classes to consider in addition.
         on_progress: called with a sentence on the progress.
+        checkpoint: keeps the finished stages, and has those of an interrupted diagnosis of the same inputs.
 
     Returns:
         The verdict with all scores, trials, probabilities and the final model.
@@ -51,14 +78,19 @@ def diagnose(
     Raises:
         FitError: there is nothing to fit, or the model cannot be fitted.
     """
-    began, report = time.perf_counter(), on_progress or (lambda sentence: None)
-    calibrated, resolution = _calibrate(campaign, report)
-    calibrated = _refine_near_noise(calibrated, resolution, report)
-    allowed = None if library is None else {kind.id for kind in (*library, *more)}
-    rounds = _select_forward(campaign, calibrated, resolution, more, allowed, report)
+    report, checkpoint = on_progress or (lambda sentence: None), checkpoint or Checkpoint()
+    library = None if library is None else tuple(library)
+    search = _Search(campaign, library, tuple(more), checkpoint, report)
+    calibrated, resolution = search.stage(
+        "calibration", lambda: _calibrated(search), StageEncoder.start, StageDecoder.start
+    )
+    rounds = _select_forward(search, calibrated, resolution)
     shares: dict[str, float] = {}
     if decide_verdict(rounds) is Verdict.UNKNOWN_EFFECT:
-        shares, trials = _localise(rounds, resolution, report)
+        shares, trials = search.stage(
+            "localisation", lambda: _localise(rounds, resolution, report),
+            StageEncoder.localisation, StageDecoder.localisation,
+        )  # fmt: skip
         replacement = trials[0] if trials and replaces_accepted(rounds, trials[0]) else None
         if replacement is not None and replacement.candidate.kind in GENERIC_TERMS:
             generic = tuple(t for t in trials if t.candidate.kind in GENERIC_TERMS)
@@ -67,12 +99,17 @@ def diagnose(
             first = dataclasses.replace(
                 rounds[0], trials=(*rounds[0].trials, replacement), accepted=replacement, generic_trials=()
             )
-            rounds = _select_forward(campaign, rounds[0].baseline, resolution, more, allowed, report, first)
+            rounds = _select_forward(search, rounds[0].baseline, resolution, first)
     before = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
-    seconds = time.perf_counter() - began
     calibrated, after, verdict = rounds[0].baseline, rounds[-1].baseline, decide_verdict(rounds)
     shares = shares if verdict is Verdict.UNKNOWN_EFFECT else {}
-    return Diagnosis(campaign, verdict, tuple(rounds), before, calibrated, after, seconds, shares)
+    return Diagnosis(campaign, verdict, tuple(rounds), before, calibrated, after, checkpoint.seconds, shares)
+
+
+def _calibrated(search: _Search) -> tuple[EvaluatedFit, TimeResolution]:
+    """The model before any candidate and the time steps."""
+    calibrated, resolution = _calibrate(search.campaign, search.report)
+    return _refine_near_noise(calibrated, resolution, search.report), resolution
 
 
 def _calibrate(campaign: Campaign, report: Report) -> tuple[EvaluatedFit, TimeResolution]:
@@ -90,49 +127,59 @@ def _calibrate(campaign: Campaign, report: Report) -> tuple[EvaluatedFit, TimeRe
 
 
 def _select_forward(
-    campaign: Campaign, calibrated: EvaluatedFit, resolution: TimeResolution, more: Iterable[type[Effect]],
-    allowed: set[str] | None, report: Report, first: Round | None = None,
-) -> list[Round]:  # fmt: skip
+    search: _Search, calibrated: EvaluatedFit, resolution: TimeResolution, first: Round | None = None
+) -> list[Round]:
     """Add one candidate after another until held-out runs confirm none.
 
     Args:
-        campaign: the measurements.
+        search: the diagnosis.
         calibrated: the model before any candidate.
         resolution: coarse and fine time steps per sample.
-        more: user-defined effect classes.
-        allowed: ids of the effects to consider; None for all.
-        report: called with a sentence on the progress.
         first: result of the first round, if it is known.
     """
-    baseline, rounds, rechecked = calibrated, [], False
+    baseline, rounds = calibrated, []
+    name = "round" if first is None else "replacing_round"
     while True:
-        accepted = [r.accepted.candidate for r in rounds]
-        fitted = baseline.fit.problem
-        candidates = candidates_for(campaign, fitted.machine, fitted.instruments, more)
-        if allowed is not None:
-            candidates = [c for c in candidates if c.signal is not None or c.id in allowed]
-        last = len(rounds) == MAX_EFFECTS
-        if first is None:
-            new_round, new_resolution = search_round(baseline, accepted, candidates, resolution, report, last)
-        else:
-            new_round, new_resolution = first, resolution
-        first, found = None, new_round.accepted
-        better = None if found is None or rechecked else _refit_without(baseline, found, resolution, report)
-        if better is not None:
-            report(
-                f"the model without {found.candidate.name} fits better when started from the fit with it; "
-                "repeating the round"
-            )
-            baseline, rechecked = better, True
-            continue
-        rounds.append(new_round)
-        if found is None:
+        mounted = accepted_candidates(rounds)
+        end = search.stage(
+            f"{name}_{len(rounds) + 1}",
+            lambda: _finish_round(search, baseline, rounds, resolution, first),  # noqa: B023 called at once
+            StageEncoder.round_end,
+            lambda decoder, plain: decoder.round_end(plain, mounted),  # noqa: B023
+        )
+        rounds.append(end.round)
+        if end.baseline is None:
             return rounds
-        rechecked = False
-        report(f"found: {found.candidate.name}")
-        is_refined = baseline.near_noise and new_resolution.fine == resolution.fine
-        baseline = found.evaluated if is_refined else _refine_near_noise(found.evaluated, new_resolution, report)
-        resolution = new_resolution
+        search.report(f"found: {end.round.accepted.candidate.name}")
+        baseline, resolution, first = end.baseline, end.resolution, None
+
+
+def _finish_round(
+    search: _Search, baseline: EvaluatedFit, rounds: Sequence[Round], resolution: TimeResolution, first: Round | None
+) -> RoundEnd:
+    """One round, repeated once where the model without the accepted candidate was in a local minimum."""
+    candidates, last = search.candidates(baseline.fit.problem), len(rounds) == MAX_EFFECTS
+    accepted = accepted_candidates(rounds)
+
+    def search_once() -> tuple[Round, TimeResolution]:
+        return search_round(baseline, accepted, candidates, resolution, search.report, last)
+
+    new_round, new_resolution = search_once() if first is None else (first, resolution)
+    found = new_round.accepted
+    better = None if found is None else _refit_without(baseline, found, resolution, search.report)
+    if better is not None:
+        search.report(
+            f"the model without {found.candidate.name} fits better when started from the fit with it; "
+            "repeating the round"
+        )
+        baseline = better
+        new_round, new_resolution = search_once()
+        found = new_round.accepted
+    if found is None:
+        return RoundEnd(new_round, None, new_resolution)
+    is_refined = baseline.near_noise and new_resolution.fine == resolution.fine
+    refined = found.evaluated if is_refined else _refine_near_noise(found.evaluated, new_resolution, search.report)
+    return RoundEnd(new_round, refined, new_resolution)
 
 
 def _refit_without(

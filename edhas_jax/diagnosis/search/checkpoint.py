@@ -1,0 +1,180 @@
+"""Checkpoint of a diagnosis: its finished stages on disk, which the same diagnosis goes on from.
+
+A stage is the calibration, a round of the search or the localisation: one file of arrays and JSON, written atomically
+and read without running any code. The stages are used only for the same inputs, which are compared by hashes.
+"""
+
+import hashlib
+import json
+import shutil
+import sys
+import time
+import zipfile
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from edhas_jax.config.run_folder import write_json
+from edhas_jax.config.writer import dump_config
+from edhas_jax.core import runtime
+from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.design.sweep.identity import effect_code, versions
+from edhas_jax.diagnosis.search.stage_encoding import StageDecoder, StageEncoder
+from edhas_jax.machine.effects import Effect
+from edhas_jax.measurements.campaign import Campaign
+from edhas_jax.simulation.run import Simulation
+
+CHECKPOINT_FOLDER = "unfinished"  # within the output folder
+IDENTITY_FILE = "identity.json"
+CODE_PACKAGES = ("core", "compiler", "machine", "simulation", "config", "measurements", "diagnosis")
+T = TypeVar("T")
+
+
+class Checkpoint:
+    """The finished stages of one diagnosis.
+
+    Attributes:
+        folder: where the stages are; None keeps none.
+        restored: the number of stages that were read from it.
+        saved: the number of stages that were written into it.
+        earlier_seconds: computing time [s] of the stages that were read.
+        failures: a sentence where a stage could not be written; none is written after that.
+    """
+
+    def __init__(self, folder: Path | None = None, identity: Mapping[str, str] | None = None):
+        """Open a checkpoint; stages of other inputs in its folder are removed as soon as a stage is saved.
+
+        Args:
+            folder: where the stages are; None keeps none.
+            identity: of the inputs, from `diagnosis_identity`.
+        """
+        self.folder, self._identity = folder, dict(identity or {})
+        self.restored, self.saved, self.earlier_seconds = 0, 0, 0.0
+        self.failures: list[str] = []
+        self._usable = folder is not None and stored_identity(folder) == self._identity
+        self._began = time.perf_counter()
+
+    def stage(
+        self, name: str, campaign: Campaign, kinds: Iterable[type[Effect]], compute: Callable[[], T],
+        encode: Callable[[StageEncoder, T], dict[str, Any]], decode: Callable[[StageDecoder, dict[str, Any]], T],
+    ) -> T:  # fmt: skip
+        """The value of a stage: read if it is finished, else computed and written.
+
+        Args:
+            name: of the stage; the name of its file.
+            campaign: the campaign of the diagnosis.
+            kinds: effect classes of the user.
+            compute: computes the value.
+            encode: turns it into plain data.
+            decode: restores it from plain data.
+        """
+        found = self._read(name)
+        if found is not None:
+            plain, arrays = found
+            value = decode(StageDecoder(campaign, tuple(kinds), arrays), plain["value"])
+            self.restored, self.earlier_seconds = self.restored + 1, plain["seconds"]
+            self._began = time.perf_counter()
+            return value
+        value = compute()
+        if self.folder is not None:
+            encoder = StageEncoder()
+            plain = {"value": encode(encoder, value), "seconds": self.seconds}
+            try:
+                self._write(name, plain, encoder.arrays)
+            except OSError as error:  # a full disk, for example, ends the keeping but not the diagnosis
+                self.failures.append(f"Finished rounds could not be kept: {error}.")
+                self.folder = None
+        return value
+
+    @property
+    def kept(self) -> int:
+        """The number of finished stages in the folder."""
+        return self.restored + self.saved if self.folder is not None else 0
+
+    @property
+    def seconds(self) -> float:
+        """Computing time [s], that of the stages that were read included."""
+        return self.earlier_seconds + time.perf_counter() - self._began
+
+    def remove(self) -> None:
+        """Remove the stages, because the diagnosis is finished."""
+        if self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _read(self, name: str) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
+        """Plain data and arrays of a stage; None where it is not finished, damaged, or of other inputs."""
+        if not self._usable:
+            return None
+        try:
+            with (self.folder / f"{name}.npz").open("rb") as stored, np.load(stored, allow_pickle=False) as file:
+                arrays = {key: file[key] for key in file.files}
+            return json.loads(str(arrays.pop("plain"))), arrays
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            return None
+
+    def _write(self, name: str, plain: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        if not self._usable:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            self.folder.mkdir(parents=True)
+            write_json(self.folder / IDENTITY_FILE, self._identity)
+            self._usable = True
+        with atomic_write(self.folder / f"{name}.npz") as temporary, temporary.open("wb") as file:
+            np.savez(file, plain=np.array(json.dumps(plain)), **arrays)
+        self.saved += 1
+
+
+def stored_identity(folder: Path) -> dict[str, str] | None:
+    """The identity of the inputs of the stages in a folder; None where there are none."""
+    try:
+        found = json.loads((folder / IDENTITY_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def diagnosis_identity(
+    campaign: Campaign, more: Iterable[type[Effect]] = (), library: Iterable[type[Effect]] | None = None
+) -> dict[str, str]:
+    """Everything that a diagnosis depends on: what it is for the user, and a hash of it.
+
+    Args:
+        campaign: measurements, model and priors.
+        more: effect classes of the user.
+        library: effect classes that are considered; None for the whole library.
+    """
+    machine = [dump_config(campaign.machine, Simulation()), *sorted(effect_code(campaign.machine).items())]
+    description = [
+        campaign.name, sorted(campaign.uncertain.items()),
+        [(name, channel.unit, channel.noise) for name, channel in campaign.channels.items()],
+        [(run.name, run.use.value, sorted(run.conditions.items())) for run in campaign.runs],
+    ]  # fmt: skip
+    samples = hashlib.sha256()
+    for run in campaign.runs:
+        tables = {"time": run.time, **run.signals}
+        if run.reference is not None:
+            recorded = run.reference
+            tables["set point"] = np.append(np.asarray(recorded.values), [recorded.interval, recorded.start])
+        for name, values in tables.items():
+            samples.update(f"{run.name} {name} {len(values)} ".encode())
+            samples.update(np.ascontiguousarray(values, "<f8").tobytes())
+    effects = [(kind.id, _source_hash(kind)) for kind in more]
+    chosen = None if library is None else sorted(kind.id for kind in library)
+    return {
+        "the model": _hash(machine),
+        "the campaign's description": _hash(description),
+        "the measured samples": samples.hexdigest(),
+        "the effects to consider": _hash([effects, chosen]),
+        "the program": _hash([sorted(versions().items()), runtime.code_hash(CODE_PACKAGES)]),
+    }
+
+
+def _hash(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def _source_hash(kind: type) -> str:
+    """Hash of the file that defines a class; of its name where it has no file."""
+    path = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return hashlib.sha256(Path(path).read_bytes() if path else kind.__qualname__.encode()).hexdigest()

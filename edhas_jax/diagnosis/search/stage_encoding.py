@@ -1,0 +1,177 @@
+"""Fits, trials and rounds of a diagnosis as plain data and arrays, from which they are restored without any fit.
+
+A fit problem is not stored: it follows from the campaign and the candidates that are mounted. Candidates are stored by
+the id of their class, so that reading a file runs no code.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from edhas_jax.diagnosis.calibration.fit import Fit, FitProblem
+from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, Candidate, build_problem
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
+from edhas_jax.diagnosis.search.result import Round, accepted_trials
+from edhas_jax.diagnosis.search.screening import Score
+from edhas_jax.diagnosis.search.trial import Trial
+from edhas_jax.machine.effects import LIBRARY, Effect
+from edhas_jax.measurements.campaign import Campaign
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import PredictedSignals
+from edhas_jax.measurements.time_resolution import TimeResolution
+
+Plain = dict[str, Any]
+
+
+class RoundEnd(NamedTuple):
+    """A finished round, and what the next one begins with; no baseline where nothing was accepted."""
+
+    round: Round
+    baseline: EvaluatedFit | None
+    resolution: TimeResolution
+
+
+class StageEncoder:
+    """Turns parts of a diagnosis into plain data; `arrays` collects the arrays that it refers to by name."""
+
+    def __init__(self):
+        self.arrays: dict[str, np.ndarray] = {}
+
+    def start(self, start: tuple[EvaluatedFit, TimeResolution]) -> Plain:
+        """The calibrated model and the time steps."""
+        return {"fit": self.fit(start[0]), "resolution": list(start[1])}
+
+    def round_end(self, end: RoundEnd) -> Plain:
+        """A round and what the next one begins with."""
+        baseline = None if end.baseline is None else self.fit(end.baseline)
+        return {"round": self.round(end.round), "baseline": baseline, "resolution": list(end.resolution)}
+
+    def localisation(self, found: tuple[dict[str, float], list[Trial]]) -> Plain:
+        """The shares of the components and the trials made for them."""
+        return {"shares": found[0], "trials": [self.trial(trial) for trial in found[1]]}
+
+    def round(self, r: Round) -> Plain:
+        """A round with the sensitivities of its baseline."""
+        return {
+            "baseline": self.fit(r.baseline),
+            "scores": [self.score(score) for score in r.scores],
+            "trials": [self.trial(trial) for trial in r.trials],
+            "accepted": None if r.accepted is None else [t is r.accepted for t in r.trials].index(True),
+            "generic_trials": [self.trial(trial) for trial in r.generic_trials],
+        }
+
+    def trial(self, trial: Trial) -> Plain:
+        """A trial; the sensitivities of its fit are left out, because nothing after the trial needs them."""
+        return {
+            "score": self.score(trial.score),
+            "fit": None if trial.evaluated is None else self.fit(trial.evaluated, with_sensitivities=False),
+            "gain": trial.log_evidence_gain,
+            "holdout_fall": trial.holdout_half_chi_square_fall,
+        }
+
+    def score(self, score: Score) -> Plain:
+        """A score; its direction is left out, because nothing after the screening needs it."""
+        candidate = [score.candidate.id, score.candidate.signal]
+        return {"candidate": candidate, "chi_square_fall": score.chi_square_fall, "x": self._put(score.x)}
+
+    def fit(self, evaluated: EvaluatedFit, with_sensitivities: bool = True) -> Plain:
+        """A fit with its residuals."""
+        fit = evaluated.fit
+        return {
+            "x": self._put(fit.x), "uncorrected": self._put(fit.uncorrected), "covariance": self._put(fit.covariance),
+            "costs": self._put(fit.costs), "cost": fit.cost, "converged": fit.converged,
+            "resolution": list(fit.resolution),
+            "outcomes": [
+                [self._table(o.values), self._table(o.sensitivities) if with_sensitivities else None]
+                for o in fit.outcomes
+            ],
+            "residuals": {run: self._table(rows) for run, rows in evaluated.residuals.items()},
+        }  # fmt: skip
+
+    def _table(self, rows: Mapping[str, np.ndarray] | None) -> dict[str, str] | None:
+        return None if rows is None else {name: self._put(values) for name, values in rows.items()}
+
+    def _put(self, values: np.ndarray) -> str:
+        name = f"array_{len(self.arrays)}"
+        self.arrays[name] = np.asarray(values, float)
+        return name
+
+
+@dataclasses.dataclass(frozen=True)
+class StageDecoder:
+    """Restores parts of a diagnosis; the counterpart of `StageEncoder`.
+
+    Attributes:
+        campaign: the campaign of the diagnosis.
+        kinds: effect classes of the user, beside the library.
+        arrays: the arrays of the stage by name.
+    """
+
+    campaign: Campaign
+    kinds: Sequence[type[Effect]]
+    arrays: Mapping[str, np.ndarray]
+
+    def start(self, plain: Plain) -> tuple[EvaluatedFit, TimeResolution]:
+        """The calibrated model and the time steps."""
+        return self.fit(plain["fit"], ()), TimeResolution(*plain["resolution"])
+
+    def round_end(self, plain: Plain, mounted: Sequence[Candidate]) -> RoundEnd:
+        """A round whose baseline has the candidates `mounted`, and what the next one begins with."""
+        r = self.round(plain["round"], mounted)
+        baseline = None if r.accepted is None else self.fit(plain["baseline"], (*mounted, r.accepted.candidate))
+        return RoundEnd(r, baseline, TimeResolution(*plain["resolution"]))
+
+    def localisation(self, plain: Plain) -> tuple[dict[str, float], list[Trial]]:
+        """The shares of the components and the trials made for them."""
+        return plain["shares"], [self.trial(trial, ()) for trial in plain["trials"]]
+
+    def round(self, plain: Plain, mounted: Sequence[Candidate]) -> Round:
+        """A round whose baseline has the candidates `mounted`."""
+        trials = tuple(self.trial(t, mounted) for t in plain["trials"])
+        return Round(
+            self.fit(plain["baseline"], mounted), tuple(self.score(s) for s in plain["scores"]), trials,
+            None if plain["accepted"] is None else trials[plain["accepted"]],
+            tuple(self.trial(t, mounted) for t in plain["generic_trials"]),
+        )  # fmt: skip
+
+    def trial(self, plain: Plain, mounted: Sequence[Candidate]) -> Trial:
+        """A trial of one more candidate beside those `mounted`."""
+        score = self.score(plain["score"])
+        fit = None if plain["fit"] is None else self.fit(plain["fit"], (*mounted, score.candidate))
+        return Trial(score.candidate, score, fit, plain["gain"], plain["holdout_fall"])
+
+    def score(self, plain: Plain) -> Score:
+        """A score, its direction empty."""
+        kind_id, signal = plain["candidate"]
+        known = SENSOR_FAULTS if signal is not None else (*LIBRARY, *self.kinds, *GENERIC_TERMS)
+        candidate = Candidate(next(kind for kind in known if kind.id == kind_id), signal)
+        return Score(candidate, plain["chi_square_fall"], self.arrays[plain["x"]], np.zeros(0))
+
+    def fit(self, plain: Plain, mounted: Sequence[Candidate]) -> EvaluatedFit:
+        """A fit of the model with the candidates `mounted`."""
+        fitted = Fit(
+            mounted_problem(self.campaign, mounted), self.arrays[plain["x"]], self.arrays[plain["uncorrected"]],
+            self.arrays[plain["covariance"]], plain["cost"],
+            tuple(PredictedSignals(self._table(values), self._table(slopes)) for values, slopes in plain["outcomes"]),
+            TimeResolution(*plain["resolution"]), plain["converged"], self.arrays[plain["costs"]],
+        )  # fmt: skip
+        return EvaluatedFit(fitted, {run: self._table(rows) for run, rows in plain["residuals"].items()})
+
+    def _table(self, names: Mapping[str, str] | None) -> dict[str, np.ndarray] | None:
+        return None if names is None else {name: self.arrays[key] for name, key in names.items()}
+
+
+def mounted_problem(campaign: Campaign, mounted: Sequence[Candidate]) -> FitProblem:
+    """The fit problem of a campaign's machine with candidates mounted one after another."""
+    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    for k, candidate in enumerate(mounted):
+        problem = build_problem(campaign, problem.machine, problem.instruments, mounted[:k], candidate)
+    return problem
+
+
+def accepted_candidates(rounds: Sequence[Round]) -> list[Candidate]:
+    """The candidates accepted in some rounds, in their order."""
+    return [trial.candidate for trial in accepted_trials(rounds)]

@@ -1,0 +1,160 @@
+"""The command `edhas diagnose`: what it keeps when it is interrupted, and when an optional part of its result fails."""
+
+import json
+import os
+import shutil
+import signal
+
+import numpy as np
+import pytest
+from rich.status import Status
+
+from edhas_jax.commands.cli import main
+from edhas_jax.core import structs
+from edhas_jax.diagnosis.planning import next_experiment
+from edhas_jax.diagnosis.report import report
+from edhas_jax.diagnosis.search import candidates, forward_selection
+from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime
+from edhas_jax.measurements.campaign_writer import write_campaign
+from tests.support.synthetic_campaign import bench, empty_campaign, measured
+
+FILES = {"config.yaml", "diagnosis.json", "diagnosis.png", "report.html"}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_library():
+    """Two effects to consider instead of forty, and no search for the next experiment."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(next_experiment, "next_experiment", lambda diagnosis: None)
+        patch.setattr(candidates, "LIBRARY", (InverterDeadTime, ConstantBiasForce))
+        yield
+
+
+@pytest.fixture(scope="module")
+def campaign_folder(tmp_path_factory):
+    """A campaign measured on a bench with a dead time that the model lacks."""
+    truth = structs.replace(bench(), effects=(*bench().effects, InverterDeadTime(dead_time_voltage=0.8)))
+    folder = tmp_path_factory.mktemp("campaigns") / "bench"
+    write_campaign(measured(empty_campaign(lengths=(101, 101, 101)), truth), folder)
+    return folder
+
+
+def terminated(campaign, out, at: str) -> int:
+    """The exit status of a diagnosis that gets SIGTERM when it reports a sentence that begins with `at`."""
+
+    def update(self, sentence, *rest, **options):
+        if sentence.startswith(at):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Status, "update", update)
+        return main(["diagnose", str(campaign), "--out", str(out)])
+
+
+def result(folder) -> dict:
+    """The content of `diagnosis.json` without the computing time."""
+    return {k: v for k, v in json.loads((folder / "diagnosis.json").read_text()).items() if k != "seconds"}
+
+
+@pytest.fixture(scope="module")
+def after_one_round(campaign_folder, tmp_path_factory):
+    """The folder of a diagnosis that was terminated after its first round."""
+    folder = tmp_path_factory.mktemp("terminated") / "one_round"
+    assert terminated(campaign_folder, folder, "found: inverter_dead_time") == 130
+    return folder
+
+
+@pytest.fixture(scope="module")
+def before_the_pictures(campaign_folder, after_one_round, tmp_path_factory):
+    """The folder of the same diagnosis, terminated again while it looked for the next experiment."""
+    folder = tmp_path_factory.mktemp("terminated") / "no_pictures"
+    shutil.copytree(after_one_round, folder)
+    assert terminated(campaign_folder, folder, "looking for") == 130
+    return folder
+
+
+def copy_of(folder, tmp_path):
+    return shutil.copytree(folder, tmp_path / "out")
+
+
+def never(*_):
+    raise AssertionError("computed again")
+
+
+def test_an_interrupted_diagnosis_goes_on_with_the_same_result(
+    campaign_folder, after_one_round, tmp_path, monkeypatch, capsys
+):
+    assert not (after_one_round / "diagnosis.json").exists()
+    assert main(["diagnose", str(campaign_folder), "--out", str(tmp_path / "whole")]) == 0
+    out = copy_of(after_one_round, tmp_path)
+    monkeypatch.setattr(forward_selection, "_calibrate", never)
+    capsys.readouterr()
+    assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 0
+    assert "Going on from the finished rounds" in capsys.readouterr().out
+    assert result(out) == result(tmp_path / "whole") and result(out)["effects"] == ["inverter_dead_time"]
+    assert {p.name for p in out.iterdir()} == FILES
+    assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 2, "a finished folder is not continued"
+
+
+def test_the_folder_of_an_interrupted_diagnosis_is_found_again(
+    campaign_folder, before_the_pictures, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(before_the_pictures, tmp_path / "diagnoses" / "synthetic-2")
+    (tmp_path / "diagnoses" / "synthetic").mkdir()
+    monkeypatch.setattr(forward_selection, "search_round", never)
+    assert main(["diagnose", str(campaign_folder)]) == 0
+    assert {p.name for p in (tmp_path / "diagnoses" / "synthetic-2").iterdir()} == FILES
+
+
+def test_rounds_of_other_inputs_are_not_used(campaign_folder, after_one_round, tmp_path, monkeypatch, capsys):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    changed = shutil.copytree(campaign_folder, tmp_path / "bench")
+    path = next(changed.glob("run1.*"))
+    lines = path.read_text().splitlines()
+    lines[50] = lines[50].replace("1", "2")
+    path.write_text("\n".join(lines) + "\n")
+    out = copy_of(after_one_round, tmp_path)
+    monkeypatch.setattr(forward_selection, "_calibrate", stop)
+    assert main(["diagnose", str(changed), "--out", str(out)]) == 130
+    (sentence,) = (s for s in capsys.readouterr().out.splitlines() if "not used" in s)
+    assert sentence.endswith("computed from other inputs: the measured samples changed.")
+    assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 0, "the stages are still there"
+
+
+def test_a_damaged_stage_is_computed_again(campaign_folder, before_the_pictures, tmp_path):
+    out = copy_of(before_the_pictures, tmp_path)
+    stages = sorted((out / "unfinished").glob("*.npz"))
+    assert [p.stem for p in stages] == ["calibration", "round_1", "round_2"]
+    stages[2].write_bytes(stages[2].read_bytes()[:5000])
+    assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 0
+    assert result(out)["verdict"] == "missing_effect"
+
+
+def test_the_result_is_written_before_anything_optional(before_the_pictures):
+    assert {p.name for p in before_the_pictures.iterdir()} == {
+        "config.yaml", "diagnosis.json", "report.html", "unfinished"
+    }  # fmt: skip
+    assert result(before_the_pictures)["effects"] == ["inverter_dead_time"]
+    assert "inverter_dead_time" in (before_the_pictures / "report.html").read_text()
+    assert any("Interrupted" in sentence for sentence in result(before_the_pictures)["failed_parts"])
+
+
+def test_an_optional_part_that_fails_costs_a_sentence(
+    campaign_folder, before_the_pictures, tmp_path, monkeypatch, capsys
+):
+    def fail(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    out = copy_of(before_the_pictures, tmp_path)
+    monkeypatch.setattr(next_experiment, "next_experiment", fail)
+    monkeypatch.setattr(report, "draw_waterfall", fail)
+    assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 0
+    failed = result(out)["failed_parts"]
+    assert len(failed) == 2 and failed[0].startswith("The next experiment could not be made: Singular matrix (LinAlg")
+    assert failed[1].startswith("The residual after each stage of the report could not be made: Singular matrix")
+    printed, text = capsys.readouterr().out, (out / "report.html").read_text()
+    assert all(sentence in printed for sentence in failed) and text.count("could not be made") == 2
+    assert result(out)["verdict"] == "missing_effect" and {p.name for p in out.iterdir()} == FILES
