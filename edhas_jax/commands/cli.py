@@ -65,9 +65,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _prepare_process() -> None:
-    """Keep compiled XLA programs from one command to the next, and print warnings about engines as plain sentences."""
+    """Keep compiled XLA programs from one command to the next; print warnings about engines as plain sentences."""
     from edhas_jax.compiler.engines import EngineFallback
-    from edhas_jax.core.runtime import keep_xla_programs
+    from edhas_jax.core.runtime import drop_damaged_program, keep_xla_programs
 
     keep_xla_programs()
     if os.path.lexists("matplotlibrc"):
@@ -77,7 +77,7 @@ def _prepare_process() -> None:
     def show_sentence(message, category, *where, **options):
         if issubclass(category, EngineFallback):
             print(f"edhas: {message}", file=sys.stderr)
-        else:
+        elif not drop_damaged_program(str(message)):
             show(message, category, *where, **options)
 
     warnings.showwarning = show_sentence
@@ -107,6 +107,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from edhas_jax.compiler.engines import EngineError
     from edhas_jax.config.machine_config import ConfigError
     from edhas_jax.config.run_folder import ResultFileError
+    from edhas_jax.core.runtime import CoresError
     from edhas_jax.core.trusted_code import TrustError
     from edhas_jax.core.units import UnitError
     from edhas_jax.export.fmu_inputs import FmuError
@@ -116,7 +117,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from edhas_jax.simulation.run import SimulationError
 
     return (
-        CampaignError, ConfigError, EffectError, EngineError, FmuError, ParameterError, ResultFileError,
+        CampaignError, ConfigError, CoresError, EffectError, EngineError, FmuError, ParameterError, ResultFileError,
         SimulationError, TrustError, UnitError,
     )  # fmt: skip
 

@@ -4,21 +4,40 @@ Importing the package changes no setting of JAX: what its calls need they get by
 command line, whose process is its own, calls `keep_xla_programs`.
 """
 
+import contextlib
 import functools
+import glob
 import hashlib
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
 
+from edhas_jax.core.private_file import foreign_access, make_private_folder
+
+CORES_VARIABLE, MAX_CORES = "EDHAS_CORES", 1024
+
+
+class CoresError(ValueError):
+    """`EDHAS_CORES` is not a number of cores."""
+
 
 def cores() -> int:
-    """The processor cores that this process may use; `EDHAS_CORES` sets fewer."""
-    if os.environ.get("EDHAS_CORES", "").isdigit():
-        return max(1, int(os.environ["EDHAS_CORES"]))
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """The processor cores that this process may use; `EDHAS_CORES` sets another number.
+
+    Raises:
+        CoresError: it is not a whole number from 1 to `MAX_CORES`.
+    """
+    text = os.environ.get(CORES_VARIABLE, "").strip()
+    if not text:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if not re.fullmatch(r"[0-9]{1,9}", text) or not 1 <= int(text) <= MAX_CORES:
+        shown = text if len(text) < 20 else text[:20] + "…"
+        raise CoresError(f"{CORES_VARIABLE}={shown}: a whole number from 1 to {MAX_CORES} belongs here")
+    return int(text)
 
 
 def double_precision():
@@ -53,18 +72,47 @@ def eval_shape(f: Callable, *args: Any) -> Any:
 def keep_xla_programs() -> None:
     """Keep compiled XLA programs in the cache folder, for a process that runs nothing but this package.
 
-    A folder that the user has set for JAX is left as it is.
+    A folder that the user has set for JAX is left as it is. JAX does not check who wrote what it loads: programs are kept
+    only in a folder that no other user can read or change.
     """
     cache = cache_folder()
-    if cache is not None and not jax.config.jax_compilation_cache_dir:
-        jax.config.update("jax_compilation_cache_dir", str(cache))
+    if cache is None or jax.config.jax_compilation_cache_dir:
+        return
+    with contextlib.suppress(OSError):
+        cache.mkdir(mode=0o700, parents=True, exist_ok=True)
+    folder = cache / "xla"
+    if not foreign_access(cache) and make_private_folder(folder):
+        jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
+def drop_damaged_program(warning: str) -> bool:
+    """Remove the kept XLA programs that a warning of JAX calls unreadable, which JAX itself would leave for ever.
+
+    Returns:
+        Whether the warning is of that kind.
+    """
+    found = re.search(r"persistent compilation cache entry for '([^']+)'", warning)
+    folder = jax.config.jax_compilation_cache_dir
+    if found is None or folder is None:
+        return False
+    for file in Path(folder).glob(f"{glob.escape(found[1])}-*"):
+        with contextlib.suppress(OSError):
+            file.unlink()
+    return True
+
+
 def cache_folder() -> Path | None:
-    """The folder where compiled programs are kept, `EDHAS_CACHE` or one in the user's home; None if it is `off`."""
+    """The folder where compiled programs are kept, `EDHAS_CACHE` or one in the user's home.
+
+    None if it is `off`, or if the user has no home.
+    """
     named = os.environ.get("EDHAS_CACHE")
-    return None if named == "off" else Path(named or Path.home() / ".cache" / "edhas_jax")
+    if named:
+        return None if named == "off" else Path(named)
+    with contextlib.suppress(RuntimeError):
+        return Path.home() / ".cache" / "edhas_jax"
+    return None
 
 
 @functools.cache
