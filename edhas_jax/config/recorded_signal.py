@@ -232,7 +232,13 @@ def decode_samples(keys: Mapping[str, str]) -> Recorded:
     """
     invalid = RecordingError("samples", "not as a run writes them (samples, interval, start); give a file")
     try:
-        values = np.frombuffer(zlib.decompress(base64.b64decode(keys["samples"], validate=True)), "<f8")
+        unpacked = zlib.decompressobj()
+        data = unpacked.decompress(base64.b64decode(keys["samples"], validate=True), 8 * MAX_SAMPLES + 1)
+        if len(data) > 8 * MAX_SAMPLES:
+            raise RecordingError("samples", f"there are more than {MAX_SAMPLES:,} of them, which is the most allowed")
+        if not unpacked.eof or unpacked.unused_data:
+            raise invalid
+        values = np.frombuffer(data, "<f8")
         interval, start = to_si(keys.get("interval", ""), "s"), to_si(keys.get("start", "0 s"), "s")
     except (ValueError, zlib.error):
         raise invalid from None

@@ -23,6 +23,8 @@ SIMULATION_SETTINGS = {
 }
 SETTING_NAMES = (*SIMULATION_SETTINGS, "precision")
 STEP_OR_ACCURACY = frozenset(("step", "accuracy"))  # only one of the two may be given
+MAX_SAMPLES = 5_000_000  # of a run; each takes about 1 kB
+UNSET_DURATION = 0.6  # s, at most
 CHECK_VALVE_PERIOD = "0.56 ms"  # of the ball of a nominal check valve on its seat
 
 
@@ -84,6 +86,9 @@ def read_settings(
     if step and rate * step > 1.0 + 1e-9:
         limit = f"at most {format_quantity(1.0 / step, 'Hz')} with a step of {format_quantity(step, 's')}"
         add(first_key("sample_rate", "step"), f"{rate_text} asks for samples between steps; {limit}")
+    if (duration or UNSET_DURATION) * rate > MAX_SAMPLES:
+        limit = f"a run has at most {MAX_SAMPLES:,} samples; {(duration or UNSET_DURATION) * rate:,.0f} are asked for"
+        add(first_key("sample_rate", "duration"), limit)
     if duration and duration * rate < 1.0:
         limit = f"at least {format_quantity(1.0 / rate, 's')}"
         duration_text = format_quantity(duration, "s")

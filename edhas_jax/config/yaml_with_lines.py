@@ -1,14 +1,18 @@
 """YAML text as plain data together with the line of every key, so that messages can name the line."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from edhas_jax.core.regular_file import read_regular_file
 from edhas_jax.machine.rigs import RIGS
 
+MAX_BYTES = 250_000_000  # of a file; the samples of a recording may be among them
+MAX_VALUES, MAX_DEPTH = 100_000, 50  # of a file: keys and values, levels of nesting
+FAST_FROM = 100_000  # characters; the fast parser has other words for syntax errors
 KeyPath = tuple[str | int, ...]  # keys and list indices from the top of the file, such as ("effects", 0)
 
 
@@ -28,14 +32,12 @@ def parse_yaml(text: str) -> tuple[dict[str, Any], dict[KeyPath, int], list[tupl
         and message.
 
     Raises:
-        YamlError: the text is not valid YAML, has aliases, or is not a mapping.
+        YamlError: the text is not valid YAML, has aliases, is too large or too deep, or is not a mapping.
     """
+    loader = yaml.SafeLoader if len(text) < FAST_FROM else getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
-            if isinstance(event, yaml.AliasEvent):
-                message = f"an alias (*{event.anchor}) is not supported; write the value again"
-                raise YamlError(event.start_mark.line + 1, message)
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        _check_size(yaml.parse(text, Loader=loader))
+        node = yaml.compose(text, Loader=loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         tab = "'\\t'" in (error.problem or "")
@@ -56,6 +58,21 @@ def parse_yaml(text: str) -> tuple[dict[str, Any], dict[KeyPath, int], list[tupl
     lines: dict[KeyPath, int] = {(): 1}
     duplicates: list[tuple[int, str]] = []
     return _convert(node, (), lines, duplicates), lines, duplicates
+
+
+def _check_size(events: Iterator[yaml.Event]) -> None:
+    """Refuse aliases, and a text that is larger or deeper than any configuration; nothing is kept of what is read."""
+    depth = values = 0
+    for event in events:
+        line = event.start_mark.line + 1
+        if isinstance(event, yaml.AliasEvent):
+            raise YamlError(line, f"an alias (*{event.anchor}) is not supported; write the value again")
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        values += isinstance(event, yaml.NodeEvent)
+        if depth > MAX_DEPTH:
+            raise YamlError(line, f"nested too deeply; at most {MAX_DEPTH} levels")
+        if values > MAX_VALUES:
+            raise YamlError(line, f"too large; at most {MAX_VALUES:,} keys and values")
 
 
 def _convert(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], duplicates: list[tuple[int, str]]) -> Any:
@@ -91,7 +108,7 @@ def read_text_file(path: Path, error: type[Exception]) -> str:
         error: the file does not exist, cannot be read, or is not text in UTF-8.
     """
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        return read_regular_file(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         byte = problem.object[problem.start]
         raise error(f"{path}: is not a text file in UTF-8 (byte {byte:#x}); a YAML file is needed") from None

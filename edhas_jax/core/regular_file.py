@@ -49,15 +49,14 @@ def read_regular_file(path: Path, limit: int) -> bytes:
         FileKindError: it is no regular file, or larger than `limit`.
         OSError: it cannot be read.
     """
-    require_regular_file(path)
+    size = require_regular_file(path)
     # the file may have been replaced by a pipe since: then it is not waited for
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with open(descriptor, "rb") as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise FileKindError(errno.EINVAL, "is not a file", str(path))
-        data = file.read(limit + 1)
-    if len(data) > limit:
-        size = os.stat(path).st_size
+        data = file.read(limit + 1) if size <= limit else b""
+    if max(size, len(data)) > limit:
         message = f"has {size / 1e6:.4g} MB; at most {limit / 1e6:.4g} MB are read"
         raise FileKindError(errno.EFBIG, message, str(path))
     return data

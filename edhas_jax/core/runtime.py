@@ -72,8 +72,8 @@ def eval_shape(f: Callable, *args: Any) -> Any:
 def keep_xla_programs() -> None:
     """Keep compiled XLA programs in the cache folder, for a process that runs nothing but this package.
 
-    A folder that the user has set for JAX is left as it is. JAX does not check who wrote what it loads: programs are kept
-    only in a folder that no other user can read or change.
+    A folder that the user has set for JAX is left as it is. JAX does not check who wrote what it loads, so programs are
+    kept only in a folder that no other user can read or change.
     """
     cache = cache_folder()
     if cache is None or jax.config.jax_compilation_cache_dir:

@@ -12,6 +12,11 @@ class UnitError(ValueError):
 
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)
 _INFINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)\b", re.IGNORECASE)
+MAX_UNIT_LENGTH = 80  # characters
+_SUPERSCRIPTS = re.compile("[⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
+_PLAIN_DIGITS = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
+# a name, or the end of a group, with a power of at most two digits; the group has none of its own that is large
+_POWER = re.compile(r"([^\W\d]|\))\^(?:[+-]?\d{1,2}(?:\.\d{1,2})?|\([+-]?\d{1,2}(?:[./]\d{1,2})?\))(?![\d.^])")
 _CHARACTER_VARIANTS = str.maketrans({"·": "*", "⋅": "*", "−": "-", "\u00a0": " ", "\u202f": " "})
 
 _DIMENSION_NAMES = {
@@ -65,10 +70,25 @@ def _registry():
     return pint.UnitRegistry()
 
 
+def _is_modest(unit: str) -> bool:
+    """Whether a unit text is short and raises nothing but names and groups of names, once, to a small power.
+
+    The registry computes what is written, and "9**9**9" would take for ever.
+    """
+    text = _SUPERSCRIPTS.sub(lambda m: "^" + m[0].translate(_PLAIN_DIGITS), unit).replace("**", "^")
+    text = "".join(text.split())
+    if len(text) > MAX_UNIT_LENGTH:
+        return False
+    without_powers = _POWER.sub(r"\1", text)
+    return "^" not in without_powers and not re.search(r"\d{4}", without_powers)
+
+
 @functools.lru_cache(maxsize=1024)
 def _base(unit: str) -> str | None:
     """The base units of a unit text (radian counts as dimensionless), None if it is not a unit."""
     text = "" if unit == "-" else unit.translate(_CHARACTER_VARIANTS)
+    if not _is_modest(text):
+        return None
     try:
         return str(_registry().get_base_units(_registry().parse_units(text))[1])
     except Exception:  # pint parses with Python's tokenizer, which may raise anything
@@ -223,6 +243,10 @@ def _hint(unit: str, example: str) -> str:
 def _mismatch(text: str, given: str, unit: str, example: str) -> str:
     """The message for a unit of another dimension, or an unknown one."""
     base = _base(given)
+    if base is None and not _is_modest(given):
+        shown = given if len(given) <= MAX_UNIT_LENGTH else given[:MAX_UNIT_LENGTH] + "…"
+        what = f"a unit has at most {MAX_UNIT_LENGTH} characters, powers of names up to 99, and no powers of numbers"
+        return f'"{shown}" is not computed: {what}; {_hint(unit, example)}'
     if base is None:
         return f'unknown unit "{given}" in "{text}"; {_hint(unit, example)}'
     given_name = next((w for u, w in _DIMENSION_NAMES.items() if _base(u) == base), None)

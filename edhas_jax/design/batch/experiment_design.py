@@ -13,6 +13,12 @@ class DesignError(ValueError):
     """A table of designs cannot be generated or read."""
 
 
+def first_repeated(values: Sequence[float]) -> float | None:
+    """The first value that was there before; None if every one is there once."""
+    seen: set[float] = set()
+    return next((v for v in values if v in seen or seen.add(v)), None)
+
+
 @dataclasses.dataclass(frozen=True)
 class Axis:
     """A parameter and the values (SI) it takes in a design of experiments: a list, or a range.
@@ -38,7 +44,7 @@ class Axis:
 
     def __post_init__(self):
         if self.values:
-            repeated = next((v for i, v in enumerate(self.values) if v in self.values[:i]), None)
+            repeated = first_repeated(self.values)
             if repeated is not None:
                 raise DesignError(f"{self.name}: {repeated:g} is listed twice")
         elif not self.low < self.high:

@@ -8,7 +8,7 @@ from edhas_jax.config.yaml_with_lines import KeyPath, yaml_type
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import format_quantity
 from edhas_jax.design.batch.design_table import resolve_parameter
-from edhas_jax.design.batch.experiment_design import MAX_DESIGNS, Axis, DesignError
+from edhas_jax.design.batch.experiment_design import MAX_DESIGNS, Axis, DesignError, first_repeated
 from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.machine.rigs import Rig
 
@@ -89,7 +89,7 @@ class AxesReader(ProblemList):
             low, high = (format_quantity(axis[end], p.unit) for end in ("low", "high"))
             return self.add(key, f"the range from {low} to {high} is empty; `from` must lie below `to`")
         values = axis.get("values", ())
-        repeated = next((v for i, v in enumerate(values) if v in values[:i]), None)
+        repeated = first_repeated(values)
         if repeated is not None:
             return self.add(key, f"{format_quantity(repeated, p.unit)} is listed twice")
         try:

@@ -13,6 +13,7 @@ from edhas_jax.core.runtime import cores
 from edhas_jax.design.sweep.identity import versions
 
 SCHEDULER_TIMEOUT = 10.0  # s, for the connection
+MAX_WORKERS_PER_CORE = 4
 WORKER_TIMEOUT_FACTOR = 6  # times the above, for the first worker
 MAX_WORKER_FAILURES = 1000  # workers that may die with the same chunk before the sweep fails
 
@@ -38,6 +39,9 @@ def dask_executor(spec: str) -> Iterator[Executor]:
     local = re.fullmatch(r"local:([1-9]\d{0,3})", spec)
     if not local and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", spec):
         raise ClusterError(f"--cluster {spec}: write local:2 for processes on this machine, or tcp://host:8786")
+    if local and int(local[1]) > MAX_WORKERS_PER_CORE * cores():
+        limit = f"at most {MAX_WORKERS_PER_CORE * cores()} processes on the {cores()} cores of this machine"
+        raise ClusterError(f"--cluster {spec}: {limit}")
     try:
         import dask
         import distributed

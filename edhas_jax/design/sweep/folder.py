@@ -4,6 +4,7 @@ import contextlib
 import datetime
 import errno
 import json
+import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +17,7 @@ import pyarrow.parquet as pq
 
 from edhas_jax.config.run_folder import ResultFileError
 from edhas_jax.core.atomic_file import PARTIAL_SUFFIX, atomic_write
+from edhas_jax.core.regular_file import FileKindError, read_regular_file, require_regular_file
 from edhas_jax.design.batch.batch import Chunk
 from edhas_jax.design.sweep.chunk_job import ChunkResult
 from edhas_jax.design.sweep.config import Sweep
@@ -31,6 +33,7 @@ from edhas_jax.design.sweep.table import TABLE_FILE, sweep_table, to_frame
 from edhas_jax.simulation.metrics import METRICS
 
 FORMAT_VERSION = 1
+MAX_MANIFEST_BYTES = 500_000_000  # the samples of a recording may be in it
 MANIFEST_FILE, DESIGNS_FILE, CHUNKS_FOLDER, LOCK_FILE = "manifest.json", "designs.parquet", "chunks", ".lock"
 
 
@@ -175,7 +178,7 @@ def read_manifest(path: Path) -> dict:
         SweepError: it is missing, damaged, or written by a later version.
     """
     try:
-        manifest = json.loads((path / MANIFEST_FILE).read_text(encoding="utf-8"))
+        manifest = json.loads(read_regular_file(path / MANIFEST_FILE, MAX_MANIFEST_BYTES).decode("utf-8"))
         if manifest["format"] > FORMAT_VERSION:
             later = manifest["edhas_jax"]
             raise SweepError(f"{path}: written by a later version ({later}); this one reads {FORMAT_VERSION}")
@@ -184,7 +187,7 @@ def read_manifest(path: Path) -> dict:
         return manifest
     except FileNotFoundError:
         raise SweepError(f"{path}: is not the folder of a sweep: {MANIFEST_FILE} is missing") from None
-    except (NotADirectoryError, ValueError, KeyError, TypeError) as error:
+    except (NotADirectoryError, FileKindError, ValueError, KeyError, TypeError) as error:
         if isinstance(error, SweepError):
             raise
         raise SweepError(f"{path}: {MANIFEST_FILE} is damaged or not one of a sweep: {error}") from None
@@ -193,6 +196,7 @@ def read_manifest(path: Path) -> dict:
 def read_chunk(path: Path, wanted_hash: str) -> dict[str, np.ndarray] | None:
     """The columns (SI) of a chunk's file; None if it is missing, damaged or of another sweep."""
     try:
+        require_regular_file(path)
         if _metadata(path).get(b"hash", b"").decode() != wanted_hash:
             return None
         data = pq.read_table(path)
@@ -211,7 +215,9 @@ def _lock(path: Path) -> TextIO | None:
         import fcntl
     except ImportError:
         return None
-    file = (path / LOCK_FILE).open("w")
+    # neither follows a link to another file nor waits for a pipe
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+    file = os.fdopen(os.open(path / LOCK_FILE, flags, 0o644), "r+", closefd=True)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

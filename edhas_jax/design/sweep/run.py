@@ -9,6 +9,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from edhas_jax.core.regular_file import require_regular_file
 from edhas_jax.design.batch.batch import plan_chunks
 from edhas_jax.design.sweep.chunk_job import ChunkJob, ChunkResult, compute_chunk
 from edhas_jax.design.sweep.config import Sweep
@@ -110,7 +111,9 @@ def open_sweep(folder: Path | str) -> SweepResult:
     manifest = read_manifest(folder)
     try:
         if (folder / TABLE_FILE).exists():
+            require_regular_file(folder / TABLE_FILE)
             return to_result(pq.read_table(folder / TABLE_FILE), manifest)
+        require_regular_file(folder / DESIGNS_FILE)
         data = pq.read_table(folder / DESIGNS_FILE)
     except (OSError, ValueError, pa.ArrowException) as error:
         raise SweepError(f"{folder}: unreadable or half-written: {error}") from None
