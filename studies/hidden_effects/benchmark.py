@@ -1,16 +1,19 @@
 """Benchmark of hidden effects: how often does the diagnosis name the effect that is hidden in a synthetic campaign?
 
-    python -m studies.hidden_effects [--cases N] [--seed FIRST] [--workers K] [--out DIR] [--crumbs]
+    python -m studies.hidden_effects [--cases N] [--seed FIRST] [--workers K] [--out DIR] [--crumbs] [--baselines]
 
 Each case is a campaign of eight runs of the pump bench with randomly drawn parameters, made by an integrator and sensor
 models that the diagnosis does not use. `cases.py` draws the cases, `baselines.py` has the methods for comparison. Cases
 are numbered from `--seed` on; those from `FIRST_TEST_CASE` on are the held-out test set. Finished cases are stored in
-DIR and not repeated, so that the same command continues a study that was stopped.
+DIR and not repeated, so that the same command continues a study that was stopped. With `--baselines` only the baseline
+methods run, from the calibrated model with which the diagnosis begins.
 
-The last line: `top1=… false_alarms=… slot=… both=… unknown=… calibration=…`
+The last line: `top1=… false_alarms=… slot=… both=… unknown=… calibration=…`, with `--baselines` the first four of each
+method as `bic_top1=…`
 """
 
 import argparse
+import dataclasses
 import importlib.util
 import json
 import multiprocessing
@@ -21,30 +24,56 @@ from pathlib import Path
 from typing import Any
 
 from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.search.candidates import candidates_for
-from edhas_jax.diagnosis.search.forward_selection import diagnose
+from edhas_jax.diagnosis.search.forward_selection import calibrate, diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.trial import Trial
-from studies.hidden_effects.baselines import correlation, forward_bic, signatures, sparse_discrepancy
-from studies.hidden_effects.cases import FIRST_TEST_CASE, PUMP_EFFECTS, Family, HiddenCase, draw_case
+from studies.hidden_effects.baselines import correlation, exact_fit, forward_bic, screen
+from studies.hidden_effects.cases import FIRST_TEST_CASE, PUMP_EFFECTS, Family, HiddenCase, draw_case, family_of
 from studies.hidden_effects.figures import save_figures
 from studies.hidden_effects.rates import last_line, report
+from studies.hidden_effects.sparse_regression import sparse_discrepancy
 
 CASES_PER_WORKER = 10  # cases after which a worker process is replaced, because compiled programs accumulate
 
 
-def run_case(number: int, unmodelled_lags: bool) -> dict[str, Any]:
-    """Draw one case, diagnose it with the package and with the baseline methods; the result file as plain data.
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """How a case is run and stored.
 
     Args:
-        number: number of the case.
+        folder: folder of the result files.
         unmodelled_lags: whether every sensor has a small lag that is not in the library of the diagnosis.
+        only_baselines: whether the package's own diagnosis is left out.
     """
-    case = draw_case(number, unmodelled_lags)
-    library = [kind for kind in PUMP_EFFECTS if kind not in case.withheld]
-    diagnosis = diagnose(case.campaign, library)
-    answers = {"rivals": baseline_answers(case, diagnosis, library)}
-    return ground_truth(case, unmodelled_lags) | diagnosis_result(diagnosis) | answers
+
+    folder: Path
+    unmodelled_lags: bool = False
+    only_baselines: bool = False
+
+    def result_file(self, number: int) -> Path:
+        """The result file of a case."""
+        return self.folder / f"{'baselines' if self.only_baselines else 'case'}{number:04d}.json"
+
+
+def run_case(number: int, task: Task) -> dict[str, Any]:
+    """Draw one case, diagnose it with the package and with the baseline methods; the result file as plain data."""
+    case = draw_case(number, task.unmodelled_lags)
+    result, start = ground_truth(case, task.unmodelled_lags), time.perf_counter()
+    if task.only_baselines:
+        result["rivals"] = baseline_answers(case, calibrate(case.campaign)[0].fit)
+        return result | {"seconds": time.perf_counter() - start}
+    try:
+        diagnosis = diagnose(case.campaign, [kind for kind in PUMP_EFFECTS if kind not in case.withheld])
+        calibrated, answer = diagnosis.calibrated.fit, diagnosis_result(diagnosis)
+    except Exception as error:  # counts as a wrong answer of the package; the baselines still have theirs
+        calibrated, answer = calibrate(case.campaign)[0].fit, {"failed": _named(error)}
+    return result | answer | {"rivals": baseline_answers(case, calibrated)}
+
+
+def _named(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
 
 
 def ground_truth(case: HiddenCase, unmodelled_lags: bool) -> dict[str, Any]:
@@ -98,32 +127,30 @@ def _trial(trial: Trial) -> list:
     return [trial.candidate.name, fall, gain, trial.holdout_half_chi_square_fall]
 
 
-def baseline_answers(case: HiddenCase, found: Diagnosis, library: list[type]) -> dict[str, list[str]]:
+def baseline_answers(case: HiddenCase, calibrated: Fit) -> dict[str, dict[str, list[str]]]:
     """The answers of the baseline methods, which start from the same calibrated model, by method."""
-    fitted = found.calibrated.fit
-    problem = fitted.problem
+    problem = calibrated.problem
     candidates = candidates_for(case.campaign, problem.machine, problem.instruments)
-    candidates = [s for s in candidates if s.signal is not None or s.kind in library]
-    per_sample = fitted.resolution.coarse
-    residual, contributions = signatures(fitted, candidates, per_sample)
+    candidates = [c for c in candidates if c.kind not in case.withheld and (c.signal or c.kind in PUMP_EFFECTS)]
+    fitted, per_sample = exact_fit(calibrated)
+    residual, screened = screen(fitted, candidates)
     answers = {
-        "forward selection by BIC": forward_bic(residual, contributions, candidates),
-        "residual correlation": correlation(residual, contributions, candidates),
+        "forward selection by BIC": forward_bic(residual, screened),
+        "residual correlation": correlation(residual, screened),
     }
     if importlib.util.find_spec("pysindy"):  # of the extra `bench`
         answers["sparse regression (PySINDy)"] = sparse_discrepancy(fitted, candidates, per_sample)
-    return answers
+    return {method: dataclasses.asdict(answer) for method, answer in answers.items()}
 
 
-def _run_and_store(job: tuple[int, bool, Path]) -> tuple[int, str]:
+def _run_and_store(job: tuple[int, Task]) -> tuple[int, str]:
     """Run one case and write its result file; its number and a sentence on it."""
-    number, unmodelled_lags, folder = job
-    path = folder / f"case{number:04d}.json"
+    number, task = job
     try:
-        result = run_case(number, unmodelled_lags)
+        result = run_case(number, task)
     except Exception as error:  # a case that fails is a result too, and must not stop the others
-        result = {"number": number, "failed": f"{type(error).__name__}: {error}"}
-    with atomic_write(path) as temporary:
+        result = {"number": number, "family": family_of(number).value, "failed": _named(error)}
+    with atomic_write(task.result_file(number)) as temporary:
         temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     return number, _sentence(result)
 
@@ -134,24 +161,26 @@ def _sentence(result: dict[str, Any]) -> str:
     hidden = " + ".join(h["name"] for h in result["hidden"]) or "nothing"
     if result["family"] == Family.WITHHELD.value:
         hidden += " (withheld)"
+    if "verdict" not in result:
+        named = (f"{method}: {' + '.join(a['named']) or 'nothing'}" for method, a in result["rivals"].items())
+        return f"{hidden} → {', '.join(named)} ({result['seconds']:.0f} s)"
     answer = f"{result['verdict']} {' + '.join(result['accepted'])}".strip()
     return f"{hidden} → {answer} ({result['seconds']:.0f} s)"
 
 
-def study(numbers: range, workers: int, folder: Path, unmodelled_lags: bool = False) -> list[dict[str, Any]]:
+def study(numbers: range, workers: int, task: Task) -> list[dict[str, Any]]:
     """Run the cases that have no result file in the folder yet.
 
     Args:
         numbers: numbers of the cases.
         workers: number of processes.
-        folder: folder of the result files.
-        unmodelled_lags: see `run_case`.
+        task: how to run and store a case.
 
     Returns:
         The contents of the result files of all cases.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    jobs = [(n, unmodelled_lags, folder) for n in numbers if not (folder / f"case{n:04d}.json").exists()]
+    task.folder.mkdir(parents=True, exist_ok=True)
+    jobs = [(n, task) for n in numbers if not task.result_file(n).exists()]
     start = time.perf_counter()
     if workers == 1:
         _print_progress(map(_run_and_store, jobs), len(jobs), start)
@@ -159,7 +188,7 @@ def study(numbers: range, workers: int, folder: Path, unmodelled_lags: bool = Fa
         os.environ["EDHAS_CORES"] = "1"  # of each worker
         with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=CASES_PER_WORKER) as pool:
             _print_progress(pool.imap_unordered(_run_and_store, jobs), len(jobs), start)
-    paths = [folder / f"case{n:04d}.json" for n in numbers]
+    paths = [task.result_file(n) for n in numbers]
     return [json.loads(path.read_text(encoding="utf-8")) for path in paths if path.exists()]
 
 
@@ -180,13 +209,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--crumbs", action="store_true", help="give every sensor a lag of 20 … 50 µs that is not in the library"
     )
+    parser.add_argument(
+        "--baselines", action="store_true", help="run the baseline methods only, without the package's own diagnosis"
+    )
     options = parser.parse_args(arguments)
     numbers = range(options.seed, options.seed + options.cases)
     kind = "test" if options.seed >= FIRST_TEST_CASE else "development"
     if options.seed < FIRST_TEST_CASE < numbers.stop:
         parser.error(f"cases below {FIRST_TEST_CASE} are for development, the others for testing: do not mix them")
     try:
-        results = study(numbers, options.workers, options.out, options.crumbs)
+        results = study(numbers, options.workers, Task(options.out, options.crumbs, options.baselines))
     except KeyboardInterrupt:
         print(
             f"stopped; finished cases are in {options.out}, the same command continues with the rest", file=sys.stderr

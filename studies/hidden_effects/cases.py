@@ -67,6 +67,11 @@ FAMILIES = (
 )  # fmt: skip
 
 
+def family_of(number: int) -> Family:
+    """What is hidden in the case of a number."""
+    return FAMILIES[number % len(FAMILIES)]
+
+
 @dataclasses.dataclass(frozen=True)
 class Hidden:
     """A hidden effect or sensor fault, with its parameters (SI) and its visibility.
@@ -106,7 +111,7 @@ def draw_case(number: int, unmodelled_lags: bool = False) -> HiddenCase:
         RuntimeError: no draw was visible.
     """
     rng = np.random.default_rng([20221011, number])
-    family = FAMILIES[number % len(FAMILIES)]
+    family = family_of(number)
     noise_factor = float(rng.choice([1.0, 2.0]))
     channels = {n: dataclasses.replace(c, noise=noise_factor * c.noise) for n, c in CHANNELS.items()}
     for attempt in range(MAX_DRAWS):

@@ -8,21 +8,30 @@ from matplotlib.figure import Figure
 
 from edhas_jax.core.plot_style import GREY, INK
 from studies.hidden_effects.cases import Family
-from studies.hidden_effects.rates import PACKAGE_METHOD, Result, answers, completed, hidden_names, rates
+from studies.hidden_effects.rates import (
+    BIC,
+    CORRELATION,
+    PACKAGE_METHOD,
+    SPARSE,
+    Result,
+    answers,
+    has_failed,
+    hidden_names,
+    methods_in,
+    rates,
+)
 
 CONFUSION_FILE, RATES_FILE = "confusion.png", "rates.png"
-COLOURS = {
-    PACKAGE_METHOD: "#0f5c6e", "forward selection by BIC": "#c98a2b", "residual correlation": "#8a8f98",
-    "sparse regression (PySINDy)": "#a24a63",
-}  # fmt: skip
-NOTHING, UNKNOWN = "nothing", "unknown"
+COLOURS = {PACKAGE_METHOD: "#0f5c6e", BIC: "#c98a2b", CORRELATION: "#8a8f98", SPARSE: "#a24a63"}
+NOTHING, UNKNOWN, FAILED = "nothing", "unknown", "failed"
 
 
 def save_figures(results: list[Result], folder: Path) -> None:
-    """Write `confusion.png` and `rates.png`."""
-    results = completed(results)
-    if results:
+    """Write `rates.png`, and `confusion.png` where the package's own diagnosis was run."""
+    methods = methods_in(results)
+    if PACKAGE_METHOD in methods:
         draw_confusion(results).savefig(folder / CONFUSION_FILE, dpi=130)
+    if methods:
         draw_rates(results).savefig(folder / RATES_FILE, dpi=130)
 
 
@@ -32,20 +41,22 @@ def draw_confusion(results: list[Result]) -> Figure:
     for r in results:
         if r["family"] == Family.PAIR.value:
             continue
-        hidden = _short(hidden_names(r)[0]) if r["hidden"] else NOTHING
+        hidden = _short(hidden_names(r)[0]) if r.get("hidden") else NOTHING
         if r["family"] == Family.WITHHELD.value:
             hidden += ", withheld"
         rows.append((hidden, _answer(r)))
     first = sorted({h for h, _ in rows if h != NOTHING and "," not in h}, key=_order)
     row_labels = [*first, *sorted({h for h, _ in rows if "," in h}), *([NOTHING] if (NOTHING in dict(rows)) else [])]
-    column_labels = [*first, *sorted({a for _, a in rows} - {*first, NOTHING, UNKNOWN}, key=_order), UNKNOWN, NOTHING]
+    answered = {a for _, a in rows}
+    column_labels = [*first, *sorted(answered - {*first, NOTHING, UNKNOWN, FAILED}, key=_order), UNKNOWN, NOTHING]
+    column_labels += [FAILED] if FAILED in answered else []
     table = np.zeros((len(row_labels), len(column_labels)))
     for hidden, answer in rows:
         table[row_labels.index(hidden), column_labels.index(answer)] += 1
     figure = Figure(figsize=(2.8 + 0.27 * len(column_labels), 2.4 + 0.25 * len(row_labels)), layout="constrained")
     axes = figure.subplots()
     shades = LinearSegmentedColormap.from_list("count", ("#ffffff", "#9cc7cf", "#0f5c6e"))
-    largest = max(3.0, table[:, :-1].max())
+    largest = max(3.0, table[:, : column_labels.index(NOTHING)].max())
     axes.imshow(table, cmap=shades, vmin=0, vmax=largest, aspect="auto")
     for (i, k), count in np.ndenumerate(table):
         if count:
@@ -68,8 +79,9 @@ def draw_confusion(results: list[Result]) -> Figure:
 
 def draw_rates(results: list[Result]) -> Figure:
     """The rates of all methods with their confidence intervals."""
-    tables = {method: rates(results, method) for method in (PACKAGE_METHOD, *results[0]["rivals"])}
-    labels = [label for label, r in tables[PACKAGE_METHOD].items() if r.of]
+    tables = {method: rates(results, method) for method in methods_in(results)}
+    leading = next(iter(tables.values()))
+    labels = [label for label, r in leading.items() if r.of]
     figure = Figure(figsize=(8.6, 1.3 + 0.55 * len(labels)), layout="constrained")
     axes = figure.subplots()
     for k, (method, table) in enumerate(tables.items()):
@@ -82,9 +94,7 @@ def draw_rates(results: list[Result]) -> Figure:
             axes.plot([low, high], [y, y], color=COLOURS[method], linewidth=1.6, alpha=0.55, solid_capstyle="round")
             legend = method if label == labels[0] else None
             axes.plot(r.right / r.of, y, "o", color=COLOURS[method], markersize=5.5, label=legend)
-    axes.set_yticks(
-        range(len(labels)), [f"{w}  ({tables[PACKAGE_METHOD][w].of})" for w in labels], fontsize=9, color=INK
-    )
+    axes.set_yticks(range(len(labels)), [f"{w}  ({leading[w].of})" for w in labels], fontsize=9, color=INK)
     axes.set_ylim(len(labels) - 0.5, -0.5)
     axes.set_xlim(-0.02, 1.02)
     axes.xaxis.set_major_formatter(lambda x, _: f"{100 * x:.0f} %")
@@ -100,6 +110,8 @@ def draw_rates(results: list[Result]) -> Figure:
 
 def _answer(r: Result) -> str:
     """The first answer of the package as a label of the matrix."""
+    if has_failed(r, PACKAGE_METHOD):
+        return FAILED
     if r["verdict"] == "adequate":
         return NOTHING
     answered = answers(r, PACKAGE_METHOD)

@@ -1,4 +1,8 @@
-"""Evaluate the results of the benchmark of hidden effects: rates of right answers with confidence intervals."""
+"""Evaluate the results of the benchmark of hidden effects: rates of right answers with confidence intervals.
+
+A case in which a method ended in an error counts as wrong: as a false alarm where nothing is hidden, as not found
+elsewhere. Only rates over stated probabilities and fitted parameters leave it out, because it states none.
+"""
 
 import dataclasses
 import math
@@ -15,6 +19,8 @@ MAX_RELATIVE_ERROR = 0.1  # a fitted parameter is right within this share of its
 MAX_STANDARD_ERRORS = 2.0  # or within this many of its standard errors
 VERDICTS_WITH_NAMES = ("missing_effect", "ambiguous")
 PACKAGE_METHOD = "edhas diagnose"
+BIC, CORRELATION, SPARSE = "forward selection by BIC", "residual correlation", "sparse regression (PySINDy)"
+SHORT_NAMES = {BIC: "bic", CORRELATION: "correlation", SPARSE: "sparse"}  # of the baselines, in the last line
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +53,18 @@ def rate(results: list[Result], right: Callable[[Result], bool]) -> Rate:
 
 def hidden_names(r: Result) -> list[str]:
     """The names of the hidden effects and faults of a result."""
-    return [h["name"] for h in r["hidden"]]
+    return [h["name"] for h in r.get("hidden", [])]
+
+
+def has_failed(r: Result, method: str) -> bool:
+    """Whether a method has no answer to a case, because it ended in an error."""
+    return "verdict" not in r if method == PACKAGE_METHOD else method not in r.get("rivals", {})
+
+
+def methods_in(results: list[Result]) -> list[str]:
+    """The methods that some results are of, the package's own first."""
+    package = [PACKAGE_METHOD] if any("verdict" in r or "failed" in r for r in results) else []
+    return [*package, *dict.fromkeys(method for r in results for method in r.get("rivals", {}))]
 
 
 def slots_of(name: str) -> set[str]:
@@ -59,9 +76,18 @@ def slots_of(name: str) -> set[str]:
 
 def answers(r: Result, method: str) -> list[str]:
     """The names that a method answered, best first; none where it found nothing missing, or an unknown effect."""
+    if has_failed(r, method):
+        return []
     if method != PACKAGE_METHOD:
-        return r["rivals"][method]
+        return r["rivals"][method]["named"]
     return r["accepted"] if r["verdict"] in VERDICTS_WITH_NAMES else []
+
+
+def is_right_null(r: Result, method: str) -> bool:
+    """Whether a method says that nothing is missing."""
+    if has_failed(r, method):
+        return False
+    return r["verdict"] == "adequate" if method == PACKAGE_METHOD else not answers(r, method)
 
 
 def is_named(r: Result, method: str) -> bool:
@@ -76,13 +102,15 @@ def is_named(r: Result, method: str) -> bool:
 def is_among_three(r: Result, method: str) -> bool:
     """Whether a hidden effect is among the three most probable answers."""
     answered = answers(r, method)
-    if method == PACKAGE_METHOD and answered:
-        answered = [n for n, _ in r["candidates"]]
+    if answered:
+        answered = [n for n, _ in r["candidates"]] if method == PACKAGE_METHOD else r["rivals"][method]["ranked"]
     return bool(set(hidden_names(r)) & set(answered[:3]))
 
 
 def component_is_right(r: Result, method: str) -> bool:
     """Whether the component of the machine is right."""
+    if has_failed(r, method):
+        return False
     components = {s for h in r["hidden"] for s in h["slots"]}
     if method == PACKAGE_METHOD:
         return r["verdict"] != "adequate" and next(iter(r["where"]), "") in components
@@ -92,6 +120,8 @@ def component_is_right(r: Result, method: str) -> bool:
 
 def all_are_named(r: Result, method: str) -> bool:
     """Whether all hidden effects were answered; of a pair that cannot be distinguished either counts."""
+    if has_failed(r, method):
+        return False
     answered = set(answers(r, method))
     if method == PACKAGE_METHOD:
         answered |= {n for g in r["groups"] if len(g) == 2 and g[0] in answered for n in g}
@@ -103,7 +133,7 @@ def confident_answers(results: list[Result]) -> Rate:
     is_right = [
         n in hidden_names(r) and r["family"] != Family.WITHHELD.value
         for r in results
-        for n, probability in r["candidates"]
+        for n, probability in r.get("candidates", [])
         if probability >= CONFIDENT_PROBABILITY
     ]
     return Rate(sum(is_right), len(is_right))
@@ -113,7 +143,7 @@ def right_parameters(results: list[Result]) -> Rate:
     """The rate of fitted parameters close to their true values, for the effects that were named rightly."""
     is_right = []
     for r in results:
-        for h in r["hidden"]:
+        for h in r["hidden"] if "verdict" in r else []:
             for n, (value, std) in r["parameters"].get(h["name"], {}).items():
                 if n in h["values"]:
                     error = abs(value - h["values"][n])
@@ -133,12 +163,12 @@ def rates(results: list[Result], method: str) -> dict[str, Rate]:
         "right sensor and fault": rate(of[Family.SENSOR], lambda r: is_named(r, method)),
         "both of two": rate(of[Family.PAIR], lambda r: all_are_named(r, method)),
         "at least one of two": rate(of[Family.PAIR], lambda r: bool(set(hidden_names(r)) & set(answers(r, method)))),
+        "false alarms": rate(of[Family.NULL], lambda r: not is_right_null(r, method)),
     }
     if method != PACKAGE_METHOD:
-        return out | {"false alarms": rate(of[Family.NULL], lambda r: bool(answers(r, method)))}
-    unknown = [r for r in of[Family.WITHHELD] if r["verdict"] == "unknown_effect"]
+        return out
+    unknown = [r for r in of[Family.WITHHELD] if r.get("verdict") == "unknown_effect"]
     return out | {
-        "false alarms": rate(of[Family.NULL], lambda r: r["verdict"] != "adequate"),
         "withheld effect reported as unknown": Rate(len(unknown), len(of[Family.WITHHELD])),
         "right component, of all withheld effects": rate(of[Family.WITHHELD], lambda r: component_is_right(r, method)),
         "right component, of those reported as unknown": rate(unknown, lambda r: component_is_right(r, method)),
@@ -147,33 +177,27 @@ def rates(results: list[Result], method: str) -> dict[str, Rate]:
     }
 
 
-def completed(results: list[Result]) -> list[Result]:
-    """The results of the cases that did not fail."""
-    return [r for r in results if "failed" not in r]
-
-
 def report(results: list[Result]) -> str:
     """A text with all rates, the rates by visibility, and the wrong answers."""
-    done = completed(results)
-    if not done:
+    tables = {method: rates(results, method) for method in methods_in(results)}
+    if not tables:
         return "no case was finished"
-    tables = {method: rates(done, method) for method in (PACKAGE_METHOD, *done[0]["rivals"])}
-    lines = [f"{len(done)} cases, {len(results) - len(done)} failed; rates with Wilson's 95 % intervals", ""]
-    for label in tables[PACKAGE_METHOD]:
+    failed = sum("failed" in r for r in results)
+    lines = [f"{len(results)} cases, {failed} failed (counted as wrong); rates with Wilson's 95 % intervals", ""]
+    for label in next(iter(tables.values())):
         lines.append(label)
         lines += [f"    {method:30s} {table[label]}" for method, table in tables.items() if label in table]
-    lines += [
-        "",
-        f"right name first, {PACKAGE_METHOD}, by visibility (χ² that the uncertain parameters cannot explain)",
-    ]
-    one = [r for r in done if r["family"] == Family.ONE.value]
-    for low, high in zip(VISIBILITY_BANDS, VISIBILITY_BANDS[1:], strict=False):
-        band = [r for r in one if low <= r["hidden"][0]["visible"] < high]
-        lines.append(f"    {low:>8.0f} … {high:<8.0f} {rate(band, lambda r: is_named(r, PACKAGE_METHOD))}")
-    lines += ["", "wrong answers"]
-    lines += [f"    {sentence}" for r in results if (sentence := wrong_answer(r))]
-    seconds = sorted(r["seconds"] for r in done)
-    return "\n".join([*lines, "", f"median time of a diagnosis: {seconds[len(seconds) // 2]:.0f} s"])
+    for method in tables:
+        lines += ["", f"right name first, {method}, by visibility (χ² that the uncertain parameters cannot explain)"]
+        one = [r for r in results if r["family"] == Family.ONE.value and r.get("hidden")]
+        for low, high in zip(VISIBILITY_BANDS, VISIBILITY_BANDS[1:], strict=False):
+            band = [r for r in one if low <= r["hidden"][0]["visible"] < high]
+            lines.append(f"    {low:>8.0f} … {high:<8.0f} {rate(band, lambda r, m=method: is_named(r, m))}")
+    if PACKAGE_METHOD in tables:
+        lines += ["", "wrong answers", *(f"    {sentence}" for r in results if (sentence := wrong_answer(r)))]
+    seconds = sorted(r["seconds"] for r in results if "seconds" in r)
+    what = "of a diagnosis" if PACKAGE_METHOD in tables else "of all baseline methods together, calibration included"
+    return "\n".join([*lines, "", f"median time {what}: {seconds[len(seconds) // 2] if seconds else 0.0:.0f} s"])
 
 
 def wrong_answer(r: Result) -> str:
@@ -203,15 +227,17 @@ def _numbers(values: dict[str, float]) -> str:
 
 
 def last_line(results: list[Result]) -> str:
-    """The most important rates in one line of `key=value`."""
-    found = rates(completed(results), PACKAGE_METHOD)
+    """The most important rates in one line of `key=value`; those of the baselines where nothing else was run."""
     labels = {
         "top1": "right name first", "false_alarms": "false alarms", "slot": "right component of the machine",
         "both": "both of two", "unknown": "withheld effect reported as unknown",
         "calibration": "right where the probability is at least 95 %",
     }  # fmt: skip
-    words = []
-    for key, label in labels.items():
-        r = found[label]
-        words.append(f"{key}={r.right / r.of:.3f}" if r.of else f"{key}=nan")
+    methods, words = methods_in(results), []
+    for method in [PACKAGE_METHOD] if PACKAGE_METHOD in methods else methods:
+        found, prefix = rates(results, method), "" if method == PACKAGE_METHOD else SHORT_NAMES[method] + "_"
+        for key, label in labels.items():
+            if label in found:
+                r = found[label]
+                words.append(f"{prefix}{key}={r.right / r.of:.3f}" if r.of else f"{prefix}{key}=nan")
     return " ".join(words)

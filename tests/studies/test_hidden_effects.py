@@ -29,7 +29,8 @@ def result_file(family, hidden, verdict, accepted, probability=0.99, **more):
     return {
         "number": 0, "family": family, "hidden": entries, "verdict": verdict, "accepted": accepted, "groups": [],
         "candidates": [[n, probability] for n in accepted], "where": {first: 1.0}, "parameters": {}, "seconds": 1.0,
-        "errors": {"after": {"holdout": 1.0}}, "rounds": [], "rivals": {"residual correlation": hidden[:1]},
+        "errors": {"after": {"holdout": 1.0}}, "rounds": [], 
+        "rivals": {"residual correlation": {"named": hidden[:1], "ranked": hidden[:1]}},
     } | more  # fmt: skip
 
 

@@ -82,7 +82,7 @@ def diagnose(
     library = None if library is None else tuple(library)
     search = _Search(campaign, library, tuple(more), checkpoint, report)
     calibrated, resolution = search.stage(
-        "calibration", lambda: _calibrated(search), StageEncoder.start, StageDecoder.start
+        "calibration", lambda: calibrate(campaign, report), StageEncoder.start, StageDecoder.start
     )
     rounds = _select_forward(search, calibrated, resolution)
     shares: dict[str, float] = {}
@@ -106,10 +106,22 @@ def diagnose(
     return Diagnosis(campaign, verdict, tuple(rounds), before, calibrated, after, checkpoint.seconds, shares)
 
 
-def _calibrated(search: _Search) -> tuple[EvaluatedFit, TimeResolution]:
-    """The model before any candidate and the time steps."""
-    calibrated, resolution = _calibrate(search.campaign, search.report)
-    return _refine_near_noise(calibrated, resolution, search.report), resolution
+def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[EvaluatedFit, TimeResolution]:
+    """Fit the uncertain parameters before any effect is added: the fit from which the search begins.
+
+    Args:
+        campaign: measurements, model, prior of the uncertain parameters, and noise of the sensors.
+        on_progress: called with a sentence on the progress.
+
+    Returns:
+        The fit, at the fine step where its residual is near the noise, and the time steps per sample.
+
+    Raises:
+        FitError: there is nothing to fit, or the model cannot be fitted.
+    """
+    report = on_progress or (lambda sentence: None)
+    calibrated, resolution = _calibrate(campaign, report)
+    return _refine_near_noise(calibrated, resolution, report), resolution
 
 
 def _calibrate(campaign: Campaign, report: Report) -> tuple[EvaluatedFit, TimeResolution]:

@@ -75,6 +75,14 @@ class ScoreTest:
         """The score at the best grid point; its fall of χ² is 0 where the model fails or no fall is predicted."""
         return self._score_grid(candidate)[0]
 
+    def projected_residual(self) -> np.ndarray:
+        """The residual (m,) without the part that the fitted parameters can still reproduce."""
+        return self.residual - self._sensitivity_basis @ (self._sensitivity_basis.T @ self.residual)
+
+    def projected_signatures(self, candidate: Candidate) -> list[np.ndarray]:
+        """The projected signatures (m,) of a candidate, one for each grid point that has one."""
+        return self._score_grid(candidate)[1]
+
     def joint_scores(self, candidates: Iterable[Candidate]) -> tuple[list[Score], float]:
         """Score candidates separately and jointly.
 
