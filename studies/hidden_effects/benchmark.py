@@ -30,7 +30,7 @@ from edhas_jax.diagnosis.search.forward_selection import calibrate, diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.trial import Trial
 from studies.hidden_effects.baselines import correlation, exact_fit, forward_bic, screen
-from studies.hidden_effects.cases import FIRST_TEST_CASE, PUMP_EFFECTS, Family, HiddenCase, draw_case, family_of
+from studies.hidden_effects.cases import FIRST_TEST_CASE, PUMP_EFFECTS, Family, HiddenCase, draw_case
 from studies.hidden_effects.figures import save_figures
 from studies.hidden_effects.rates import last_line, report
 from studies.hidden_effects.sparse_regression import sparse_discrepancy
@@ -149,7 +149,7 @@ def _run_and_store(job: tuple[int, Task]) -> tuple[int, str]:
     try:
         result = run_case(number, task)
     except Exception as error:  # a case that fails is a result too, and must not stop the others
-        result = {"number": number, "family": family_of(number).value, "failed": _named(error)}
+        result = {"number": number, "failed": _named(error)}
     with atomic_write(task.result_file(number)) as temporary:
         temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     return number, _sentence(result)

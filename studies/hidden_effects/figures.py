@@ -15,6 +15,7 @@ from studies.hidden_effects.rates import (
     SPARSE,
     Result,
     answers,
+    family_name,
     has_failed,
     hidden_names,
     methods_in,
@@ -29,7 +30,7 @@ NOTHING, UNKNOWN, FAILED = "nothing", "unknown", "failed"
 def save_figures(results: list[Result], folder: Path) -> None:
     """Write `rates.png`, and `confusion.png` where the package's own diagnosis was run."""
     methods = methods_in(results)
-    if PACKAGE_METHOD in methods:
+    if PACKAGE_METHOD in methods and any(family_name(r) != Family.PAIR.value and "hidden" in r for r in results):
         draw_confusion(results).savefig(folder / CONFUSION_FILE, dpi=130)
     if methods:
         draw_rates(results).savefig(folder / RATES_FILE, dpi=130)
@@ -39,10 +40,12 @@ def draw_confusion(results: list[Result]) -> Figure:
     """The confusion matrix of hidden effect (rows) and first answer (columns), cases with at most one hidden effect."""
     rows: list[tuple[str, str]] = []
     for r in results:
-        if r["family"] == Family.PAIR.value:
+        if "hidden" not in r:  # ended in an error before anything was hidden
             continue
-        hidden = _short(hidden_names(r)[0]) if r.get("hidden") else NOTHING
-        if r["family"] == Family.WITHHELD.value:
+        if family_name(r) == Family.PAIR.value:
+            continue
+        hidden = _short(hidden_names(r)[0]) if r["hidden"] else NOTHING
+        if family_name(r) == Family.WITHHELD.value:
             hidden += ", withheld"
         rows.append((hidden, _answer(r)))
     first = sorted({h for h, _ in rows if h != NOTHING and "," not in h}, key=_order)
@@ -56,7 +59,7 @@ def draw_confusion(results: list[Result]) -> Figure:
     figure = Figure(figsize=(2.8 + 0.27 * len(column_labels), 2.4 + 0.25 * len(row_labels)), layout="constrained")
     axes = figure.subplots()
     shades = LinearSegmentedColormap.from_list("count", ("#ffffff", "#9cc7cf", "#0f5c6e"))
-    largest = max(3.0, table[:, : column_labels.index(NOTHING)].max())
+    largest = table[:, : column_labels.index(NOTHING)].max(initial=3.0)
     axes.imshow(table, cmap=shades, vmin=0, vmax=largest, aspect="auto")
     for (i, k), count in np.ndenumerate(table):
         if count:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from edhas_jax.machine.effects import LIBRARY
-from studies.hidden_effects.cases import Family
+from studies.hidden_effects.cases import Family, family_of
 
 Result = dict[str, Any]
 CONFIDENT_PROBABILITY = 0.95  # stated probability from which an answer is tested for its calibration
@@ -54,6 +54,11 @@ def rate(results: list[Result], right: Callable[[Result], bool]) -> Rate:
 def hidden_names(r: Result) -> list[str]:
     """The names of the hidden effects and faults of a result."""
     return [h["name"] for h in r.get("hidden", [])]
+
+
+def family_name(r: Result) -> str:
+    """The family of a result; of a case that ended in an error before it was drawn, that of its number."""
+    return r.get("family", family_of(r["number"]).value)
 
 
 def has_failed(r: Result, method: str) -> bool:
@@ -153,7 +158,7 @@ def right_parameters(results: list[Result]) -> Rate:
 
 def rates(results: list[Result], method: str) -> dict[str, Rate]:
     """Every rate of one method, by its label."""
-    of = {family: [r for r in results if r["family"] == family.value] for family in Family}
+    of = {family: [r for r in results if family_name(r) == family.value] for family in Family}
     out = {
         "right name first": rate(of[Family.ONE], lambda r: is_named(r, method)),
         "right name among three": rate(of[Family.ONE], lambda r: is_among_three(r, method)),
@@ -189,7 +194,7 @@ def report(results: list[Result]) -> str:
         lines += [f"    {method:30s} {table[label]}" for method, table in tables.items() if label in table]
     for method in tables:
         lines += ["", f"right name first, {method}, by visibility (χ² that the uncertain parameters cannot explain)"]
-        one = [r for r in results if r["family"] == Family.ONE.value and r.get("hidden")]
+        one = [r for r in results if family_name(r) == Family.ONE.value and r.get("hidden")]
         for low, high in zip(VISIBILITY_BANDS, VISIBILITY_BANDS[1:], strict=False):
             band = [r for r in one if low <= r["hidden"][0]["visible"] < high]
             lines.append(f"    {low:>8.0f} … {high:<8.0f} {rate(band, lambda r, m=method: is_named(r, m))}")
