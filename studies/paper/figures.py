@@ -112,6 +112,12 @@ def _rise(machine: PumpBench, duration: float) -> tuple[np.ndarray, np.ndarray]:
     return 1e3 * run["time"], 1e-3 * (run["outlet_pressure"] - run["outlet_pressure"][0])
 
 
+def starved_bench(bench: PumpBench) -> PumpBench:
+    """A bench with light balls and a long thin suction line."""
+    with_line = structs.replace(bench, effects=(*bench.effects, SuctionLineResistance()))
+    return edhas.change(with_line, **STARVED)
+
+
 def draw_flow(both: tuple[Machines, ...], frequencies) -> Figure:
     """Mean flow over frequency."""
     figure, (axes,) = _figure("Mean flow over frequency", 1)
@@ -120,9 +126,8 @@ def draw_flow(both: tuple[Machines, ...], frequencies) -> Figure:
     for m in both:
         axes.plot(frequencies, mean_flows(m.bench, m.alone(), frequencies)[:, 0], color=m.colour, lw=2.0,
                   label=f"ours, {m.label}")  # fmt: skip
-    with_line = structs.replace(both[0].bench, effects=(*both[0].bench.effects, SuctionLineResistance()))
-    starved = edhas.change(with_line, **STARVED)
-    axes.plot(frequencies, mean_flows(starved, both[0].alone(), frequencies)[:, 0], color=COLOURS[3], lw=1.4, ls="--",
+    starved = mean_flows(starved_bench(both[0].bench), both[0].alone(), frequencies)[:, 0]
+    axes.plot(frequencies, starved, color=COLOURS[3], lw=1.4, ls="--",
               label="ours, suction starved instead of valves late")  # fmt: skip
     axes.axvline(30.0, color=PAPER, lw=1.1)
     axes.annotate("paper: proportional to\nabout here, then falling", (30.0, 0.25), (6, 0), textcoords="offset points",
