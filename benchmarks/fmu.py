@@ -52,10 +52,11 @@ def main() -> None:
 
 
 def mapping(kind: type) -> dict:
-    """The configuration of a rig with one effect."""
-    if all(slot.location == "cylinder" for slot in kind.slots):
-        return {"rig": "actuator_system", "effects": [kind.id], "simulation": QUICK}
-    return PUMP | {"effects": [kind.id]}
+    """The configuration of a refined rig with one effect more."""
+    rig = "actuator_system" if all(slot.location == "cylinder" for slot in kind.slots) else "pump_bench"
+    effects = list(dict.fromkeys(("lugre_friction", "piston_leakage", "entrained_air", kind.id)))
+    base = {"rig": rig, "effects": effects, "simulation": QUICK}
+    return base if rig == "actuator_system" else base | {"reference": SINE}
 
 
 def compared(title: str, config: Config, timed: bool) -> float:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from edhas_jax.config.machine_config import Config
 from edhas_jax.config.writer import dump_config
+from edhas_jax.core import runtime
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.export.fmu_c_sources import UNIT_FILE, c_sources
 from edhas_jax.export.fmu_description import model_description
@@ -98,7 +99,8 @@ def export_fmu(
         on_progress("simulating, to find the step for the requested accuracy")
         step = simulate(config.machine, settings).step
     on_progress("tracing the step")
-    program = unit_program(config.machine, inputs, step)
+    with runtime.double_precision():  # the numbers of the unit are doubles whatever the process has set
+        program = unit_program(config.machine, inputs, step)
     title, identifier = config.name or path.stem, _identifier(path.stem)
     texts, guid = c_sources(program, title)
     stop, interval = settings.length(config.machine), 1.0 / settings.sample_rate
