@@ -9,11 +9,14 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
+from edhas_jax.core.structs import parameters as parameters_of
+from edhas_jax.core.units import format_quantity
 from edhas_jax.design.sensitivity.config import load_sensitivity
 from edhas_jax.design.sizing.config import load_sizing
-from edhas_jax.machine.effects import ForceConstantDroop, InverterDeadTime
+from edhas_jax.machine.effects import LIBRARY, ForceConstantDroop, InverterDeadTime
 from edhas_jax.machine.interface.slots import SLOTS
 from tests.support import ROOT
+from tests.support.headline import quoted_headline
 
 SUSPECTS = (ForceConstantDroop, InverterDeadTime)
 
@@ -71,6 +74,10 @@ def test_learn_example(here, monkeypatch):
     error = 'diagnosis.errors()["after"]["holdout"]["overall"]'
     assert f"{eval(error, {'diagnosis': diagnosis}):.2f}" == comment(block, error).split()[-1]
     assert (here / "report.html").stat().st_size > 100_000
+    stated = quoted_headline("README.md", "make demo")
+    for state in ("before", "calibrated", "after"):
+        assert f"{diagnosis.errors()[state]['holdout']['overall']:.4g}" == stated[state]
+    assert [stated["verdict"], stated["effects"]] == [diagnosis.verdict.value, diagnosis.accepted[0].candidate.id]
 
 
 def test_gradient_page(here):
@@ -139,6 +146,21 @@ def test_every_slot_is_on_its_page():
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
     for slot in SLOTS.values():
         assert f"`{slot.name}` | {slot.location} |" in page and slot.doc in page
+
+
+def test_every_effect_is_on_its_page_with_its_plausible_ranges():
+    page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    for kind in LIBRARY:
+        where = ", ".join(dict.fromkeys(slot.location for slot in kind.slots))
+        parameters = "; ".join(f"`{p.name}` {interval(p)}" for p in parameters_of(kind))
+        assert f"| `{kind.id}` | {where} | {parameters} |" in page
+
+
+def interval(p) -> str:
+    """The plausible range of a parameter as the page states it; its default in brackets where it has none."""
+    if p.plausible is None:
+        return f"({format_quantity(p.default, p.unit)})"
+    return " … ".join(format_quantity(limit, p.unit) for limit in p.plausible)
 
 
 def test_links_lead_somewhere():

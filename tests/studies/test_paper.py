@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from edhas_jax.core import structs
-from studies.paper import calibration, configs, refinements
+from studies.paper import calibration, configs, questions, refinements
 from studies.paper import published_numbers as numbers
 from studies.paper import readings as reading
 from studies.paper import reproduction as paper
 from studies.paper import table as paper_table
-from tests.support.headline import headline
+from tests.support.headline import headline, quoted_headline
 
 
 @pytest.fixture(scope="module")
@@ -108,8 +108,15 @@ def test_a_term_is_taken_out_by_its_numbers(nominal):
 
 def test_valves_cost_flow_and_friction_does_not(tmp_path, capsys):
     found = refinements.main(["--out", str(tmp_path)])
-    assert set(found) < set(headline(capsys))
+    printed = headline(capsys)
+    assert set(found) < set(printed)
+    assert printed == quoted_headline("docs/paper.md", "python -m studies.paper.refinements")
     assert found["ideal_flow_error"] > 5.0 > found["friction_takes"]
     assert found["valves_take"] > 10.0 * abs(found["friction_takes"])
     assert found["friction_needed_n"] > 3.0 * refinements.LARGEST_PUBLISHED_FRICTION
     assert (tmp_path / "refinements.png").stat().st_size < 200_000
+
+
+def test_answers_to_the_questions_are_those_of_the_page(capsys):
+    questions.main([])
+    assert headline(capsys) == quoted_headline("docs/paper.md", "python -m studies.paper.questions")

@@ -11,7 +11,8 @@ class AsymmetricDamping(Effect):
 
     F = −c_a |v|: the damping coefficient is higher by c_a forward and lower by c_a backward
 
-    Source: measured on a linear drive, 167 and 240 N·s/m (Janot, Gautier, Brunot: EMPS, 2019).
+    Source: measured on a linear drive, 167 and 240 N·s/m (Janot, Gautier, Brunot: EMPS, 2019). The effect is in the
+    library because of that record, so finding it there is no independent test.
     """
 
     looks_like = "an offset of the current that grows with speed, of one sign in both directions"

@@ -11,6 +11,9 @@ class LugreFriction(Effect):
 
     F_f = σ0 z + σ1 ż + σ2 v,   ż = v − σ0 |v| z / G(v),   G(v) = F_C + (F_S − F_C) exp(−(v/v_S)²)
 
+    The plausible ranges of Coulomb (from 15 to 50 N), static (25 to 80 N) and viscous friction (10 to 400 N·s/m) were
+    widened so that they contain a linear drive, EMPS, with 20 N and 204 N·s/m.
+
     Source: Canudas de Wit, Olsson, Åström, Lischinsky, IEEE Trans. Autom. Control 40 (1995) 419; Actuators 2022,
     11(10), 281, Eq. (2).
     """
