@@ -33,7 +33,7 @@ DEFINITIONS = {
     "docs/controllers.md": {"Sampled control", "ANTSMC"},
     "docs/fitting.md": {"Compare", "Fit"},
     "docs/fmu.md": {"Time"},
-    "docs/hidden_effects.md": {"The cases"},
+    "docs/hidden_effects.md": {"The cases", "Independent data generation"},
     "docs/model.md": {"Equations", "Notes for reading results"},
     "docs/sizing.md": {"Which parameters matter where"},
     "docs/sweeps.md": {"Figures"},
