@@ -6,6 +6,7 @@ from pathlib import Path
 from edhas_jax.commands.arguments import add_output_folder, add_overrides, add_own_code, own_code
 from edhas_jax.commands.console import console, file_names, progress_bar, table
 
+STATUS_NOT_VALID = 3
 SMALLEST_SHARE = 5e-4  # of the energy; smaller entries of the ledger are not printed
 
 
@@ -20,8 +21,12 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
-def run(options) -> None:
-    """Simulate a machine, write a run folder, print metrics and energy ledger."""
+def run(options) -> int:
+    """Simulate a machine, write a run folder, print status, metrics and energy ledger.
+
+    Returns:
+        The exit status: 0, or 3 if the result is not valid.
+    """
     from edhas_jax.config.machine_config import read_config
     from edhas_jax.config.run_folder import require_new_folder, save_run, unused_folder
     from edhas_jax.simulation.run import simulate
@@ -43,9 +48,25 @@ def run(options) -> None:
     effects = ", ".join(e.id for e in result.machine.effects) or "none"
     out.print(f"[bold]{config.name or options.config.stem}[/bold]: {result.machine.name}, effects: {effects}")
     out.print(f"{result.step_note}; {config.simulation.precision.value}; {seconds:.1f} s with compilation")
+    out.print(status_line(result), soft_wrap=True)
     out.print(metrics_table(result))
     out.print(ledger_table(result))
     out.print(f"written to {folder}: " + file_names(folder), soft_wrap=True)
+    return 0 if result.valid else STATUS_NOT_VALID
+
+
+def status_line(run) -> str:
+    """The status of a run with its reason: green if all is well, yellow for a warning, red if it is not valid."""
+    from rich.markup import escape
+
+    from edhas_jax.simulation.validity import Status
+
+    name = run.status.name.lower()
+    if run.status is Status.OK:
+        head = "[green]valid[/]"
+    else:
+        head = f"[yellow]valid, with a warning: {name}[/]" if run.valid else f"[red]not valid: {name}[/]"
+    return f"{head}: {escape(run.reason)}"
 
 
 def metrics_table(run):

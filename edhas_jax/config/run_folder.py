@@ -27,6 +27,8 @@ from edhas_jax.core.trusted_code import TrustedCode
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.simulation.metrics import RunTooShortError
 from edhas_jax.simulation.run import Run
+from edhas_jax.simulation.run_checks import check_run
+from edhas_jax.simulation.validity import Status
 
 FORMAT_VERSION = 1
 SIGNALS_FILE = "timeseries.parquet"
@@ -123,7 +125,8 @@ def _write_files(folder: Path, run: Run, figure: bool) -> None:
         metrics = {n: {"value": m.value, "unit": m.unit, "doc": m.doc} for n, m in run.metrics.items()}
     except RunTooShortError:
         metrics = {}
-    write_json(folder / METRICS_FILE, metrics)
+    validity = {"status": run.status.name.lower(), "valid": run.valid, "reason": run.reason}
+    write_json(folder / METRICS_FILE, validity | metrics)
     (folder / CONFIG_FILE).write_text(dump_config(run.machine, run.simulation), encoding="utf-8")
     manifest = {
         "format": FORMAT_VERSION,
@@ -136,6 +139,7 @@ def _write_files(folder: Path, run: Run, figure: bool) -> None:
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "step": run.step,
         "step_note": run.step_note,
+        **validity,
         "energy_residual": run.energy_residual(),
         "volume_residual": run.volume_residual(),
     }
@@ -207,7 +211,12 @@ def open_run(folder: str | Path, trust: Iterable[str | Path] = ()) -> Run:
         for prefix in (ENERGY_PREFIX, VOLUME_PREFIX)
     )
     step, note = manifest["step"], manifest["step_note"]
-    return Run(config.machine, config.simulation, signals, energy, volume, step, note, groups)
+    run = Run(config.machine, config.simulation, signals, energy, volume, step, note, groups)
+    if "status" in manifest:
+        status = Status[manifest["status"].upper()], manifest["reason"]
+    else:  # written before runs had a status
+        status = check_run(run.record, run.energy_residual(), run.volume_residual())
+    return dataclasses.replace(run, status=status[0], reason=status[1])
 
 
 def _groups(schema: pa.Schema) -> dict[str, str] | None:

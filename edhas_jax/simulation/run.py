@@ -14,11 +14,15 @@ from edhas_jax.machine.rigs import ActuatorSystem, Rig
 from edhas_jax.simulation import energy_balance
 from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP
 from edhas_jax.simulation.metrics import Metric, compute_metrics
+from edhas_jax.simulation.run_checks import Record, check_run, step_change
 from edhas_jax.simulation.run_figure import plot_run
+from edhas_jax.simulation.step_choice import search_accuracy, search_step, step_status
 from edhas_jax.simulation.time_loop import check_names, initial_loop_state, integrate
+from edhas_jax.simulation.validity import Status
 
 SAMPLES_PER_CALL = 256  # samples between two reports of progress; fixed, so that a longer run compiles nothing anew
-MAX_STEP_TRIALS = 8  # steps that are tried for an accuracy, each half of the one before
+INTERRUPTED = "interrupted; "  # note on the step of an interrupted run
+UNCONFIRMED = "no step was found that half of it confirms; valves or contacts may move differently in every cycle"
 
 
 class Precision(enum.Enum):
@@ -32,7 +36,8 @@ class Precision(enum.Enum):
 class Simulation:
     """Settings of a run, in SI.
 
-    Give `step`, or give `accuracy` to have the step chosen and checked; with neither the step is 20 µs.
+    Give `step`, or give `accuracy` to have every signal resolved. With neither the step is 20 µs, or halved until half
+    of it changes flow, power and stroke by less than 1 %.
 
     Attributes:
         duration: simulated time [s]; None is 0.5 s on a bench and 0.6 s for the system.
@@ -76,6 +81,8 @@ class Run:
         step: the step taken [s].
         step_note: how the step was chosen.
         groups: the group of each row of the energy balance; None if the machine tells it.
+        status: whether the numbers are those of the model, and the machine moves as it should.
+        reason: why the run has this status.
     """
 
     machine: Rig
@@ -86,6 +93,28 @@ class Run:
     step: float
     step_note: str
     groups: Mapping[str, str] | None = None
+    status: Status = Status.OK
+    reason: str = ""
+
+    @property
+    def valid(self) -> bool:
+        """Whether the numbers are those of the model: a machine on its stops is valid, a step too large is not."""
+        return self.status.is_valid
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user has interrupted the run; it then holds the samples until that moment."""
+        return self.step_note.startswith(INTERRUPTED)
+
+    @property
+    def duration(self) -> float:
+        """The simulated time that was asked for [s]."""
+        return self.simulation.length(self.machine)
+
+    @property
+    def record(self) -> Record:
+        """What the run has recorded."""
+        return Record(self.machine, self.signals, self.energy, self.volume)
 
     @property
     def metrics(self) -> dict[str, Metric]:
@@ -141,7 +170,10 @@ class Run:
 def simulate(
     machine: Rig, simulation: Simulation = Simulation(), on_progress: Callable[[float], None] | None = None
 ) -> Run:
-    """Simulate one machine from rest.
+    """Simulate one machine from rest, and check the result.
+
+    The run is made once more with half the step. Where flow, power or stroke then change by more than 1 %, the default
+    step is halved further; a step that was asked for is kept, and the status is STEP_TOO_LARGE.
 
     Args:
         machine: the machine.
@@ -149,7 +181,7 @@ def simulate(
         on_progress: called with the share done, 0 … 1.
 
     Returns:
-        The run.
+        The run, with its status.
 
     Raises:
         SimulationError: the run is not finite or left the physical range; the message names the time and the state.
@@ -157,54 +189,62 @@ def simulate(
     """
     if simulation.accuracy is not None:
         return _simulate_to_accuracy(machine, simulation, on_progress)
-    largest_step = DEFAULT_STEP if simulation.step is None else simulation.step
-    run, failure = _simulate_with_step(machine, simulation, largest_step, on_progress)
-    if failure:
+    report, asked = on_progress or (lambda share: None), simulation.step is not None
+    largest_step = simulation.step if asked else DEFAULT_STEP
+
+    def attempt(step: float) -> tuple[Run, str]:
+        return _simulate_with_step(machine, simulation, step, lambda share: report((1.0 + 2.0 * share) / 3.0))
+
+    # half the step takes twice as long
+    run, failure = _simulate_with_step(machine, simulation, largest_step, lambda share: report(share / 3.0))
+    if failure and (asked or attempt(0.25 * largest_step)[1]):
         raise SimulationError(failure, run)
-    chosen = "default; give an accuracy to have it chosen and checked" if simulation.step is None else "as asked"
-    return dataclasses.replace(run, step_note=f"{run.step_note}step {run.step * 1e6:.4g} µs ({chosen})")
+    if run.interrupted:
+        return _finished(run, f"{INTERRUPTED}step {{}}", remark="the run was interrupted and its step is not checked")
+    found, (name, change) = search_step(run, bool(failure), attempt), ("", 0.0)
+    if found.interrupted:
+        return _finished(found.finest or run, "step {}", remark="the check of the step was interrupted")
+    if asked:
+        remedy = f"use step: {found.confirmed.step * 1e6:.4g} us" if found.confirmed else UNCONFIRMED
+        return _finished(run, "step {} (as asked)", *step_status(found.first_change, run.step, remedy))
+    name, change = found.last_change
+    if found.confirmed is None:
+        kept = found.finest or run
+        status = step_status(found.last_change, 2.0 * kept.step, UNCONFIRMED)
+        return _finished(kept, "step {} (the smallest of those tried)", *status)
+    chosen = "default" if found.confirmed is run else f"chosen, since {run.step * 1e6:.4g} µs is too large"
+    return _finished(found.confirmed, f"step {{}} ({chosen}; half of it changes {name} by {100 * change:.1g} %)")
+
+
+def _finished(run: Run, note: str, status: Status = Status.OK, reason: str = "", remark: str = "") -> Run:
+    """The run with its status and a note on its step, which stands for {}; the `status` of the step comes first."""
+    if status is Status.OK:
+        status, reason = check_run(run.record, run.energy_residual(), run.volume_residual())
+    reason = "; ".join(filter(None, (reason, remark)))
+    return dataclasses.replace(run, step_note=note.format(f"{run.step * 1e6:.4g} µs"), status=status, reason=reason)
 
 
 def _simulate_to_accuracy(machine: Rig, simulation: Simulation, on_progress) -> Run:
     """Halve the step until the estimated error of every signal is within the accuracy."""
-    largest_step, trials = 2.0 * DEFAULT_STEP, []
-    coarse = None
-    for _ in range(MAX_STEP_TRIALS):
-        run, failure = _simulate_with_step(machine, simulation, largest_step, on_progress)
-        if failure:
-            coarse = None
-        else:
-            if coarse is not None:
-                name, change = _largest_change(coarse, run)
-                trials.append((run.step, name, change))
-                # the error of a second-order rule falls to a quarter: a third of the change remains
-                if change / 3.0 <= simulation.accuracy:
-                    note = (
-                        f"step {run.step * 1e6:.4g} µs: halved until the estimated error of the worst signal "
-                        f"({name}) is {100 * change / 3.0:.2g} % of its range, asked: {100 * simulation.accuracy:.2g} %"
-                    )
-                    return dataclasses.replace(run, step_note=note)
-            coarse = run
-        largest_step *= 0.5
-    if coarse is None:
-        raise SimulationError(failure, run)
-    step, name, change = trials[-1]
-    note = (
-        f"step {step * 1e6:.4g} µs: the accuracy asked, {100 * simulation.accuracy:.2g} %, was not reached; the last "
-        f"halving still changed {name} by {100 * change:.2g} % of its range (stick-slip or a switch near its threshold)"
+    asked = f"{100 * simulation.accuracy:.2g} %"
+    found = search_accuracy(
+        simulation.accuracy, 2.0 * DEFAULT_STEP, lambda h: _simulate_with_step(machine, simulation, h, on_progress)
     )
-    return dataclasses.replace(coarse, step_note=note)
-
-
-def _largest_change(coarse: Run, fine: Run) -> tuple[str, float]:
-    """The signal that differs most between two runs, and its rms difference as a share of its range."""
-    changes = {}
-    for name, values in fine.signals.items():
-        span = np.ptp(values)
-        if span > 1e-9 * (1.0 + np.abs(values).max()) or span > 0 and SIGNALS[name].unit != "Pa":
-            changes[name] = math.sqrt(np.mean((values - coarse.signals[name]) ** 2)) / span
-    name = max(changes, key=changes.__getitem__)
-    return name, changes[name]
+    if found.failure:
+        raise SimulationError(found.failure, found.run)
+    if found.run.interrupted or found.before is None:
+        return _finished(found.run, f"{found.run.step_note}step {{}}", remark="the accuracy has not been checked")
+    name, change = found.worst
+    if found.reached:
+        return _finished(
+            found.run, f"step {{}}: halved until the estimated error of the worst signal ({name}) is "
+            f"{100 * change / 3.0:.2g} % of its range, asked: {asked}",
+        )  # fmt: skip
+    status = step_status(step_change(found.before.record, found.run.record), 2.0 * found.run.step, UNCONFIRMED)
+    return _finished(
+        found.run, f"step {{}}: the accuracy asked, {asked}, was not reached; the last halving still changed {name} by "
+        f"{100 * change:.2g} % of its range (stick-slip or a switch near its threshold)", *status,
+    )  # fmt: skip
 
 
 def _simulate_with_step(machine: Rig, simulation: Simulation, largest_step: float, on_progress) -> tuple[Run, str]:
@@ -225,7 +265,7 @@ def _simulate_with_step(machine: Rig, simulation: Simulation, largest_step: floa
             if on_progress is not None:
                 on_progress(min(1.0, len(blocks) * SAMPLES_PER_CALL / samples))
     except KeyboardInterrupt:
-        note = "interrupted; "
+        note = INTERRUPTED
         if not blocks:
             raise
     failed_step = int(loop.failed_step)

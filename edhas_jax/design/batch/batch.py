@@ -8,16 +8,16 @@ import jax
 import numpy as np
 
 from edhas_jax.core import runtime
-from edhas_jax.design.batch.cycle_metrics import REASONS, Status, cycle_change
+from edhas_jax.design.batch.cycle_metrics import cycle_change
 from edhas_jax.design.batch.periodic_solver import LONG_TABLE, BatchState, metrics_with_status, run_to_periodic
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
 from edhas_jax.simulation.integrator import DEFAULT_STEP
 from edhas_jax.simulation.run import Precision
+from edhas_jax.simulation.validity import REASONS, STEP_SENSITIVITY, Status
 
 SLOW_CYCLES = 8  # a design that takes more is checked for its sensitivity to the step
 CHECK_CYCLES = 2  # run with the longer step of that check
-STEP_SENSITIVITY = 0.01  # relative change with the step above which a design is flagged
 
 
 @dataclasses.dataclass(frozen=True)

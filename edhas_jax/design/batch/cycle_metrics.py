@@ -1,39 +1,16 @@
-"""Metrics of one cycle of a design, summed up in the time loop, and the status that says whether to trust them."""
+"""Metrics of one cycle of a design, summed up in the time loop."""
 
-import enum
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.compiler.one_sided_minmax import one_sided_max, one_sided_min
+from edhas_jax.compiler.one_sided_minmax import one_sided_max
 from edhas_jax.core import structs
 from edhas_jax.machine.components.set_points import CyclicSine
 from edhas_jax.machine.rigs import ActuatorBench, Rig
 from edhas_jax.simulation.integrator import step_with_outputs
-
-
-class Status(enum.IntEnum):
-    """The outcome of a design; anything but OK says why its metrics are not to be trusted."""
-
-    OK = 0
-    NOT_PERIODIC = 1
-    STALLED = 2
-    HIT_STOPS = 3
-    OUT_OF_RANGE = 4
-    NOT_FINITE = 5
-    STEP_TOO_LARGE = 6
-
-
-REASONS = {
-    Status.OK: "periodic, within the model's validity",
-    Status.NOT_PERIODIC: "still changing from cycle to cycle when the cycles ran out",
-    Status.STALLED: "the piston follows less than half of its set point",
-    Status.HIT_STOPS: "the piston ran onto an end stop",
-    Status.OUT_OF_RANGE: "a valve, a pressure or the piston left the range that the model describes",
-    Status.NOT_FINITE: "the run is not finite",
-    Status.STEP_TOO_LARGE: "slow to become periodic, and flow, power or stroke depend on the step: take a smaller one",
-}
+from edhas_jax.simulation.validity import BEYOND_RANGE, valid_ranges
 
 
 def cycle_step(m: Rig, y, sums, n, steps, first) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -77,18 +54,21 @@ def _observed_signals(m: Rig) -> tuple[str, ...]:
 
 
 def _observed_step(m: Rig, y, h):
-    y, _, seen = step_with_outputs(m, y, 0.0, h, lambda s: {n: getattr(s, n) for n in _observed_signals(m)})
-    if not isinstance(m, ActuatorBench):
-        lifts = [y[f"{kind}_lift_{side}"] for kind in ("suction", "delivery") for side in "ab"]
-        seen["highest_lift"] = one_sided_max(one_sided_max(lifts[0], lifts[1]), one_sided_max(lifts[2], lifts[3]))
-        seen["lowest_lift"] = one_sided_min(one_sided_min(lifts[0], lifts[1]), one_sided_min(lifts[2], lifts[3]))
-    return y, seen
+    ranges = valid_ranges(m)
+    names = dict.fromkeys([*_observed_signals(m), *(n for n in ranges if n not in y)])
+    y, _, seen = step_with_outputs(m, y, 0.0, h, lambda s: {n: getattr(s, n) for n in names})
+    beyond = None
+    for name, (low, high) in ranges.items():
+        value = y.get(name, seen.get(name))
+        for excess in (low - value, value - high):
+            beyond = excess if beyond is None else one_sided_max(excess, beyond)
+    return y, seen | {"beyond range": beyond}
 
 
 SUMS = ("power", "copper", "current²", "voltage²", "error²", "x sin", "x cos", "r sin", "r cos")
 PUMP_SUMS = ("flow", "leakage", "swept", "delivered")
-PEAKS = ("current", "voltage", "stroke")
-PUMP_PEAKS = ("leakage", "pressure", "rise", "lift", "-pressure", "-lift")
+PEAKS = ("current", "voltage", "stroke", "beyond range")
+PUMP_PEAKS = ("leakage", "pressure", "rise", "-pressure")
 
 
 def empty_sums(m: Rig, dtype) -> dict[str, Any]:
@@ -109,6 +89,7 @@ def _accumulated(m: Rig, sums, s, phase) -> dict[str, Any]:
         "r sin": s["reference"] * sine, "r cos": s["reference"] * cosine,
     }  # fmt: skip
     peaks = {"current": jnp.abs(i), "voltage": jnp.abs(u), "stroke": jnp.abs(x)}
+    peaks["beyond range"] = s["beyond range"]
     if "outlet_flow" in s:
         rise = s["outlet_pressure"] - s["accumulator_pressure"]
         new |= {
@@ -118,7 +99,6 @@ def _accumulated(m: Rig, sums, s, phase) -> dict[str, Any]:
         peaks |= {
             "leakage": one_sided_max(jnp.abs(s["leakage_a"]), jnp.abs(s["leakage_b"])), "rise": rise,
             "pressure": s["outlet_pressure"], "-pressure": -s["outlet_pressure"],
-            "lift": s["highest_lift"], "-lift": -s["lowest_lift"],
         }  # fmt: skip
     return {n: sums[n] + v for n, v in new.items()} | {
         f"peak {n}": one_sided_max(v, sums[f"peak {n}"]) for n, v in peaks.items()
@@ -146,6 +126,7 @@ def cycle_metrics(m: Rig, sums, share) -> dict[str, Any]:
         "phase_lag": jnp.arctan2(
             got[0] * wanted[1] - got[1] * wanted[0], got[0] * wanted[0] + got[1] * wanted[1]
         ),
+        BEYOND_RANGE: peak["beyond range"],
     }  # fmt: skip
     if "flow" in mean:
         out |= {
@@ -154,21 +135,5 @@ def cycle_metrics(m: Rig, sums, share) -> dict[str, Any]:
             "pressure_ripple": peak["pressure"] + peak["-pressure"],
             "volumetric_efficiency": mean["flow"] / (m.pump.area() * mean["swept"]),
             "delivered_power": mean["delivered"], "overall_efficiency": mean["delivered"] / mean["power"],
-            "_lift": peak["lift"], "_-lift": peak["-lift"], "_-pressure": peak["-pressure"],
         }  # fmt: skip
     return out
-
-
-def design_status(m: Rig, out, periodic):
-    """The most severe `Status` that applies to a design with these metrics; `periodic`: its cycles have converged."""
-    half = 0.5 * m.stops.pump_stroke
-    status = jnp.where(periodic, Status.OK, Status.NOT_PERIODIC)
-    status = jnp.where(out["amplitude_ratio"] < 0.5, Status.STALLED, status)
-    status = jnp.where(out["peak_stroke"] > half, Status.HIT_STOPS, status)
-    beyond = out["peak_stroke"] > 1.2 * half
-    if "_lift" in out:
-        give = 0.5 * m.valve.valve_seat_diameter
-        beyond |= (out["_lift"] > m.valve.valve_max_lift + give) | (out["_-lift"] > give) | (out["_-pressure"] > 0.0)
-    status = jnp.where(beyond, Status.OUT_OF_RANGE, status)
-    finite = jnp.stack([jnp.isfinite(v) for n, v in out.items() if n != "residual"]).all()
-    return jnp.where(finite, status, Status.NOT_FINITE)

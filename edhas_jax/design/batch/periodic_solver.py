@@ -20,12 +20,12 @@ from edhas_jax.design.batch.cycle_metrics import (
     cycle_change,
     cycle_metrics,
     cycle_step,
-    design_status,
     empty_sums,
 )
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.loop_cache import cached_loop, key_of
+from edhas_jax.simulation.validity import status_of
 
 # tables are filled up to one of two lengths, so that another number of designs compiles nothing
 SHORT_TABLE, LONG_TABLE = 1024, 4096
@@ -209,7 +209,7 @@ def metrics_with_status(
 @runtime.jit
 def _status(machine: Rig, columns: StackedLeaves, metrics: StackedLeaves, converged):
     def one(values, out, ok):
-        return design_status(set_parameters(machine, values), out, ok)
+        return status_of(set_parameters(machine, values), out, ok)
 
     status = jax.vmap(one)(columns.tree, metrics.tree, converged)
     return StackedLeaves.of({n: v for n, v in metrics.tree.items() if not n.startswith("_")}), status

@@ -11,7 +11,7 @@ import pandas as pd
 from edhas_jax.core import runtime
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError
-from edhas_jax.design.batch.cycle_metrics import REASONS, Status, cycle_metrics, empty_sums
+from edhas_jax.design.batch.cycle_metrics import cycle_metrics, empty_sums
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings
 from edhas_jax.design.gradient.forward import forward
@@ -19,9 +19,12 @@ from edhas_jax.design.gradient.reverse import reverse
 from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, parse_value, short_names
 from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
 from edhas_jax.simulation.metrics import METRICS
+from edhas_jax.simulation.validity import REASONS, Status
 
 # what is said of a design whose metrics change by leaps, or not at all
-_NO_DERIVATIVE = (Status.NOT_PERIODIC, Status.STALLED, Status.OUT_OF_RANGE, Status.NOT_FINITE)
+_NO_DERIVATIVE = (
+    Status.NOT_PERIODIC, Status.STALLED, *(status for status in Status if not status.is_valid)
+)  # fmt: skip
 
 
 class GradientError(ParameterError):

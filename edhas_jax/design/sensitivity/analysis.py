@@ -8,12 +8,12 @@ import pandas as pd
 
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.design.batch.batch import run_designs
-from edhas_jax.design.batch.cycle_metrics import Status
 from edhas_jax.design.batch.experiment_design import designs_at
 from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.table import gradient
 from edhas_jax.design.sensitivity.config import SensitivityTask
 from edhas_jax.design.sensitivity.global_sensitivity import Model, morris_effects, sobol_indices
+from edhas_jax.simulation.validity import Status
 
 STEPS_PER_CYCLE = 8192  # elasticities within 0.01, see docs/gradients.md
 

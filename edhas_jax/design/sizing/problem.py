@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from edhas_jax.design.batch.cycle_metrics import Status
 from edhas_jax.design.batch.experiment_design import designs_at
 from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.design.sizing.config import Constraint, RobustObjective, SizingTask
 from edhas_jax.machine.parameters import get_parameter, set_parameters
+from edhas_jax.simulation.validity import Status
 
 # the simulated supply voltage is raised by this factor so that it never saturates, up to the maximum; the real one
 # becomes a constraint, which is differentiable
@@ -19,7 +19,7 @@ SUPPLY_FACTOR, MAX_SUPPLY_VOLTAGE = 20.0, 1e4
 SUPPLY_MARGIN = 1e-3  # share of the supply voltage that the peak voltage must stay below it
 CYCLE_TOLERANCE, MAX_CYCLES = 2e-3, 12  # of the periodic state of a design
 SOFT_EXTREMUM_SHARPNESS = 60.0  # of the smooth minimum that approximates the worst case
-FAILED_STATUSES = (Status.STALLED, Status.OUT_OF_RANGE, Status.NOT_FINITE)
+FAILED_STATUSES = (Status.STALLED, *(status for status in Status if not status.is_valid))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,10 +9,10 @@ import pandas as pd
 import pyarrow as pa
 
 from edhas_jax.core.units import display_unit, from_si
-from edhas_jax.design.batch.batch import REASONS, Status
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import METRICS
+from edhas_jax.simulation.validity import REASONS, Status
 
 TABLE_FILE = "table.parquet"
 NOT_RUN = "not_run"
@@ -27,7 +27,8 @@ class SweepResult:
     """The result of a sweep, finished or not.
 
     Attributes:
-        frame: a row per design in SI; its column `status` is "ok", the reason of a failure, or "not_run".
+        frame: a row per design in SI; its column `status` is "ok", the reason of a failure, or "not_run". Only designs
+            that are "ok" have metrics, the others NaN.
         parameters: columns that are varied parameters.
         metrics: columns that are metrics.
         fields: by column its SI unit, the unit it is shown in, and its meaning.
@@ -74,14 +75,16 @@ def sweep_table(
 def with_results(table: pa.Table, metrics: Mapping[str, np.ndarray]) -> pa.Table:
     """Add the results to a table of designs.
 
+    The metrics of a design that is not OK are NaN, so that no selection by a metric finds it.
+
     Args:
         table: the designs, a row each.
         metrics: as for `sweep_table`.
     """
-    columns = []
+    columns, ok = [], np.asarray(metrics["status"], float) == Status.OK
     for name in (n for n in METRICS if n in metrics):
         unit, shown, doc = METRICS[name]
-        columns.append(_column(name, metrics[name], role="metric", unit=unit, shown=shown, doc=doc))
+        columns.append(_column(name, np.where(ok, metrics[name], np.nan), role="metric", unit=unit, shown=shown, doc=doc))
     for name, doc in CONVERGENCE_COLUMNS.items():
         columns.append(_column(name, metrics[name], role="account", unit="-", shown="-", doc=doc))
     statuses = [None if np.isnan(s) else Status(int(s)) for s in metrics["status"]]

@@ -1,0 +1,129 @@
+"""Checks of a finished run: its status, and how far its main results depend on the step."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from edhas_jax.core import runtime
+from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
+from edhas_jax.simulation.metrics import RunTooShortError, compute_metrics, mean_rate, metric_window
+from edhas_jax.simulation.validity import REASONS, Status, failed_tests
+
+PERIODIC_TOLERANCE = 0.01  # change of flow, power or stroke over the last two cycles above which a run still changes
+FEWEST_SAMPLES = 16  # per cycle: a peak between two samples is missed by 2 % at most
+LARGEST_RESIDUAL = 0.01  # of the energy and the oil balance
+NEGLIGIBLE_FLOW = 0.01  # share of the swept flow; a smaller flow is not compared by its own size
+SMALLEST = {"mean flow": 1e-12, "mean electrical power": 1e-9, "peak stroke": 1e-9}  # m³/s, W, m
+
+
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """What a run has recorded, in SI: signals, energies and volumes by name, each (samples,)."""
+
+    machine: Rig
+    signals: dict[str, np.ndarray]
+    energy: dict[str, np.ndarray]
+    volume: dict[str, np.ndarray]
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """The time [s] from which and to which results are taken; the whole run if it has no whole cycle."""
+        end = float(self.signals["time"][-1])
+        try:
+            return metric_window(self.machine, end)
+        except RunTooShortError:
+            return 0.0, end
+
+    def results(self, first: float, last: float) -> dict[str, tuple[float, float]]:
+        """Flow, power and stroke between two times [s], each with the size to which its changes are compared."""
+        t = self.signals["time"]
+        inside = (t >= first - 1e-12) & (t <= last + 1e-12)
+        power = mean_rate(t, self.energy["electrical input"], first, last)
+        stroke = float(np.abs(self.signals["piston_position"][inside]).max())
+        sizes = {"mean electrical power": (power, abs(power)), "peak stroke": (stroke, stroke)}
+        if "outlet_flow" in self.volume:
+            flow = mean_rate(t, self.volume["outlet_flow"], first, last)
+            speed = np.abs(self.signals["piston_velocity"][inside]).mean()
+            swept = float(self.machine.pump.area()) * float(speed)
+            sizes["mean flow"] = flow, max(abs(flow), NEGLIGIBLE_FLOW * swept)
+        return {name: (value, max(size, SMALLEST[name])) for name, (value, size) in sizes.items()}
+
+
+def step_change(coarse: Record, fine: Record) -> tuple[str, float]:
+    """The main result that differs most between two runs of one machine with different steps, and by which share."""
+    first, last = fine.window
+    changes = _changes(coarse.results(first, last), fine.results(first, last))
+    if "cylinder_position" in fine.signals:
+        x, span = fine.signals["cylinder_position"], np.ptp(fine.signals["cylinder_position"])
+        rms = math.sqrt(np.mean((x - coarse.signals["cylinder_position"]) ** 2))
+        changes["cylinder position"] = rms / max(span, 1e-9)
+        changes.pop("mean flow")  # of a cylinder that has arrived it is the difference of large numbers
+    name = max(changes, key=changes.__getitem__)
+    return name, changes[name]
+
+
+def _changes(old: dict[str, tuple[float, float]], new: dict[str, tuple[float, float]]) -> dict[str, float]:
+    return {n: abs(value - old[n][0]) / size for n, (value, size) in new.items()}
+
+
+def check_run(record: Record, energy_residual: float, volume_residual: float) -> tuple[Status, str]:
+    """The status of a run and its reason, apart from how far it depends on the step.
+
+    Args:
+        record: the run.
+        energy_residual: error of the energy balance, a share of the energy converted.
+        volume_residual: error of the oil balance, a share of the oil delivered.
+    """
+    m, reasons = record.machine, dict(REASONS)
+    try:
+        metrics = compute_metrics(m, record.signals, record.energy, record.volume)
+        values = {n: metric.value for n, metric in metrics.items()}
+    except RunTooShortError:
+        values = {"peak_stroke": float(np.abs(record.signals["piston_position"]).max())}
+    changing, change = _change_of_last_cycles(record)
+    with runtime.double_precision():
+        found = [status for status, applies in failed_tests(m, values, change <= PERIODIC_TOLERANCE) if applies]
+    status = found[-1] if found else Status.OK
+    if changing:
+        reasons[Status.NOT_PERIODIC] = (
+            f"{changing} still changes by {100 * change:.2g} % from cycle to cycle at the end of the run; a longer "
+            "duration shows whether it settles"
+        )
+    else:
+        reasons[Status.OK] = "within the model's validity"
+    if status < Status.HIT_STOPS and _cylinder_at_stop(record):
+        status, reasons[Status.HIT_STOPS] = Status.HIT_STOPS, "the cylinder ran onto an end stop"
+    if status.is_valid and isinstance(m.reference, Sine) and not isinstance(m, ActuatorSystem):
+        time, frequency = record.signals["time"], float(m.reference.frequency)
+        if len(time) > 1 and (time[1] - time[0]) * frequency * FEWEST_SAMPLES > 1.0 + 1e-9:
+            status = Status.FEW_SAMPLES
+            reasons[status] += f" to at least {FEWEST_SAMPLES * frequency / 1e3:.4g} kHz"
+    for what, residual in (("energy", energy_residual), ("oil", volume_residual)):
+        if abs(residual) > LARGEST_RESIDUAL:
+            status = Status.STEP_TOO_LARGE
+            reasons[status] = f"the {what} balance has an error of {100 * abs(residual):.2g} %: take a smaller step"
+    return status, reasons[status]
+
+
+def _change_of_last_cycles(record: Record) -> tuple[str, float]:
+    """The main result that changes most from the last cycle but one to the last; ("", 0) without two cycles."""
+    m, end = record.machine, float(record.signals["time"][-1])
+    if not isinstance(m.reference, Sine) or isinstance(m, ActuatorSystem):
+        return "", 0.0
+    period = 1.0 / float(m.reference.frequency)
+    first, last = record.window
+    if last - first < 2.0 * period - 1e-9 or end - float(m.reference.ramp_time) < 2.0 * period - 1e-9:
+        return "", 0.0
+    middle = last - period
+    changes = _changes(record.results(middle - period, middle), record.results(middle, last))
+    name = max(changes, key=changes.__getitem__)
+    return name, changes[name]
+
+
+def _cylinder_at_stop(record: Record) -> bool:
+    x = record.signals.get("cylinder_position")
+    if x is None:
+        return False
+    stroke = float(record.machine.cylinder.cylinder_stroke)
+    return bool(x.max() > stroke or x.min() < -1e-3 * stroke)
