@@ -13,8 +13,8 @@ from edhas_jax.simulation.validity import REASONS, Status, failed_tests
 PERIODIC_TOLERANCE = 0.01  # change of flow, power or stroke over the last two cycles above which a run still changes
 FEWEST_SAMPLES = 16  # per cycle: a peak between two samples is missed by 2 % at most
 LARGEST_RESIDUAL = 0.01  # of the energy and the oil balance
-NEGLIGIBLE_FLOW = 0.01  # share of the swept flow; a smaller flow is not compared by its own size
-SMALLEST = {"mean flow": 1e-12, "mean electrical power": 1e-9, "peak stroke": 1e-9}  # m³/s, W, m
+NEGLIGIBLE = 0.01  # share of the swept flow and of the travel to a stop; less is not compared by its own size
+SMALLEST = {"mean flow": 1e-12, "mean electrical power": 1e-9, "peak stroke": 1e-12}  # m³/s, W, m
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,18 +35,29 @@ class Record:
         except RunTooShortError:
             return 0.0, end
 
+    @property
+    def delivers_nothing(self) -> bool:
+        """Whether the pump, if there is one, delivers so little that the error of the oil balance has no scale."""
+        if "delivery_flow_a" not in self.volume:
+            return True
+        delivered = float(self.volume["delivery_flow_a"][-1] + self.volume["delivery_flow_b"][-1])
+        time = self.signals["time"]
+        travel = float(np.abs(self.signals["piston_velocity"]).mean()) * float(time[-1] - time[0])
+        return abs(delivered) <= NEGLIGIBLE * float(self.machine.pump.area()) * travel
+
     def results(self, first: float, last: float) -> dict[str, tuple[float, float]]:
         """Flow, power and stroke between two times [s], each with the size to which its changes are compared."""
         t = self.signals["time"]
         inside = (t >= first - 1e-12) & (t <= last + 1e-12)
         power = mean_rate(t, self.energy["electrical input"], first, last)
         stroke = float(np.abs(self.signals["piston_position"][inside]).max())
-        sizes = {"mean electrical power": (power, abs(power)), "peak stroke": (stroke, stroke)}
+        largest = max(stroke, NEGLIGIBLE * 0.5 * float(self.machine.stops.pump_stroke))
+        sizes = {"mean electrical power": (power, abs(power)), "peak stroke": (stroke, largest)}
         if "outlet_flow" in self.volume:
             flow = mean_rate(t, self.volume["outlet_flow"], first, last)
             speed = np.abs(self.signals["piston_velocity"][inside]).mean()
             swept = float(self.machine.pump.area()) * float(speed)
-            sizes["mean flow"] = flow, max(abs(flow), NEGLIGIBLE_FLOW * swept)
+            sizes["mean flow"] = flow, max(abs(flow), NEGLIGIBLE * swept)
         return {name: (value, max(size, SMALLEST[name])) for name, (value, size) in sizes.items()}
 
 
@@ -99,6 +110,8 @@ def check_run(record: Record, energy_residual: float, volume_residual: float) ->
         if len(time) > 1 and (time[1] - time[0]) * frequency * FEWEST_SAMPLES > 1.0 + 1e-9:
             status = Status.FEW_SAMPLES
             reasons[status] += f" to at least {FEWEST_SAMPLES * frequency / 1e3:.4g} kHz"
+    if record.delivers_nothing:
+        volume_residual = 0.0
     for what, residual in (("energy", energy_residual), ("oil", volume_residual)):
         if abs(residual) > LARGEST_RESIDUAL:
             status = Status.STEP_TOO_LARGE

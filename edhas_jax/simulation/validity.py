@@ -25,7 +25,7 @@ class Status(enum.IntEnum):
     OUT_OF_RANGE = 4
     NOT_FINITE = 5
     STEP_TOO_LARGE = 6
-    IMPOSSIBLE = 7
+    IMPLAUSIBLE = 7
     RELIEF_OPEN = 8
     FEW_SAMPLES = 9
 
@@ -46,10 +46,10 @@ REASONS = {
     Status.OUT_OF_RANGE: "a valve, a pressure, the gas or the piston left the range that the model describes",
     Status.NOT_FINITE: "the run is not finite",
     Status.STEP_TOO_LARGE: "flow, power or stroke depend on the step: take a smaller one",
-    Status.IMPOSSIBLE: "an efficiency lies outside 0 … 100 %, or more power goes out than comes in",
+    Status.IMPLAUSIBLE: "the volumetric efficiency lies outside 0 … 100 %, or more power goes out than comes in",
     Status.RELIEF_OPEN: "the accumulator pressure is above the relief pressure: the relief valve never closes, and the "
     "model lets it pump oil",
-    Status.FEW_SAMPLES: "too few samples per cycle for peaks, rms values and phase: raise sample_rate",
+    Status.FEW_SAMPLES: "too few samples per cycle for peaks, rms values and phase: raise `sample_rate`",
 }
 
 
@@ -76,7 +76,7 @@ def failed_tests(m: Rig, values: Mapping[str, Any], periodic) -> list[tuple[Stat
         tests.append((Status.HIT_STOPS, values["peak_stroke"] > half))
     # a system also gives back what its load has stored, so only benches have these bounds
     if "mean_electrical_power" in values and not isinstance(m, ActuatorSystem):
-        tests.append((Status.IMPOSSIBLE, _breaks_a_bound(m, values)))
+        tests.append((Status.IMPLAUSIBLE, _breaks_a_bound(m, values)))
     if not isinstance(m, ActuatorBench):
         always_open = m.accumulator.accumulator_pressure > m.outlet.relief_pressure
         tests.append((Status.RELIEF_OPEN, always_open & (m.outlet.relief_conductance > 0.0)))

@@ -84,7 +84,8 @@ def with_results(table: pa.Table, metrics: Mapping[str, np.ndarray]) -> pa.Table
     columns, ok = [], np.asarray(metrics["status"], float) == Status.OK
     for name in (n for n in METRICS if n in metrics):
         unit, shown, doc = METRICS[name]
-        columns.append(_column(name, np.where(ok, metrics[name], np.nan), role="metric", unit=unit, shown=shown, doc=doc))
+        values = np.where(ok, metrics[name], np.nan)
+        columns.append(_column(name, values, role="metric", unit=unit, shown=shown, doc=doc))
     for name, doc in CONVERGENCE_COLUMNS.items():
         columns.append(_column(name, metrics[name], role="account", unit="-", shown="-", doc=doc))
     statuses = [None if np.isnan(s) else Status(int(s)) for s in metrics["status"]]

@@ -1,0 +1,157 @@
+"""Validity of results: runs and designs that are wrong, or that a machine cannot give, say so."""
+
+import json
+
+import numpy as np
+import pytest
+
+import edhas_jax as edhas
+from edhas_jax.commands.cli import main
+from edhas_jax.config.machine_config import read_config
+from edhas_jax.core.structs import par
+from edhas_jax.design.batch.batch import BatchSettings, run_designs
+from edhas_jax.machine.effects import Effect, EntrainedAir, LugreFriction, PistonLeakage
+from edhas_jax.simulation.validity import Status
+from tests.support import CONFIGS
+
+PAPER = CONFIGS / "paper.yaml"
+HARD_VALVES = ["valve_contact_stiffness=100MN/m", "load_orifice_area=1mm^2", "frequency=20Hz", "duration=0.3s"]
+PUMP = edhas.PumpBench(effects=(LugreFriction(), PistonLeakage(), EntrainedAir()))
+
+
+def flow(run) -> float:
+    """Mean flow [L/min]."""
+    return run.metrics["mean_flow"].value * 6e4
+
+
+def run_of(*overrides: str):
+    config = read_config(PAPER, [*overrides])
+    return edhas.simulate(config.machine, config.simulation)
+
+
+def set_options(overrides) -> list[str]:
+    return [word for override in overrides for word in ("--set", override)]
+
+
+def test_the_default_step_is_halved_until_the_result_is_right(tmp_path, capsys):
+    folder = tmp_path / "run"
+    assert main(["simulate", str(PAPER), *set_options(HARD_VALVES), "--out", str(folder), "--no-figure"]) == 0
+    printed = capsys.readouterr().out
+    assert "20 µs is too large" in printed and "valid: periodic" in printed
+    run = edhas.open_run(folder)
+    # 0.61 L/min at 20 µs
+    assert flow(run) == pytest.approx(flow(run_of(*HARD_VALVES, "step=1us")), rel=5e-3)
+    assert run.valid and run.status is Status.OK and run.step < 20e-6
+
+
+def test_a_step_that_is_too_large_gives_an_invalid_result(tmp_path, capsys):
+    folder = tmp_path / "run"
+    asked = [*set_options([*HARD_VALVES, "step=20us"]), "--out", str(folder), "--no-figure"]
+    assert main(["simulate", str(PAPER), *asked]) == 3
+    printed = capsys.readouterr().out
+    assert "not valid: step_too_large" in printed and "use step: " in printed
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics["status"] == "step_too_large" and metrics["valid"] is False and "mean_flow" in metrics
+    step = metrics["reason"].partition("use step: ")[2]
+    run = edhas.open_run(folder)
+    assert not run.valid and run.status is Status.STEP_TOO_LARGE and run.reason == metrics["reason"]
+    better = run_of(*HARD_VALVES, f"step={step}")
+    assert better.valid and flow(better) == pytest.approx(1.683, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["stop_stiffness=10 GN/m", "amplitude=8mm", "duration=0.2s"],
+        ["velocity_gain=1e6 V*s/m", "duration=0.2s"],
+        ["position_gain=100 MV/m", "duration=0.11s", "frequency=100Hz"],
+        ["frequency=2kHz", "duration=0.11s"],
+    ],
+)
+def test_extreme_parameters_within_their_ranges_are_not_silently_wrong(overrides):
+    run = run_of("step=20us", *overrides)
+    assert not run.valid and run.status is Status.STEP_TOO_LARGE
+
+
+def test_undamped_valves_that_never_settle_say_so():
+    run = run_of("valve_damping=0 N*s/m", "duration=0.5s")
+    assert run.status in (Status.NOT_PERIODIC, Status.STEP_TOO_LARGE) and run.step < 20e-6
+
+
+def test_a_machine_on_its_stops_is_valid_with_a_warning(tmp_path, capsys):
+    asked = ["--set", "amplitude=6 mm", "--set", "duration=0.25s", "--out", str(tmp_path / "run"), "--no-figure"]
+    assert main(["simulate", str(CONFIGS / "actuator.yaml"), *asked]) == 0
+    assert "valid, with a warning: hit_stops: the piston ran onto an end stop" in capsys.readouterr().out
+    run = edhas.open_run(tmp_path / "run")
+    assert run.valid and run.status is Status.HIT_STOPS
+
+
+def test_a_run_that_has_not_settled_says_so():
+    run = run_of("amplitude=3 mm", "outlet_volume=20 L", "duration=0.4s")
+    assert run.valid and run.status is Status.NOT_PERIODIC
+    assert "mean flow still changes by" in run.reason
+
+
+def test_too_few_samples_of_a_cycle_are_said():
+    run = run_of("duration=0.3s", "sample_rate=100Hz", "accuracy=1%")
+    assert not run.valid and run.status is Status.FEW_SAMPLES and "0.16 kHz" in run.reason
+
+
+class PoweredMover(Effect):
+    """A force along the velocity: energy from nowhere."""
+
+    powered_damping: float = par(120.0, "N*s/m", (0.0, 1e4), "force over speed")
+
+    def mover_force(self, s, z):
+        return self.powered_damping * s.piston_velocity
+
+
+FAULTY = {
+    Status.HIT_STOPS: {"amplitude": 5.5e-3},
+    Status.STALLED: {"supply_voltage": 1.0},
+    Status.RELIEF_OPEN: {"accumulator_pressure": 20e6},
+    Status.IMPLAUSIBLE: {"powered_damping": 120.0},
+}
+
+
+@pytest.mark.parametrize("status", FAULTY)
+def test_a_run_and_a_design_have_the_same_status(status):
+    machine = edhas.PumpBench(effects=(*PUMP.effects, PoweredMover(powered_damping=0.0)))
+    values = FAULTY[status]
+    run = edhas.simulate(edhas.change(machine, **values), edhas.Simulation(duration=0.4, step=20e-6))
+    design = run_designs(machine, {n: np.array([v]) for n, v in values.items()}, BatchSettings(step=50e-6))
+    assert run.status is status and Status(int(design["status"][0])) is status
+    assert run.valid is status.is_valid is (status in (Status.HIT_STOPS, Status.STALLED))
+
+
+def test_no_selection_by_a_metric_finds_a_design_that_is_not_ok(tmp_path):
+    """At 20 MPa the open relief valve makes an efficiency of 3800 %."""
+    designs = {"accumulator_pressure": np.array([0.2e6, 20e6, 0.2e6]), "amplitude": np.array([3.5e-3, 3.5e-3, 6e-3])}
+    sweep = edhas.Sweep(PUMP, designs, BatchSettings(step=50e-6))
+    table = edhas.run_sweep(sweep, tmp_path / "sweep")
+    assert list(table["status"]) == ["ok", "relief_open", "hit_stops"]
+    assert list(table.nlargest(3, "overall_efficiency").index) == [0, 1, 2] and table["mean_flow"].notna().sum() == 1
+    assert 0.0 < table["overall_efficiency"].max() < 1.0
+    assert "relief pressure" in table["reason"][1]
+
+
+class WeakAmplifier(Effect):
+    """Limits of the amplifier, beyond which the model says nothing."""
+
+    current_limit: float = par(0.1, "A", (0.0, 1e3), "largest current")
+    voltage_limit: float = par(1e3, "V", (0.0, 1e4), "largest voltage")
+
+    def mover_force(self, s, z):
+        s.record_valid_range("current", -self.current_limit, self.current_limit)
+        s.record_valid_range("voltage", -self.voltage_limit, self.voltage_limit)
+        return 0.0
+
+
+@pytest.mark.parametrize("limits", [{"current_limit": 0.1}, {"current_limit": 100.0, "voltage_limit": 0.1}])
+def test_a_design_is_tested_for_every_limited_signal(limits):
+    """A single run ends at such a signal; a batch knew some of them only."""
+    machine = edhas.ActuatorBench(effects=(WeakAmplifier(**limits),))
+    with pytest.raises(edhas.SimulationError, match="left its physical range"):
+        edhas.simulate(machine, edhas.Simulation(duration=0.2))
+    design = run_designs(machine, {"mover_mass": np.array([0.12])}, BatchSettings(step=50e-6))
+    assert Status(int(design["status"][0])) is Status.OUT_OF_RANGE
