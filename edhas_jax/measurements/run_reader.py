@@ -17,7 +17,8 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Use
 from edhas_jax.measurements.record_timing import RecordTiming, TimingError
 from edhas_jax.measurements.signal_checks import true_intervals
-from edhas_jax.measurements.table_reader import Column, Table, TableError, read_table
+from edhas_jax.measurements.tables.table import Column, Table, TableError
+from edhas_jax.measurements.tables.table_reader import read_table
 
 MAX_DISORDER = 0.05  # share of samples out of order above which the time axis is rejected
 

@@ -1,0 +1,1 @@
+"""Tables of measured numbers in the files that data loggers write."""

@@ -1,0 +1,61 @@
+"""A table of measured numbers: columns with their units, and the line of the file that each sample was read from."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+Report = Callable[[int, str], None]  # called with the line, 0 for the file as a whole, and a sentence
+
+
+class TableError(ValueError):
+    """A file cannot be used at all; `line` is the line at fault, 0 for the file as a whole."""
+
+    def __init__(self, line: int, sentence: str):
+        super().__init__(sentence)
+        self.line = line
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """The values (samples,) of a column as in the file, and the unit stated there ("" without one)."""
+
+    unit: str
+    values: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Args:
+        columns: the columns by name.
+        lines: line (text) or row (others, from 1) of each sample (samples,).
+        header_line: line that names the columns, 0 where the format has none.
+    """
+
+    columns: dict[str, Column]
+    lines: np.ndarray
+    header_line: int = 0
+
+
+def names_and_units(cells: Sequence[str], units: Sequence[str], line: int = 0) -> list[tuple[str, str]]:
+    """Name and unit of every column.
+
+    Args:
+        cells: the names, with or without a unit: `name [unit]`.
+        units: the units of names without one.
+        line: line of the names, for the message.
+
+    Raises:
+        TableError: two columns have the same name.
+    """
+    parts = [cell.partition("[") for cell in cells]
+    columns = [
+        (name.strip(), inner.rstrip("] ").strip() or unit) for (name, _, inner), unit in zip(parts, units, strict=True)
+    ]
+    names = [name for name, _ in columns]
+    duplicate = next((name for name in names if name and names.count(name) > 1), None)
+    if duplicate:
+        raise TableError(line, f"has several columns `{duplicate}`; give each its own name")
+    return columns

@@ -1,0 +1,73 @@
+"""Read the table of a run from a file of any format that data loggers write; its content says which one it is.
+
+Nothing is repaired: unreadable lines and columns are left out, unreadable numbers are NaN, and a remark reports each.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from edhas_jax.measurements.campaign import Remark, Severity
+from edhas_jax.measurements.tables.binary_tables import read_excel_table, read_mat_table, read_parquet_table
+from edhas_jax.measurements.tables.table import Report, Table, TableError
+from edhas_jax.measurements.tables.text_table import read_text_table
+
+# first bytes of a file, and its reader, or what to do with it
+FORMATS: tuple[tuple[bytes, Callable[[Path, Report], Table] | str], ...] = (
+    (b"PAR1", read_parquet_table),
+    (b"MATLAB", read_mat_table),
+    (b"PK\x03\x04", read_excel_table),
+    (b"\xd0\xcf\x11\xe0", "is a file of Excel 97; save it as CSV or .xlsx"),
+    (b"\x1f\x8b", "is compressed with gzip; unpack it"),
+    (b"TDSm", "is a TDMS file of LabVIEW; export it as CSV"),
+    (b"\x89HDF", "is an HDF5 file; export it as CSV, or with `save(name, '-v7')` from MATLAB"),
+    (b"%PDF", "is a PDF file; export the table as CSV"),
+)
+# formats that an empty or damaged file is meant to have
+SUFFIXES = {".parquet": read_parquet_table, ".mat": read_mat_table, ".xlsx": read_excel_table}
+
+
+def read_table(path: Path, remark: Callable[[Remark], None]) -> Table:
+    """Read the table in a file.
+
+    Args:
+        path: a text file with separated values, a Parquet, MATLAB or Excel file.
+        remark: called with a remark on everything that is left out.
+
+    Returns:
+        The columns that hold numbers.
+
+    Raises:
+        TableError: the file does not exist, has another format, is damaged, or has fewer than two samples.
+    """
+
+    def report(line: int, sentence: str) -> None:
+        remark(Remark(Severity.ERROR, path, line, sentence))
+
+    try:
+        if not path.is_file():
+            raise TableError(0, "no such file")
+        table = _reader(path)(path, report)
+    except (OSError, ValueError) as error:
+        if isinstance(error, TableError):
+            raise
+        # a name with a NUL character is a ValueError
+        raise TableError(0, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if len(table.lines) < 2:
+        raise TableError(0, f"at least 2 samples are needed; there are {len(table.lines)}")
+    return table
+
+
+def _reader(path: Path) -> Callable[[Path, Report], Table]:
+    """The reader for the format of a file.
+
+    Raises:
+        TableError: no reader reads this format.
+    """
+    with path.open("rb") as file:
+        start = file.read(8)
+    for magic, reader in FORMATS:
+        if start.startswith(magic):
+            if isinstance(reader, str):
+                raise TableError(0, reader)
+            return reader
+    return SUFFIXES.get(path.suffix.lower(), read_text_table)
