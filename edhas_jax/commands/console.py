@@ -36,11 +36,13 @@ def progress_bar(out, time_remaining: bool = False):
 
 
 def print_remarks(out, remarks) -> None:
-    """Print remarks on measured data, a line each."""
+    """Print remarks on measured data, at most ten lines."""
     from rich.markup import escape
 
-    for remark in remarks:
-        out.print(escape(str(remark)), soft_wrap=True)
+    from edhas_jax.measurements.remark_list import brief_lines
+
+    for line in brief_lines(remarks):
+        out.print(escape(line), soft_wrap=True)
 
 
 def save_figure(figure, path: Path) -> None:

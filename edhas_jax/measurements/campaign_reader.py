@@ -6,6 +6,7 @@ from edhas_jax.core import structs
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, read_description
+from edhas_jax.measurements.remark_list import brief_lines
 from edhas_jax.measurements.run_reader import RunReader
 
 
@@ -30,7 +31,7 @@ def read_campaign(path: Path | str, trust: Trust = ()) -> Campaign:
     runs = [run for entry in description.run_entries if (run := reader.read(*entry)) is not None]
     remarks = (*remarks, *reader.remarks)
     if not runs:
-        raise CampaignError("\n".join([*map(str, remarks), f"{path}: no run can be used"]))
+        raise CampaignError("\n".join([*brief_lines(remarks), f"{path}: no run can be used"]))
     machine = description.machine
     if runs[0].reference is not None:
         machine = structs.replace(machine, reference=runs[0].reference)

@@ -20,6 +20,10 @@ from edhas_jax.measurements.signal_checks import true_intervals
 from edhas_jax.measurements.tables.table import Column, Table, TableError
 from edhas_jax.measurements.tables.table_reader import read_table
 
+MIN_SAMPLES = 10  # of a run; with fewer neither noise nor shape can be judged
+MAX_SIZE = 1e30  # of a value in SI; a larger one is a fault of the file, and its square may overflow
+MAX_REMARKS = 10  # on one file
+MAX_LISTED = 3  # faults of one kind in one column that are reported one by one
 MAX_DISORDER = 0.05  # share of samples out of order above which the time axis is rejected
 
 
@@ -51,7 +55,7 @@ class RunReader:
 
         Args:
             name: name of the run.
-            file: a CSV, Parquet or MATLAB file.
+            file: a file of any format that `read_table` reads.
             use: fit or holdout.
             conditions: parameters of the machine in this run (SI).
             timing: where the time of the run is zero, and which part of the record is used.
@@ -59,9 +63,21 @@ class RunReader:
         Returns:
             The run; None if no signal of it can be used.
         """
-        self._file, self._header_line = file, 1 if file.suffix == ".csv" else 0
+        earlier = len(self.remarks)
+        run = self._read(name, file, use, conditions, timing)
+        found = self.remarks[earlier:]
+        if len(found) > MAX_REMARKS:
+            more = Remark(found[-1].severity, file, 0, f"and {len(found) - MAX_REMARKS + 1} more remarks on this file")
+            self.remarks[earlier:] = [*found[: MAX_REMARKS - 1], more]
+        return run
+
+    def _read(
+        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming
+    ) -> BenchRun | None:
+        self._file, self._header_line = file, 0
         try:
             table = read_table(file, self.remarks.append)
+            self._header_line = table.header_line
             order, time = self._time_stamps(table)
             part, time, used, remarks = timing.apply(file, time)
             self.remarks += remarks
@@ -92,20 +108,49 @@ class RunReader:
                 sentence = f"column `{source.column}`: {error}; {signal} is left out of this run"
                 self._remark(self._header_line, sentence)
         known = {self._time.column, self._set_point, *(source.column for source in self._sources.values())}
-        for column in table.columns:
-            if column not in known:
-                sentence = f"column `{column}` is not named in the campaign; it is not used"
-                self._remark(self._header_line, sentence, Severity.NOTE)
-        lines = table.lines[order]
-        for signal, values in signals.items():
-            for first, last in true_intervals(~np.isfinite(values)):
-                count = "1 missing sample" if first == last else f"{last - first + 1} missing samples"
-                until = "" if first == last else f" up to line {lines[last]}"
-                self._remark(int(lines[first]), f"{signal}: {count}{until}; left out")
+        unused = [f"`{column}`" for column in table.columns if column not in known]
+        if unused:
+            subject = f"column {unused[0]} is" if len(unused) == 1 else f"columns {', '.join(unused)} are"
+            verb = "it is" if len(unused) == 1 else "they are"
+            sentence = f"{subject} not named in the campaign; {verb} not used"
+            self._remark(self._header_line, sentence, Severity.NOTE)
+        signals = self._without_missing_values(signals, table.lines[order])
         if not signals:
             self._remark(0, "none of its columns can be used; the run is left out")
             return None
-        return BenchRun(name, file, use, conditions, time, signals, lines, reference)
+        if len(time) < MIN_SAMPLES:
+            self._remark(0, f"at least {MIN_SAMPLES} samples are needed; there are {len(time)}; the run is left out")
+            return None
+        return BenchRun(name, file, use, conditions, time, signals, table.lines[order], reference)
+
+    def _without_missing_values(self, signals: dict[str, np.ndarray], lines: np.ndarray) -> dict[str, np.ndarray]:
+        """The signals that have values, with NaN for impossible ones; missing samples are reported."""
+        usable: dict[str, np.ndarray] = {}
+        holes: dict[tuple[int, str], list[str]] = {}  # signals by line and text of a remark
+        for signal, values in signals.items():
+            excessive = np.flatnonzero(np.abs(values) > MAX_SIZE)
+            if len(excessive):
+                count = "1 value" if len(excessive) == 1 else f"{len(excessive)} values"
+                sentence = f"{signal}: {count} beyond {MAX_SIZE:.0e} {SIGNALS[signal].unit}; taken as missing"
+                self._remark(int(lines[excessive[0]]), sentence)
+            values = np.where(np.abs(values) <= MAX_SIZE, values, np.nan)
+            if not np.isfinite(values).any():
+                self._remark(0, f"{signal}: there is not a single value; it is missing in this run")
+                continue
+            usable[signal] = values
+            intervals = true_intervals(~np.isfinite(values))
+            if len(intervals) > MAX_LISTED:
+                count, until = int(np.isnan(values).sum()), lines[intervals[-1][1]]
+                sentence = f"{count} missing samples in {len(intervals)} places up to line {until}; left out"
+                holes.setdefault((int(lines[intervals[0][0]]), sentence), []).append(signal)
+                continue
+            for first, last in intervals:
+                count = "1 missing sample" if first == last else f"{last - first + 1} missing samples"
+                until = "" if first == last else f" up to line {lines[last]}"
+                holes.setdefault((int(lines[first]), f"{count}{until}; left out"), []).append(signal)
+        for (line, sentence), names in holes.items():
+            self._remark(line, f"{', '.join(names)}: {sentence}")
+        return usable
 
     def _remark(self, line: int, sentence: str, severity: Severity = Severity.ERROR) -> None:
         self.remarks.append(Remark(severity, self._file, line, sentence))
@@ -118,14 +163,16 @@ class RunReader:
             units = f"column `{source.column}` is in {column.unit}, the campaign states {source.unit}"
             self._remark(self._header_line, f"{units}; the unit in the header is used", Severity.WARNING)
         size = to_si(f"1 {stated}", unit) - zero
-        return zero + size * column.values
+        with np.errstate(over="ignore"):
+            return zero + size * column.values
 
     def _time_stamps(self, table: Table) -> tuple[np.ndarray, np.ndarray]:
         """Indices of the samples whose time stamp is later than all before it, and their time stamps [s]."""
         column = table.columns.get(self._time.column)
         if column is None:
             names = ", ".join(table.columns)
-            sentence = f"no column `{self._time.column}` with the time; the columns: {names}"
+            remedy = "name it in the campaign, such as `time: {column: t, unit: ms}`"
+            sentence = f"no column `{self._time.column}` with the time; {remedy}; the columns: {names}"
             raise TableError(self._header_line, sentence)
         if not column.unit and not self._time.unit:
             sentence = f"column `{self._time.column}`: a unit is missing; write for example `time [ms]`"
@@ -134,14 +181,20 @@ class RunReader:
             time = self._in_si(self._time, column, "s")
         except UnitError as error:
             raise TableError(self._header_line, f"column `{self._time.column}`: {error}") from None
-        finite = np.isfinite(time)
+        finite = np.abs(time) <= MAX_SIZE
         latest = np.maximum.accumulate(np.where(finite, time, -np.inf))
         increasing = finite & (time > np.concatenate([[-np.inf], latest[:-1]]))
         dropped = np.flatnonzero(~increasing)
         if len(dropped) > MAX_DISORDER * len(time):
             sentence = f"time does not increase in {len(dropped)} of {len(time)} samples"
             raise TableError(int(table.lines[dropped[0]]), sentence)
-        for rows in np.split(dropped, np.flatnonzero(np.diff(dropped) > 1) + 1) if len(dropped) else ():
+        intervals = np.split(dropped, np.flatnonzero(np.diff(dropped) > 1) + 1) if len(dropped) else []
+        if len(intervals) > MAX_LISTED:
+            count, until = f"{len(dropped)} samples in {len(intervals)} places", table.lines[dropped[-1]]
+            sentence = f"time does not increase, or is missing, in {count} up to line {until}; they are left out"
+            self._remark(int(table.lines[dropped[0]]), sentence)
+            intervals = []
+        for rows in intervals:
             k, until = rows[0], table.lines[rows[-1]]
             problem = f"time {time[k]:.6g} s does not come after {latest[k]:.6g} s" if finite[k] else "no time"
             left_out = "the sample is left out" if len(rows) == 1 else f"left out up to line {until}"

@@ -21,13 +21,13 @@ def read_parquet_table(path: Path, report: Report) -> Table:
     import pyarrow.parquet as pq
 
     try:
-        data = pq.read_table(path)
+        data = pq.read_table(path, page_checksum_verification=True)
         names = data.schema.names
     except FileNotFoundError:
         raise
     except (pa.ArrowException, ValueError, OSError):
         raise TableError(0, "is damaged or not a Parquet file") from None
-    units = [(field.metadata or {}).get(b"unit", b"").decode(errors="replace") for field in data.schema]
+    units = [_text((field.metadata or {}).get(b"unit", b"")) for field in data.schema]
     columns = {}
     for field, (name, unit) in zip(data.schema, names_and_units(names, units), strict=True):
         if not (pa.types.is_floating(field.type) or pa.types.is_integer(field.type)):
@@ -35,6 +35,14 @@ def read_parquet_table(path: Path, report: Report) -> Table:
             continue
         columns[name] = Column(unit, data.column(field.name).to_numpy().astype(float))
     return Table(columns, np.arange(1, data.num_rows + 1))
+
+
+def _text(data: bytes) -> str:
+    """A text in UTF-8, otherwise in the Western European code of Windows."""
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
 
 
 def read_mat_table(path: Path, report: Report) -> Table:

@@ -44,7 +44,7 @@ def table_from_rows(rows: Sequence[tuple[int, list[Cell]]], delimiter: str, repo
     width = widths.most_common(1)[0][0]
     first = next(k for k, (_, cells) in enumerate(rows) if _is_numeric(cells, comma) and len(cells) == width)
     above = range(first - 1, max(first - 1 - MAX_ROWS_ABOVE, -1), -1)
-    header = next((k for k in above if _fits(rows[k][1], width)), None)
+    header = next((k for k in above if _fits(rows[k][1], width) and not _is_numeric(rows[k][1], True)), None)
     if header is None:
         raise _header_error(rows, first, width, delimiter)
     cells = _padded(rows[header][1], width)
@@ -138,7 +138,8 @@ def _header_error(rows: Sequence[tuple[int, list[Cell]]], first: int, width: int
         return TableError(line, f"the columns have no names above their numbers; {EXPECTED}")
     header_line, names = above[-1]
     count = len(names)
-    if delimiter == "," and count < width <= 2 * count:
+    has_points = any("." in str(cell) for _, cells in rows[first : first + SAMPLED_ROWS] for cell in cells)
+    if delimiter == "," and count < width <= 2 * count and not has_points:
         sentence = (
             f"numbers have decimal commas, and commas separate the columns too ({count} names, up to {width} values in "
             "a line); export with decimal points, or with semicolons between the columns"
