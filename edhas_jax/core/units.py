@@ -17,6 +17,9 @@ _SUPERSCRIPTS = re.compile("[⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 _PLAIN_DIGITS = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
 # a name, or the end of a group, with a power of at most two digits; the group has none of its own that is large
 _POWER = re.compile(r"([^\W\d]|\))\^(?:[+-]?\d{1,2}(?:\.\d{1,2})?|\([+-]?\d{1,2}(?:[./]\d{1,2})?\))(?![\d.^])")
+MAX_QUOTED = 60  # characters of a user's text in a message
+MAX_EXACT_DIGITS = 400
+_FOREIGN_CHARACTER = re.compile(r"[^\w\s*/^()\[\]·°%.'⁺⁻+-]")  # in no unit
 _CHARACTER_VARIANTS = str.maketrans({"·": "*", "⋅": "*", "−": "-", "\u00a0": " ", "\u202f": " "})
 
 _DIMENSION_NAMES = {
@@ -87,7 +90,8 @@ def _is_modest(unit: str) -> bool:
 def _base(unit: str) -> str | None:
     """The base units of a unit text (radian counts as dimensionless), None if it is not a unit."""
     text = "" if unit == "-" else unit.translate(_CHARACTER_VARIANTS)
-    if not _is_modest(text):
+    # the registry ignores unknown characters: "?m", a "µm" whose first character was lost, would be metres
+    if _FOREIGN_CHARACTER.search(text) or not _is_modest(text):
         return None
     try:
         return str(_registry().get_base_units(_registry().parse_units(text))[1])
@@ -130,6 +134,7 @@ def to_si(text: str, unit: str, example: str = "") -> float:
     if _base(unit) is None:
         raise UnitError(f'"{unit}" is not a unit')
     given = str(text).translate(_CHARACTER_VARIANTS).strip()
+    text = _shortened(str(text))
     match = _NUMBER.fullmatch(given)
     if _INFINITE.match(given):
         raise UnitError(f'"{text}" is not a finite number; {_hint(unit, example)}')
@@ -137,19 +142,17 @@ def to_si(text: str, unit: str, example: str = "") -> float:
         raise UnitError(f'"{text}" is not a quantity; {_hint(unit, example)}')
     number, given_unit = match[1], match[2].strip()
     if given_unit.startswith(","):
-        raise UnitError(f'"{text}" has a decimal comma; write "{str(text).replace(",", ".", 1)}"')
+        raise UnitError(f'"{text}" has a decimal comma; write "{text.replace(",", ".", 1)}"')
     if not math.isfinite(float(number)):
         raise UnitError(f'"{text}" is not a finite number; {_hint(unit, example)}')
     if not given_unit and unit != "-":
         raise UnitError(f"a unit is missing; {_hint(unit, example or format_quantity(_usual(number, unit), unit))}")
     conversion = _conversion(given_unit or "-", unit)
     if conversion is None:
-        raise UnitError(_mismatch(str(text), given_unit, unit, example))
+        raise UnitError(_mismatch(text, given_unit, unit, example))
     size, offset = conversion
-    # an exact Fraction of 1e-99999999 would have that many digits
-    exact = Fraction(number) if float(number) else Fraction(0)
     try:
-        value = float(exact * size) + offset
+        value = float(_exact(number) * size) + offset
     except OverflowError:
         raise UnitError(f'"{text}" is not a finite number; {_hint(unit, example)}') from None
     return value
@@ -214,7 +217,18 @@ def with_article(word: str) -> str:
 
 def _usual(number: str, unit: str) -> float:
     """A number without unit as an example for a message, in the unit in which it was most likely meant."""
-    return float(from_number * _conversion(display_unit(unit), unit)[0]) if (from_number := Fraction(number)) else 1.0
+    return float(exact * _conversion(display_unit(unit), unit)[0]) if (exact := _exact(number)) else 1.0
+
+
+def _exact(number: str) -> Fraction:
+    """The number in a text as a fraction; a float where it has far more digits, or is 1e-99999999."""
+    rounded = float(number)
+    return Fraction(number) if rounded and len(number) <= MAX_EXACT_DIGITS else Fraction(rounded)
+
+
+def _shortened(text: str) -> str:
+    """A text for a message, cut if it is long."""
+    return text if len(text) <= MAX_QUOTED else f"{text[:MAX_QUOTED]}…"
 
 
 def _plain(unit: str) -> str:
