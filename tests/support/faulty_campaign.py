@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from edhas_jax.measurements.campaign import Severity
 from tests.support import DATA
 
 VALID_CAMPAIGN = DATA / "campaign_bench"
@@ -38,3 +39,27 @@ def delayed(values: np.ndarray, samples: int) -> np.ndarray:
     padded = np.pad(values, 2 * abs(samples), mode="reflect", reflect_type="odd")
     first = 2 * abs(samples) - samples
     return padded[first : first + len(values)]
+
+
+def rewrite(folder: Path, change: Callable, run: str = "run3.csv", name: str | None = None) -> None:
+    """Replace the text of a run by what `change` makes of its lines, in a file of another name if one is given."""
+    text = change((folder / run).read_text().splitlines())
+    (folder / (name or run)).write_bytes(text if isinstance(text, bytes) else ("\n".join(text) + "\n").encode())
+    if name:
+        replace_in_yaml(folder, run, name)
+
+
+def with_cell(row: int, column: int, text: str) -> Callable[[list[str]], list[str]]:
+    """A change for `rewrite`: another text in one cell."""
+
+    def change(lines):
+        cells = lines[row].split(",")
+        cells[column] = text
+        return [*lines[:row], ",".join(cells), *lines[row + 1 :]]
+
+    return change
+
+
+def faults(campaign) -> list:
+    """The remarks on a campaign that are no notes."""
+    return [remark for remark in campaign.remarks if remark.severity is not Severity.NOTE]

@@ -6,11 +6,13 @@ Nothing is repaired: unreadable lines and columns are left out, unreadable numbe
 from collections.abc import Callable
 from pathlib import Path
 
+from edhas_jax.core.regular_file import FileKindError, require_regular_file
 from edhas_jax.measurements.campaign import Remark, Severity
 from edhas_jax.measurements.tables.binary_tables import read_excel_table, read_mat_table, read_parquet_table
 from edhas_jax.measurements.tables.table import Report, Table, TableError
 from edhas_jax.measurements.tables.text_table import read_text_table
 
+MAX_BYTES = 1_000_000_000  # of a run file
 # first bytes of a file, and its reader, or what to do with it
 FORMATS: tuple[tuple[bytes, Callable[[Path, Report], Table] | str], ...] = (
     (b"PAR1", read_parquet_table),
@@ -44,14 +46,15 @@ def read_table(path: Path, remark: Callable[[Remark], None]) -> Table:
         remark(Remark(Severity.ERROR, path, line, sentence))
 
     try:
-        if not path.is_file():
-            raise TableError(0, "no such file")
+        if (size := require_regular_file(path)) > MAX_BYTES:
+            raise TableError(0, f"has {size / 1e6:.4g} MB; at most {MAX_BYTES / 1e6:.4g} MB are read")
         table = _reader(path)(path, report)
-    except (OSError, ValueError) as error:
-        if isinstance(error, TableError):
-            raise
-        # a name with a NUL character is a ValueError
-        raise TableError(0, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    except FileNotFoundError:
+        raise TableError(0, "no such file") from None
+    except FileKindError as error:
+        raise TableError(0, str(error.strerror)) from None
+    except OSError as error:
+        raise TableError(0, f"cannot be read: {error.strerror or error}") from None
     if len(table.lines) < 2:
         raise TableError(0, f"at least 2 samples are needed; there are {len(table.lines)}")
     return table
