@@ -23,10 +23,9 @@ def run(options) -> None:
         CampaignError: the fit fails.
         ResultFileError: the file exists or cannot be written.
     """
-    from rich.markup import escape
-
     from edhas_jax.config.run_folder import ResultFileError, report_write_errors
     from edhas_jax.config.writer import dump_config
+    from edhas_jax.core.literal_text import file_name, one_line
     from edhas_jax.core.units import format_quantity
     from edhas_jax.diagnosis.calibration.fit import FitError
     from edhas_jax.diagnosis.search.forward_selection import add_effect
@@ -37,17 +36,17 @@ def run(options) -> None:
 
     campaign = read_campaign(options.campaign, own_code(options))
     effect = load_effect(options.effect, trust=[options.effect])
-    path = options.out or Path(f"{campaign.name}_{effect.id}.yaml")
+    path = options.out or Path(f"{file_name(campaign.name)}_{effect.id}.yaml")
     if path.exists() and not options.overwrite:
         raise ResultFileError(f"{path}: exists already; nothing was written. Name another file or add --overwrite")
     out = console()
     with out.status("fitting") as status:
         try:
-            before, after = add_effect(campaign, effect, lambda sentence: status.update(escape(sentence)))
+            before, after = add_effect(campaign, effect, lambda sentence: status.update(sentence))
         except FitError as error:
             raise CampaignError(str(error)) from None
     rate = 1.0 / min(run.interval for run in campaign.runs)
-    comment = f"# {campaign.name} with {effect.id}, fitted; without the conditions of any run\n"
+    comment = f"# {one_line(campaign.name)} with {effect.id}, fitted; without the conditions of any run\n"
     with report_write_errors(path):
         path.write_text(comment + dump_config(after.fit.machine, Simulation(sample_rate=rate)), encoding="utf-8")
     rows = table("residual over noise", "model", "fitted runs", "held-out runs")

@@ -3,7 +3,7 @@
 import time
 
 from edhas_jax.commands.arguments import add_campaign_folder, add_own_code, own_code
-from edhas_jax.commands.console import console, progress_bar, table
+from edhas_jax.commands.console import console, headed, progress_bar, table
 
 STATUS_REMARKS = 1
 
@@ -24,8 +24,6 @@ def add_parser(commands) -> None:
 
 def run_check(options) -> int:
     """Read a campaign and list the errors and warnings in its files; the status is 1 when there are any."""
-    from rich.markup import escape
-
     from edhas_jax.measurements.campaign import Severity
     from edhas_jax.measurements.campaign_checks import check_campaign
     from edhas_jax.measurements.campaign_reader import read_campaign
@@ -38,14 +36,12 @@ def run_check(options) -> int:
         remarks = check_campaign(campaign, lambda share: bar.update(task, completed=share))
     seconds = time.perf_counter() - began
     samples = sum(len(run.time) for run in campaign.runs)
-    out.print(
-        f"[bold]{campaign.name}[/bold]: {campaign.machine.name}, {len(campaign.runs)} runs, "
-        f"{len(campaign.channels)} signals, {samples:,} samples; {seconds:.1f} s"
-    )
+    counted = f"{len(campaign.runs)} runs, {len(campaign.channels)} signals, {samples:,} samples"
+    out.print(headed(campaign.name, f": {campaign.machine.name}, {counted}; {seconds:.1f} s"))
     if remarks:
         rows = table(None, "severity", "file", "line", "what")
         for r in remarks:
-            rows.add_row(r.severity.value, escape(r.file.name), str(r.line or ""), escape(r.sentence))
+            rows.add_row(r.severity.value, r.file.name, str(r.line or ""), r.sentence)
         out.print(rows)
     counts = {s: sum(r.severity is s for r in remarks) for s in Severity}
     errors, warnings = counts[Severity.ERROR], counts[Severity.WARNING]

@@ -30,6 +30,7 @@ from edhas_jax.commands import (
     trust,
 )
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED
+from edhas_jax.core.literal_text import terminal_text
 
 COMMANDS = (
     simulate, sweep, compare, fit, plan, sensitivity, campaign, size, diagnose, add, export, plot, parameters, effects,
@@ -60,7 +61,7 @@ def main(arguments: list[str] | None = None) -> int:
         print("edhas: interrupted before any result was complete; nothing was written", file=sys.stderr)
         return STATUS_INTERRUPTED
     except _user_errors() as error:
-        print(f"edhas: {error}", file=sys.stderr)
+        print(f"edhas: {terminal_text(str(error))}", file=sys.stderr)
         return STATUS_USER_ERROR
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_own_code, own_code
-from edhas_jax.commands.console import console, file_names, print_remarks, table
+from edhas_jax.commands.console import console, file_names, print_remarks, styled, table
 
 
 def add_parser(commands) -> None:
@@ -22,8 +22,6 @@ def add_parser(commands) -> None:
 
 def run(options) -> None:
     """Simulate the runs of a campaign, write a report, print the residuals and their patterns."""
-    from rich.markup import escape
-
     from edhas_jax.config.machine_config import read_config
     from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
     from edhas_jax.measurements.campaign_reader import read_campaign
@@ -51,7 +49,7 @@ def run(options) -> None:
     print_remarks(out, (*campaign.remarks, *comparison.remarks))
     out.print(residual_table(comparison))
     for number, sentence in enumerate(sentences(patterns), 1):
-        out.print(f"{number}. {escape(sentence)}", soft_wrap=True)
+        out.print(f"{number}. {sentence}", soft_wrap=True)
     if not patterns:
         out.print("The residuals hold nothing but the noise of the sensors.")
     out.print(f"written to {folder}: " + file_names(folder))
@@ -62,7 +60,7 @@ def residual_table(comparison):
     rows = table("residual over noise", "run", *comparison.signals)
     for run, row in comparison.rms_over_noise().items():
         cells = [row.get(n) for n in comparison.signals]
-        rows.add_row(run, *("" if value is None else f"[{_colour(value)}]{value:.2f}[/]" for value in cells))
+        rows.add_row(run, *("" if value is None else styled(f"{value:.2f}", _colour(value)) for value in cells))
     return rows
 
 

@@ -3,16 +3,30 @@
 import sys
 from pathlib import Path
 
+from edhas_jax.core.literal_text import terminal_text
+
 PIPE_WIDTH = 200  # characters; a pipe has no width of its own
 FIGURE_DPI = 130
 RIGHT_ALIGNED = ("value", "default", "share", "energy")
 
 
 def console():
-    """A rich console as wide as the terminal, or `PIPE_WIDTH` characters wide where there is none."""
-    from rich.console import Console
+    """A rich console as wide as the terminal, or `PIPE_WIDTH` characters wide where there is none; texts are data."""
+    from edhas_jax.commands.plain_console import PlainConsole
 
-    return Console(highlight=False) if sys.stdout.isatty() else Console(highlight=False, width=PIPE_WIDTH)
+    return PlainConsole() if sys.stdout.isatty() else PlainConsole(width=PIPE_WIDTH)
+
+
+def headed(head: str, text: str):
+    """A text for the console that begins with words in bold."""
+    return styled(head, "bold").append(terminal_text(text))
+
+
+def styled(text: str, style: str):
+    """A text for the console in a style, such as "bold" or a colour."""
+    from rich.text import Text
+
+    return Text.assemble((terminal_text(text), style))
 
 
 def table(title: str | None, *columns: str):
@@ -31,18 +45,17 @@ def progress_bar(out, time_remaining: bool = False):
     """A rich progress bar with a description, removed when it is done."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = [TextColumn("{task.description}"), BarColumn(), *([TimeRemainingColumn()] if time_remaining else [])]
+    columns = [TextColumn("{task.description}", markup=False), BarColumn()]
+    columns += [TimeRemainingColumn()] if time_remaining else []
     return Progress(*columns, transient=True, console=out)
 
 
 def print_remarks(out, remarks) -> None:
     """Print remarks on measured data, at most ten lines."""
-    from rich.markup import escape
-
     from edhas_jax.measurements.remark_list import brief_lines
 
     for line in brief_lines(remarks):
-        out.print(escape(line), soft_wrap=True)
+        out.print(line, soft_wrap=True)
 
 
 def save_figure(figure, path: Path) -> None:

@@ -37,8 +37,6 @@ def run(options) -> int | None:
         CampaignError: the fit fails.
         ResultFileError: the folder exists or cannot be written.
     """
-    from rich.markup import escape
-
     from edhas_jax.config.run_folder import report_write_errors
     from edhas_jax.core.optional_parts import OptionalParts
     from edhas_jax.diagnosis.calibration.fit import FitError
@@ -55,13 +53,13 @@ def run(options) -> int | None:
     out = console()
     folder, sentences = _choose_folder(options, campaign.name, identity)
     for sentence in sentences:
-        out.print(escape(sentence), soft_wrap=True)
+        out.print(sentence, soft_wrap=True)
     print_remarks(out, campaign.remarks)
     checkpoint, optional, status_code = Checkpoint(folder / CHECKPOINT_FOLDER, identity), OptionalParts(), None
     with terminate_as_interrupt(), out.status("reading") as status:
 
         def say(sentence: str) -> None:
-            status.update(escape(sentence))
+            status.update(sentence)
 
         try:
             diagnosis = diagnose(campaign, more=user_effects, on_progress=say, checkpoint=checkpoint)
@@ -147,16 +145,14 @@ def _add_optional_parts(diagnosis, folder: Path, optional, say):
 
 def _print_result(out, diagnosis, experiment, failures: list[str], folder: Path) -> None:
     """Print tables, conclusions, what failed, and where the files are."""
-    from rich.markup import escape
-
     out.print(candidates_table(diagnosis))
     out.print(errors_table(diagnosis))
     for sentence in diagnosis.sentences():
-        out.print(escape(sentence), soft_wrap=True)
+        out.print(sentence, soft_wrap=True)
     if experiment is not None:
-        out.print(escape(experiment.sentence), soft_wrap=True)
+        out.print(experiment.sentence, soft_wrap=True)
     for sentence in failures:
-        out.print(escape(sentence), soft_wrap=True)
+        out.print(sentence, soft_wrap=True)
     out.print(f"{diagnosis.seconds:.0f} s; written to {folder}: {file_names(folder)}", soft_wrap=True)
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_own_code, own_code
-from edhas_jax.commands.console import console, save_figure, table
+from edhas_jax.commands.console import console, headed, save_figure, table
 
 
 def add_parser(commands) -> None:
@@ -51,15 +51,15 @@ def _print_effect(effect, out) -> None:
     def interval(bounds, unit):
         return f"{format_quantity(bounds[0], unit)} … {format_quantity(bounds[1], unit)}" if bounds else "known"
 
-    out.print(f"[bold]{effect.id}[/bold]")
-    out.print(cleandoc(effect.__doc__ or ""), markup=False)
+    out.print(headed(effect.id, ""))
+    out.print(cleandoc(effect.__doc__ or ""))
     if effect.looks_like:
-        out.print(f"\n[bold]looks like[/bold]: {effect.looks_like}")
+        out.print("\n", headed("looks like", f": {effect.looks_like}"), sep="")
     if effect.confused_with:
-        out.print(f"[bold]confused with[/bold]: {', '.join(effect.confused_with)}")
-    out.print("[bold]slots[/bold]: " + ", ".join(f"{s.name} ({s.location})" for s in effect.slots))
+        out.print(headed("confused with", f": {', '.join(effect.confused_with)}"))
+    out.print(headed("slots", ": " + ", ".join(f"{s.name} ({s.location})" for s in effect.slots)))
     for name, state in effect.states.items():
-        out.print(f"[bold]state[/bold]: {name}, {state.doc}, in {state.unit}")
+        out.print(headed("state", f": {name}, {state.doc}, in {state.unit}"))
     rows = table(None, "parameter", "default", "plausible", "allowed", "meaning")
     for p in structs.parameters(effect):
         default = format_quantity(p.default, p.unit)

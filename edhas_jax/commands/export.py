@@ -30,8 +30,6 @@ def add_parser(commands) -> None:
 
 def run(options) -> None:
     """Write a configuration as an FMU and print its inputs, size and platforms."""
-    from rich.markup import escape
-
     from edhas_jax.config.machine_config import read_config
     from edhas_jax.export.fmu import export_fmu
 
@@ -41,7 +39,7 @@ def run(options) -> None:
     out = console()
     with out.status("reading") as status:
         unit = export_fmu(
-            config, path, options.inputs, compilers, options.overwrite, lambda what: status.update(escape(what)),
+            config, path, options.inputs, compilers, options.overwrite, lambda what: status.update(what),
         )  # fmt: skip
     variables = unit.program.values
     inputs = [v for v in variables if v.causality.value == "input"]
@@ -58,5 +56,5 @@ def run(options) -> None:
         f"written: {unit.path}, {unit.path.stat().st_size / 1024:.0f} KiB: {config.machine.name}, effects: {effects}; "
         f"{count['input']} inputs, {count['parameter']} parameters, {len(unit.program.outputs)} outputs; "
         f"{binary} and C sources; FMI 2.0 co-simulation",
-        soft_wrap=True, markup=False,
+        soft_wrap=True,
     )  # fmt: skip

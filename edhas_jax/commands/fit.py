@@ -32,8 +32,6 @@ def run(options) -> int | None:
         CampaignError: a profile is asked of a parameter that is not uncertain, or the fit fails.
         ResultFileError: the folder exists or cannot be written.
     """
-    from rich.markup import escape
-
     from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
     from edhas_jax.core.optional_parts import OptionalParts
     from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem, fit
@@ -98,9 +96,9 @@ def run(options) -> int | None:
     out.print(errors_table(result))
     out.print(estimates_table(result))
     for number, sentence in enumerate(result.findings(), 1):
-        out.print(f"{number}. {escape(sentence)}", soft_wrap=True)
+        out.print(f"{number}. {sentence}", soft_wrap=True)
     for sentence in optional.failures:
-        out.print(escape(sentence), soft_wrap=True)
+        out.print(sentence, soft_wrap=True)
     out.print(f"{seconds:.0f} s; written to {folder}: " + file_names(folder), soft_wrap=True)
     return status_code
 

@@ -35,8 +35,6 @@ def run(options) -> int | None:
     Raises:
         ResultFileError: the folder exists or cannot be written.
     """
-    from rich.markup import escape
-
     from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder, write_json
     from edhas_jax.core.optional_parts import OptionalParts
     from edhas_jax.core.units import to_si
@@ -72,7 +70,7 @@ def run(options) -> int | None:
             out.print(f"and {len(pairs) - MAX_PRINTED_PAIRS} more pairs, in {folder / 'plan.json'}", soft_wrap=True)
     out.print(planned.sentence(), soft_wrap=True)
     for sentence in optional.failures:
-        out.print(escape(sentence), soft_wrap=True)
+        out.print(sentence, soft_wrap=True)
     out.print(f"written to {folder}: " + file_names(folder), soft_wrap=True)
     return STATUS_INTERRUPTED if planned.interrupted else None
 

@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_output_folder, add_own_code, own_code
-from edhas_jax.commands.console import console, file_names, progress_bar, save_figure, table
+from edhas_jax.commands.console import console, file_names, headed, progress_bar, save_figure, table
 
 MAX_PRINTED_PARAMETERS = 4  # for each metric
 
@@ -46,8 +46,8 @@ def run(options) -> None:
         save_figure(figure, folder / name)
 
     seconds = time.perf_counter() - began
-    out.print(f"[bold]{analysis.name or options.config.stem}[/bold]: {len(result.points)} operating points, "
-              f"{len(analysis.local)} parameters, {len(analysis.metrics)} metrics; {seconds:.1f} s")  # fmt: skip
+    out.print(headed(analysis.name or options.config.stem, f": {len(result.points)} operating points, "
+              f"{len(analysis.local)} parameters, {len(analysis.metrics)} metrics; {seconds:.1f} s"))  # fmt: skip
     rows = table("largest elasticities", "metric", "parameter", "value", "operating point")
     for metric in analysis.metrics:
         local = result.local[result.local["metric"] == metric].dropna(subset=["elasticity"])

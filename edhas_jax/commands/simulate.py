@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_output_folder, add_overrides, add_own_code, own_code
-from edhas_jax.commands.console import console, file_names, progress_bar, table
+from edhas_jax.commands.console import console, file_names, headed, progress_bar, table
 
 STATUS_NOT_VALID = 3
 SMALLEST_SHARE = 5e-4  # of the energy; smaller entries of the ledger are not printed
@@ -46,7 +46,7 @@ def run(options) -> int:
     folder = save_run(result, folder, overwrite=options.overwrite, figure=not options.no_figure)
 
     effects = ", ".join(e.id for e in result.machine.effects) or "none"
-    out.print(f"[bold]{config.name or options.config.stem}[/bold]: {result.machine.name}, effects: {effects}")
+    out.print(headed(config.name or options.config.stem, f": {result.machine.name}, effects: {effects}"))
     out.print(f"{result.step_note}; {config.simulation.precision.value}; {seconds:.1f} s with compilation")
     out.print(status_line(result), soft_wrap=True)
     out.print(metrics_table(result))

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_output_folder, add_own_code, own_code
-from edhas_jax.commands.console import console, progress_bar, save_figure, table
+from edhas_jax.commands.console import console, headed, progress_bar, save_figure, table
 
 
 def add_parser(commands) -> None:
@@ -39,10 +39,10 @@ def run(options) -> None:
     if sizing.front:
         save_figure(draw_front(sizing, result), folder / "front.png")
 
-    out.print(f"[bold]{sizing.name or options.config.stem}[/bold]: {len(sizing.variables)} dimensions, "
+    out.print(headed(sizing.name or options.config.stem, f": {len(sizing.variables)} dimensions, "
               f"{len(result.start.metrics)} cases; {result.machine_seconds:,.0f} machine-seconds in "
               f"{result.seconds:.0f} s; "
-              f"{100 * result.share_near_best:.0f} % of the starts end within 1 % of the best")  # fmt: skip
+              f"{100 * result.share_near_best:.0f} % of the starts end within 1 % of the best"))  # fmt: skip
     heads = ["start", *([f"design {k + 1}" for k in range(len(configs))] if sizing.front else ["sized"])]
     rows = table("dimensions", "dimension", *heads)
     for axis in sizing.variables:

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_own_code, own_code
-from edhas_jax.commands.console import console, table
+from edhas_jax.commands.console import console, headed, table
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED
 
 LOG_INTERVAL = 10.0  # s, between lines of progress where there is no terminal
@@ -44,7 +44,7 @@ def run(options) -> int | None:
     computed = len(sweep) - progress.initially_done
     seconds = time.perf_counter() - began
     effort = f"{computed:,} computed in {seconds:.1f} s" if computed else "all of them computed before"
-    out.print(f"[bold]{sweep.name or options.config.stem}[/bold]: {len(sweep):,} designs, {effort}")
+    out.print(headed(sweep.name or options.config.stem, f": {len(sweep):,} designs, {effort}"))
     counts = table(None, "status", "designs", "meaning")
     for (status, reason), group in frame.groupby(["status", "reason"], sort=False):
         counts.add_row(status, f"{len(group):,}", reason)
@@ -71,7 +71,7 @@ class _SweepProgress:
         self.initially_done, self.done, self._rate_start_count = None, 0, None
         self._out, self._name = out, name
         self._bar = Progress(
-            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[status]}"),
+            TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[status]}"),
             transient=True, console=out, disable=not out.is_terminal,
         )  # fmt: skip
         self._task = self._bar.add_task(name, total=1, status="compiling")

@@ -25,7 +25,7 @@ def run(options) -> None:
     for file in options.files:
         changed = (distrust if options.remove else trust)(file)
         what = "runs no more" if options.remove else "may run from now on, until its content changes"
-        out.print(f"{file}: {what} (list: {changed})", markup=False, soft_wrap=True)
+        out.print(f"{file}: {what} (list: {changed})", soft_wrap=True)
     if options.files:
         return
     known = remembered_files()

@@ -23,6 +23,7 @@ import edhas_jax
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.literal_text import file_name
 from edhas_jax.core.trusted_code import TrustedCode
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.simulation.metrics import RunTooShortError
@@ -45,8 +46,9 @@ class ResultFileError(ValueError):
 
 
 def unused_folder(parent: Path, name: str) -> Path:
-    """The first of `parent/name`, `parent/name-2`, `parent/name-3`, … that does not exist."""
-    folder, n = parent / name, 1
+    """The first of `parent/name`, `parent/name-2`, `parent/name-3`, … that does not exist; `name` is no path."""
+    name, n = file_name(name), 1
+    folder = parent / name
     while folder.exists():
         n += 1
         folder = parent / f"{name}-{n}"

@@ -1,11 +1,11 @@
 """Writes a machine and the settings of its run as YAML text with every parameter."""
 
-import json
 from typing import Any
 
 from edhas_jax.config.code_not_run import require_code
 from edhas_jax.config.recorded_signal import encode_samples
 from edhas_jax.config.run_settings import SIMULATION_SETTINGS
+from edhas_jax.core.literal_text import one_line, yaml_text
 from edhas_jax.core.units import exact_quantity, to_si
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects.loading import class_spec, effect_spec
@@ -36,24 +36,25 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
         m, settings = config.machine, simulation or config.simulation
         title, recordings = config.name, config.recordings
     require_code(m)
-    lines = [f"name: {json.dumps(title, ensure_ascii=False)}"] if title else []
-    lines += [f"rig: {m.name}", f"effects: [{', '.join(_yaml_scalar(effect_spec(type(e))) for e in m.effects)}]"]
+    lines = [f"name: {yaml_text(title)}"] if title else []
+    lines += [f"rig: {m.name}", f"effects: [{', '.join(yaml_text(effect_spec(type(e))) for e in m.effects)}]"]
     rows = list_parameters(m)
     names = short_names(m)
     for section in (s for s in COMPONENT_KINDS if hasattr(m, s)):
         component = getattr(m, section)
-        lines += [f"{section}:", f"  kind: {_yaml_scalar(config_kind(section, component))}"]
+        lines += [f"{section}:", f"  kind: {yaml_text(config_kind(section, component))}"]
         if isinstance(component, Recorded):
             keys = recordings.get(section, {})
             keys = encode_samples(component) if "file" not in keys else {k: v for k, v in keys.items() if k != "kind"}
-            lines += [f"  {k}: {json.dumps(v, ensure_ascii=False)}" for k, v in keys.items()]
-        lines += [f"  {p.name}: {exact_quantity(v, p.unit)}  # {p.doc}" for p, v, path in rows if path == section]
+            lines += [f"  {k}: {yaml_text(v)}" for k, v in keys.items()]
+        own = [(p, v) for p, v, path in rows if path == section]
+        lines += [f"  {p.name}: {exact_quantity(v, p.unit)}  # {one_line(p.doc)}" for p, v in own]
     lines.append("parameters:")
     for path in components_by_name(m):
         own = [(p, v) for p, v, owner_path in rows if owner_path == path and path not in COMPONENT_KINDS]
         lines += [f"  # {path}"] if own else []
         for p, v in own:
-            lines.append(f"  {names[path, p.name]}: {exact_quantity(v, p.unit)}  # {p.doc}")
+            lines.append(f"  {names[path, p.name]}: {exact_quantity(v, p.unit)}  # {one_line(p.doc)}")
     lines.append("simulation:")
     for name, p in SIMULATION_SETTINGS.items():
         value = getattr(settings, name)
@@ -67,11 +68,6 @@ def config_kind(section: str, component: Any) -> str:
     """The value of the key `kind` that selects a component of a section; a user's controller is file.py:ClassName."""
     built_in = next((kind for kind, cls in COMPONENT_KINDS[section].items() if isinstance(component, cls)), None)
     return built_in or class_spec(type(component))
-
-
-def _yaml_scalar(text: str) -> str:
-    """A text as a YAML scalar, quoted unless it is a plain word."""
-    return text if text.replace("_", "").isalnum() else json.dumps(text, ensure_ascii=False)
 
 
 def _percent(value: float) -> str:

@@ -80,14 +80,14 @@ def _convert(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], duplicate
     if isinstance(node, yaml.ScalarNode):
         if node.tag == "tag:yaml.org,2002:bool":
             return node.value.lower() in ("true", "yes", "on")
-        return None if node.tag == "tag:yaml.org,2002:null" else node.value
+        return None if node.tag == "tag:yaml.org,2002:null" else _whole_characters(node.value)
     if isinstance(node, yaml.SequenceNode):
         lines |= {(*key, i): item.start_mark.line + 1 for i, item in enumerate(node.value)}
         return [_convert(item, (*key, i), lines, duplicates) for i, item in enumerate(node.value)]
     data: dict[str, Any] = {}
     for name_node, value in node.value:
         line = name_node.start_mark.line + 1
-        name = name_node.value if isinstance(name_node, yaml.ScalarNode) else "?"
+        name = _whole_characters(name_node.value) if isinstance(name_node, yaml.ScalarNode) else "?"
         inner = (*key, name)
         if name in data:
             duplicates.append((line, f"{key_text(inner)}: given twice, first in line {lines[inner]}"))
@@ -95,6 +95,13 @@ def _convert(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], duplicate
         lines[inner] = line
         data[name] = _convert(value, inner, lines, duplicates)
     return data
+
+
+def _whole_characters(text: str) -> str:
+    """A text whose halves of characters, which YAML can write as escapes, are put together or replaced."""
+    if not any("\ud800" <= c <= "\udfff" for c in text):
+        return text
+    return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
 
 
 def read_text_file(path: Path, error: type[Exception]) -> str:

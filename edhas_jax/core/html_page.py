@@ -3,7 +3,9 @@
 import base64
 import html
 import io
+import json
 from collections.abc import Sequence
+from typing import Any
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; max-width: 1180px; margin: 2em auto; padding: 0 1.5em }
@@ -45,6 +47,14 @@ def table(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
     head = "".join(f"<th>{html.escape(text)}</th>" for text in header)
     lines = "".join("<tr>" + "".join(cell(k, t) for k, t in enumerate(row)) + "</tr>" for row in body)
     return f"<table><tr>{head}</tr>{lines}</table>"
+
+
+def json_element(data: Any, identifier: str) -> str:
+    """Data for a script of the page; no text in them can end the element."""
+    text = json.dumps(data, allow_nan=False)
+    for character in "<>&":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return f'<script type="application/json" id="{html.escape(identifier)}">{text}</script>'
 
 
 def image(figure, caption: str) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from xml.etree import ElementTree as Xml
 
 import edhas_jax
+from edhas_jax.core.literal_text import xml_text
 from edhas_jax.core.units import from_si
 from edhas_jax.export.fmu_c_sources import UNIT_FILE
 from edhas_jax.export.fmu_program import Causality, UnitProgram, Variable
@@ -35,7 +36,7 @@ def model_description(
         The XML text.
     """
     root = Xml.Element("fmiModelDescription", {
-        "fmiVersion": "2.0", "modelName": title, "guid": guid, "variableNamingConvention": "structured",
+        "fmiVersion": "2.0", "modelName": xml_text(title), "guid": guid, "variableNamingConvention": "structured",
         "generationTool": f"edhas_jax {edhas_jax.__version__}",
     })  # fmt: skip
     capabilities = dict.fromkeys(_CAPABILITIES, "true")
@@ -67,7 +68,7 @@ def model_description(
 
 def _add_variable(parent, reference: int, v: Variable) -> None:
     """Append a variable with its value reference."""
-    attributes = {"name": v.name, "valueReference": str(reference), "description": v.doc}
+    attributes = {"name": v.name, "valueReference": str(reference), "description": xml_text(v.doc)}
     attributes["causality"] = v.causality.value
     attributes["variability"] = "fixed" if v.causality is Causality.PARAMETER else "continuous"
     if v.causality is not Causality.INPUT:

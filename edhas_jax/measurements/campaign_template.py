@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.core.literal_text import one_line, yaml_text
 from edhas_jax.core.units import from_si
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.machine.interface.signals import SIGNALS
@@ -70,7 +71,8 @@ def write_template(folder: Path, on_progress: Callable[[float], None] | None = N
     yaml, run = folder / "campaign.yaml", folder / "run1.csv"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        yaml.write_text(TEMPLATE.format(name=folder.resolve().name, folder=folder, signals=rows), encoding="utf-8")
+        name = yaml_text(folder.resolve().name)
+        yaml.write_text(TEMPLATE.format(name=name, folder=one_line(str(folder)), signals=rows), encoding="utf-8")
         table = np.stack(list(columns.values()), axis=1)
         np.savetxt(run, table, fmt="%.6g", delimiter=",", header=",".join(columns), comments="", encoding="utf-8")
     except OSError as error:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity, from_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters, short_names
@@ -55,7 +56,7 @@ def write_campaign(campaign: Campaign, folder: Path) -> list[Path]:
 def campaign_text(campaign: Campaign) -> str:
     """The text of the `campaign.yaml` of a campaign."""
     machine = campaign.machine
-    lines = [f"name: {campaign.name}", f"rig: {machine.name}"]
+    lines = [f"name: {yaml_text(campaign.name)}", f"rig: {machine.name}"]
     present = {effect.id for effect in machine.effects}
     without = [e.id for e in DEFAULT_EFFECTS if e.id not in present and set(e.slots) <= set(machine.slots)]
     lines += [f"without: [{', '.join(without)}]"] if without else []
@@ -73,7 +74,7 @@ def campaign_text(campaign: Campaign) -> str:
         lines.append(f"  {name}: {{unit: {channel.unit}, noise: {noise:.6g}}}")
     lines.append("runs:")
     for run in campaign.runs:
-        words = [f"file: {run.name}.csv", f"use: {run.use.value}"]
+        words = [f"file: {yaml_text(run.name + '.csv')}", f"use: {run.use.value}"]
         words += ["start: 0 s"] if run.time[0] > START_TOLERANCE * run.interval else []
         for name, value in run.conditions.items():
             words.append(f"{name}: {exact_quantity(value, find_parameter(machine, name)[0].unit)}")

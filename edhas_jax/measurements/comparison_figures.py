@@ -5,6 +5,7 @@ Errors are drawn as model − measured, so that they lie above zero where the mo
 
 import numpy as np
 
+from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import display_unit, format_quantity, from_si
 from edhas_jax.machine.interface.signals import SIGNALS
@@ -47,7 +48,7 @@ def draw_traces(comparison: Comparison, signal: str):
         below.plot(time, -compared.residuals[signal][shown], lw=0.8, color=COLOURS[0])
         below.set_xlabel("time, ms" if row == rows - 1 else "", fontsize=8, color=INK)
         frequency = format_quantity(compared.frequency, "Hz") if np.isfinite(compared.frequency) else ""
-        title = f"{compared.run.name}  {frequency}   {compared.rms_over_noise[signal]:.2f} × noise"
+        title = f"{figure_text(compared.run.name)}  {frequency}   {compared.rms_over_noise[signal]:.2f} × noise"
         above.set_title(title, fontsize=9, loc="left", color=INK)
         above.tick_params(labelbottom=False)
         for axes, label in ((above, f"{signal.replace('_', ' ')}, {unit}"), (below, ERROR_LABEL)):
@@ -83,7 +84,7 @@ def draw_binned_residuals(comparison: Comparison):
             for compared, shade in zip(comparison.runs, shades, strict=True):
                 if signal in compared.residuals:
                     at, mean = _binned(compared, signal, axis)
-                    cell.plot(at, mean, color=shade, lw=1.2, label=compared.run.name)
+                    cell.plot(at, mean, color=shade, lw=1.2, label=figure_text(compared.run.name))
             _style_axes(cell)
             if column == 0:
                 cell.set_ylabel(f"{signal.replace('_', ' ')}\n{ERROR_LABEL}", fontsize=8, color=INK)
@@ -137,7 +138,7 @@ def draw_spectra(comparison: Comparison):
                 values = np.nan_to_num(compared.residuals[signal])
                 rate = 1.0 / compared.run.interval
                 f, power = welch(values, rate, nperseg=min(512, len(values)), detrend=False)
-                axes.loglog(f[1:], power[1:] * rate / 2.0, color=shade, lw=1.0, label=compared.run.name)
+                axes.loglog(f[1:], power[1:] * rate / 2.0, color=shade, lw=1.0, label=figure_text(compared.run.name))
         axes.set_title(signal.replace("_", " "), fontsize=9, loc="left", color=INK)
         axes.set_xlabel("frequency, Hz", fontsize=8, color=INK)
         _style_axes(axes)
@@ -165,7 +166,7 @@ def draw_pattern(comparison: Comparison, pattern: Pattern):
         at = _abscissa(compared, axis)
         axes.plot(at, -scale * compared.residuals[pattern.signal], ".", ms=1.2, alpha=0.25, color=shade)
         middle, mean = _binned(compared, pattern.signal, axis)
-        axes.plot(middle, scale * mean, color=shade, lw=1.4, label=compared.run.name)
+        axes.plot(middle, scale * mean, color=shade, lw=1.4, label=figure_text(compared.run.name))
     axes.set_xlabel(_axis_label(axis), fontsize=9, color=INK)
     axes.set_ylabel(f"{pattern.signal.replace('_', ' ')}: model − measured, {unit}", fontsize=9, color=INK)
     axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.parameters import find_parameter
@@ -66,7 +67,7 @@ def run_descriptions(campaign: Campaign) -> dict[str, str]:
 
 
 def _label(run: str, notes: Mapping[str, str]) -> str:
-    return f"{run}   {notes[run]}" if notes.get(run) else run
+    return figure_text(f"{run}   {notes[run]}" if notes.get(run) else run)
 
 
 def _write_values(axes, values: np.ndarray) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.core.units import display_unit, format_number, from_si
 from edhas_jax.design.batch.design_table import resolve_parameter
@@ -50,7 +51,8 @@ def draw_path(task: SizingTask, result: SizingResult):
         axes.tick_params(labelsize=7.5)
     for axes in grid:
         axes.spines[["top", "right"]].set_visible(False)
-    figure.suptitle(f"{task.name or 'sizing'}: every start (grey) and the result (red)", x=0.01, ha="left", fontsize=11)
+    title = f"{figure_text(task.name or 'sizing')}: every start (grey) and the result (red)"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     return figure
 
 
@@ -113,5 +115,5 @@ def draw_front(task: SizingTask, result: SizingResult):
     bar.outline.set_visible(False)
     left.spines[["top", "right"]].set_visible(False)
     right.spines[:].set_visible(False)
-    figure.suptitle(f"{task.name or 'sizing'}: Pareto front", x=0.01, ha="left", fontsize=11)
+    figure.suptitle(f"{figure_text(task.name or 'sizing')}: Pareto front", x=0.01, ha="left", fontsize=11)
     return figure

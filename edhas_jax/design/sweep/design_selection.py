@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from edhas_jax.core.literal_text import figure_text, one_line
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, format_number, format_quantity, to_si
 from edhas_jax.design.sweep.table import NOT_RUN, SweepResult
@@ -88,7 +89,7 @@ class DesignSelection:
             notes.append(f"unfinished, {result.done:,} run")
         reasons = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in counts.items())
         notes.append(f"{counts.sum():,} failed ({reasons}), {failed}" if len(counts) else "none failed")
-        name = f"{result.manifest['name']}: " if result.manifest.get("name") else ""
+        name = f"{figure_text(one_line(str(result.manifest['name'])))}: " if result.manifest.get("name") else ""
         at = "".join(f", {n.replace('_', ' ')} {v}" for n, v in self.slices.items())
         return f"{textwrap.fill(what + at, TITLE_WIDTH)}\n{name}{'; '.join(notes)}"
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import display_unit, from_si
 from edhas_jax.diagnosis.calibration.result import DRIFT_SCORE, IMPLAUSIBLE_DISTANCE, Calibration
@@ -105,9 +106,9 @@ def _annotated_matrix(
         text = number.format(value).replace("-0.00", "0.00")
         axes.text(column, row, text, ha="center", va="center", fontsize=8, color="white" if strong else INK)
     turned = max(map(len, columns)) > 8
-    axes.set_xticks(range(len(columns)), [c.replace("_", " ") for c in columns], fontsize=8, color=INK,
+    axes.set_xticks(range(len(columns)), [figure_text(c.replace("_", " ")) for c in columns], fontsize=8, color=INK,
                     rotation=40 if turned else 0, ha="right" if turned else "center")  # fmt: skip
-    axes.set_yticks(range(len(rows)), [r.replace("_", " ") for r in rows], fontsize=9, color=INK)
+    axes.set_yticks(range(len(rows)), [figure_text(r.replace("_", " ")) for r in rows], fontsize=9, color=INK)
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
     figure.suptitle(title, fontsize=10, x=0.01, ha="left", color=INK)

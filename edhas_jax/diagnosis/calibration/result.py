@@ -9,6 +9,7 @@ import numpy as np
 from edhas_jax.config.run_folder import replace_nonfinite, write_json
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.literal_text import one_line
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.uncertainty import Drift, ProfileLikelihood
@@ -165,7 +166,7 @@ def save_calibration(calibration: Calibration, folder: Path, failures: Sequence[
     fit = calibration.fit
     rate = 1.0 / min(run.interval for run in fit.problem.campaign.runs)
     step = min(1.0 / rate / fit.resolution.fine, LARGEST_STEP)
-    comment = f"# {fit.problem.campaign.name}, calibrated by `edhas fit`; without the conditions of any run\n"
+    comment = f"# {one_line(fit.problem.campaign.name)}, calibrated by `edhas fit`; without the conditions of any run\n"
     text = comment + dump_config(fit.machine, Simulation(step=step, sample_rate=rate))
     data = calibration_as_json(calibration) | {"failed_parts": list(failures)}
     write_json(folder / RESULT_FILE, replace_nonfinite(data))

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.report.residual_stages import USE_TITLES, draw_stages
@@ -47,7 +48,7 @@ def draw_overview(diagnosis: Diagnosis):
     _draw_scores(score_axes, diagnosis)
     draw_stages(stage_axes, diagnosis, runs[0].use)
     stage_axes.set_title(f"residual over noise, {USE_TITLES[runs[0].use]}", fontsize=10, loc="left", color=INK)
-    figure.suptitle(diagnosis.sentences()[0], x=0.01, ha="left", fontsize=12, color=INK)
+    figure.suptitle(figure_text(diagnosis.sentences()[0]), x=0.01, ha="left", fontsize=12, color=INK)
     return figure
 
 
@@ -72,7 +73,7 @@ def _draw_signal(
     axes.fill_between(time, model - half_width, model + half_width, color=COLOURS[1], alpha=0.25, lw=0)
     axes.plot(time, model, color=COLOURS[1], lw=1.2, label="model ± 2 noise")
     use = ", held out" if run.use is Use.HOLDOUT else ""
-    heading = f"{title}: {run.name}{use}, {rms_over_noise([residual]):.2f} × noise"
+    heading = f"{title}: {figure_text(run.name)}{use}, {rms_over_noise([residual]):.2f} × noise"
     axes.set_title(heading, fontsize=10, loc="left", color=INK)
     axes.set_ylabel(f"{signal.replace('_', ' ')}, {about.display_unit}", fontsize=9, color=INK)
     axes.tick_params(labelbottom=False)

@@ -7,6 +7,7 @@ from typing import Any
 from edhas_jax.config.run_folder import replace_nonfinite, write_json
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.literal_text import one_line
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
@@ -35,7 +36,7 @@ def save_diagnosis(
     write_json(folder / RESULT, replace_nonfinite(as_json(diagnosis, next_experiment, failures)))
     campaign, final = diagnosis.campaign, diagnosis.final
     rate = 1.0 / min(run.interval for run in campaign.runs)
-    head = f"# {campaign.name}, as diagnosed by `edhas diagnose`; before the conditions of any run are set\n"
+    head = f"# {one_line(campaign.name)}, as diagnosed by `edhas diagnose`; before the conditions of any run are set\n"
     if final.instruments.chains:
         chains = final.instruments.chains.items()
         names = ", ".join(f"{link.id} on {signal}" for signal, chain in chains for link in chain)

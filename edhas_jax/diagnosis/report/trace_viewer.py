@@ -2,13 +2,13 @@
 
 import base64
 import html
-import json
 from collections.abc import Mapping
 from importlib import resources
 from typing import Any
 
 import numpy as np
 
+from edhas_jax.core.html_page import json_element
 from edhas_jax.core.plot_style import COLOURS, GREY
 from edhas_jax.core.units import from_si
 from edhas_jax.machine.components.set_points import Sine
@@ -67,7 +67,7 @@ def render_trace_viewer(campaign: Campaign, states: Mapping[str, Mapping[str, Ma
         f'<style>{STYLE}</style><div id="traces"><p>run <select class="run">{options}</select>signal '
         f'<select class="signal">{names}</select><span class="description"></span><br>{legend}</p>'
         '<svg viewBox="0 0 1120 504"></svg><p class="reading"></p></div>'
-        f'<script type="application/json" id="traces-data">{json.dumps(data, allow_nan=False)}</script>'
+        f"{json_element(data, 'traces-data')}"
         f"<script>{script}</script>"
     )
 
