@@ -17,9 +17,11 @@ def console():
     return PlainConsole() if sys.stdout.isatty() else PlainConsole(width=PIPE_WIDTH)
 
 
-def headed(head: str, text: str):
-    """A text for the console that begins with words in bold."""
-    return styled(head, "bold").append(terminal_text(text))
+def headed(head: str, text: str, style: str = "bold"):
+    """A text for the console that begins with words in bold, or in another style."""
+    from rich.text import Text
+
+    return Text.assemble((terminal_text(head), style), terminal_text(text))
 
 
 def styled(text: str, style: str):

@@ -55,18 +55,17 @@ def run(options) -> int:
     return 0 if result.valid else STATUS_NOT_VALID
 
 
-def status_line(run) -> str:
+def status_line(run):
     """The status of a run with its reason: green if all is well, yellow for a warning, red if it is not valid."""
-    from rich.markup import escape
-
     from edhas_jax.simulation.validity import Status
 
     name = run.status.name.lower()
     if run.status is Status.OK:
-        head = "[green]valid[/]"
+        head, colour = "valid", "green"
     else:
-        head = f"[yellow]valid, with a warning: {name}[/]" if run.valid else f"[red]not valid: {name}[/]"
-    return f"{head}: {escape(run.reason)}"
+        head = f"valid, with a warning: {name}" if run.valid else f"not valid: {name}"
+        colour = "yellow" if run.valid else "red"
+    return headed(head, f": {run.reason}", colour)
 
 
 def metrics_table(run):

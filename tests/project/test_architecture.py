@@ -1,6 +1,7 @@
 """Import contract, size and documentation of modules, size of folders, and the cost of an import."""
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
@@ -111,3 +112,10 @@ def imported(path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             out |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
     return out
+
+
+def test_commands_print_texts_as_they_are():
+    """No command interprets markup: the console shows names that users give as they are."""
+    for path in sorted((ROOT / "edhas_jax/commands").glob("*.py")):
+        code = path.read_text(encoding="utf-8")
+        assert "rich.markup" not in code and not re.search(r"\[/?(bold|red|green|yellow)\]|\[/\]", code), f"{path.name}: use headed or styled"
