@@ -43,7 +43,7 @@ def terminated(campaign, out, at: str) -> int:
     """The exit status of a diagnosis that gets SIGTERM when it reports a sentence that begins with `at`."""
 
     def update(self, sentence, *rest, **options):
-        if sentence.startswith(at):
+        if str(sentence).startswith(at):
             os.kill(os.getpid(), signal.SIGTERM)
 
     with pytest.MonkeyPatch.context() as patch:
