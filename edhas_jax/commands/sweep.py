@@ -26,6 +26,8 @@ def add_parser(commands) -> None:
 
 def run(options) -> int | None:
     """Simulate the designs of a sweep that have no result yet; print how many ended with which status."""
+    from rich.markup import escape
+
     from edhas_jax.design.sweep.config import load_sweep
     from edhas_jax.design.sweep.run import run_sweep
 
@@ -36,7 +38,9 @@ def run(options) -> int | None:
     progress = _SweepProgress(out, sweep.name or options.config.stem)
     try:
         with progress, _executor(options.cluster) as executor:
-            frame = run_sweep(sweep, folder, executor, progress.report)
+            frame = run_sweep(
+                sweep, folder, executor, progress.report, lambda remark: out.print(escape(remark), soft_wrap=True)
+            )  # fmt: skip
     except KeyboardInterrupt:
         finished = f"{progress.done:,} of {len(sweep):,} designs are finished and saved in {folder}"
         print(f"edhas: interrupted; {finished}; the same command resumes the sweep", file=sys.stderr)

@@ -131,7 +131,8 @@ def make_special_file(path, kind):
 def test_pipes_in_the_folder_of_a_sweep(refused, tmp_path, name):
     folder = tmp_path / "swept"
     (folder / "chunks").mkdir(parents=True)
-    (folder / "manifest.json").write_text('{"format": 1, "hash": "", "identity": {}, "state": "unfinished"}')
+    state = "finished" if name == "table.parquet" else "unfinished"
+    (folder / "manifest.json").write_text(f'{{"format": 1, "hash": "", "identity": {{}}, "state": "{state}"}}')
     (folder / name).unlink(missing_ok=True)
     os.mkfifo(folder / name)
     os.mkfifo(folder / "chunks/000000.parquet")

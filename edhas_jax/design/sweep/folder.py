@@ -15,10 +15,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from edhas_jax.config.run_folder import ResultFileError
 from edhas_jax.core.atomic_file import PARTIAL_SUFFIX, atomic_write
-from edhas_jax.core.regular_file import FileKindError, read_regular_file, require_regular_file
+from edhas_jax.core.checksums import digest
 from edhas_jax.design.batch.batch import Chunk
+from edhas_jax.design.sweep.chunk_files import CHUNKS_FOLDER, is_chunk_name, read_chunk_files, write_chunk_file
 from edhas_jax.design.sweep.chunk_job import ChunkResult
 from edhas_jax.design.sweep.config import Sweep
 from edhas_jax.design.sweep.identity import (
@@ -29,16 +29,20 @@ from edhas_jax.design.sweep.identity import (
     sweep_identity,
     versions,
 )
+from edhas_jax.design.sweep.manifest import (
+    FORMAT_VERSION,
+    MANIFEST_FILE,
+    ManifestError,
+    SweepError,
+    read_listed_file,
+    read_manifest,
+    write_manifest,
+)
 from edhas_jax.design.sweep.table import TABLE_FILE, sweep_table, to_frame
 from edhas_jax.simulation.metrics import METRICS
 
-FORMAT_VERSION = 1
-MAX_MANIFEST_BYTES = 500_000_000  # the samples of a recording may be in it
-MANIFEST_FILE, DESIGNS_FILE, CHUNKS_FOLDER, LOCK_FILE = "manifest.json", "designs.parquet", "chunks", ".lock"
-
-
-class SweepError(ResultFileError):
-    """A sweep cannot be run, written or read."""
+DESIGNS_FILE, LOCK_FILE = "designs.parquet", ".lock"
+OWN_NAMES = (MANIFEST_FILE, DESIGNS_FILE, TABLE_FILE, CHUNKS_FOLDER, LOCK_FILE)
 
 
 class SweepFolder:
@@ -49,6 +53,7 @@ class SweepFolder:
         identity: everything the results depend on.
         hash: a short hash of it.
         table: the finished table, a row per design in SI; None before the sweep is finished.
+        remarks: what was found damaged or incomplete and is made anew, a sentence each.
 
     Raises:
         SweepError: the folder holds something else or another sweep, or cannot be written.
@@ -59,19 +64,22 @@ class SweepFolder:
         self.identity = sweep_identity(sweep)
         self.hash = identity_hash(self.identity)
         self.table: pd.DataFrame | None = None
-        self._lock = None
+        self.remarks: list[str] = []
+        self._lock, self._devices = None, {}
 
     def __enter__(self) -> "SweepFolder":
-        with self._report_write_errors():
+        with contextlib.ExitStack() as stack, self._report_write_errors():
             manifest = self._matching_manifest()
             self._lock = _lock(self.path)
+            stack.callback(self.__exit__)
             if manifest is None:
                 self._create()
-            elif manifest["state"] == "finished":
-                with contextlib.suppress(FileNotFoundError, ValueError, pa.ArrowException):
-                    self.table = to_frame(pq.read_table(self.path / TABLE_FILE))
-            for stale in (self.path / CHUNKS_FOLDER).glob(f".*{PARTIAL_SUFFIX}"):
-                stale.unlink(missing_ok=True)
+            else:
+                self._check_files(manifest)
+            for folder in (self.path, self.path / CHUNKS_FOLDER):
+                for stale in folder.glob(f".*{PARTIAL_SUFFIX}"):
+                    stale.unlink(missing_ok=True)
+            stack.pop_all()
         return self
 
     def __exit__(self, *_) -> None:
@@ -79,13 +87,15 @@ class SweepFolder:
             self._lock.close()
 
     def _matching_manifest(self) -> dict | None:
-        """The manifest of this same sweep; None in an empty folder."""
-        if not (self.path / MANIFEST_FILE).exists():
-            if self.path.exists() and (not self.path.is_dir() or any(n.name != LOCK_FILE for n in self.path.iterdir())):
-                raise SweepError(f"{self.path}: is not the folder of a sweep; name another with --out")
+        """The manifest of this same sweep; None in a folder that has none yet, or one to be written anew."""
+        if self.path.exists() and not self.path.is_dir():
+            raise SweepError(f"{self.path}: is not the folder of a sweep; name another with --out")
+        try:
+            manifest = read_manifest(self.path)
+        except ManifestError as error:
+            self._check_restart(str(error))
             (self.path / CHUNKS_FOLDER).mkdir(parents=True, exist_ok=True)
             return None
-        manifest = read_manifest(self.path)
         if manifest["hash"] != self.hash:
             lines = "\n".join(f"  {line}" for line in identity_differences(manifest["identity"], self.identity))
             raise SweepError(f"{self.path}: holds another sweep; nothing was changed. What differs:\n{lines}\n"
@@ -93,39 +103,71 @@ class SweepFolder:
         (self.path / CHUNKS_FOLDER).mkdir(exist_ok=True)
         return manifest
 
+    def _check_restart(self, problem: str) -> None:
+        """Check that a folder without a usable manifest is empty, or the incomplete or damaged one of this sweep."""
+        names = {p.name for p in self.path.iterdir()} if self.path.exists() else set()
+        files = {p.name for p in (self.path / CHUNKS_FOLDER).glob("*")}
+        chunks = [chunk for chunk in read_chunk_files(self.path).values() if chunk is not None]
+        of_this_sweep = sum(chunk.sweep == self.hash for chunk in chunks)
+        foreign = [n for n in names if n not in OWN_NAMES and not (n.startswith(".") and n.endswith(PARTIAL_SUFFIX))]
+        if not of_this_sweep and (foreign or not all(map(is_chunk_name, files))):
+            raise SweepError(f"{self.path}: is not the folder of a sweep; name another with --out")
+        if of_this_sweep < len(chunks):
+            raise SweepError(f"{problem}, and there are chunks of another sweep; name another folder with --out")
+        if MANIFEST_FILE in names:
+            self.remarks.append(f"{problem}; it is written anew, and {of_this_sweep} finished chunks are kept")
+        elif names - {LOCK_FILE}:
+            self.remarks.append(f"{self.path}: an earlier start was interrupted before its manifest was written; "
+                                "the sweep begins anew")  # fmt: skip
+
+    def _check_files(self, manifest: dict) -> None:
+        """Read the table of a finished sweep, and write the designs anew if they are damaged."""
+        if read_listed_file(self.path, manifest, DESIGNS_FILE) is None:
+            self.remarks.append(f"{self.path / DESIGNS_FILE}: is missing or damaged and is written anew")
+            write_manifest(self.path, manifest | {"files": manifest.get("files", {}) | self._write_designs()})
+        if manifest["state"] == "finished":
+            content = read_listed_file(self.path, manifest, TABLE_FILE)
+            if content is None:
+                self.remarks.append(f"{self.path / TABLE_FILE}: is missing, damaged or not the table of this sweep, "
+                                    "and is written anew from the finished chunks")  # fmt: skip
+            else:
+                self.table = to_frame(pq.read_table(pa.BufferReader(content)))
+
+    def _write_designs(self) -> dict[str, str]:
+        """Write the table of designs; its name and checksum."""
+        with atomic_write(self.path / DESIGNS_FILE) as file:
+            pq.write_table(sweep_table(self._sweep.machine, self._sweep.designs), file)
+            return {DESIGNS_FILE: digest(file.read_bytes())}
+
     def _create(self) -> None:
         """Write the designs and the manifest of a sweep that begins."""
         sweep = self._sweep
-        with atomic_write(self.path / DESIGNS_FILE) as file:
-            pq.write_table(sweep_table(sweep.machine, sweep.designs), file)
+        files = self._write_designs()
         axes = {a.name: ({"values": list(a.values)} if a.values else
                          {"from": a.low, "to": a.high, "count": a.count, "spacing": "log" if a.log else "linear"})
                 for a in sweep.axes}  # fmt: skip
-        self._write_manifest({
+        write_manifest(self.path, {
             "format": FORMAT_VERSION, "name": sweep.name, "state": "unfinished", "hash": self.hash,
             "sweep": {"kind": sweep.kind, "seed": sweep.seed, "parameters": axes or list(sweep.designs)},
             "designs": len(sweep), "chunks": len(self._chunks),
             **versions(), **device(),
             "begun": _now(), "finished": None, "computed_on": [],
-            "identity": self.identity, "machine": machine_text(sweep),
+            "identity": self.identity, "machine": machine_text(sweep), "files": files,
         })  # fmt: skip
 
-    def _write_manifest(self, manifest: dict) -> None:
-        text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
-        with atomic_write(self.path / MANIFEST_FILE) as file:
-            file.write_text(text, encoding="utf-8")
-
     def finished(self) -> dict[int, dict[str, np.ndarray]]:
-        """The finished chunks by number: by metric the values (SI) of their designs."""
+        """The finished chunks by number: by metric the values (SI) of their designs; a damaged one is not finished."""
         chunks = {}
-        for number, chunk in enumerate(self._chunks):
-            columns = read_chunk(self._chunk_file(number), self.hash)
-            if columns is not None and np.array_equal(columns.pop("design"), chunk.rows):
-                chunks[number] = columns
+        for number, file in read_chunk_files(self.path).items():
+            rows = None if file is None else file.columns.pop("design", None)
+            usable = rows is not None and number < len(self._chunks) and file.sweep == self.hash
+            if usable and np.array_equal(rows, self._chunks[number].rows):
+                chunks[number] = file.columns
+                self._devices[number] = file.device
+            elif number < len(self._chunks):
+                self.remarks.append(f"{self.path / CHUNKS_FOLDER}: chunk {number} is damaged or was changed; its "
+                                    f"{len(self._chunks[number].rows):,} designs are computed again")  # fmt: skip
         return chunks
-
-    def _chunk_file(self, number: int) -> Path:
-        return self.path / CHUNKS_FOLDER / f"{number:06d}.parquet"
 
     def check_space(self, designs: int) -> None:
         """Raise SweepError if the results of so many designs would fill the disk."""
@@ -137,11 +179,9 @@ class SweepFolder:
 
     def write(self, result: ChunkResult) -> None:
         """Write the file of a chunk, which appears under its name only when it is complete."""
-        columns = {"design": self._chunks[result.number].rows, **result.metrics}
-        metadata = {"hash": self.hash, "versions": json.dumps(result.versions), "device": json.dumps(result.device)}
-        data = pa.table(dict(columns)).replace_schema_metadata(metadata)
-        with self._report_write_errors(), atomic_write(self._chunk_file(result.number)) as file:
-            pq.write_table(data, file)
+        with self._report_write_errors():
+            write_chunk_file(self.path, self.hash, self._chunks[result.number].rows, result)
+        self._devices[result.number] = dict(result.device)
 
     def complete(self, chunks: Mapping[int, Mapping[str, np.ndarray]]) -> pd.DataFrame:
         """Write the table of all designs and mark the manifest as finished; returns the table in SI."""
@@ -150,13 +190,15 @@ class SweepFolder:
             for name, column in columns.items():
                 metrics.setdefault(name, np.full(len(self._sweep), np.nan))[self._chunks[number].rows] = column
         data = sweep_table(self._sweep.machine, self._sweep.designs, metrics)
-        devices = {_metadata(self._chunk_file(n))[b"device"].decode() for n in chunks}
+        used = [json.loads(d) for d in sorted({json.dumps(device) for device in self._devices.values()})]
         with self._report_write_errors():
             with atomic_write(self.path / TABLE_FILE) as file:
                 pq.write_table(data, file)
-            used = [json.loads(d) for d in sorted(devices)]
-            changes = {"state": "finished", "finished": _now(), "computed_on": used}
-            self._write_manifest(read_manifest(self.path) | changes)
+                checksum = digest(file.read_bytes())
+            manifest = read_manifest(self.path)
+            files = manifest["files"] | {TABLE_FILE: checksum}
+            changes = {"state": "finished", "finished": _now(), "computed_on": used, "files": files}
+            write_manifest(self.path, manifest | changes)
         return to_frame(data)
 
     @contextlib.contextmanager
@@ -169,44 +211,6 @@ class SweepFolder:
                 what = ("the disk is full. Finished chunks are kept and readable; "
                         "make room, and the same command resumes the sweep")  # fmt: skip
             raise SweepError(f"{self.path}: {what}") from None
-
-
-def read_manifest(path: Path) -> dict:
-    """Read the manifest of a sweep's folder.
-
-    Raises:
-        SweepError: it is missing, damaged, or written by a later version.
-    """
-    try:
-        manifest = json.loads(read_regular_file(path / MANIFEST_FILE, MAX_MANIFEST_BYTES).decode("utf-8"))
-        if manifest["format"] > FORMAT_VERSION:
-            later = manifest["edhas_jax"]
-            raise SweepError(f"{path}: written by a later version ({later}); this one reads {FORMAT_VERSION}")
-        if not {"hash", "identity", "state"} <= manifest.keys():
-            raise ValueError("keys are missing")
-        return manifest
-    except FileNotFoundError:
-        raise SweepError(f"{path}: is not the folder of a sweep: {MANIFEST_FILE} is missing") from None
-    except (NotADirectoryError, FileKindError, ValueError, KeyError, TypeError) as error:
-        if isinstance(error, SweepError):
-            raise
-        raise SweepError(f"{path}: {MANIFEST_FILE} is damaged or not one of a sweep: {error}") from None
-
-
-def read_chunk(path: Path, wanted_hash: str) -> dict[str, np.ndarray] | None:
-    """The columns (SI) of a chunk's file; None if it is missing, damaged or of another sweep."""
-    try:
-        require_regular_file(path)
-        if _metadata(path).get(b"hash", b"").decode() != wanted_hash:
-            return None
-        data = pq.read_table(path)
-    except (OSError, ValueError, pa.ArrowException):
-        return None
-    return {name: data[name].to_numpy() for name in data.column_names}
-
-
-def _metadata(path: Path) -> dict[bytes, bytes]:
-    return pq.read_schema(path).metadata or {}
 
 
 def _lock(path: Path) -> TextIO | None:

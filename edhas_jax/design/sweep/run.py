@@ -1,6 +1,7 @@
 """Run a sweep chunk by chunk, resume an interrupted one, and read its result."""
 
 import concurrent.futures
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -9,19 +10,13 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from edhas_jax.core.regular_file import require_regular_file
 from edhas_jax.design.batch.batch import plan_chunks
+from edhas_jax.design.sweep.chunk_files import read_chunk_files
 from edhas_jax.design.sweep.chunk_job import ChunkJob, ChunkResult, compute_chunk
 from edhas_jax.design.sweep.config import Sweep
-from edhas_jax.design.sweep.folder import (
-    CHUNKS_FOLDER,
-    DESIGNS_FILE,
-    SweepError,
-    SweepFolder,
-    read_chunk,
-    read_manifest,
-)
+from edhas_jax.design.sweep.folder import DESIGNS_FILE, SweepFolder
 from edhas_jax.design.sweep.identity import machine_text, user_code, versions
+from edhas_jax.design.sweep.manifest import SweepError, read_listed_file, read_manifest
 from edhas_jax.design.sweep.table import TABLE_FILE, SweepResult, to_result, with_results
 
 
@@ -30,6 +25,7 @@ def run_sweep(
     folder: Path | str,
     executor: concurrent.futures.Executor | None = None,
     on_progress: Callable[[int, int], None] | None = None,
+    on_remark: Callable[[str], None] = warnings.warn,
 ) -> pd.DataFrame:
     """Run the missing designs of a sweep and return the table of all.
 
@@ -40,20 +36,23 @@ def run_sweep(
         folder: of the result; created if it is missing.
         executor: computes chunks in its workers, with the same results; by default they are computed here.
         on_progress: called with the numbers of finished and of all designs.
+        on_remark: called with a sentence for each file that was damaged or incomplete and is made anew.
 
     Returns:
-        A row per design in the order of the sweep, in SI.
+        A row per design in the order of the sweep, in SI; metrics are NaN where the status is not "ok".
 
     Raises:
         SweepError: the folder holds something else or cannot be written, or the workers failed.
     """
     chunks = plan_chunks(sweep.machine, sweep.designs, sweep.settings)
     with SweepFolder(sweep, folder, chunks) as store:
+        finished = {} if store.table is not None else store.finished()
+        for remark in store.remarks:
+            on_remark(remark)
         if store.table is not None:
             if on_progress is not None:
                 on_progress(len(sweep), len(sweep))
             return store.table
-        finished = store.finished()
         done = sum(len(chunks[n].rows) for n in finished)
         if on_progress is not None:
             on_progress(done, len(sweep))
@@ -109,19 +108,21 @@ def open_sweep(folder: Path | str) -> SweepResult:
     """
     folder = Path(folder)
     manifest = read_manifest(folder)
+    finished = manifest["state"] == "finished"
+    name = TABLE_FILE if finished else DESIGNS_FILE
     try:
-        if (folder / TABLE_FILE).exists():
-            require_regular_file(folder / TABLE_FILE)
-            return to_result(pq.read_table(folder / TABLE_FILE), manifest)
-        require_regular_file(folder / DESIGNS_FILE)
-        data = pq.read_table(folder / DESIGNS_FILE)
+        content = read_listed_file(folder, manifest, name)
+        if content is None:
+            raise ValueError(f"{name} is missing, damaged or was changed; the command that made the folder repairs it")
+        data = pq.read_table(pa.BufferReader(content))
     except (OSError, ValueError, pa.ArrowException) as error:
         raise SweepError(f"{folder}: unreadable or half-written: {error}") from None
+    if finished:
+        return to_result(data, manifest)
     metrics: dict[str, np.ndarray] = {n: np.full(len(data), np.nan) for n in ("cycles", "residual", "status")}
-    for path in sorted((folder / CHUNKS_FOLDER).glob("*.parquet")):
-        columns = read_chunk(path, manifest["hash"])
-        if columns is not None:
-            rows = columns.pop("design")
-            for name, column in columns.items():
+    for file in read_chunk_files(folder).values():
+        if file is not None and file.sweep == manifest["hash"]:
+            rows = file.columns.pop("design")
+            for name, column in file.columns.items():
                 metrics.setdefault(name, np.full(len(data), np.nan))[rows] = column
     return to_result(with_results(data, metrics), manifest)
