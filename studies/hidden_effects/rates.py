@@ -133,6 +133,11 @@ def all_are_named(r: Result, method: str) -> bool:
     return set(hidden_names(r)) <= answered
 
 
+def names_exactly(r: Result, method: str) -> bool:
+    """Whether a method named all that is hidden and nothing else."""
+    return all_are_named(r, method) and len(answers(r, method)) == len(hidden_names(r))
+
+
 def confident_answers(results: list[Result]) -> Rate:
     """The rate of right answers among those with a probability of at least `CONFIDENT_PROBABILITY`."""
     is_right = [
@@ -168,6 +173,9 @@ def rates(results: list[Result], method: str) -> dict[str, Rate]:
         "right sensor and fault": rate(of[Family.SENSOR], lambda r: is_named(r, method)),
         "both of two": rate(of[Family.PAIR], lambda r: all_are_named(r, method)),
         "at least one of two": rate(of[Family.PAIR], lambda r: bool(set(hidden_names(r)) & set(answers(r, method)))),
+        "nothing but what is hidden": rate(
+            of[Family.ONE] + of[Family.SENSOR] + of[Family.PAIR], lambda r: names_exactly(r, method)
+        ),
         "false alarms": rate(of[Family.NULL], lambda r: not is_right_null(r, method)),
     }
     if method != PACKAGE_METHOD:

@@ -13,6 +13,7 @@ from edhas_jax.measurements.synthetic_campaign import PlannedRun
 from studies.hidden_effects import benchmark, cases, rates
 from studies.hidden_effects.baselines import ScreenedCandidate, correlation, exact_fit, forward_bic, screen
 from studies.hidden_effects.figures import save_figures
+from tests.support import ROOT
 
 
 @pytest.fixture
@@ -193,6 +194,34 @@ def test_bic_of_a_law_with_many_parameters_is_worse():
     cheap, dear = (ScreenedCandidate(f"k{k}", shape, k) for k in (1, 4))
     assert forward_bic(residual, [dear, cheap]).named[0] == "k1"
     assert forward_bic(residual, [dear]).named == []
+
+
+PUBLISHED = ROOT / "studies" / "hidden_effects" / "published" / "baselines.jsonl"
+PAGE = ROOT / "docs" / "hidden_effects.md"
+
+
+def test_the_published_rates_of_the_baselines_are_those_of_the_stored_results():
+    results = [json.loads(line) for line in PUBLISHED.read_text(encoding="utf-8").splitlines()]
+    methods = (rates.BIC, rates.CORRELATION, rates.SPARSE)
+    found = [rates.rates(results, method) for method in methods]
+    rows = (
+        PAGE.read_text(encoding="utf-8").split("| | BIC | correlation | PySINDy |")[1].split("\n\n")[0].splitlines()[2:]
+    )
+    published = {row.split("|")[1].strip(): [cell.strip() for cell in row.split("|")[2:5]] for row in rows}
+    titles = {
+        "right name first, one effect": "right name first",
+        "right name among the first three": "right name among three",
+        "right component of the machine": "right component of the machine",
+        "right sensor and fault": "right sensor and fault",
+        "both of two effects": "both of two",
+        "at least one of two effects": "at least one of two",
+        "nothing but what is hidden, one or two effects or a fault": "nothing but what is hidden",
+        "false alarms where nothing is missing": "false alarms",
+    }
+    assert published.keys() == titles.keys()
+    for title, label in titles.items():
+        counted = [table[label] for table in found]
+        assert published[title] == [f"{100 * r.right / r.of:.0f} % ({r.right}/{r.of})" for r in counted]
 
 
 def test_wilson_interval():
