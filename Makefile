@@ -28,6 +28,8 @@ bench: setup
 	$(BIN)/python benchmarks/step_size.py
 	$(BIN)/python benchmarks/abrupt_starts.py
 	$(BIN)/python benchmarks/gradients.py
+	$(BIN)/python benchmarks/operations.py
+	$(BIN)/python benchmarks/fmu.py
 	$(BIN)/python benchmarks/throughput.py
 	$(BIN)/python benchmarks/peers.py
 
