@@ -196,12 +196,12 @@ def test_bic_of_a_law_with_many_parameters_is_worse():
     assert forward_bic(residual, [dear]).named == []
 
 
-PUBLISHED = ROOT / "studies" / "hidden_effects" / "published" / "baselines.jsonl"
+PUBLISHED = ROOT / "studies" / "hidden_effects" / "published" / "baselines.json"
 PAGE = ROOT / "docs" / "hidden_effects.md"
 
 
 def test_the_published_rates_of_the_baselines_are_those_of_the_stored_results():
-    results = [json.loads(line) for line in PUBLISHED.read_text(encoding="utf-8").splitlines()]
+    results = json.loads(PUBLISHED.read_text(encoding="utf-8"))
     methods = (rates.BIC, rates.CORRELATION, rates.SPARSE)
     found = [rates.rates(results, method) for method in methods]
     rows = (
