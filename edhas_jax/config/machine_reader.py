@@ -87,6 +87,8 @@ class MachineReader:
             name, equals, value = (part.strip() for part in text.partition("="))
             if not (name and equals and value):
                 self._add((f"--set {text}",), "write name=value, for example duration=2s")
+            elif name.removeprefix("simulation.") in {*settings, *parameters}:
+                self._add((f"--set {text}",), f"{name} is given twice")
             elif name.removeprefix("simulation.") in SETTING_NAMES:
                 settings[name.removeprefix("simulation.")] = value
             else:
@@ -252,7 +254,7 @@ class MachineReader:
             if not self._incomplete or "ambiguous" in str(error):
                 self._add(key, str(error))
             return m
-        if key[0] != "parameters":
+        if key[0] != "parameters" and not self._given.get((path, p.name), key)[0].startswith("--set "):
             self._given.pop((path, p.name), None)  # an override may replace a value of the configuration
         return self._set(m, key, path, p, value)
 

@@ -139,6 +139,7 @@ class CampaignDescription(ProblemList):
     def _read_uncertain(self) -> None:
         owners = {p.name: effect.id for effect in DEFAULT_EFFECTS for p in structs.parameters(effect)}
         present = {effect.id for effect in self.machine.effects}
+        given: dict[str, str] = {}
         for name, text in self._mapping(self._data.get("uncertain"), ("uncertain",), "coil_resistance: 0.02").items():
             key = ("uncertain", name)
             spread = self._positive_number(key, text, "-", "0.1")
@@ -148,8 +149,10 @@ class CampaignDescription(ProblemList):
                 self.uncertain[name] = spread
                 sentence = f"belongs to {owners[name]}, which the model lacks; it is used once that effect is added"
                 self.remarks.append((Severity.NOTE, key, sentence))
-            elif (canonical := self._canonical_name(key, name)) is not None:
-                self.uncertain[canonical] = spread
+            elif (canonical := self._canonical_name(key, name)) in given:
+                self.add(key, f"given twice, also as {given[canonical]}")
+            elif canonical is not None:
+                self.uncertain[canonical], given[canonical] = spread, name
 
     def _positive_number(self, key: tuple, text: Any, unit: str, example: str) -> float | None:
         """A positive number with or without its unit, in SI; None, and a problem, for anything else."""
@@ -223,10 +226,13 @@ class CampaignDescription(ProblemList):
             if use not in [u.value for u in Use]:
                 found = f"got {use}" if use is not None else "it is missing"
                 self.add((*key, "use"), f"one of fit, holdout belongs here; {found}")
-            conditions = {}
+            conditions, given = {}, {}
             for name, value in row.items():
                 if name in RUN_KEYS or (canonical := self._canonical_name((*key, name), name)) is None:
                     continue
+                if canonical in given:
+                    self.add((*key, name), f"given twice, also as {given[canonical]}")
+                given[canonical] = name
                 p, _ = find_parameter(self.machine, canonical)
                 size = self.read_quantity((*key, name), p, value)
                 if size is not None:

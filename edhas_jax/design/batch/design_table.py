@@ -114,6 +114,12 @@ def _read_csv(path: Path) -> tuple[list[str], np.ndarray, Callable[[int], str]]:
                 raise DesignError(f"{place}: {len(row)} values where the header has {len(header)}")
             rows.append([_number(cell, place, name) for cell, name in zip(row, header, strict=True)])
             lines.append(reader.line_num)
+    with path.open("rb") as file:
+        file.seek(-1, 2)
+        if rows and file.read(1) not in b"\r\n":
+            # "20.5" cut off as "20." would be read as a valid number
+            raise DesignError(f"{path}:{lines[-1]}: the last line has no end; the file seems to be cut off "
+                              "(add a line end if it is complete)")  # fmt: skip
     return header, np.array(rows, float).reshape(len(rows), len(header)), lambda row: f":{lines[row]}"
 
 

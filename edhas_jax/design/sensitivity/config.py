@@ -75,6 +75,8 @@ def load_sensitivity(path: Path | str, trust: Trust = ()) -> SensitivityTask:
     for i, name in enumerate(metrics):
         if known and name not in known:
             reader.add(("metrics", i), f"no metric `{name}`; {suggest(str(name), known)}")
+        if name in metrics[:i]:
+            reader.add(("metrics", i), f"{name} is listed twice")
     local = []
     for i, name in enumerate(reader.list_section("local")):
         try:

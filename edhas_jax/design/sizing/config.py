@@ -191,6 +191,8 @@ def _read_objective(r: TaskReader, known: list[str]) -> dict[str, float]:
                 number = -1.0
             if not 0.0 < number < np.inf:
                 r.add(key, f"a weight above 0 belongs here, not {weight}")
+            if name in weights:
+                r.add(key, "given twice")
             weights[name] = sign * number
     if not weights:
         r.add(("objective",), "no metric is given; write for example {maximise: [mean_flow]}")
@@ -235,7 +237,7 @@ def _read_robust(r: TaskReader) -> tuple[RobustObjective | None, tuple[Tolerance
     if section.get("judge") not in valid:
         r.add(("robust", "judge"), f"one of {', '.join(valid)} belongs here")
         return None, ()
-    tolerances = []
+    tolerances, given = [], {}
     rows = section.get("tolerances")
     if not isinstance(rows, Mapping) or not rows:
         r.add(("robust", "tolerances"), "at least one belongs here, for example {piston_clearance: {plus_minus: 3 um}}")
@@ -247,6 +249,9 @@ def _read_robust(r: TaskReader) -> tuple[RobustObjective | None, tuple[Tolerance
         except ParameterError as error:
             r.add(key, str(error))
             continue
+        if column in given:
+            r.add(key, f"given twice, also as {given[column]}")
+        given[column] = name
         if isinstance(spec, Mapping) and set(spec) == {"plus_minus"}:
             text = str(spec["plus_minus"])
             if text.rstrip().endswith("%"):

@@ -49,8 +49,8 @@ SWEEP_KEYS = {
 BATCH_QUANTITIES = {
     "step": SIMULATION_SETTINGS["step"],
     "tolerance": Parameter("tolerance", 1e-4, "-", (1e-9, 0.1), "change from cycle to cycle", "", BatchSettings),
-    "max_cycles": Parameter("max_cycles", 16, "-", (3, 100_000), "cycles at most", "", BatchSettings),
 }
+MAX_CYCLES_SPAN = 3, 100_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,6 +143,7 @@ class SweepReader(ProblemList):
         super().__init__([])
         self.base_problems: list[str] = []
         self._data, self._path, self._trust = data, path, trust
+        self._given: dict[tuple[str, str], str] = {}  # names of the parameters changed so far
         self.add_unknown_keys((), data, SECTIONS)
         name = data.get("name") or ""
         self.name = str(name)
@@ -186,6 +187,9 @@ class SweepReader(ProblemList):
         except ParameterError as error:
             self.add(key, str(error))
             return machine
+        if (path, p.name) in self._given:
+            self.add(key, f"given twice, also as {self._given[path, p.name]}")
+        self._given[path, p.name] = name
         number = self.read_quantity(key, p, value)
         return machine if number is None else replace_value(machine, path, p.name, number)
 
@@ -194,7 +198,7 @@ class SweepReader(ProblemList):
         base = self._simulation
         values: dict[str, Any] = {"precision": base.precision} | ({"step": base.step} if base.step else {})
         section = self._section("batch", "{step: 20 us}") or {}
-        self.add_unknown_keys(("batch",), section, (*BATCH_QUANTITIES, "soft_start", "precision"))
+        self.add_unknown_keys(("batch",), section, (*BATCH_QUANTITIES, "max_cycles", "soft_start", "precision"))
         for name, value in section.items():
             if name == "precision":
                 valid = [p.value for p in Precision]
@@ -207,10 +211,12 @@ class SweepReader(ProblemList):
                     values[name] = value
                 else:
                     self.add(("batch", name), f"yes or no belongs here, not {yaml_type(value)}")
+            elif name == "max_cycles":
+                values[name] = self.read_integer(("batch", name), value, *MAX_CYCLES_SPAN)
             elif name in BATCH_QUANTITIES:
                 number = self.read_quantity(("batch", name), BATCH_QUANTITIES[name], value)
                 if number is not None:
-                    values[name] = int(number) if name == "max_cycles" else number
+                    values[name] = number
         return BatchSettings(**values)
 
     def _section(self, name: str, example: str) -> Mapping[str, Any] | None:

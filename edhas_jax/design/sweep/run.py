@@ -1,6 +1,7 @@
 """Run a sweep chunk by chunk, resume an interrupted one, and read its result."""
 
 import concurrent.futures
+import os
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -108,12 +109,13 @@ def open_sweep(folder: Path | str) -> SweepResult:
     """
     folder = Path(folder)
     manifest = read_manifest(folder)
-    finished = manifest["state"] == "finished"
+    # without its table a finished sweep is read from its chunks
+    finished = manifest["state"] == "finished" and os.path.lexists(folder / TABLE_FILE)
     name = TABLE_FILE if finished else DESIGNS_FILE
     try:
         content = read_listed_file(folder, manifest, name)
         if content is None:
-            raise ValueError(f"{name} is missing, damaged or was changed; the command that made the folder repairs it")
+            raise ValueError(f"{name} is damaged or was changed; the command that made the folder repairs it")
         data = pq.read_table(pa.BufferReader(content))
     except (OSError, ValueError, pa.ArrowException) as error:
         raise SweepError(f"{folder}: unreadable or half-written: {error}") from None
