@@ -26,8 +26,6 @@ def add_parser(commands) -> None:
 
 def run(options) -> int | None:
     """Simulate the designs of a sweep that have no result yet; print how many ended with which status."""
-    from rich.markup import escape
-
     from edhas_jax.design.sweep.config import load_sweep
     from edhas_jax.design.sweep.run import run_sweep
 
@@ -39,7 +37,7 @@ def run(options) -> int | None:
     try:
         with progress, _executor(options.cluster) as executor:
             frame = run_sweep(
-                sweep, folder, executor, progress.report, lambda remark: out.print(escape(remark), soft_wrap=True)
+                sweep, folder, executor, progress.report, lambda remark: out.print(remark, soft_wrap=True)
             )  # fmt: skip
     except KeyboardInterrupt:
         finished = f"{progress.done:,} of {len(sweep):,} designs are finished and saved in {folder}"

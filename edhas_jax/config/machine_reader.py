@@ -84,15 +84,13 @@ class MachineReader:
         """The overrides of settings and those of parameters, as value by name."""
         settings, parameters = {}, {}
         for text in overrides:
-            name, equals, value = (part.strip() for part in text.partition("="))
+            name, equals, value = (part.strip() for part in text.removeprefix("simulation.").partition("="))
             if not (name and equals and value):
                 self._add((f"--set {text}",), "write name=value, for example duration=2s")
-            elif name.removeprefix("simulation.") in {*settings, *parameters}:
-                self._add((f"--set {text}",), f"{name} is given twice")
-            elif name.removeprefix("simulation.") in SETTING_NAMES:
-                settings[name.removeprefix("simulation.")] = value
+            elif name in {*settings, *parameters}:
+                self._add((f"--set {text}",), "given twice")
             else:
-                parameters[name] = value
+                (settings if name in SETTING_NAMES else parameters)[name] = value
         return settings, parameters
 
     def _machine(self) -> Rig | None:
