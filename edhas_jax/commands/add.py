@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_file, add_own_code, own_code
+from edhas_jax.commands.arguments import add_output_file, add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, table
 
 
@@ -35,6 +35,7 @@ def run(options) -> None:
     from edhas_jax.simulation.run import Simulation
 
     campaign = read_campaign(options.campaign, own_code(options))
+    require_own_code(options, campaign.machine)
     effect = load_effect(options.effect, trust=[options.effect])
     path = options.out or Path(f"{file_name(campaign.name)}_{effect.id}.yaml")
     if path.exists() and not options.overwrite:

@@ -43,6 +43,24 @@ def own_code(options) -> list[str]:
     return [spec for name in ("own_effects", "own_controllers", "effects") for spec in getattr(options, name, [])]
 
 
+def require_own_code(options, *machines) -> None:
+    """Refuse an effect or controller of the command line that no file names: it would have no influence.
+
+    Raises:
+        EffectError: the first such option.
+    """
+    from edhas_jax.core.trusted_code import TrustedCode
+    from edhas_jax.machine.effects import EffectError
+    from edhas_jax.machine.effects.loading import class_spec
+
+    present = TrustedCode.of(class_spec(type(p)) for m in machines for p in (*m.effects, m.controller))
+    for option in ("effect", "controller"):
+        for spec in getattr(options, f"own_{option}s", []):
+            named = TrustedCode.of([spec])
+            if not (named.files <= present.files and named.modules <= present.modules):
+                raise EffectError(f"--{option} {spec}: no file that was read names it; write it there to use it")
+
+
 def add_user_effects(parser: argparse.ArgumentParser, metavar: str, description: str) -> None:
     """`--effect FILE.py:Class`, which may be given several times."""
     parser.add_argument("--effect", dest="effects", action="append", default=[], metavar=metavar, help=description)

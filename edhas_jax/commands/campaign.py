@@ -2,7 +2,7 @@
 
 import time
 
-from edhas_jax.commands.arguments import add_campaign_folder, add_own_code, own_code
+from edhas_jax.commands.arguments import add_campaign_folder, add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, headed, progress_bar, table
 
 STATUS_REMARKS = 1
@@ -30,6 +30,7 @@ def run_check(options) -> int:
 
     out = console()
     campaign = read_campaign(options.campaign, own_code(options))
+    require_own_code(options, campaign.machine)
     began = time.perf_counter()
     with progress_bar(out, time_remaining=True) as bar:
         task = bar.add_task("checking, and comparing with the model", total=1.0)

@@ -2,7 +2,13 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_own_code, own_code
+from edhas_jax.commands.arguments import (
+    add_campaign_folder,
+    add_output_folder,
+    add_own_code,
+    own_code,
+    require_own_code,
+)
 from edhas_jax.commands.console import console, file_names, print_remarks, styled, table
 
 
@@ -33,6 +39,7 @@ def run(options) -> None:
 
     campaign = read_campaign(options.campaign, own_code(options))
     machine = None if options.model is None else read_config(options.model, trust=own_code(options)).machine
+    require_own_code(options, campaign.machine, *([] if machine is None else [machine]))
     folder = options.out or unused_folder(Path("comparisons"), campaign.name)
     require_new_folder(folder, options.overwrite)
     out = console()

@@ -10,6 +10,7 @@ from edhas_jax.commands.arguments import (
     add_own_code,
     add_user_effects,
     own_code,
+    require_own_code,
 )
 from edhas_jax.commands.console import console, file_names, print_remarks, save_figure, table
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
@@ -48,6 +49,7 @@ def run(options) -> int | None:
     from edhas_jax.measurements.campaign_reader import read_campaign
 
     campaign = read_campaign(options.campaign, own_code(options))
+    require_own_code(options, campaign.machine)
     user_effects = [load_effect(spec, trust=[spec]) for spec in options.effects]
     identity = diagnosis_identity(campaign, user_effects)
     out = console()

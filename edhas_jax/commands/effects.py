@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_own_code, own_code
+from edhas_jax.commands.arguments import add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, headed, save_figure, table
 
 
@@ -32,7 +32,9 @@ def run(options) -> None:
         return
     listed = LIBRARY
     if options.config:
-        listed = tuple(type(e) for e in read_config(options.config, trust=own_code(options)).machine.effects)
+        machine = read_config(options.config, trust=own_code(options)).machine
+        require_own_code(options, machine)
+        listed = tuple(type(e) for e in machine.effects)
     rows = table("effects", "effect", "acts on", "what it is", "parameters")
     for effect in listed:
         where = ", ".join(dict.fromkeys(s.location for s in effect.slots))

@@ -4,7 +4,7 @@ import os
 from collections import Counter
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_file, add_overrides, add_own_code, own_code
+from edhas_jax.commands.arguments import add_output_file, add_overrides, add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, table
 
 
@@ -35,6 +35,7 @@ def run(options) -> None:
 
     compilers = [] if options.sources_only else options.compilers or [os.environ.get("CC") or "cc"]
     config = read_config(options.config, options.overrides, own_code(options))
+    require_own_code(options, config.machine)
     path = options.out or Path(f"{options.config.stem}.fmu")
     out = console()
     with out.status("reading") as status:

@@ -3,7 +3,13 @@
 import time
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_campaign_folder, add_output_folder, add_own_code, own_code
+from edhas_jax.commands.arguments import (
+    add_campaign_folder,
+    add_output_folder,
+    add_own_code,
+    own_code,
+    require_own_code,
+)
 from edhas_jax.commands.console import console, file_names, print_remarks, table
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
 
@@ -45,6 +51,7 @@ def run(options) -> int | None:
 
     began = time.perf_counter()
     campaign = read_campaign(options.campaign, own_code(options))
+    require_own_code(options, campaign.machine)
     folder = options.out or unused_folder(Path("fits"), campaign.name)
     require_new_folder(folder, options.overwrite)
     unknowns = uncertain_unknowns(campaign)

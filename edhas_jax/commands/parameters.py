@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_own_code, own_code
+from edhas_jax.commands.arguments import add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, table
 
 NO_SOURCE = "chosen; the paper gives no value"
@@ -26,6 +26,7 @@ def run(options) -> None:
     out = console()
     if options.config:
         machine = read_config(options.config, trust=own_code(options)).machine
+        require_own_code(options, machine)
         listed = [(p, value) for p, value, _ in list_parameters(machine)]
         title = f"parameters of {options.config}"
     else:

@@ -8,6 +8,7 @@ from edhas_jax.commands.arguments import (
     add_own_code,
     add_user_effects,
     own_code,
+    require_own_code,
 )
 from edhas_jax.commands.console import console, file_names, progress_bar, save_figure, table
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
@@ -44,6 +45,7 @@ def run(options) -> int | None:
     from edhas_jax.machine.effects.loading import load_effect
 
     campaign = read_planned_campaign(options.campaign, to_si(options.rate, "Hz", "5 kHz"), own_code(options))
+    require_own_code(options, campaign.machine)
     folder = options.out or unused_folder(Path("plans"), campaign.name)
     require_new_folder(folder, options.overwrite)
     user_effects = [load_effect(spec, trust=[spec]) for spec in options.effects]

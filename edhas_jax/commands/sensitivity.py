@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_folder, add_own_code, own_code
+from edhas_jax.commands.arguments import add_output_folder, add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, file_names, headed, progress_bar, save_figure, table
 
 MAX_PRINTED_PARAMETERS = 4  # for each metric
@@ -28,6 +28,7 @@ def run(options) -> None:
     from edhas_jax.design.sensitivity.result_folder import save_sensitivity
 
     analysis = load_sensitivity(options.config, own_code(options))
+    require_own_code(options, analysis.machine)
     folder = options.out or unused_folder(Path("runs"), options.config.stem)
     require_new_folder(folder, options.overwrite)
     out = console()

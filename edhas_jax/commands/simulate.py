@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_folder, add_overrides, add_own_code, own_code
+from edhas_jax.commands.arguments import add_output_folder, add_overrides, add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, file_names, headed, progress_bar, table
 
 STATUS_NOT_VALID = 3
@@ -32,6 +32,7 @@ def run(options) -> int:
     from edhas_jax.simulation.run import simulate
 
     config = read_config(options.config, options.overrides, own_code(options))
+    require_own_code(options, config.machine)
     folder = options.out or unused_folder(Path("runs"), options.config.stem)
     require_new_folder(folder, options.overwrite)
     out = console()

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_folder, add_own_code, own_code
+from edhas_jax.commands.arguments import add_output_folder, add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, headed, progress_bar, save_figure, table
 
 
@@ -28,6 +28,7 @@ def run(options) -> None:
     from edhas_jax.simulation.metrics import METRICS
 
     sizing = load_sizing(options.config, own_code(options))
+    require_own_code(options, sizing.machine)
     folder = options.out or unused_folder(Path("runs"), options.config.stem)
     require_new_folder(folder, options.overwrite)
     out = console()

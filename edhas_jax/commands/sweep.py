@@ -5,7 +5,7 @@ import sys
 import time
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_own_code, own_code
+from edhas_jax.commands.arguments import add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, headed, table
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED
 
@@ -30,6 +30,7 @@ def run(options) -> int | None:
     from edhas_jax.design.sweep.run import run_sweep
 
     sweep = load_sweep(options.config, own_code(options))
+    require_own_code(options, sweep.machine)
     folder = options.out or Path("runs") / options.config.stem
     out = console()
     began = time.perf_counter()

@@ -128,6 +128,13 @@ def test_code_that_the_command_names_runs(given, capsys):
     assert "drag" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("option", ["--effect notes.py:Drag", "--controller notes.py:Gain", "--effect lugre_friction"])
+def test_code_that_no_file_names_is_refused(given, capsys, option):
+    machine_file(given, "rig: actuator_bench\n")
+    assert main(["parameters", "machine.yaml", *option.split()]) == 2 and not did_run(given)
+    assert f"{option}: no file that was read names it" in capsys.readouterr().err
+
+
 def test_code_that_the_call_names_runs(given):
     path = machine_file(given)
     with pytest.raises(ConfigError, match=r"trust=\[\"notes.py\"\]"):
