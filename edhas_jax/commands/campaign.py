@@ -25,8 +25,9 @@ def add_parser(commands) -> None:
 def run_check(options) -> int:
     """Read a campaign and list the errors and warnings in its files; the status is 1 when there are any."""
     from edhas_jax.measurements.campaign import Severity
-    from edhas_jax.measurements.campaign_checks import check_campaign
     from edhas_jax.measurements.campaign_reader import read_campaign
+    from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+    from edhas_jax.measurements.checks.noise_measurement import noise_sentence
 
     out = console()
     campaign = read_campaign(options.campaign, own_code(options))
@@ -34,7 +35,10 @@ def run_check(options) -> int:
     began = time.perf_counter()
     with progress_bar(out, time_remaining=True) as bar:
         task = bar.add_task("checking, and comparing with the model", total=1.0)
-        remarks = check_campaign(campaign, lambda share: bar.update(task, completed=share))
+        checked = checked_campaign(campaign, lambda share: bar.update(task, completed=share))
+    remarks = checked.remarks
+    if (sentence := noise_sentence(checked)) is not None:
+        out.print(sentence, soft_wrap=True)
     seconds = time.perf_counter() - began
     samples = sum(len(run.time) for run in campaign.runs)
     counted = f"{len(campaign.runs)} runs, {len(campaign.channels)} signals, {samples:,} samples"

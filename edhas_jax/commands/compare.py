@@ -9,7 +9,7 @@ from edhas_jax.commands.arguments import (
     own_code,
     require_own_code,
 )
-from edhas_jax.commands.console import console, file_names, print_remarks, styled, table
+from edhas_jax.commands.console import console, file_names, print_data_check, styled, table
 
 
 def add_parser(commands) -> None:
@@ -53,7 +53,7 @@ def run(options) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         figures_of_merit(comparison).to_csv(folder / "figures.csv")
         (folder / "report.html").write_text(report, encoding="utf-8")
-    print_remarks(out, (*campaign.remarks, *comparison.remarks))
+    print_data_check(out, comparison.campaign, comparison.remarks)
     out.print(residual_table(comparison))
     for number, sentence in enumerate(sentences(patterns), 1):
         out.print(f"{number}. {sentence}", soft_wrap=True)

@@ -52,11 +52,14 @@ def progress_bar(out, time_remaining: bool = False):
     return Progress(*columns, transient=True, console=out)
 
 
-def print_remarks(out, remarks) -> None:
-    """Print remarks on measured data, at most ten lines."""
+def print_data_check(out, campaign, more=()) -> None:
+    """Print what the check of a campaign found, and more remarks: the noise first, then at most ten lines."""
+    from edhas_jax.measurements.checks.noise_measurement import noise_sentence
     from edhas_jax.measurements.remark_list import brief_lines
 
-    for line in brief_lines(remarks):
+    noise = noise_sentence(campaign)
+    remarks = [remark for remark in (*campaign.remarks, *more) if remark.sentence != noise]
+    for line in [*([] if noise is None else [noise]), *brief_lines(remarks)]:
         out.print(line, soft_wrap=True)
 
 

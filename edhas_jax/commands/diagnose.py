@@ -12,7 +12,7 @@ from edhas_jax.commands.arguments import (
     own_code,
     require_own_code,
 )
-from edhas_jax.commands.console import console, file_names, print_remarks, save_figure, table
+from edhas_jax.commands.console import console, file_names, print_data_check, save_figure, table
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
 
 DEFAULT_PARENT = Path("diagnoses")
@@ -47,16 +47,19 @@ def run(options) -> int | None:
     from edhas_jax.machine.effects.loading import load_effect
     from edhas_jax.measurements.campaign import CampaignError
     from edhas_jax.measurements.campaign_reader import read_campaign
+    from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 
     campaign = read_campaign(options.campaign, own_code(options))
     require_own_code(options, campaign.machine)
+    with console().status("checking the data"):
+        campaign = checked_campaign(campaign)
     user_effects = [load_effect(spec, trust=[spec]) for spec in options.effects]
     identity = diagnosis_identity(campaign, user_effects)
     out = console()
     folder, sentences = _choose_folder(options, campaign.name, identity)
     for sentence in sentences:
         out.print(sentence, soft_wrap=True)
-    print_remarks(out, campaign.remarks)
+    print_data_check(out, campaign)
     checkpoint, optional, status_code = Checkpoint(folder / CHECKPOINT_FOLDER, identity), OptionalParts(), None
     with terminate_as_interrupt(), out.status("reading") as status:
 
@@ -147,9 +150,11 @@ def _add_optional_parts(diagnosis, folder: Path, optional, say):
 
 def _print_result(out, diagnosis, experiment, failures: list[str], folder: Path) -> None:
     """Print tables, conclusions, what failed, and where the files are."""
+    from edhas_jax.measurements.checks.data_summary import data_sentences
+
     out.print(candidates_table(diagnosis))
     out.print(errors_table(diagnosis))
-    for sentence in diagnosis.sentences():
+    for sentence in [*data_sentences(diagnosis.campaign), *diagnosis.sentences()]:
         out.print(sentence, soft_wrap=True)
     if experiment is not None:
         out.print(experiment.sentence, soft_wrap=True)

@@ -10,7 +10,7 @@ from edhas_jax.commands.arguments import (
     own_code,
     require_own_code,
 )
-from edhas_jax.commands.console import console, file_names, print_remarks, table
+from edhas_jax.commands.console import console, file_names, print_data_check, table
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
 
 
@@ -46,12 +46,15 @@ def run(options) -> int | None:
     from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
     from edhas_jax.measurements.campaign import CampaignError
     from edhas_jax.measurements.campaign_reader import read_campaign
+    from edhas_jax.measurements.checks.campaign_checks import checked_campaign
     from edhas_jax.measurements.instruments import Instruments
     from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 
     began = time.perf_counter()
     campaign = read_campaign(options.campaign, own_code(options))
     require_own_code(options, campaign.machine)
+    with console().status("checking the data"):
+        campaign = checked_campaign(campaign)
     folder = options.out or unused_folder(Path("fits"), campaign.name)
     require_new_folder(folder, options.overwrite)
     unknowns = uncertain_unknowns(campaign)
@@ -60,7 +63,7 @@ def run(options) -> int | None:
         if name not in uncertain:
             raise CampaignError(f"--profile {name}: not an uncertain parameter; these are: {', '.join(uncertain)}")
     out = console()
-    print_remarks(out, campaign.remarks)
+    print_data_check(out, campaign)
     optional, drift, profiles, status_code = OptionalParts(), None, [], None
     with terminate_as_interrupt(), out.status("reading") as status:
         problem = FitProblem(campaign, campaign.machine, unknowns)

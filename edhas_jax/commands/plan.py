@@ -10,7 +10,7 @@ from edhas_jax.commands.arguments import (
     own_code,
     require_own_code,
 )
-from edhas_jax.commands.console import console, file_names, progress_bar, save_figure, table
+from edhas_jax.commands.console import console, file_names, print_data_check, progress_bar, save_figure, table
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
 
 MAX_PRINTED_PAIRS = 12
@@ -43,6 +43,7 @@ def run(options) -> int | None:
     from edhas_jax.diagnosis.planning.figures import draw_similarity, draw_thresholds
     from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign
     from edhas_jax.machine.effects.loading import load_effect
+    from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 
     campaign = read_planned_campaign(options.campaign, to_si(options.rate, "Hz", "5 kHz"), own_code(options))
     require_own_code(options, campaign.machine)
@@ -50,6 +51,9 @@ def run(options) -> int | None:
     require_new_folder(folder, options.overwrite)
     user_effects = [load_effect(spec, trust=[spec]) for spec in options.effects]
     out, optional = console(), OptionalParts()
+    with out.status("checking the data"):
+        campaign = checked_campaign(campaign)
+    print_data_check(out, campaign)
     with terminate_as_interrupt(), progress_bar(out) as bar:
         task = bar.add_task("compiling", total=1.0)
         planned = plan_detectability(

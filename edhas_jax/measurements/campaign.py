@@ -47,10 +47,19 @@ class Remark:
 
 @dataclasses.dataclass(frozen=True)
 class Channel:
-    """A measured signal: its unit in the files, and the standard deviation of its noise in SI."""
+    """A measured signal.
+
+    Args:
+        unit: its unit in the files.
+        noise: standard deviation of its noise as used (SI).
+        stated_noise: the one that the campaign states (SI); None before the data are checked.
+        measured_noise: the one measured in the records (SI); None if not measured.
+    """
 
     unit: str
     noise: float
+    stated_noise: float | None = None
+    measured_noise: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,7 +104,8 @@ class Campaign:
             normal; it may name parameters of effects that `machine` lacks.
         channels: the measured signals by name.
         runs: the runs that can be used.
-        remarks: what the reader noticed in the files and what it left out.
+        remarks: what the reader and the checks noticed in the files, and what they left out.
+        is_checked: whether the data are checked, impossible samples left out, and the noise measured.
     """
 
     name: str
@@ -105,6 +115,7 @@ class Campaign:
     channels: dict[str, Channel]
     runs: tuple[BenchRun, ...]
     remarks: tuple[Remark, ...]
+    is_checked: bool = False
 
     def machine_of(self, run: BenchRun, machine: Rig | None = None) -> Rig:
         """A machine under the conditions of a run.
@@ -132,6 +143,11 @@ class Campaign:
     def uncertain_in(self, machine: Rig) -> dict[str, float]:
         """Relative standard deviations of the uncertain parameters that a machine has, by name."""
         return {name: spread for name, spread in self.uncertain.items() if has_parameter(machine, name)}
+
+    def matching(self, runs: tuple[BenchRun, ...] | None) -> tuple[BenchRun, ...] | None:
+        """The runs of this campaign that have the names of given runs; None for None."""
+        names = None if runs is None else {run.name for run in runs}
+        return None if names is None else tuple(run for run in self.runs if run.name in names)
 
     def runs_for(self, use: Use) -> tuple[BenchRun, ...]:
         """The runs of one use, in the order of the campaign."""

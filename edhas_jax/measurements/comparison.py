@@ -9,6 +9,7 @@ from edhas_jax.core import runtime
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig, Sine
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity, has_parameter
+from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.replay import EXCLUDED_SIGNALS, Replay, machine_with_replay
@@ -91,7 +92,7 @@ def compare(
     """Simulate a model as the bench was run, with a time step whose error is far below the noise.
 
     Args:
-        campaign: the measurements.
+        campaign: the measurements; they are checked first, see `checked_campaign`.
         machine: the model; the campaign's machine by default.
         instruments: measurement chains that record the signals of the model.
         replay: the input that drives the model.
@@ -105,6 +106,8 @@ def compare(
         ParameterError: the machine lacks a parameter that the runs set.
     """
     report_progress = on_progress or (lambda sentence: None)
+    report_progress("checking the data")
+    campaign = checked_campaign(campaign)
     machine = campaign.machine if machine is None else machine
     runs, remarks = [], []
     for run in campaign.runs:

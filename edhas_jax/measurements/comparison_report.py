@@ -5,6 +5,7 @@ import numpy as np
 from edhas_jax.core import html_page
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.measurements.checks.data_summary import data_sentences
 from edhas_jax.measurements.comparison import Comparison
 from edhas_jax.measurements.comparison_figures import (
     draw_binned_residuals,
@@ -42,6 +43,7 @@ def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
             f"{format_quantity(step, 's')}, whose error is at most {comparison.resolution.error:.2f} of the noise. "
             "A residual over noise of 1 means that only the noise of the sensor remains."
         ),
+        *(html_page.paragraph(sentence) for sentence in data_sentences(campaign)),
         html_page.image(draw_residual_matrix({"residual over noise": matrix}, notes), "residual over noise"),
         html_page.heading("Where the model deviates"),
         html_page.numbered_list(

@@ -15,8 +15,8 @@ from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Use
+from edhas_jax.measurements.checks.signal_checks import true_intervals
 from edhas_jax.measurements.record_timing import RecordTiming, TimingError
-from edhas_jax.measurements.signal_checks import true_intervals
 from edhas_jax.measurements.tables.table import Column, Table, TableError
 from edhas_jax.measurements.tables.table_reader import read_table
 

@@ -100,7 +100,7 @@ def test_an_inverter_dead_time_is_located():
         (None, SensorGain(gain=1.25), "current: the model is 20 % too small "),
         (SensorDelay(delay_time=0.4e-3), None, r"current: the model is 4\d\d µs late"),
         (None, SensorDelay(delay_time=0.4e-3), r"current: the model is 4\d\d µs early"),
-        (None, SensorGain(gain=-1.0), "current: where the model moves by "),
+        (SensorGain(gain=-1.0), None, "current: where the model moves by "),
     ],
 )
 def test_sentences_say_how_the_model_is_wrong(of_model, of_bench, sentence):

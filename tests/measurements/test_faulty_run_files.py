@@ -9,7 +9,7 @@ from rich.console import Console
 from scipy.io import savemat
 
 from edhas_jax.commands.cli import main
-from edhas_jax.commands.console import print_remarks
+from edhas_jax.commands.console import print_data_check
 from edhas_jax.measurements.campaign_reader import read_campaign
 from tests.support.faulty_campaign import (
     VALID_CAMPAIGN,
@@ -91,7 +91,7 @@ def test_commands_print_at_most_ten_remarks(folder, capsys):
     for number, run in enumerate(RUNS):
         for k in range(1, 5):
             rewrite(folder, with_cell(100 * k + number, k, f"over {number}"), run)
-    print_remarks(Console(width=400), read_campaign(folder).remarks)
+    print_data_check(Console(width=400), read_campaign(folder))
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == MAX_LINES and lines[-1].startswith("and ")
     assert "`edhas campaign check` lists all" in lines[-1]

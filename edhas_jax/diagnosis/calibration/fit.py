@@ -11,6 +11,7 @@ from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inver
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
+from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel, PredictedSignals
 from edhas_jax.measurements.residuals import normalised_residuals
@@ -173,8 +174,10 @@ def fit(
     Raises:
         FitError: no run to fit, no unknown, or a model that fails from every start.
     """
-    model = problem.model()
     report = on_progress or (lambda sentence: None)
+    campaign = checked_campaign(problem.campaign)
+    problem = dataclasses.replace(problem, campaign=campaign, runs=campaign.matching(problem.runs))
+    model = problem.model()
     points = sample_starts(problem.unknowns, starts, seed) if isinstance(starts, int) else np.atleast_2d(starts)
     if resolution is None:
         report("choosing the integration step")

@@ -15,6 +15,7 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.uncertainty import Drift, ProfileLikelihood
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use
+from edhas_jax.measurements.checks.data_summary import data_as_json, data_sentences
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel, PredictedSignals
 from edhas_jax.measurements.residuals import normalised_residuals, rms_by_signal
@@ -83,7 +84,7 @@ class Calibration:
 
     def findings(self) -> list[str]:
         """Conclusions on the fit as sentences, the most important first."""
-        rms, sentences = self.rms_residuals()["calibrated"], []
+        rms, sentences = self.rms_residuals()["calibrated"], data_sentences(self.fit.problem.campaign)
         use = Use.HOLDOUT if rms["holdout"] else Use.FIT
         overall = rms[use.value]["overall"]
         runs = "held-out runs" if use is Use.HOLDOUT else "fitted runs (none is held out)"
@@ -186,6 +187,7 @@ def calibration_as_json(calibration: Calibration) -> dict:
     names = [u.name for u in fit.problem.unknowns]
     out = {
         "campaign": fit.problem.campaign.name,
+        "data": data_as_json(fit.problem.campaign),
         "calibrated": estimates_as_json(fit),
         "error": calibration.rms_residuals(),
         "converged": fit.converged,

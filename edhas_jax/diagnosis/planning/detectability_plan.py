@@ -19,6 +19,7 @@ from edhas_jax.diagnosis.planning.signatures import CandidatePoints, SignatureGr
 from edhas_jax.diagnosis.search.candidates import build_problem, candidate_unknowns, candidates_for
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
+from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.time_resolution import choose_time_resolution
@@ -108,6 +109,7 @@ def plan_detectability(
         Thresholds and cosines of all candidates, and the best additional run.
     """
     report = on_progress or (lambda stage, share: None)
+    campaign = checked_campaign(campaign)
     report("choosing the integration step", 0.0)
     known = build_problem(campaign, campaign.machine, Instruments(), ()).unknowns
     model = MeasurementModel(campaign, campaign.machine, known, campaign.runs)

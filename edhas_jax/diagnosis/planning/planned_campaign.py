@@ -67,12 +67,13 @@ def read_planned_campaign(
     file = path / CAMPAIGN_FILE if path.is_dir() else path
     description, _ = read_description(file, PlannedCampaignDescription, trust)
     planned = description.planned_runs(rate)
-    measured = {}
+    measured, remarks = {}, ()
     if all(run.file.exists() for run in planned):
-        measured = {run.name: run for run in read_campaign(path, trust).runs}
+        campaign = read_campaign(path, trust)
+        measured, remarks = {run.name: run for run in campaign.runs}, campaign.remarks
     runs = tuple(measured.get(run.name, run) for run in planned)
     return Campaign(
-        description.name, file.parent, description.machine, description.uncertain, description.channels, runs, ()
+        description.name, file.parent, description.machine, description.uncertain, description.channels, runs, remarks
     )
 
 

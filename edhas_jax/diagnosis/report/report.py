@@ -22,6 +22,7 @@ from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.checks.data_summary import data_sentences
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 MAX_LISTED_CANDIDATES = 14
@@ -105,7 +106,8 @@ def diagnosis_report(
 
 def _verdict_box(diagnosis: Diagnosis) -> str:
     kind = "verdict fine" if diagnosis.verdict is Verdict.ADEQUATE else "verdict"
-    sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in diagnosis.sentences())
+    sentences = [*data_sentences(diagnosis.campaign), *diagnosis.sentences()]
+    sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in sentences)
     return f'<div class="{kind}">{sentences}</div>'
 
 

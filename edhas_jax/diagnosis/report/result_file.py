@@ -14,6 +14,7 @@ from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.checks.data_summary import data_as_json
 from edhas_jax.measurements.residuals import rms_by_signal
 from edhas_jax.simulation.run import Simulation
 
@@ -55,6 +56,7 @@ def as_json(
     return {
         "version": VERSION,
         "campaign": diagnosis.campaign.name,
+        "data": data_as_json(diagnosis.campaign),
         "verdict": diagnosis.verdict.value,
         "effects": [t.candidate.id for t in diagnosis.accepted],
         "candidates": [

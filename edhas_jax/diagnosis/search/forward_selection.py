@@ -23,6 +23,7 @@ from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, St
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, Trial, try_candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
+from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
 
@@ -66,7 +67,8 @@ def diagnose(
     """Determine whether effects are missing in the model of a campaign, and which.
 
     Args:
-        campaign: measurements, model, prior of the uncertain parameters, and noise of the sensors.
+        campaign: measurements, model, prior of the uncertain parameters, and noise of the sensors. The data are checked
+            first, see `checked_campaign`.
         library: effect classes to consider; all of the library by default. Sensor faults are always considered.
         more: user-defined effect classes to consider in addition.
         on_progress: called with a sentence on the progress.
@@ -79,6 +81,8 @@ def diagnose(
         FitError: there is nothing to fit, or the model cannot be fitted.
     """
     report, checkpoint = on_progress or (lambda sentence: None), checkpoint or Checkpoint()
+    report("checking the data")
+    campaign = checked_campaign(campaign)
     library = None if library is None else tuple(library)
     search = _Search(campaign, library, tuple(more), checkpoint, report)
     calibrated, resolution = search.stage(

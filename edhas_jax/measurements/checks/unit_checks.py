@@ -7,7 +7,7 @@ import numpy as np
 from edhas_jax.core.units import format_quantity, to_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
-from edhas_jax.measurements.signal_checks import noise_ratio
+from edhas_jax.measurements.checks.signal_checks import noise_ratio
 
 MIN_FACTOR = 5.0  # factor between signal and model below which a wrong model may be the cause
 UNIT_TOLERANCE = 1.35  # factor within which the ratio of signal and model must match the ratio of two units

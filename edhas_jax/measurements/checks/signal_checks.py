@@ -1,63 +1,26 @@
-"""Check single measured signals: stuck or clipped sensors, outliers, slow sampling, noise above the stated value."""
+"""Check single measured signals: stuck or clipped sensors, slow sampling, noise of one run above that of the others."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from edhas_jax.core.units import format_quantity, to_si
+from edhas_jax.core.units import to_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
-from edhas_jax.measurements.time_axis_checks import GAP_IN_INTERVALS, MAX_JITTER, jitter
+from edhas_jax.measurements.checks.noise_measurement import fast_scatter, trimmed_std
+from edhas_jax.measurements.checks.time_axis_checks import GAP_IN_INTERVALS, MAX_JITTER, jitter
 
 MIN_STUCK_SAMPLES = 10  # equal samples in a row from which a sensor counts as stuck
 MIN_CLIPPING_RATIO = 5  # occurrences of the extreme value of a clipped signal over those of any other value
-MIN_OUTLIER_OVER_NOISE = 30.0  # deviation of an outlier in standard deviations of the noise
-MIN_OUTLIER_OVER_RANGE = 0.2  # and as a share of the range of the signal
 MIN_EXCESS_OVER_NOISE = 1.5  # rms deviation from the interpolation beyond the noise, over the noise: slow sampling
 MIN_EXCESS_OVER_SIGNAL = 0.05  # and over the standard deviation of the signal
-MAX_NOISE_RATIO = 2.0  # estimated noise over the noise that the campaign states
+MAX_NOISE_RATIO = 2.0  # estimated noise of a run over the noise that is used
 # standard deviation of `_interpolation_error` for white noise of standard deviation 1
 INTERPOLATION_NOISE_GAIN = np.sqrt(1.0 + 2.0 * (9.0**2 + 1.0) / 16.0**2)
-MEDIAN_OF_ABSOLUTE_NORMAL = 0.6745
-FOURTH_DIFFERENCE_NOISE_GAIN = np.sqrt(70.0)  # 1² + 4² + 6² + 4² + 1² = 70
-
-
-def check_sensor(campaign: Campaign, run: BenchRun, name: str) -> Iterator[Remark]:
-    """Check whether the sensor of a signal was stuck or clipped.
-
-    Args:
-        campaign: gives the machine.
-        run: the run.
-        name: name of the signal.
-
-    Yields:
-        Warnings, each with the line of the first sample concerned.
-    """
-    values, unit = run.signals[name], SIGNALS[name].unit
-    if not np.isfinite(values).any():
-        return
-    low, high = np.nanmin(values), np.nanmax(values)
-    if low == high:
-        sentence = f"is {format_quantity(low, unit)} throughout; the sensor is stuck or not connected"
-        yield _warning(run, name, 0, sentence)
-        return
-    limits = {extreme for extreme in (low, high) if _is_clipped_at(values, extreme)}
-    for first, last in _stuck_intervals(values):
-        if values[first] not in limits:
-            duration, value = run.time[last] - run.time[first], format_quantity(values[first], unit)
-            sentence = f"stuck at {value} for {last - first + 1} samples ({format_quantity(duration, 's')})"
-            yield _warning(run, name, first, sentence)
-    for extreme in sorted(limits):
-        if name == "voltage" and _is_supply_limit(campaign, run, extreme):
-            continue
-        first, count = int(np.flatnonzero(values == extreme)[0]), int((values == extreme).sum())
-        beyond = "below" if extreme == low else "above"
-        sentence = f"clipped: {count} samples are exactly {format_quantity(extreme, unit)}, none is {beyond}"
-        yield _warning(run, name, first, sentence)
 
 
 def check_quality(campaign: Campaign, run: BenchRun, name: str) -> Iterator[Remark]:
-    """Check a signal for outliers, slow sampling and excessive noise by interpolating each sample from its neighbours.
+    """Check a signal for slow sampling and excessive noise by interpolating each sample from its neighbours.
 
     Args:
         campaign: gives the stated noise, and the other runs for comparison.
@@ -65,23 +28,14 @@ def check_quality(campaign: Campaign, run: BenchRun, name: str) -> Iterator[Rema
         name: name of the signal.
 
     Yields:
-        Warnings: the outliers, or else one on slow sampling or noise.
+        A warning on slow sampling or noise.
     """
     values, channel, unit = run.signals[name], campaign.channels[name], SIGNALS[name].unit
     error = _interpolation_error(run, values)
     if jitter(run) > MAX_JITTER or np.isfinite(error).sum() < 2 * MIN_STUCK_SAMPLES:
         return
-    extent, strength = float(np.subtract(*np.nanpercentile(values, [99, 1]))), float(np.nanstd(values))
+    strength = float(np.nanstd(values))
     ratio = noise_ratio(campaign, run, name)
-    noise_limit = MIN_OUTLIER_OVER_NOISE * INTERPOLATION_NOISE_GAIN * channel.noise * max(1.0, ratio)
-    limit = max(noise_limit, MIN_OUTLIER_OVER_RANGE * extent)
-    size = np.nan_to_num(np.abs(error))
-    outliers = [k for k in np.flatnonzero(size > limit) if size[k] >= size[max(k - 3, 0) : k + 4].max()]
-    for k in outliers:
-        sentence = f"an isolated outlier of {format_quantity(values[k + 3], unit)}, far from its neighbours"
-        yield _warning(run, name, k + 3, sentence)
-    if outliers:
-        return
     # allow three standard deviations of the estimated mean square
     allowance = 1.0 + 3.0 * np.sqrt(3.0 / np.isfinite(error).sum())
     noise_square = allowance * (INTERPOLATION_NOISE_GAIN * channel.noise) ** 2
@@ -92,14 +46,14 @@ def check_quality(campaign: Campaign, run: BenchRun, name: str) -> Iterator[Rema
     excess_limit = max(MIN_EXCESS_OVER_NOISE * channel.noise, MIN_EXCESS_OVER_SIGNAL * strength)
     if excess > excess_limit and not (ratio > MAX_NOISE_RATIO and same_in_others):
         shares = f"{excess / strength:.0%} of the signal, {excess / channel.noise:.1f} times the noise"
-        sentence = "sampled too slowly for its content, or noisier than stated: samples deviate from the interpolation"
-        yield _warning(run, name, 0, f"{sentence} between their neighbours by {shares}")
+        sentence = "sampled too slowly for its content, or noisier than in other runs: samples deviate from the"
+        yield _warning(run, name, 0, f"{sentence} interpolation between their neighbours by {shares}")
     elif ratio > MAX_NOISE_RATIO:
         unit_size = to_si(f"1 {channel.unit}", unit) - to_si(f"0 {channel.unit}", unit)
         found, stated = (
             f"{noise / unit_size:.3g} {channel.unit}" for noise in (ratio * channel.noise, channel.noise)
         )  # fmt: skip
-        sentence = f"its noise is {found}, {ratio:.1f} times the {stated} that the campaign states"
+        sentence = f"its noise is {found}, {ratio:.1f} times the {stated} of this signal"
         yield _warning(run, name, 0, sentence)
 
 
@@ -108,24 +62,18 @@ def _warning(run: BenchRun, name: str, sample: int, sentence: str) -> Remark:
 
 
 def noise_ratio(campaign: Campaign, run: BenchRun, name: str) -> float:
-    """Noise of a signal, estimated from the median of its absolute fourth differences, over the stated noise.
+    """Fast part of the noise of a signal in one run, from its fourth differences, over the noise of the signal.
 
     Args:
-        campaign: gives the stated noise.
+        campaign: gives the noise.
         run: the run.
         name: name of the signal.
 
     Returns:
         The ratio of standard deviations; NaN with too few samples.
     """
-    values = run.signals[name]
-    fourth = np.abs(np.diff(values, 4))
-    moving = np.convolve(np.diff(values) == 0.0, np.ones(4), "valid") == 0.0
-    usable = fourth[moving & np.isfinite(fourth)]
-    if len(usable) < MIN_STUCK_SAMPLES:
-        return np.nan
-    deviation = np.median(usable) / MEDIAN_OF_ABSOLUTE_NORMAL / FOURTH_DIFFERENCE_NOISE_GAIN
-    return float(deviation / campaign.channels[name].noise)
+    fast = fast_scatter(run, name)
+    return trimmed_std(fast) / campaign.channels[name].noise if len(fast) >= MIN_STUCK_SAMPLES else np.nan
 
 
 def _interpolation_error(run: BenchRun, values: np.ndarray) -> np.ndarray:
@@ -147,7 +95,7 @@ def _constant_intervals(values: np.ndarray) -> list[tuple[int, int]]:
     return [(first, last + 1) for first, last in true_intervals(np.diff(values) == 0.0)]
 
 
-def _stuck_intervals(values: np.ndarray) -> list[tuple[int, int]]:
+def stuck_intervals(values: np.ndarray) -> list[tuple[int, int]]:
     """Intervals of equal samples that are too long for a sensor whose last digit moves with its noise."""
     steps = np.abs(np.diff(values))
     steps = steps[np.isfinite(steps)]
@@ -159,7 +107,7 @@ def _stuck_intervals(values: np.ndarray) -> list[tuple[int, int]]:
     return long
 
 
-def _is_clipped_at(values: np.ndarray, extreme: float) -> bool:
+def is_clipped_at(values: np.ndarray, extreme: float) -> bool:
     """Whether a signal returns to exactly its extreme value far more often than to any other value."""
     if len(true_intervals(values == extreme)) < 2:
         return False
@@ -172,7 +120,7 @@ def _is_clipped_at(values: np.ndarray, extreme: float) -> bool:
     return bool(occurs) and counts[found == extreme][0] >= MIN_CLIPPING_RATIO * max(others.max(initial=1), 1)
 
 
-def _is_supply_limit(campaign: Campaign, run: BenchRun, value: float) -> bool:
+def is_supply_limit(campaign: Campaign, run: BenchRun, value: float) -> bool:
     """Whether a command stands at the supply voltage, where the controller itself limits it."""
     limit = float(campaign.machine_of(run).supply.supply_voltage)
     return abs(abs(value) / limit - 1.0) < 0.01

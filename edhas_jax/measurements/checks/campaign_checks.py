@@ -1,0 +1,143 @@
+"""Check the data of a campaign: say what looks wrong, leave out what is impossible, measure the noise."""
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity
+from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
+from edhas_jax.measurements.checks.delay_checks import DelayCheck
+from edhas_jax.measurements.checks.impossible_samples import find_impossible_samples
+from edhas_jax.measurements.checks.noise_measurement import noise_sentence, with_measured_noise
+from edhas_jax.measurements.checks.signal_checks import check_quality
+from edhas_jax.measurements.checks.time_axis_checks import check_time_axis
+from edhas_jax.measurements.checks.unit_checks import check_units
+from edhas_jax.measurements.checks.wiring_checks import check_saturation, check_wiring
+from edhas_jax.simulation.run import Simulation, SimulationError, simulate
+
+SIMULATION_STEP = 50e-6  # s; the checks need orders of magnitude and shapes only
+SIMULATION_SAMPLE_RATE = 2000.0  # Hz
+MAX_SIMULATED_LENGTH = 100.0  # s; a longer run is not compared with the model
+
+Models = Mapping[str, Mapping[str, np.ndarray]]
+
+
+def check_campaign(campaign: Campaign, on_progress: Callable[[float], None] | None = None) -> tuple[Remark, ...]:
+    """Check the files of a campaign; see `checked_campaign`.
+
+    Returns:
+        The remarks of the reader and of the checks, in the order of the files and lines.
+    """
+    return checked_campaign(campaign, on_progress).remarks
+
+
+def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | None = None) -> Campaign:
+    """Check the data of a campaign, leave out what is impossible, and measure the noise.
+
+    Every run with a usable time axis is simulated with the campaign's machine at low accuracy, because wrong units,
+    reversed signals and time shifts show only in the comparison with a model. `compare`, `fit`, `diagnose` and
+    `plan_detectability` call this function themselves; a campaign that is checked already is returned as it is.
+
+    Args:
+        campaign: the campaign.
+        on_progress: called with the completed share of the simulations, 0 … 1.
+
+    Returns:
+        The campaign without impossible signals and samples (NaN), with the noise as `with_measured_noise` says, and
+        with the remarks of the reader and of the checks in the order of the files and lines.
+
+    Raises:
+        CampaignError: no run has a signal that can be used.
+    """
+    if campaign.is_checked:
+        return campaign
+    measured = [run for run in campaign.runs if run.signals]
+    remarks = [*campaign.remarks]
+    models = _simulated_runs(campaign, measured, remarks, on_progress)
+    remarks += _check_sampling_and_files(measured)
+    runs = []
+    for run in measured:
+        wrong, found = check_wiring(campaign, run, models)
+        remarks += found
+        runs.append(dataclasses.replace(run, signals={n: v for n, v in run.signals.items() if n not in wrong}))
+    if measured and not any(run.signals for run in runs):
+        raise CampaignError("\n".join([*map(str, remarks), f"{campaign.folder}: no signal of any run can be used"]))
+    runs = [run for run in runs if run.signals]
+    campaign = with_measured_noise(_with_runs(campaign, runs))
+    if (sentence := noise_sentence(campaign)) is not None:
+        remarks.insert(0, Remark(Severity.WARNING, campaign.folder / CAMPAIGN_FILE, 0, sentence))
+    cleaned = []
+    for run in runs:
+        signals = {}
+        for name, values in run.signals.items():
+            causes = list(check_units(campaign, run, name, models))
+            impossible, found = find_impossible_samples(campaign, run, name, models)
+            signals[name] = np.where(impossible, np.nan, values) if impossible.any() else values
+            # a stuck sensor or a wrong unit also disturbs noise and shape: the cause is reported, not its effects
+            remarks += [*causes, *found] or check_quality(campaign, run, name)
+        cleaned.append(dataclasses.replace(run, signals=signals))
+    campaign = _with_runs(campaign, cleaned)
+    for name in campaign.channels:
+        remarks += check_saturation(campaign, name, models)
+    remarks += DelayCheck(campaign, models).check()
+    order = {run.file: k for k, run in enumerate(campaign.runs)}
+    ordered = sorted(dict.fromkeys(remarks), key=lambda r: (order.get(r.file, -1), r.line))
+    return dataclasses.replace(campaign, remarks=tuple(ordered), is_checked=True)
+
+
+def _with_runs(campaign: Campaign, runs: list[BenchRun]) -> Campaign:
+    """A campaign with these runs in place of its measured ones; runs that are only planned stay."""
+    changed = {run.name: run for run in runs}
+    kept = [changed.get(run.name, run) for run in campaign.runs if run.name in changed or not run.signals]
+    return dataclasses.replace(campaign, runs=tuple(kept))
+
+
+def _simulated_runs(
+    campaign: Campaign, runs: list[BenchRun], remarks: list[Remark], on_progress: Callable[[float], None] | None
+) -> Models:
+    """The signals of the model by run and signal; adds remarks on time axes and on runs that cannot be simulated."""
+    models = {}
+    for k, run in enumerate(runs):
+        time_remarks = list(check_time_axis(run, campaign.machine_of(run)))
+        remarks += time_remarks
+        wrong_unit = any("unit of time" in remark.sentence for remark in time_remarks)
+        if wrong_unit or run.time[-1] > MAX_SIMULATED_LENGTH:
+            continue
+        try:
+            models[run.name] = _simulated(campaign, run, _share_of_all(on_progress, k, len(runs)))
+        except SimulationError as error:
+            sentence = f"not compared with the model, which cannot be simulated under these conditions: {error}"
+            remarks.append(Remark(Severity.NOTE, run.file, 0, sentence))
+    return models
+
+
+def _share_of_all(on_progress: Callable[[float], None] | None, k: int, count: int) -> Callable[[float], None]:
+    """A callback for the completed share of task `k` of `count` that reports the share of all tasks."""
+    return lambda share: on_progress((k + share) / count) if on_progress else None
+
+
+def _simulated(campaign: Campaign, run: BenchRun, on_progress: Callable[[float], None]) -> dict[str, np.ndarray]:
+    """The signals of the model (samples,) at the time stamps of a run, SI."""
+    duration = float(run.time[-1]) + 1.0 / SIMULATION_SAMPLE_RATE
+    settings = Simulation(duration=duration, step=SIMULATION_STEP, sample_rate=SIMULATION_SAMPLE_RATE)
+    signals = simulate(campaign.machine_of(run), settings, on_progress).signals
+    return {name: np.interp(run.time, signals["time"], signals[name]) for name in run.signals}
+
+
+def _check_sampling_and_files(runs: list[BenchRun]) -> list[Remark]:
+    """Notes on runs with another sampling rate than most, and warnings on files that several runs name."""
+    if not runs:
+        return []
+    rates = {run.name: round(1.0 / run.interval, 3) for run in runs}
+    common, _ = Counter(rates.values()).most_common(1)[0]
+    notes = [
+        Remark(Severity.NOTE, run.file, 0, f"is sampled at {rates[run.name]:.6g} Hz, most runs at {common:.6g} Hz")
+        for run in runs
+        if abs(rates[run.name] / common - 1.0) > 0.01
+    ]
+    files = Counter(run.file for run in runs)
+    return notes + [
+        Remark(Severity.WARNING, file, 0, f"is used by {count} runs") for file, count in files.items() if count > 1
+    ]

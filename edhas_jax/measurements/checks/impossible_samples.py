@@ -1,0 +1,105 @@
+"""Find the samples of a signal that cannot be right: spikes and drop-outs, a stuck sensor, a sensor at its limit."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from edhas_jax.core.units import format_quantity
+from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.measurements.checks.noise_measurement import cycle_length
+from edhas_jax.measurements.checks.signal_checks import is_clipped_at, is_supply_limit, stuck_intervals, true_intervals
+from edhas_jax.measurements.checks.spike_detection import find_spikes
+
+MIN_MODEL_MOTION = 10.0  # motion of the model, in standard deviations of the noise, while a sensor is stuck
+MIN_MODEL_STEPS = 3.0  # the same, in steps of the sensor's resolution
+MAX_LISTED = 5  # spikes of a signal whose times are listed
+
+
+def find_impossible_samples(
+    campaign: Campaign, run: BenchRun, name: str, models: Mapping[str, Mapping[str, np.ndarray]]
+) -> tuple[np.ndarray, list[Remark]]:
+    """Find the samples of a signal that are left out.
+
+    Args:
+        campaign: gives the machine and the noise.
+        run: the run.
+        name: name of the signal.
+        models: signals of the model (samples,) at the time stamps, by run and signal, SI.
+
+    Returns:
+        A mask (samples,), and a remark for each kind with the run, the times and the reason.
+    """
+    values, noise, unit = run.signals[name], campaign.channels[name].noise, SIGNALS[name].unit
+    model = models[run.name][name] if run.name in models else None
+    machine = campaign.machine_of(run)
+    found, remarks = np.zeros(len(values), bool), []
+
+    def remark(severity: Severity, mask: np.ndarray, sentence: str) -> None:
+        remarks.append(Remark(severity, run.file, int(run.lines[int(np.argmax(mask))]), f"{name}: {sentence}"))
+
+    def judge(mask: np.ndarray, sentence: str) -> None:
+        """Leave samples of one value out if the model moves meanwhile; without a model, only say so."""
+        sentence = sentence.format(count=int(mask.sum()))
+        if model is None:
+            remark(Severity.WARNING, mask, sentence)
+        elif np.ptp(model[mask]) > max(MIN_MODEL_MOTION * noise, MIN_MODEL_STEPS * _resolution(values)):
+            found[mask] = True
+            remark(Severity.ERROR, mask, f"{sentence}, while the model moves; left out")
+
+    if not np.isfinite(values).any():
+        return found, remarks
+    low, high = np.nanmin(values), np.nanmax(values)
+    limits = [v for v in (low, high) if low < high and is_clipped_at(values, v)]
+    for limit in limits:
+        if name == "voltage" and is_supply_limit(campaign, run, limit):
+            continue
+        beyond = "below" if limit == low else "above"
+        text = format_quantity(limit, unit)
+        judge(values == limit, f"clipped: {{count}} samples are exactly {text}, none is {beyond}")
+    for first, last in [(0, len(values) - 1)] if low == high else stuck_intervals(values):
+        if values[first] in limits:
+            continue
+        mask = np.zeros(len(values), bool)
+        mask[first : last + 1] = True
+        value, duration = format_quantity(values[first], unit), format_quantity(run.time[last] - run.time[first], "s")
+        start = format_quantity(run.time[first], "s")
+        is_all = "; is the sensor connected?" if low == high else ""
+        judge(mask, f"stuck at {value} for {{count}} samples ({duration} from {start}){is_all}")
+    period = cycle_length(machine)
+    ramp_time = float(machine.reference.ramp_time) if period is not None else math.inf
+    if low < high:
+        spikes = find_spikes(run, name, noise, model, period, ramp_time) & ~found
+        if spikes.any():
+            found |= spikes
+            remark(Severity.ERROR, spikes, f"{_spike_text(run, values, spikes, unit)}; left out")
+    return found, remarks
+
+
+def _resolution(values: np.ndarray) -> float:
+    """The smallest step from one sample to the next; 0 for a constant signal."""
+    steps = np.abs(np.diff(values))
+    return float(np.min(steps[steps > 0.0], initial=np.inf)) if (steps > 0.0).any() else 0.0
+
+
+def _spike_text(run: BenchRun, values: np.ndarray, spikes: np.ndarray, unit: str) -> str:
+    """How many spikes and drop-outs there are, when, and their size."""
+    intervals = true_intervals(spikes)
+    regular = values[~spikes & np.isfinite(values)]
+
+    def extreme(first: int, last: int) -> float:
+        part = values[first : last + 1]
+        return float(part[np.argmax(np.abs(part - np.median(regular)))])
+
+    def text(first: int, last: int) -> str:
+        return f"{format_quantity(extreme(first, last), unit)} at {format_quantity(run.time[first], 's')}"
+
+    listed = [text(*interval) for interval in intervals[:MAX_LISTED]]
+    if len(intervals) == 1:
+        count = int(spikes.sum())
+        samples = "1 sample" if count == 1 else f"{count} samples"
+        return f"an isolated outlier of {listed[0]} ({samples}), far from its neighbours and from other cycles"
+    more = f" and {len(intervals) - MAX_LISTED} more" if len(intervals) > MAX_LISTED else ""
+    count = f"{len(intervals)} isolated outliers ({spikes.sum()} samples)"
+    return f"{count}, far from their neighbours and from other cycles: {', '.join(listed)}{more}"
