@@ -4,6 +4,19 @@ import argparse
 from pathlib import Path
 
 
+def whole_number(low: int, high: int):
+    """A type of arguments: a whole number from `low` to `high`."""
+
+    def read(text: str) -> int:
+        # a longer text has too many digits for any such number, and for `int`
+        number = int(text) if text.lstrip("-").isdecimal() and len(text) < 20 else None
+        if number is None or not low <= number <= high:
+            raise argparse.ArgumentTypeError(f"a whole number from {low} to {high} belongs here, not {text[:20]}")
+        return number
+
+    return read
+
+
 def add_output_folder(parser: argparse.ArgumentParser, parent: str) -> None:
     """`--out` and `--overwrite` of a command that writes a folder, by default a new one in `parent`."""
     parser.add_argument("--out", type=Path, help=f"folder to write (default: {parent}/NAME, numbered if it exists)")

@@ -6,6 +6,7 @@ No command imports JAX, pandas, matplotlib or SciPy before it runs, so that `edh
 import argparse
 import importlib
 import os
+import re
 import sys
 import warnings
 
@@ -30,6 +31,7 @@ from edhas_jax.commands import (
     trust,
 )
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED
+from edhas_jax.commands.terminal import plain_characters
 from edhas_jax.core.literal_text import terminal_text
 
 COMMANDS = (
@@ -37,6 +39,7 @@ COMMANDS = (
     schema, device, trust,
 )  # fmt: skip
 STATUS_USER_ERROR = 2
+MAX_QUOTED = 200  # characters of a name in a message
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -49,6 +52,16 @@ def main(arguments: list[str] | None = None) -> int:
         The exit status: 0, 2 after one message when the input is wrong, 130 when the user interrupted the command, or
         what the command itself returns (1 from `edhas campaign check` when a file looks wrong).
     """
+    with plain_characters():
+        return _run(sys.argv[1:] if arguments is None else arguments)
+
+
+def _run(arguments: list[str]) -> int:
+    """Run one command; its exit status."""
+    # a name that is no text in UTF-8 reaches Python with surrogates, and cannot be written into any result
+    if wrong := next((text for text in arguments if re.search("[\x00\ud800-\udfff]", text)), None):
+        print(f"edhas: {_shortened(wrong)!r} is no name in UTF-8; rename the file or folder", file=sys.stderr)
+        return STATUS_USER_ERROR
     options = _parser().parse_args(arguments)
     try:
         with warnings.catch_warnings():  # restores how warnings are shown, for callers within a process
@@ -63,6 +76,14 @@ def main(arguments: list[str] | None = None) -> int:
     except _user_errors() as error:
         print(f"edhas: {terminal_text(str(error))}", file=sys.stderr)
         return STATUS_USER_ERROR
+    except OSError as error:  # no space, no permission, a name that is too long
+        place = f"{_shortened(str(error.filename))}: " if error.filename else ""
+        print(f"edhas: {terminal_text(place)}{error.strerror or error}", file=sys.stderr)
+        return STATUS_USER_ERROR
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= MAX_QUOTED else f"{text[:MAX_QUOTED]}…"
 
 
 def _prepare_process() -> None:

@@ -9,6 +9,7 @@ from edhas_jax.commands.arguments import (
     add_own_code,
     own_code,
     require_own_code,
+    whole_number,
 )
 from edhas_jax.commands.console import console, file_names, print_data_check, table
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
@@ -19,7 +20,7 @@ def add_parser(commands) -> None:
     parser = commands.add_parser("fit", help="calibrate the uncertain parameters of a campaign's machine")
     add_campaign_folder(parser)
     add_output_folder(parser, "fits")
-    parser.add_argument("--starts", type=int, default=4, help="points to start from (default: 4)")
+    parser.add_argument("--starts", type=whole_number(1, 100), default=4, help="points to start from (default: 4)")
     parser.add_argument(
         "--profile", action="append", default=[], metavar="NAME",
         help="also the likelihood along this parameter, all others fitted anew; may be given several times",

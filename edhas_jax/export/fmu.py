@@ -118,7 +118,10 @@ def export_fmu(
 
 def _platform_of(compiler: str) -> tuple[str, str, list[str]]:
     """The entry of `_PLATFORMS` for a compiler, given by its command line."""
-    words = shlex.split(compiler)
+    try:
+        words = shlex.split(compiler)
+    except ValueError:
+        raise FmuError(f"--compiler: `{compiler}` has a quotation mark that is not closed") from None
     if not words or shutil.which(words[0]) is None:
         remedy = "install one (gcc or clang), name another with --compiler, or add --sources-only"
         raise FmuError(f"no C compiler `{compiler}` was found; {remedy} and compile sources/{UNIT_FILE} on the target")

@@ -81,7 +81,8 @@ class CampaignDescription(ProblemList):
         self.remarks: list[tuple[Severity, tuple, str]] = []
         self._data, self.folder, self._trust = data, folder, trust
         self.add_unknown_keys((), data, KEYS)
-        self.name = str(data.get("name") or folder.resolve().name)
+        # the name of a folder may be no text in UTF-8
+        self.name = str(data.get("name") or folder.resolve().name.encode("utf-8", "replace").decode())
         reference = data.get("reference")
         self.set_point = reference if isinstance(reference, str) else None
         self.machine = self._read_machine()
@@ -108,7 +109,7 @@ class CampaignDescription(ProblemList):
         for section in ("amplifier", "controller"):
             if isinstance(config.get(section), Mapping):
                 kind = config[section].get("kind", "position") if section == "controller" else section
-                config[section] = {SHORT_NAMES.get(kind, {}).get(n, n): v for n, v in config[section].items()}
+                config[section] = {SHORT_NAMES.get(str(kind), {}).get(n, n): v for n, v in config[section].items()}
         if self.set_point:
             placeholder = Recorded(values=np.zeros(2), interval=1.0)
             config["reference"] = {"kind": "recorded", **encode_samples(placeholder)}

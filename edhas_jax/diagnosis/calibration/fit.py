@@ -243,6 +243,8 @@ def sample_starts(unknowns: Sequence[UnknownParameter], count: int, seed: int) -
     The first is the prior mean. The others are normal around it, with `START_STD` and clipped at two standard
     deviations; an unknown without a prior but with a finite span is drawn uniformly from that span.
     """
+    if count < 1:
+        raise FitError(f"at least 1 starting point is needed, not {count}")
     rng = np.random.default_rng(seed)
     rows = np.zeros((count, len(unknowns)))
     for k, u in enumerate(unknowns):

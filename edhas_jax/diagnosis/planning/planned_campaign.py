@@ -15,7 +15,7 @@ from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
 
 APERIODIC_DURATION = 0.6  # s, of a run whose set point is not periodic
-MIN_SAMPLES = 100  # of a run
+MIN_SAMPLES, MAX_SAMPLES = 100, 200_000  # of a run
 
 
 class PlannedCampaignDescription(CampaignDescription):
@@ -25,7 +25,7 @@ class PlannedCampaignDescription(CampaignDescription):
         """The runs without signals, sampled at `rate` [Hz] for some cycles of their set point.
 
         Raises:
-            CampaignError: the set point is a recording, or a run would have too few samples.
+            CampaignError: the set point is a recording, or a run would have too few or too many samples.
         """
         if self.set_point:
             raise CampaignError(
@@ -41,6 +41,9 @@ class PlannedCampaignDescription(CampaignDescription):
         if duration * rate < MIN_SAMPLES:
             raise CampaignError(f"{file}: has {duration * rate:.0f} samples at {format_quantity(rate, 'Hz')}, at least "
                                 f"{MIN_SAMPLES} are needed; raise the sampling rate")  # fmt: skip
+        if duration * rate > MAX_SAMPLES:
+            count = f"{duration * rate:.3g} samples at {format_quantity(rate, 'Hz')}"
+            raise CampaignError(f"{file}: has {count}, at most {MAX_SAMPLES:,} can be planned; lower the sampling rate")
         time = np.arange(round(duration * rate) + 1) / rate
         time = time[time >= low - 0.5 / rate]
         return BenchRun(name, file, use, conditions, time, {}, np.arange(len(time)) + 2)
