@@ -1,6 +1,7 @@
 """The command `edhas schema`."""
 
 import json
+import sys
 
 
 def add_parser(commands) -> None:
@@ -13,4 +14,5 @@ def run(options) -> None:
     """Print the JSON schema of configurations."""
     from edhas_jax.config.json_schema import json_schema
 
-    print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+    is_unicode = "utf" in (sys.stdout.encoding or "").lower()
+    print(json.dumps(json_schema(), indent=2, ensure_ascii=not is_unicode))

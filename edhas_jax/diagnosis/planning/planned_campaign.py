@@ -64,8 +64,10 @@ def read_planned_campaign(
 
     Raises:
         CampaignError: `campaign.yaml` is invalid (every problem, one line each), its set point is a recording, or
-            `rate` leaves a run with too few samples.
+            `rate` leaves a run with too few or too many samples.
     """
+    if not rate > 0.0:
+        raise CampaignError(f"the sampling rate must be above 0, for example 5 kHz; got {format_quantity(rate, 'Hz')}")
     path = Path(path)
     file = path / CAMPAIGN_FILE if path.is_dir() else path
     description, _ = read_description(file, PlannedCampaignDescription, trust)
