@@ -13,7 +13,7 @@ from edhas_jax.machine.rigs import RIGS
 
 MAX_BYTES = 250_000_000  # of a file; the samples of a recording may be among them
 MAX_VALUES, MAX_DEPTH = 100_000, 50  # of a file: keys and values, levels of nesting
-UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff]")  # may come from escapes such as "\\0"
+NOT_TEXT = re.compile("[\x00\ud800-\udfff]")  # from escapes such as "\\0"; no file name may hold them
 FAST_FROM = 100_000  # characters; the fast parser has other words for syntax errors
 KeyPath = tuple[str | int, ...]  # keys and list indices from the top of the file, such as ("effects", 0)
 
@@ -71,8 +71,8 @@ def _check_size(events: Iterator[yaml.Event]) -> None:
             raise YamlError(line, f"an alias (*{event.anchor}) is not supported; write the value again")
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         values += isinstance(event, yaml.NodeEvent)
-        if isinstance(event, yaml.ScalarEvent) and (character := UNPRINTABLE.search(event.value)):
-            raise YamlError(line, f"a control character (code {ord(character[0]):#04x}) is no part of a text or name")
+        if isinstance(event, yaml.ScalarEvent) and (character := NOT_TEXT.search(event.value)):
+            raise YamlError(line, f"the character of code {ord(character[0]):#04x} is no part of a text or name")
         if depth > MAX_DEPTH:
             raise YamlError(line, f"nested too deeply; at most {MAX_DEPTH} levels")
         if values > MAX_VALUES:

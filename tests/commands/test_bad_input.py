@@ -86,12 +86,12 @@ def test_names_that_no_file_can_have(capsys, working_folder, arguments, name):
     assert not list(working_folder.iterdir())
 
 
-@pytest.mark.parametrize("name", ["a" * 300 + ".csv", '"a\\0b.csv"', '"a\\uD800.csv"', '"a\\eb.csv"'])
+@pytest.mark.parametrize("name", ["a" * 300 + ".csv", '"a\\0b.csv"', '"a\\uD800.csv"'])
 def test_names_in_a_campaign(capsys, tmp_path, name):
     folder = copy_campaign(tmp_path / "bench")
     replace_in_yaml(folder, "file: run8.csv", f"file: {name}")
     if "\\" in name:
-        assert "campaign.yaml:19: a control character" in refused(capsys, ["campaign", "check", str(folder)])
+        assert "campaign.yaml:19: the character of code" in refused(capsys, ["campaign", "check", str(folder)])
     else:
         (remark,) = read_campaign(folder).remarks
         assert remark.sentence == "cannot be read: File name too long; the run is left out"
