@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from edhas_jax.commands.cli import main
-from edhas_jax.diagnosis.calibration.fit import FitError, sample_starts
+from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem, fit
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 from tests.support import CONFIGS
@@ -54,9 +54,9 @@ def test_values_of_options(capsys, arguments, sentence):
 
 
 def test_no_starting_point_from_python():
-    unknowns = uncertain_unknowns(read_campaign(VALID_CAMPAIGN))
+    campaign = read_campaign(VALID_CAMPAIGN)
     with pytest.raises(FitError, match="at least 1 starting point is needed, not 0"):
-        sample_starts(unknowns, 0, 0)
+        fit(FitProblem(campaign, campaign.machine, uncertain_unknowns(campaign)), starts=0)
 
 
 @pytest.mark.parametrize("kind", ["[a]", "{a: b}", "1", "''"])

@@ -7,6 +7,7 @@ import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
+from edhas_jax.diagnosis.calibration.starts import sample_starts
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
@@ -18,7 +19,6 @@ from edhas_jax.measurements.residuals import normalised_residuals
 from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
-START_STD = 0.7  # spread of the random starts around the prior mean, in prior standard deviations
 CORRECTION_REFINEMENT = 4  # steps of the final corrections per fine step
 MAX_CORRECTIONS = 2
 ROUGH_COST_TOLERANCE = 1.0  # difference of ½χ² that the rough search neither resolves nor merges starts below
@@ -172,12 +172,14 @@ def fit(
         The estimate with its covariance.
 
     Raises:
-        FitError: no run to fit, no unknown, or a model that fails from every start.
+        FitError: no run to fit, no unknown, no start, or a model that fails from every start.
     """
     report = on_progress or (lambda sentence: None)
     campaign = checked_campaign(problem.campaign)
     problem = dataclasses.replace(problem, campaign=campaign, runs=campaign.matching(problem.runs))
     model = problem.model()
+    if isinstance(starts, int) and starts < 1:
+        raise FitError(f"at least 1 starting point is needed, not {starts}")
     points = sample_starts(problem.unknowns, starts, seed) if isinstance(starts, int) else np.atleast_2d(starts)
     if resolution is None:
         report("choosing the integration step")
@@ -235,26 +237,6 @@ def _correct_discretisation(
             break
         x, outcomes, quadratic = x_new, outcomes_new, quadratic_new
     return x, outcomes
-
-
-def sample_starts(unknowns: Sequence[UnknownParameter], count: int, seed: int) -> np.ndarray:
-    """Draw starting points in coordinates, shape (count, n).
-
-    The first is the prior mean. The others are normal around it, with `START_STD` and clipped at two standard
-    deviations; an unknown without a prior but with a finite span is drawn uniformly from that span.
-    """
-    if count < 1:
-        raise FitError(f"at least 1 starting point is needed, not {count}")
-    rng = np.random.default_rng(seed)
-    rows = np.zeros((count, len(unknowns)))
-    for k, u in enumerate(unknowns):
-        low, high = u.bounds()
-        if u.has_prior or not np.isfinite(high - low):
-            rows[1:, k] = np.clip(START_STD * rng.standard_normal(count - 1), -2.0, 2.0)
-        else:
-            rows[1:, k] = rng.uniform(low, high, count - 1)
-        rows[:, k] = np.clip(rows[:, k], low, high)
-    return rows
 
 
 def _evaluator(model: MeasurementModel, per_sample: int) -> Callable[[np.ndarray, np.ndarray], QuadraticModel]:
