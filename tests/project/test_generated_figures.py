@@ -35,7 +35,6 @@ DEFINITIONS = {
     "docs/fmu.md": {"Time"},
     "docs/hidden_effects.md": {"The cases", "Independent data generation"},
     "docs/model.md": {"Equations", "Notes for reading results"},
-    "docs/sizing.md": {"Which parameters matter where"},
     "docs/sweeps.md": {"Figures"},
 }
 
