@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from edhas_jax.config.machine_reader import TOP_LEVEL_KEYS, MachineReader
+from edhas_jax.config.problem_list import problem_lines
 from edhas_jax.config.writer import dump_config
 from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, read_text_file, yaml_type
 from edhas_jax.core.trusted_code import Trust
@@ -76,7 +77,7 @@ def read_config(
     if problems:
         problems.sort(key=lambda problem: problem[0])
         messages = (f"{_location(path, line)}: {message}" for line, message in problems)
-        raise ConfigError("\n".join(dict.fromkeys(messages)))
+        raise ConfigError(problem_lines(messages))
     return Config(reader.machine, reader.simulation, reader.name, path, text, reader.recordings)
 
 
@@ -104,7 +105,7 @@ def build_config(
         raise ConfigError(f"a mapping with the keys {', '.join(TOP_LEVEL_KEYS)} is needed, not {yaml_type(mapping)}")
     reader = MachineReader(mapping, Path(base_dir), overrides, trust)
     if reader.problems:
-        raise ConfigError("\n".join(dict.fromkeys(f"{key_text(key)}: {message}" for key, message in reader.problems)))
+        raise ConfigError(problem_lines(f"{key_text(key)}: {message}" for key, message in reader.problems))
     config = Config(reader.machine, reader.simulation, reader.name, recordings=reader.recordings)
     return dataclasses.replace(config, text=dump_config(config))
 

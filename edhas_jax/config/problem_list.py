@@ -1,6 +1,6 @@
 """Base class of configuration readers: reads single values and collects all problems for one report."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from edhas_jax.config.run_settings import quantity_text
@@ -9,6 +9,15 @@ from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError
 from edhas_jax.machine.parameters import ParameterError, parse_value
+
+MAX_LISTED = 50  # problems of one file
+
+
+def problem_lines(messages: Iterable[str]) -> str:
+    """All problems of a file as one text, a line each, every one once; at most `MAX_LISTED` of them."""
+    lines = list(dict.fromkeys(messages))
+    more = len(lines) - MAX_LISTED
+    return "\n".join([*lines[:MAX_LISTED], *([f"and {more:,} more problems like these"] if more > 0 else [])])
 
 
 class ProblemList:

@@ -12,7 +12,7 @@ from edhas_jax.core.regular_file import read_regular_file
 from edhas_jax.machine.rigs import RIGS
 
 MAX_BYTES = 250_000_000  # of a file; the samples of a recording may be among them
-MAX_VALUES, MAX_DEPTH = 100_000, 50  # of a file: keys and values, levels of nesting
+MAX_VALUES, MAX_DEPTH = 20_000, 50  # of a file: keys and values, levels of nesting
 NOT_TEXT = re.compile("[\x00\ud800-\udfff]")  # from escapes such as "\\0"; no file name may hold them
 FAST_FROM = 100_000  # characters; the fast parser has other words for syntax errors
 KeyPath = tuple[str | int, ...]  # keys and list indices from the top of the file, such as ("effects", 0)
@@ -84,14 +84,14 @@ def _convert(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], duplicate
     if isinstance(node, yaml.ScalarNode):
         if node.tag == "tag:yaml.org,2002:bool":
             return node.value.lower() in ("true", "yes", "on")
-        return None if node.tag == "tag:yaml.org,2002:null" else _whole_characters(node.value)
+        return None if node.tag == "tag:yaml.org,2002:null" else node.value
     if isinstance(node, yaml.SequenceNode):
         lines |= {(*key, i): item.start_mark.line + 1 for i, item in enumerate(node.value)}
         return [_convert(item, (*key, i), lines, duplicates) for i, item in enumerate(node.value)]
     data: dict[str, Any] = {}
     for name_node, value in node.value:
         line = name_node.start_mark.line + 1
-        name = _whole_characters(name_node.value) if isinstance(name_node, yaml.ScalarNode) else "?"
+        name = name_node.value if isinstance(name_node, yaml.ScalarNode) else "?"
         inner = (*key, name)
         if name in data:
             duplicates.append((line, f"{key_text(inner)}: given twice, first in line {lines[inner]}"))
@@ -99,13 +99,6 @@ def _convert(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], duplicate
         lines[inner] = line
         data[name] = _convert(value, inner, lines, duplicates)
     return data
-
-
-def _whole_characters(text: str) -> str:
-    """A text whose halves of characters, which YAML can write as escapes, are put together or replaced."""
-    if not any("\ud800" <= c <= "\udfff" for c in text):
-        return text
-    return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
 
 
 def read_text_file(path: Path, error: type[Exception]) -> str:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from edhas_jax.config.machine_config import ConfigError
-from edhas_jax.config.problem_list import ProblemList
+from edhas_jax.config.problem_list import ProblemList, problem_lines
 from edhas_jax.config.yaml_with_lines import (
     KeyPath,
     YamlError,
@@ -121,7 +121,7 @@ class TaskReader(ProblemList):
         problems = sorted(self._yaml_problems + problems, key=lambda p: p[0])
         messages = [f"{self.path}:{line}: {what}" for line, what in problems]
         if messages or self._base_problems:
-            raise ConfigError("\n".join(dict.fromkeys([*messages, *self._base_problems])))
+            raise ConfigError(problem_lines([*messages, *self._base_problems]))
 
 
 def _with_section(key: KeyPath, section: str) -> KeyPath:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edhas_jax.config.machine_reader import MachineReader
-from edhas_jax.config.problem_list import ProblemList
+from edhas_jax.config.problem_list import ProblemList, problem_lines
 from edhas_jax.config.recorded_signal import encode_samples
 from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, read_text_file, yaml_type
 from edhas_jax.core import runtime, structs
@@ -272,7 +272,7 @@ def read_description(
     problems += [(line_of(lines, key), f"{key_text(key)}: {sentence}") for key, sentence in found.problems]
     if problems:
         problems.sort(key=lambda problem: problem[0])
-        raise CampaignError("\n".join(dict.fromkeys(f"{path}:{line}: {sentence}" for line, sentence in problems)))
+        raise CampaignError(problem_lines(f"{path}:{line}: {sentence}" for line, sentence in problems))
     remarks = [
         Remark(severity, path, line_of(lines, key), f"{key_text(key)}: {sentence}")
         for severity, key, sentence in found.remarks

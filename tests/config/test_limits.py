@@ -92,6 +92,11 @@ def test_deep_yaml(refused, levels, brackets):
     assert f"given.yaml:2: nested too deeply; at most {MAX_DEPTH} levels" in refused(text)
 
 
+def test_many_problems(refused):
+    error = refused(BENCH + "".join(f"key{i}: 1\n" for i in range(2000)))
+    assert len(error.splitlines()) == 51 and "and 1,950 more problems like these" in error
+
+
 def test_aliases(refused):
     text = "a: &a [x, x]\n" + "".join(f"{chr(98 + i)}: &{chr(98 + i)} [*{chr(97 + i)}]\n" for i in range(20))
     assert "given.yaml:2: an alias (*a) is not supported" in refused(text)

@@ -139,8 +139,10 @@ def test_html(text):
 def test_configuration(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("a.yaml").write_text(f"name: {yaml_text(name)}\n{MACHINE}", encoding="utf-8")
+    if "\0" in name or "\ud800" in name:  # no part of a text
+        assert main(["simulate", "a.yaml"]) == 2 and "is no part of a text or name" in capsys.readouterr().err
+        return
     config = edhas.load("a.yaml")
-    name = name.replace("\ud800", "\ufffd")  # half of a character
     assert config.name == name
     Path("b.yaml").write_text(dump_config(config), encoding="utf-8")
     assert edhas.load("b.yaml").name == name
@@ -153,7 +155,7 @@ def test_a_unit_with_such_a_name_runs_no_code(tmp_path, monkeypatch):
     """All names together in one unit; one by one they would take a compilation each."""
     monkeypatch.chdir(tmp_path)
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
-    name = " ".join(NAMES).replace("\ud800", "\ufffd")
+    name = " ".join(NAMES).replace("\ud800", "").replace("\0", "")
     Path("a.yaml").write_text(f"name: {yaml_text(name)}\n{MACHINE}", encoding="utf-8")
     assert main(["export", "a.yaml", "--sources-only"]) == 0
     with zipfile.ZipFile("a.fmu") as archive:
@@ -177,7 +179,7 @@ def test_comparison(tmp_path, monkeypatch, capsys):
     folder, bench = tmp_path / "bench", ROOT / "tests/data/campaign_bench"
     folder.mkdir()
     data = yaml.safe_load((bench / "campaign.yaml").read_text(encoding="utf-8"))
-    data["name"], run = f"../../../x [/b] $y^{{$ <b>\r{CODE}\n# */ \ud800", data["runs"][0]
+    data["name"], run = f"../../../x [/b] $y^{{$ <b>\r{CODE}\n# */", data["runs"][0]
     shutil.copy(bench / run["file"], folder / f"a [$x^{{$ [b]{Path(run['file']).suffix}")
     data["runs"] = [run | {"file": f"a [$x^{{$ [b]{Path(run['file']).suffix}"}]
     (folder / "campaign.yaml").write_text(json.dumps(data), encoding="utf-8")

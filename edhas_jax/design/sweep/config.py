@@ -9,7 +9,7 @@ import numpy as np
 
 from edhas_jax.config.machine_config import ConfigError, read_config
 from edhas_jax.config.machine_reader import MachineReader
-from edhas_jax.config.problem_list import ProblemList
+from edhas_jax.config.problem_list import ProblemList, problem_lines
 from edhas_jax.config.run_settings import SIMULATION_SETTINGS
 from edhas_jax.config.yaml_with_lines import (
     KeyPath,
@@ -119,7 +119,7 @@ def load_sweep(path: Path | str, trust: Trust = ()) -> Sweep:
     problems += [(line_of(lines, key), f"{key_text(key)}: {what}") for key, what in found]
     messages = [f"{path}:{line}: {what}" for line, what in sorted(problems, key=lambda p: p[0])]
     if messages or reader.base_problems:
-        raise ConfigError("\n".join(dict.fromkeys([*messages, *reader.base_problems])))
+        raise ConfigError(problem_lines([*messages, *reader.base_problems]))
     return Sweep(
         reader.machine, reader.designs, reader.settings, reader.kind, reader.axes, reader.seed, reader.name, path
     )
