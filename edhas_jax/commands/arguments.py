@@ -20,7 +20,10 @@ def whole_number(low: int, high: int):
 def add_output_folder(parser: argparse.ArgumentParser, parent: str) -> None:
     """`--out` and `--overwrite` of a command that writes a folder, by default a new one in `parent`."""
     parser.add_argument("--out", type=Path, help=f"folder to write (default: {parent}/NAME, numbered if it exists)")
-    parser.add_argument("--overwrite", action="store_true", help="write into the folder of --out if it exists")
+    parser.add_argument(
+        "--overwrite", action="store_true",
+        help="replace an earlier result in the folder of --out; other files there stay",
+    )  # fmt: skip
 
 
 def add_output_file(parser: argparse.ArgumentParser, description: str) -> None:

@@ -11,6 +11,8 @@ from edhas_jax.commands.arguments import (
 )
 from edhas_jax.commands.console import console, file_names, print_data_check, styled, table
 
+FILES = "figures.csv", "report.html"  # that the command writes
+
 
 def add_parser(commands) -> None:
     """Declare the command and its arguments."""
@@ -29,7 +31,8 @@ def add_parser(commands) -> None:
 def run(options) -> None:
     """Simulate the runs of a campaign, write a report, print the residuals and their patterns."""
     from edhas_jax.config.machine_config import read_config
-    from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
+    from edhas_jax.config.result_files import ResultFiles
+    from edhas_jax.config.run_folder import report_write_errors, unused_folder
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.comparison import compare
     from edhas_jax.measurements.comparison_report import comparison_report, sentences
@@ -41,7 +44,7 @@ def run(options) -> None:
     machine = None if options.model is None else read_config(options.model, trust=own_code(options)).machine
     require_own_code(options, campaign.machine, *([] if machine is None else [machine]))
     folder = options.out or unused_folder(Path("comparisons"), campaign.name)
-    require_new_folder(folder, options.overwrite)
+    files = ResultFiles(folder, options.overwrite, FILES)
     out = console()
     with out.status("reading") as status:
         comparison = compare(campaign, machine, replay=Replay(options.replay), on_progress=status.update)
@@ -50,9 +53,10 @@ def run(options) -> None:
         status.update("drawing")
         report = comparison_report(comparison, patterns)
     with report_write_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+        files.begin()
         figures_of_merit(comparison).to_csv(folder / "figures.csv")
         (folder / "report.html").write_text(report, encoding="utf-8")
+        files.finish()
     print_data_check(out, comparison.campaign, comparison.remarks)
     out.print(residual_table(comparison))
     for number, sentence in enumerate(sentences(patterns), 1):

@@ -16,6 +16,7 @@ from edhas_jax.commands.console import console, file_names, print_data_check, sa
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
 
 DEFAULT_PARENT = Path("diagnoses")
+FILES = "report.html", "diagnosis.json", "diagnosis.png", "config.yaml"  # that the command writes
 
 
 def add_parser(commands) -> None:
@@ -38,6 +39,7 @@ def run(options) -> int | None:
         CampaignError: the fit fails.
         ResultFileError: the folder exists or cannot be written.
     """
+    from edhas_jax.config.result_files import ResultFiles
     from edhas_jax.config.run_folder import report_write_errors
     from edhas_jax.core.optional_parts import OptionalParts
     from edhas_jax.diagnosis.calibration.fit import FitError
@@ -57,6 +59,7 @@ def run(options) -> int | None:
     identity = diagnosis_identity(campaign, user_effects)
     out = console()
     folder, sentences = _choose_folder(options, campaign.name, identity)
+    files = ResultFiles(folder, True, FILES)
     for sentence in sentences:
         out.print(sentence, soft_wrap=True)
     print_data_check(out, campaign)
@@ -78,7 +81,7 @@ def run(options) -> int | None:
             return STATUS_INTERRUPTED
         optional.failures += checkpoint.failures
         with report_write_errors(folder):
-            folder.mkdir(parents=True, exist_ok=True)
+            files.begin()
             save_diagnosis(diagnosis, folder)
         experiment = None
         try:
@@ -90,6 +93,7 @@ def run(options) -> int | None:
             status_code = STATUS_INTERRUPTED
         with report_write_errors(folder):
             save_diagnosis(diagnosis, folder, None if experiment is None else experiment.as_json(), optional.failures)
+            files.finish()
     _print_result(out, diagnosis, experiment, optional.failures, folder)
     return status_code
 

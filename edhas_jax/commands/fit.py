@@ -14,6 +14,8 @@ from edhas_jax.commands.arguments import (
 from edhas_jax.commands.console import console, file_names, print_data_check, table
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
 
+FILES = "report.html", "fit.json", "config.yaml"  # that the command writes
+
 
 def add_parser(commands) -> None:
     """Declare the command and its arguments."""
@@ -39,7 +41,8 @@ def run(options) -> int | None:
         CampaignError: a profile is asked of a parameter that is not uncertain, or the fit fails.
         ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder
+    from edhas_jax.config.result_files import ResultFiles
+    from edhas_jax.config.run_folder import report_write_errors, unused_folder
     from edhas_jax.core.optional_parts import OptionalParts
     from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem, fit
     from edhas_jax.diagnosis.calibration.report import fit_report
@@ -57,7 +60,7 @@ def run(options) -> int | None:
     with console().status("checking the data"):
         campaign = checked_campaign(campaign)
     folder = options.out or unused_folder(Path("fits"), campaign.name)
-    require_new_folder(folder, options.overwrite)
+    files = ResultFiles(folder, options.overwrite, FILES)
     unknowns = uncertain_unknowns(campaign)
     uncertain = [u.name for u in unknowns]
     for name in options.profile:
@@ -78,7 +81,7 @@ def run(options) -> int | None:
         after = campaign_residuals(campaign, calibrated.machine, calibrated.instruments, fine)
         result = Calibration(calibrated, None, (), before, after, time.perf_counter() - began)
         with report_write_errors(folder):
-            folder.mkdir(parents=True, exist_ok=True)
+            files.begin()
             save_calibration(result, folder)
         try:
             drift = optional.attempt(
@@ -104,6 +107,7 @@ def run(options) -> int | None:
             text = optional.attempt("report.html", lambda: fit_report(result))
             if text is not None:
                 (folder / "report.html").write_text(text, encoding="utf-8")
+            files.finish()
     out.print(errors_table(result))
     out.print(estimates_table(result))
     for number, sentence in enumerate(result.findings(), 1):

@@ -15,6 +15,8 @@ from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_int
 
 MAX_PRINTED_PAIRS = 12
 
+FILES = "plan.json", "sizes.png", "overlaps.png"  # that the command writes
+
 
 def add_parser(commands) -> None:
     """Declare the command and its arguments."""
@@ -36,7 +38,8 @@ def run(options) -> int | None:
     Raises:
         ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.run_folder import report_write_errors, require_new_folder, unused_folder, write_json
+    from edhas_jax.config.result_files import ResultFiles
+    from edhas_jax.config.run_folder import report_write_errors, unused_folder, write_json
     from edhas_jax.core.optional_parts import OptionalParts
     from edhas_jax.core.units import to_si
     from edhas_jax.diagnosis.planning.detectability_plan import plan_as_json, plan_detectability
@@ -48,7 +51,7 @@ def run(options) -> int | None:
     campaign = read_planned_campaign(options.campaign, to_si(options.rate, "Hz", "5 kHz"), own_code(options))
     require_own_code(options, campaign.machine)
     folder = options.out or unused_folder(Path("plans"), campaign.name)
-    require_new_folder(folder, options.overwrite)
+    files = ResultFiles(folder, options.overwrite, FILES)
     user_effects = [load_effect(spec, trust=[spec]) for spec in options.effects]
     out, optional = console(), OptionalParts()
     with out.status("checking the data"):
@@ -61,10 +64,11 @@ def run(options) -> int | None:
             on_progress=lambda what, share: bar.update(task, completed=share, description=what),
         )  # fmt: skip
     with report_write_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+        files.begin()
         write_json(folder / "plan.json", plan_as_json(planned))
         for name, draw in (("sizes.png", draw_thresholds), ("overlaps.png", draw_similarity)):
             optional.attempt(name, lambda name=name, draw=draw: save_figure(draw(planned), folder / name))
+        files.finish()
     out.print(sizes_table(planned))
     pairs = planned.indistinguishable_pairs()
     if pairs:

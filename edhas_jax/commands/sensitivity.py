@@ -8,6 +8,11 @@ from edhas_jax.commands.console import console, file_names, headed, progress_bar
 
 MAX_PRINTED_PARAMETERS = 4  # for each metric
 
+FILES = (
+    "points.parquet", "local.parquet", "sobol.parquet", "morris.parquet", "sensitivity.yaml", "machine.yaml",
+    "local.png", "sobol.png", "morris.png",
+)  # fmt: skip
+
 
 def add_parser(commands) -> None:
     """Declare the command and its arguments."""
@@ -20,7 +25,8 @@ def add_parser(commands) -> None:
 
 def run(options) -> None:
     """Run a sensitivity analysis, write tables and pictures, print the largest elasticities."""
-    from edhas_jax.config.run_folder import require_new_folder, unused_folder
+    from edhas_jax.config.result_files import ResultFiles
+    from edhas_jax.config.run_folder import report_write_errors, unused_folder
     from edhas_jax.design.batch.design_table import resolve_parameter
     from edhas_jax.design.sensitivity.analysis import analyse_sensitivity
     from edhas_jax.design.sensitivity.config import load_sensitivity
@@ -30,13 +36,15 @@ def run(options) -> None:
     analysis = load_sensitivity(options.config, own_code(options))
     require_own_code(options, analysis.machine)
     folder = options.out or unused_folder(Path("runs"), options.config.stem)
-    require_new_folder(folder, options.overwrite)
+    files = ResultFiles(folder, options.overwrite, FILES)
     out = console()
     began = time.perf_counter()
     with progress_bar(out) as bar:
         task = bar.add_task("compiling", total=1.0)
         result = analyse_sensitivity(analysis, lambda what, share: bar.update(task, completed=share, description=what))
-    save_sensitivity(analysis, result, folder)
+    with report_write_errors(folder):
+        files.begin()
+        save_sensitivity(analysis, result, folder)
     units = {n: resolve_parameter(analysis.machine, n)[0].unit for n in result.points.columns}
     pictures = {"local.png": draw_local(result, units)}
     if result.sobol is not None:
@@ -45,6 +53,8 @@ def run(options) -> None:
         pictures["morris.png"] = draw_morris(result)
     for name, figure in pictures.items():
         save_figure(figure, folder / name)
+    with report_write_errors(folder):
+        files.finish()
 
     seconds = time.perf_counter() - began
     out.print(headed(analysis.name or options.config.stem, f": {len(result.points)} operating points, "

@@ -5,6 +5,10 @@ from pathlib import Path
 from edhas_jax.commands.arguments import add_output_folder, add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, headed, progress_bar, save_figure, table
 
+FILES = (
+    "sized*.yaml", "start.yaml", "sizing.yaml", "path.parquet", "result.json", "path.png", "front.png"
+)  # fmt: skip
+
 
 def add_parser(commands) -> None:
     """Declare the command and its arguments."""
@@ -17,7 +21,8 @@ def add_parser(commands) -> None:
 
 def run(options) -> None:
     """Size a machine, write configurations, search path and pictures, print dimensions, metrics and active limits."""
-    from edhas_jax.config.run_folder import require_new_folder, unused_folder
+    from edhas_jax.config.result_files import ResultFiles
+    from edhas_jax.config.run_folder import report_write_errors, unused_folder
     from edhas_jax.core.units import format_quantity, from_si
     from edhas_jax.design.batch.design_table import resolve_parameter
     from edhas_jax.design.sizing.config import load_sizing
@@ -30,15 +35,18 @@ def run(options) -> None:
     sizing = load_sizing(options.config, own_code(options))
     require_own_code(options, sizing.machine)
     folder = options.out or unused_folder(Path("runs"), options.config.stem)
-    require_new_folder(folder, options.overwrite)
+    files = ResultFiles(folder, options.overwrite, FILES)
     out = console()
     with progress_bar(out) as bar:
         task = bar.add_task("compiling", total=1.0)
         result = size(sizing, lambda what, share: bar.update(task, completed=share, description=what))
-    configs = save_sizing(sizing, result, folder)
-    save_figure(draw_path(sizing, result), folder / "path.png")
-    if sizing.front:
-        save_figure(draw_front(sizing, result), folder / "front.png")
+    with report_write_errors(folder):
+        files.begin()
+        configs = save_sizing(sizing, result, folder)
+        save_figure(draw_path(sizing, result), folder / "path.png")
+        if sizing.front:
+            save_figure(draw_front(sizing, result), folder / "front.png")
+        files.finish()
 
     out.print(headed(sizing.name or options.config.stem, f": {len(sizing.variables)} dimensions, "
               f"{len(result.start.metrics)} cases; {result.machine_seconds:,.0f} machine-seconds in "

@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 
 import edhas_jax
 from edhas_jax.config.machine_config import read_config
+from edhas_jax.config.result_files import ResultFileError, ResultFiles, check_files
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import file_name
@@ -38,11 +39,8 @@ METRICS_FILE = "metrics.json"
 CONFIG_FILE = "config.yaml"
 FIGURE_FILE = "figure.png"
 MANIFEST_FILE = "run.json"
+RUN_FILES = (SIGNALS_FILE, LEDGER_FILE, METRICS_FILE, CONFIG_FILE, FIGURE_FILE, MANIFEST_FILE)
 ENERGY_PREFIX, VOLUME_PREFIX = "energy: ", "volume: "  # of the columns of the ledger
-
-
-class ResultFileError(ValueError):
-    """A result file or folder cannot be written, or is not a valid result."""
 
 
 def unused_folder(parent: Path, name: str) -> Path:
@@ -81,7 +79,8 @@ def report_write_errors(path: Path) -> Iterator[None]:
 def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool = True) -> Path:
     """Write a run folder: signals, ledger, metrics, configuration, manifest and figure.
 
-    The folder is made under a temporary name and renamed when it is complete, so that no partial folder remains.
+    A new folder is made under a temporary name and renamed when it is complete, so that no partial folder remains. In
+    an existing one the files of the earlier run are replaced, and all others stay.
 
     Args:
         run: the simulation result.
@@ -97,17 +96,26 @@ def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool
     """
     folder = Path(folder)
     require_new_folder(folder, overwrite)
+    replaced = ResultFiles(folder, overwrite, RUN_FILES)
     if folder.exists() and not (folder / MANIFEST_FILE).exists():
         raise ResultFileError(f"{folder}: is not a run folder, so it is not overwritten")
     with report_write_errors(folder):
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
         try:
+            written = ResultFiles(temporary, True, RUN_FILES)
+            written.begin()
             _write_files(temporary, run, figure)
+            written.finish()
             os.chmod(temporary, 0o755)
-            if folder.exists():
-                shutil.rmtree(folder)
-            temporary.rename(folder)
+            if not folder.exists():
+                temporary.rename(folder)
+            else:
+                replaced.begin()
+                for file in temporary.iterdir():
+                    if file.name in RUN_FILES:
+                        os.replace(file, folder / file.name)
+                replaced.finish()
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
     return folder
@@ -194,6 +202,7 @@ def open_run(folder: str | Path, trust: Iterable[str | Path] = ()) -> Run:
     for name in (MANIFEST_FILE, SIGNALS_FILE, LEDGER_FILE, CONFIG_FILE):
         if not (folder / name).is_file():
             raise ResultFileError(f"{folder}: not a run folder: {name} is missing")
+    check_files(folder, RUN_FILES)
     try:
         manifest = json.loads((folder / MANIFEST_FILE).read_text(encoding="utf-8"))
         if manifest["format"] > FORMAT_VERSION:

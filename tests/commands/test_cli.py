@@ -27,7 +27,7 @@ def test_simulate_writes_a_folder_that_reopens(working_folder, capsys):
     folder = working_folder / "runs" / "paper"
     names = {p.name for p in folder.iterdir()}
     assert names == {
-        "timeseries.parquet", "ledger.parquet", "metrics.json", "config.yaml", "figure.png", "run.json"
+        "timeseries.parquet", "ledger.parquet", "metrics.json", "config.yaml", "figure.png", "run.json", "files.json"
     }  # fmt: skip
     printed = capsys.readouterr().out
     assert "mean_flow" in printed and "L/min" in printed and "lugre_friction" in printed and "step 20 µs" in printed
@@ -113,7 +113,7 @@ def test_incomplete_run_folders_are_refused(working_folder):
     assert main(["simulate", str(CONFIGS / "actuator.yaml"), "--out", "r", *SHORT_RUN]) == 0
     content = (working_folder / "r" / "timeseries.parquet").read_bytes()
     (working_folder / "r" / "timeseries.parquet").write_bytes(content[: len(content) // 2])
-    with pytest.raises(ValueError, match="unreadable or incomplete"):
+    with pytest.raises(ValueError, match="is damaged, or was changed"):
         edhas.open_run(working_folder / "r")
     (working_folder / "r" / "timeseries.parquet").unlink()
     with pytest.raises(ValueError, match="timeseries.parquet is missing"):

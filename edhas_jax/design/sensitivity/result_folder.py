@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from edhas_jax.config.run_folder import ResultFileError
+from edhas_jax.config.result_files import ResultFileError, check_files
 from edhas_jax.config.writer import dump_config
 from edhas_jax.design.sensitivity.analysis import SensitivityResult
 from edhas_jax.design.sensitivity.config import SensitivityTask
@@ -30,11 +30,12 @@ def open_sensitivity(folder: Path | str) -> SensitivityResult:
     """Read the tables of a sensitivity analysis.
 
     Raises:
-        ResultFileError: the folder has none.
+        ResultFileError: the folder has none, or damaged ones.
     """
     folder = Path(folder)
     for name in (POINTS_FILE, LOCAL_FILE):
         if not (folder / name).is_file():
             raise ResultFileError(f"{folder}: not the folder of a sensitivity analysis: {name} is missing")
+    check_files(folder, (POINTS_FILE, *(f"{n}.parquet" for n in TABLES)))
     tables = {n: pd.read_parquet(folder / f"{n}.parquet") for n in TABLES if (folder / f"{n}.parquet").is_file()}
     return SensitivityResult(pd.read_parquet(folder / POINTS_FILE), **tables)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from edhas_jax.config.run_folder import ResultFileError
+from edhas_jax.config.result_files import ResultFileError, check_files
 from edhas_jax.config.writer import dump_config
 from edhas_jax.design.sizing.config import SizingTask
 from edhas_jax.design.sizing.size import SizedMachine, SizingResult
@@ -53,10 +53,11 @@ def open_sizing(folder: Path | str) -> tuple[dict, pd.DataFrame]:
         The content of result.json (SI), and the path of every start: a row per iteration and start.
 
     Raises:
-        ResultFileError: the folder holds no sizing result.
+        ResultFileError: the folder holds no sizing result, or a damaged one.
     """
     folder = Path(folder)
     for name in (RESULT_FILE, PATH_FILE):
         if not (folder / name).is_file():
             raise ResultFileError(f"{folder}: not the folder of a sizing: {name} is missing")
+    check_files(folder, (RESULT_FILE, PATH_FILE))
     return json.loads((folder / RESULT_FILE).read_text(encoding="utf-8")), pd.read_parquet(folder / PATH_FILE)

@@ -1,0 +1,110 @@
+"""Result folders: damaged files are refused, and what the program has not written is never replaced or removed."""
+
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import edhas_jax as edhas
+from edhas_jax.commands.cli import main
+from edhas_jax.config.result_files import ResultFiles
+from edhas_jax.config.run_folder import ResultFileError
+from edhas_jax.design.sensitivity.result_folder import open_sensitivity
+from edhas_jax.design.sizing.result_folder import open_sizing
+from tests.support import CONFIGS
+
+RUN = ["simulate", str(CONFIGS / "actuator.yaml"), "--set", "duration=0.25s", "--no-figure", "--out", "run"]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A run folder."""
+    folder = tmp_path_factory.mktemp("written") / "run"
+    assert main([*RUN[:-1], str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture()
+def run(tmp_path, monkeypatch, written):
+    """A copy of it in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    return Path(shutil.copytree(written, tmp_path / "run"))
+
+
+def flip(path: Path, place: float) -> None:
+    content = bytearray(path.read_bytes())
+    content[int(place * (len(content) - 1))] ^= 4
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("place", [0.0, 0.1, 0.5, 0.9, 1.0])
+@pytest.mark.parametrize(
+    "name", ["timeseries.parquet", "ledger.parquet", "metrics.json", "config.yaml", "run.json", "files.json"]
+)
+def test_one_wrong_bit_in_a_run_folder_is_refused(run, name, place):
+    flip(run / name, place)
+    with pytest.raises(ResultFileError, match=name):
+        edhas.open_run(run)
+
+
+def test_overwriting_a_run_leaves_other_files(run, capsys):
+    (run / "notes.txt").write_text("precious")
+    (run / "sub").mkdir()
+    (run / "sub" / "data.csv").write_text("precious")
+    (run / "figure.png").write_bytes(b"a picture of mine")
+    assert main([*RUN, "--overwrite"]) == 2
+    assert "figure.png: was not written by edhas, so it is not overwritten" in capsys.readouterr().err
+    (run / "figure.png").unlink()
+    assert main([*RUN[:3], "duration=0.3s", *RUN[4:], "--overwrite"]) == 0
+    assert edhas.open_run(run).signals["time"][-1] == pytest.approx(0.3)
+    assert (run / "notes.txt").read_text() == (run / "sub" / "data.csv").read_text() == "precious"
+
+
+def test_files_that_the_new_result_lacks_are_removed(tmp_path):
+    for names in (["sized_1.yaml", "sized_2.yaml"], ["sized.yaml"]):
+        files = ResultFiles(tmp_path / "sized", True, ["sized*.yaml"])
+        files.begin()
+        for name in names:
+            (tmp_path / "sized" / name).write_text("text")
+        files.finish()
+        (tmp_path / "sized" / "mine.txt").write_text("precious")
+    assert {p.name for p in (tmp_path / "sized").iterdir()} == {"sized.yaml", "mine.txt", "files.json"}
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [("compare", "report.html"), ("fit", "fit.json"), ("diagnose", "diagnosis.png"), ("plan", "plan.json"),
+     ("size", "sized_7.yaml"), ("sensitivity", "machine.yaml")],
+)  # fmt: skip
+def test_no_command_overwrites_a_file_that_is_not_its_own(tmp_path, monkeypatch, capsys, command, name):
+    """Refused before anything is computed."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / name).write_text("precious")
+    source = {"size": CONFIGS / "size_pump.yaml", "sensitivity": CONFIGS / "sensitivity.yaml"}.get(
+        command, CONFIGS.parent / "tests" / "data" / "campaign_bench"
+    )
+    assert main([command, str(source), "--out", "mine", "--overwrite"]) == 2
+    assert f"{name}: was not written by edhas" in capsys.readouterr().err
+    assert [p.name for p in (tmp_path / "mine").iterdir()] == [name]
+    assert (tmp_path / "mine" / name).read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("names", "read"),
+    [(("points.parquet", "local.parquet"), open_sensitivity), (("result.json", "path.parquet"), open_sizing)],
+)
+def test_damaged_tables_of_other_results_are_refused(tmp_path, names, read):
+    files = ResultFiles(tmp_path, True, names)
+    files.begin()
+    for name in names:
+        if name.endswith(".json"):
+            (tmp_path / name).write_text('{"share": 0.25}')
+        else:
+            pd.DataFrame({"a": [1.0, 2.0]}).to_parquet(tmp_path / name)
+    files.finish()
+    read(tmp_path)
+    flip(tmp_path / names[1], 0.5)
+    with pytest.raises(ResultFileError, match=names[1]):
+        read(tmp_path)
