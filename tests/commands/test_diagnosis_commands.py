@@ -44,5 +44,5 @@ def test_plan_writes_thresholds_and_pictures(campaign_folder, tmp_path, capsys):
     assert main(["plan", str(campaign_folder), "--out", str(tmp_path / "plan")]) == 0
     printed = capsys.readouterr().out
     assert "smallest detectable size" in printed and "constant_bias_force" in printed
-    assert {p.name for p in (tmp_path / "plan").iterdir()} == {"plan.json", "sizes.png", "overlaps.png"}
+    assert {p.name for p in (tmp_path / "plan").iterdir()} == {"plan.json", "sizes.png", "overlaps.png", "files.json"}
     json.loads((tmp_path / "plan" / "plan.json").read_text())
