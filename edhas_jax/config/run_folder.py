@@ -208,12 +208,15 @@ def open_run(folder: str | Path, trust: Iterable[str | Path] = ()) -> Run:
         if manifest["format"] > FORMAT_VERSION:
             reason = f"written by the later version {manifest['edhas_jax']}; this one reads format {FORMAT_VERSION}"
             raise ResultFileError(f"{folder}: {reason}")
+        step, note = float(manifest["step"]), str(manifest["step_note"])
+        # a run of a former version has no status
+        status = (Status[manifest["status"].upper()], str(manifest["reason"])) if "status" in manifest else None
         signals = _columns(pd.read_parquet(folder / SIGNALS_FILE))
         ledger = _columns(pd.read_parquet(folder / LEDGER_FILE))
         groups = _groups(pq.read_schema(folder / LEDGER_FILE))
     except ResultFileError:
         raise
-    except (OSError, ValueError, KeyError, pa.ArrowException) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, pa.ArrowException) as error:
         raise ResultFileError(f"{folder}: unreadable or incomplete: {error}") from None
     trusted = dataclasses.replace(TrustedCode.of(trust), remembered=False)
     config = read_config(folder / CONFIG_FILE, trust=trusted, is_result=True)
@@ -221,12 +224,8 @@ def open_run(folder: str | Path, trust: Iterable[str | Path] = ()) -> Run:
         {n.removeprefix(prefix): v for n, v in ledger.items() if n.startswith(prefix)}
         for prefix in (ENERGY_PREFIX, VOLUME_PREFIX)
     )
-    step, note = manifest["step"], manifest["step_note"]
     run = Run(config.machine, config.simulation, signals, energy, volume, step, note, groups)
-    if "status" in manifest:
-        status = Status[manifest["status"].upper()], manifest["reason"]
-    else:  # written before runs had a status
-        status = check_run(run.record, run.energy_residual(), run.volume_residual())
+    status = status or check_run(run.record, run.energy_residual(), run.volume_residual())
     return dataclasses.replace(run, status=status[0], reason=status[1])
 
 

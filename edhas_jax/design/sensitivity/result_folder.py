@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pandas as pd
+import pyarrow as pa
 
 from edhas_jax.config.result_files import ResultFileError, check_files
 from edhas_jax.config.writer import dump_config
@@ -37,5 +38,8 @@ def open_sensitivity(folder: Path | str) -> SensitivityResult:
         if not (folder / name).is_file():
             raise ResultFileError(f"{folder}: not the folder of a sensitivity analysis: {name} is missing")
     check_files(folder, (POINTS_FILE, *(f"{n}.parquet" for n in TABLES)))
-    tables = {n: pd.read_parquet(folder / f"{n}.parquet") for n in TABLES if (folder / f"{n}.parquet").is_file()}
-    return SensitivityResult(pd.read_parquet(folder / POINTS_FILE), **tables)
+    try:
+        tables = {n: pd.read_parquet(folder / f"{n}.parquet") for n in TABLES if (folder / f"{n}.parquet").is_file()}
+        return SensitivityResult(pd.read_parquet(folder / POINTS_FILE), **tables)
+    except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
+        raise ResultFileError(f"{folder}: unreadable or incomplete: {error}") from None

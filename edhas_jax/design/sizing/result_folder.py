@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 import pandas as pd
+import pyarrow as pa
 
 from edhas_jax.config.result_files import ResultFileError, check_files
 from edhas_jax.config.writer import dump_config
@@ -60,4 +61,11 @@ def open_sizing(folder: Path | str) -> tuple[dict, pd.DataFrame]:
         if not (folder / name).is_file():
             raise ResultFileError(f"{folder}: not the folder of a sizing: {name} is missing")
     check_files(folder, (RESULT_FILE, PATH_FILE))
-    return json.loads((folder / RESULT_FILE).read_text(encoding="utf-8")), pd.read_parquet(folder / PATH_FILE)
+    try:
+        content = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
+        path = pd.read_parquet(folder / PATH_FILE)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, pa.ArrowException) as error:
+        raise ResultFileError(f"{folder}: unreadable or incomplete: {error}") from None
+    if not isinstance(content, dict):
+        raise ResultFileError(f"{folder}: {RESULT_FILE} is damaged or not one of a sizing")
+    return content, path

@@ -1,0 +1,66 @@
+"""Damaged files of results: opening them says so in one sentence."""
+
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import edhas_jax as edhas
+from edhas_jax.config.run_folder import ResultFileError
+from edhas_jax.design.sensitivity.result_folder import open_sensitivity
+from edhas_jax.design.sizing.result_folder import open_sizing
+from tests.support import CONFIGS
+
+CONTENTS = {"empty": b"", "a list": b"[1]", "nothing": b"null", "a mapping": b"{}", "bytes": bytes(range(256)),
+            "deep": b"[" * 100_000}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory):
+    config = edhas.load(CONFIGS / "actuator.yaml", ["duration=0.01 s"])
+    run = edhas.simulate(config.machine, config.simulation)
+    return edhas.save_run(run, tmp_path_factory.mktemp("results") / "run", figure=False)
+
+
+@pytest.mark.parametrize("content", CONTENTS.values(), ids=CONTENTS)
+@pytest.mark.parametrize("name", ["run.json", "timeseries.parquet", "ledger.parquet"])
+def test_a_run(run_folder, tmp_path, name, content):
+    folder = shutil.copytree(run_folder, tmp_path / "run")
+    (folder / name).write_bytes(content)
+    with pytest.raises(ResultFileError, match="unreadable or incomplete"):
+        edhas.open_run(folder)
+
+
+@pytest.mark.parametrize("change", [{"step": "a"}, {"step": None}, {"format": "1"}, {"status": "fine"}, {"status": 1}])
+def test_the_manifest_of_a_run(run_folder, tmp_path, change):
+    folder = shutil.copytree(run_folder, tmp_path / "run")
+    manifest = json.loads((folder / "run.json").read_text()) | change
+    (folder / "run.json").write_text(json.dumps(manifest))
+    with pytest.raises(ResultFileError, match="unreadable or incomplete"):
+        edhas.open_run(folder)
+
+
+@pytest.mark.parametrize("content", CONTENTS.values(), ids=CONTENTS)
+def test_a_sensitivity_analysis(tmp_path, content):
+    table = pd.DataFrame({"frequency": np.arange(3.0)})
+    for name in ("points", "local"):
+        table.to_parquet(tmp_path / f"{name}.parquet")
+    assert len(open_sensitivity(tmp_path).points) == 3
+    (tmp_path / "local.parquet").write_bytes(content)
+    with pytest.raises(ResultFileError, match="unreadable or incomplete"):
+        open_sensitivity(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["result.json", "path.parquet"])
+@pytest.mark.parametrize("content", CONTENTS.values(), ids=CONTENTS)
+def test_a_sizing(tmp_path, name, content):
+    (tmp_path / "result.json").write_text("{}")
+    pd.DataFrame({"start": np.arange(3)}).to_parquet(tmp_path / "path.parquet")
+    assert open_sizing(tmp_path)[0] == {}
+    (tmp_path / name).write_bytes(content)
+    if (name, content) == ("result.json", b"{}"):
+        return
+    with pytest.raises(ResultFileError, match="unreadable or incomplete|is damaged"):
+        open_sizing(tmp_path)
