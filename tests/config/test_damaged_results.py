@@ -8,20 +8,28 @@ import pandas as pd
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.config.run_folder import ResultFileError
+from edhas_jax.config.result_files import LIST_FILE, ResultFileError
 from edhas_jax.design.sensitivity.result_folder import open_sensitivity
 from edhas_jax.design.sizing.result_folder import open_sizing
 from tests.support import CONFIGS
 
+CHECKSUMS = ("checksum", "files")  # keys of a manifest
 CONTENTS = {"empty": b"", "a list": b"[1]", "nothing": b"null", "a mapping": b"{}", "bytes": bytes(range(256)),
             "deep": b"[" * 100_000}  # fmt: skip
+DAMAGED = "unreadable or incomplete|is damaged"
 
 
-@pytest.fixture(scope="module")
-def run_folder(tmp_path_factory):
+@pytest.fixture(scope="module", params=["with checksums", "of a version without checksums"])
+def run_folder(request, tmp_path_factory):
     config = edhas.load(CONFIGS / "actuator.yaml", ["duration=0.01 s"])
     run = edhas.simulate(config.machine, config.simulation)
-    return edhas.save_run(run, tmp_path_factory.mktemp("results") / "run", figure=False)
+    folder = edhas.save_run(run, tmp_path_factory.mktemp("results") / "run", figure=False)
+    if request.param != "with checksums":
+        (folder / LIST_FILE).unlink(missing_ok=True)
+        manifest = json.loads((folder / "run.json").read_text())
+        (folder / "run.json").write_text(json.dumps({n: v for n, v in manifest.items() if n not in CHECKSUMS}))
+    assert len(edhas.open_run(folder).signals["time"]) > 2
+    return folder
 
 
 @pytest.mark.parametrize("content", CONTENTS.values(), ids=CONTENTS)
@@ -29,7 +37,7 @@ def run_folder(tmp_path_factory):
 def test_a_run(run_folder, tmp_path, name, content):
     folder = shutil.copytree(run_folder, tmp_path / "run")
     (folder / name).write_bytes(content)
-    with pytest.raises(ResultFileError, match="unreadable or incomplete"):
+    with pytest.raises(ResultFileError, match=DAMAGED):
         edhas.open_run(folder)
 
 
@@ -38,7 +46,7 @@ def test_the_manifest_of_a_run(run_folder, tmp_path, change):
     folder = shutil.copytree(run_folder, tmp_path / "run")
     manifest = json.loads((folder / "run.json").read_text()) | change
     (folder / "run.json").write_text(json.dumps(manifest))
-    with pytest.raises(ResultFileError, match="unreadable or incomplete"):
+    with pytest.raises(ResultFileError, match=DAMAGED):
         edhas.open_run(folder)
 
 
@@ -49,7 +57,7 @@ def test_a_sensitivity_analysis(tmp_path, content):
         table.to_parquet(tmp_path / f"{name}.parquet")
     assert len(open_sensitivity(tmp_path).points) == 3
     (tmp_path / "local.parquet").write_bytes(content)
-    with pytest.raises(ResultFileError, match="unreadable or incomplete"):
+    with pytest.raises(ResultFileError, match=DAMAGED):
         open_sensitivity(tmp_path)
 
 
@@ -62,5 +70,5 @@ def test_a_sizing(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     if (name, content) == ("result.json", b"{}"):
         return
-    with pytest.raises(ResultFileError, match="unreadable or incomplete|is damaged"):
+    with pytest.raises(ResultFileError, match=DAMAGED):
         open_sizing(tmp_path)
