@@ -9,10 +9,13 @@ import pytest
 
 from edhas_jax.commands.cli import main
 from edhas_jax.config.recorded_signal import MAX_SAMPLES
-from edhas_jax.config.yaml_with_lines import MAX_DEPTH, MAX_VALUES
+from edhas_jax.config.run_settings import MAX_SAMPLES as MAX_RUN_SAMPLES
+from edhas_jax.config.yaml_with_lines import MAX_BYTES, MAX_DEPTH, MAX_VALUES
 from edhas_jax.core import runtime
-from edhas_jax.core.units import UnitError, to_si
-from edhas_jax.design.batch.experiment_design import first_repeated
+from edhas_jax.core.units import MAX_UNIT_LENGTH, UnitError, to_si
+from edhas_jax.design.batch.experiment_design import MAX_DESIGNS, first_repeated
+from edhas_jax.design.sweep.dask_cluster import MAX_WORKERS_PER_CORE
+from tests.support import ROOT
 
 BENCH = "rig: actuator_bench\n"
 
@@ -192,3 +195,12 @@ def test_workers(refused, monkeypatch):
     monkeypatch.setenv("EDHAS_CORES", "2")
     text = f"machine: {{{BENCH.strip()}}}\nsweep: {{kind: grid, parameters: {{frequency: [5 Hz, 10 Hz]}}}}\n"
     assert "at most 8 processes on the 2 cores" in refused(text, "sweep given.yaml --cluster local:9999")
+
+
+def test_the_page_states_the_limits():
+    page = (ROOT / "docs/configuration.md").read_text(encoding="utf-8").partition("## Limits")[2]
+    for limit in (MAX_VALUES, MAX_SAMPLES, MAX_RUN_SAMPLES, MAX_DESIGNS):
+        assert f"{limit:,}" in page
+    for text in (f"{MAX_BYTES // 10**6} MB", f"{MAX_DEPTH} levels", f"{MAX_UNIT_LENGTH} characters"):
+        assert text in page
+    assert f"| {runtime.MAX_CORES} |" in page and f"| {MAX_WORKERS_PER_CORE} per core |" in page

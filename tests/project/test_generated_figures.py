@@ -29,7 +29,7 @@ DEFINITIONS = {
     "docs/architecture.md": {"Where things are decided", "Scales of the diagnosis"},
     "docs/campaigns.md": {"campaign.yaml", "Checking the data"},
     "docs/clusters.md": {"Sweeps on clusters", "Costs"},
-    "docs/configuration.md": {"Configurations and run folders", "Is the result valid?"},
+    "docs/configuration.md": {"Configurations and run folders", "Is the result valid?", "Limits"},
     "docs/controllers.md": {"Sampled control", "ANTSMC"},
     "docs/fitting.md": {"Compare", "Fit"},
     "docs/fmu.md": {"Time"},
