@@ -14,8 +14,9 @@ from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.replay import EXCLUDED_SIGNALS, Replay, machine_with_replay
 from edhas_jax.measurements.residuals import normalised_residuals, rms_over_noise
-from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
+from edhas_jax.measurements.time_resolution import MAX_ERROR_OVER_NOISE, TimeResolution, choose_time_resolution
 from edhas_jax.simulation.integrator import evaluate_signals
+from edhas_jax.simulation.validity import signal_problems
 
 # signals of the model against which residuals are plotted and searched for patterns, in addition to the measured ones
 EXPLANATORY_SIGNALS = (
@@ -130,8 +131,18 @@ def compare(
     for r, run in enumerate(runs):
         residuals = normalised_residuals(campaign, run, predicted[r])
         residuals = {n: v for n, v in residuals.items() if n not in EXCLUDED_SIGNALS[replay]}
+        simulated = machine_with_replay(campaign, run, machine, replay)
+        for status, reason in signal_problems(simulated, predicted[r].values):
+            severity = Severity.NOTE if status.is_valid else Severity.WARNING
+            sentence = f"in the model's run {reason}" if status.is_valid else f"the model's run is not valid: {reason}"
+            remarks.append(Remark(severity, run.file, 0, sentence))
         frequency, ramp_time = _sine_set_point(campaign.machine_of(run, machine))
         compared.append(RunComparison(run, predicted[r].values, residuals, frequency, ramp_time))
+    if resolution.error > MAX_ERROR_OVER_NOISE:
+        step = 1e6 * model.longest_interval() / resolution.fine
+        sentence = (f"the model's runs are not valid: with the smallest step tried, {step:.3g} µs, their error is "
+                    f"still {resolution.error:.2g} of the noise; residuals of this size say nothing")  # fmt: skip
+        remarks.append(Remark(Severity.WARNING, campaign.runs[0].file, 0, sentence))
     return Comparison(campaign, machine, replay, resolution, tuple(compared), tuple(remarks))
 
 

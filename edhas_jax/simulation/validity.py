@@ -5,7 +5,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 
+from edhas_jax.core import runtime
 from edhas_jax.machine.interface import slots
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
 
@@ -108,3 +110,27 @@ def status_of(m: Rig, values: Mapping[str, Any], periodic):
     for candidate, applies in failed_tests(m, values, periodic):
         status = jnp.where(applies, candidate, status)
     return status
+
+
+def signal_problems(machine: Rig, signals: Mapping[str, np.ndarray]) -> list[tuple[Status, str]]:
+    """What is wrong with a simulated run of which only some signals are there, most severe first; empty if nothing is.
+
+    Args:
+        machine: the machine of the run.
+        signals: SI arrays (samples,) by name.
+    """
+    found, half = [], 0.5 * float(machine.stops.pump_stroke)
+    if not all(np.isfinite(values).all() for values in signals.values()):
+        return [(Status.NOT_FINITE, REASONS[Status.NOT_FINITE])]
+    with runtime.double_precision():
+        ranges = {n: (float(low), float(high)) for n, (low, high) in valid_ranges(machine).items() if n in signals}
+    for name, (low, high) in ranges.items():
+        if signals[name].min() < low or signals[name].max() > high:
+            found.append((Status.OUT_OF_RANGE, f"{name.replace('_', ' ')} leaves the range that the model describes"))
+    if not isinstance(machine, ActuatorBench):
+        outlet, pressure = machine.outlet, machine.accumulator.accumulator_pressure
+        if float(pressure) > float(outlet.relief_pressure) and float(outlet.relief_conductance) > 0.0:
+            found.append((Status.RELIEF_OPEN, REASONS[Status.RELIEF_OPEN]))
+    if "piston_position" in signals and np.abs(signals["piston_position"]).max() > half:
+        found.append((Status.HIT_STOPS, REASONS[Status.HIT_STOPS]))
+    return found

@@ -170,3 +170,13 @@ def test_an_interrupted_search_returns_its_best_design(tmp_path, monkeypatch):
     monkeypatch.setattr(SizingProblem, "evaluate", interrupted)
     found = size(load_sizing(written(tmp_path, ("starts: 4", "starts: 2"))))
     assert "interrupted" in found.machines[0].convergence and set(found.path["iteration"]) == {0, 1, 2}
+
+
+def test_a_design_that_is_not_valid_is_not_searched(tmp_path):
+    """Above the relief pressure the efficiency of the model is 3800 %."""
+    old = "  piston_diameter: {from: 8 mm, to: 14 mm}\n  valve_spring_rate: {from: 50 N/m, to: 1 kN/m, spacing: log}\n"
+    new = "  accumulator_pressure: {from: 0.1 MPa, to: 20 MPa}\n"
+    task = load_sizing(written(tmp_path, (old, new), ("[10 Hz, 25 Hz]", "[10 Hz]")))
+    evaluation = SizingProblem(task, 512).evaluate(np.array([[0.005], [1.0]]))
+    assert np.isfinite(evaluation.objective[0]) and np.isnan(evaluation.objective[1])
+    assert evaluation.violation[1] == np.inf

@@ -1,5 +1,6 @@
 """Validity of results: runs and designs that are wrong, or that a machine cannot give, say so."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -12,7 +13,7 @@ from edhas_jax.core.structs import par
 from edhas_jax.design.batch.batch import BatchSettings, run_designs
 from edhas_jax.machine.effects import Effect, EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.simulation.validity import Status
-from tests.support import CONFIGS
+from tests.support import CONFIGS, ROOT
 
 PAPER = CONFIGS / "paper.yaml"
 HARD_VALVES = ["valve_contact_stiffness=100MN/m", "load_orifice_area=1mm^2", "frequency=20Hz", "duration=0.3s"]
@@ -155,3 +156,12 @@ def test_a_design_is_tested_for_every_limited_signal(limits):
         edhas.simulate(machine, edhas.Simulation(duration=0.2))
     design = run_designs(machine, {"mover_mass": np.array([0.12])}, BatchSettings(step=50e-6))
     assert Status(int(design["status"][0])) is Status.OUT_OF_RANGE
+
+
+def test_compare_says_that_the_run_of_a_model_is_not_valid():
+    campaign = edhas.read_campaign(ROOT / "tests" / "data" / "campaign_bench")
+    campaign = dataclasses.replace(campaign, runs=campaign.runs[:1])
+    remarks = edhas.compare(campaign, edhas.change(campaign.machine, accumulator_pressure=8e6)).remarks
+    sentence = "the model's run is not valid: the accumulator pressure is above the relief pressure"
+    assert any(sentence in str(remark) for remark in remarks)
+    assert not any("not valid" in str(remark) for remark in edhas.compare(campaign).remarks)
