@@ -1,5 +1,6 @@
 """The command `edhas add`."""
 
+import math
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_output_file, add_own_code, own_code, require_own_code
@@ -52,7 +53,8 @@ def run(options) -> None:
         path.write_text(comment + dump_config(after.fit.machine, Simulation(sample_rate=rate)), encoding="utf-8")
     rows = table("residual over noise", "model", "fitted runs", "held-out runs")
     for name, evaluated in (("calibrated", before), (f"with {effect.id}", after)):
-        rows.add_row(name, *(f"{evaluated.rms_over_noise(use):.3f}" for use in (Use.FIT, Use.HOLDOUT)))
+        rms = [evaluated.rms_over_noise(use) for use in (Use.FIT, Use.HOLDOUT)]
+        rows.add_row(name, *(f"{value:.3f}" if math.isfinite(value) else "none is held out" for value in rms))
     out.print(rows)
     units = {u.name: u.unit for u in after.fit.problem.unknowns}
     for name, value in after.fit.values.items():

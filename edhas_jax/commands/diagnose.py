@@ -1,5 +1,6 @@
 """The command `edhas diagnose`."""
 
+import math
 import re
 import sys
 from pathlib import Path
@@ -180,7 +181,8 @@ def candidates_table(diagnosis):
         own = candidate.own_unknowns(fitted.fit.problem.unknowns)
         sizes = [f"{name} {format_quantity(fitted.fit.values[u.name], u.unit)}" for name, u in own.items()]
         rms = fitted.rms_over_noise(Use.HOLDOUT)
-        rows.add_row(candidate.name, candidate.location, ", ".join(sizes), f"{p:.3f}", f"{rms:.3f}")
+        new_runs = f"{rms:.3f}" if math.isfinite(rms) else "none is held out"
+        rows.add_row(candidate.name, candidate.location, ", ".join(sizes), f"{p:.3f}", new_runs)
     return rows
 
 

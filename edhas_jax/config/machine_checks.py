@@ -7,9 +7,11 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.controller_sampling import Sampled
 from edhas_jax.machine.components.controllers import OpenLoop
 from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.machine.parameters import order_problems
 from edhas_jax.machine.rigs import Rig
 
 Problem = tuple[KeyPath, str]
+ORDER_CHECKED_BELOW = ("cylinder", "sampling")  # components whose order of parameters has a sentence of its own
 GivenKeys = Mapping[tuple[str, str], KeyPath]
 
 
@@ -24,8 +26,17 @@ def check_machine(m: Rig, given: GivenKeys, incomplete: bool) -> list[Problem]:
     Returns:
         Key and message of every problem.
     """
-    problems = [*_check_cylinder(m, given), *_check_chirps(m, given), *_check_sampling(m, given)]
+    problems = [
+        *_check_order(m, given), *_check_cylinder(m, given), *_check_chirps(m, given), *_check_sampling(m, given)
+    ]  # fmt: skip
     return problems if incomplete else [*problems, *_check_open_loop(m, given)]
+
+
+def _check_order(m: Rig, given: GivenKeys) -> Iterator[Problem]:
+    for path, p, problem in order_problems(m):
+        if path not in ORDER_CHECKED_BELOW:
+            keys = [given[path, name] for name in (p.name, p.at_least) if (path, name) in given]
+            yield keys[0] if keys else (path, p.name), problem
 
 
 def _check_cylinder(m: Rig, given: GivenKeys) -> Iterator[Problem]:

@@ -20,6 +20,7 @@ class Parameter:
         source: where the default comes from.
         owner: the struct that declares it.
         plausible: narrower interval in which a search for the value starts, SI; None if the value counts as known.
+        at_least: parameter of the same struct that this one is never smaller than; empty without such a law.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Parameter:
     source: str
     owner: type
     plausible: tuple[float, float] | None = None
+    at_least: str = ""
 
 
 def owner_id(owner: type) -> str:
@@ -44,7 +46,7 @@ def snake_case(name: str) -> str:
 
 def par(
     default: float, unit: str, span: tuple[float, float], doc: str, source: str = "", *,
-    plausible: tuple[float, float] | None = None,
+    plausible: tuple[float, float] | None = None, at_least: str = "",
 ) -> Any:  # fmt: skip
     """Declare one parameter of a struct.
 
@@ -55,8 +57,10 @@ def par(
         doc: meaning.
         source: where the default comes from.
         plausible: interval in which a search for the value starts, SI; None if the value counts as known.
+        at_least: parameter of the same struct that this one is never smaller than, by the law of the struct.
     """
-    return dataclasses.field(default=default, metadata={"par": (unit, span, doc, source), "plausible": plausible})
+    metadata = {"par": (unit, span, doc, source), "plausible": plausible, "at_least": at_least}
+    return dataclasses.field(default=default, metadata=metadata)
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(par,))
@@ -71,7 +75,7 @@ def struct(cls):
 def parameters(owner: type) -> tuple[Parameter, ...]:
     """The parameters that the struct `owner` declares, in the order of declaration."""
     return tuple(
-        Parameter(f.name, f.default, *f.metadata["par"], owner, f.metadata["plausible"])
+        Parameter(f.name, f.default, *f.metadata["par"], owner, f.metadata["plausible"], f.metadata["at_least"])
         for f in dataclasses.fields(owner)
         if "par" in f.metadata
     )

@@ -35,6 +35,8 @@ COMPONENT_KINDS: dict[str, dict[str, type]] = {
     "target": {"sine": Sine, "step": Step, "chirp": Chirp, "recorded": Recorded},
 }
 
+ORDER_TOLERANCE = 1e-9  # relative rounding error up to which two values in a prescribed order count as equal
+
 
 class ParameterError(ValueError):
     """A parameter does not exist on this machine, or a value is not allowed for it."""
@@ -120,7 +122,8 @@ def set_parameters(machine: Rig, values: Mapping[str, Any]) -> Rig:
             unit ("15 µm").
 
     Raises:
-        ParameterError: unknown or ambiguous name, not a number, or a value outside the span.
+        ParameterError: unknown or ambiguous name, not a number, a value outside the span, or two values in an order
+            that a law excludes.
     """
     given: dict[tuple[str, str], str] = {}
     for name, value in values.items():
@@ -132,7 +135,32 @@ def set_parameters(machine: Rig, values: Mapping[str, Any]) -> Rig:
             machine = replace_value(machine, path, p.name, parse_value(p, value))
         except (ParameterError, UnitError) as error:
             raise ParameterError(f"{name}: {error}") from None
+    for path, p, problem in order_problems(machine):
+        named = [given[path, n] for n in (p.name, p.at_least) if (path, n) in given]
+        if named:
+            raise ParameterError(f"{named[0]}: {problem}")
     return machine
+
+
+def order_problems(machine: Rig) -> list[tuple[str, Parameter, str]]:
+    """The parameters that are smaller than the one that their law prescribes as lower limit (`at_least`).
+
+    Returns:
+        Component, declaration and a sentence for each. Traced values are not checked.
+    """
+    problems = []
+    for path, component in components_by_name(machine).items():
+        for p in structs.parameters(type(component)):
+            if not p.at_least:
+                continue
+            value, limit = getattr(component, p.name), getattr(component, p.at_least)
+            if isinstance(value, jax.core.Tracer) or isinstance(limit, jax.core.Tracer):
+                continue
+            if np.all(np.asarray(value) >= np.asarray(limit) * (1.0 - ORDER_TOLERANCE)):
+                continue
+            value, limit = (format_quantity(float(np.min(x)), p.unit) for x in (value, limit))
+            problems.append((path, p, f"{p.name} ({value}) must be at least {p.at_least} ({limit})"))
+    return problems
 
 
 def replace_value(machine: Rig, path: str, name: str, value: Any) -> Rig:

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from edhas_jax.core import runtime
-from edhas_jax.machine.parameters import get_parameter, set_parameters
+from edhas_jax.machine.parameters import get_parameter, list_parameters, set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Use
 from edhas_jax.measurements.sensor_models import SensorModel, record
@@ -60,6 +60,8 @@ def planned_campaign(
 def draw_parameters(campaign: Campaign, machine: Rig, rng: np.random.Generator) -> Rig:
     """Draw the uncertain parameters of a machine: known · exp(σ n), n standard normal, clipped to ±2.
 
+    Friction at break-away, for example, is at least that while sliding: a value drawn below such a limit takes it.
+
     Args:
         campaign: gives the relative standard deviations σ.
         machine: gives the known values.
@@ -74,7 +76,21 @@ def draw_parameters(campaign: Campaign, machine: Rig, rng: np.random.Generator) 
         name: float(get_parameter(machine, name)) * float(np.exp(spread * deviation))
         for (name, spread), deviation in zip(spreads.items(), n, strict=True)
     }
-    return set_parameters(machine, values)
+    return set_parameters(machine, _in_order(machine, values))
+
+
+def _in_order(machine: Rig, values: dict[str, float]) -> dict[str, float]:
+    """The values of some parameters by name, moved to their limit where a law of the machine excludes their order."""
+    for p, present, path in list_parameters(machine):
+        if p.at_least:
+            names = {n: next((m for m in (n, f"{path}.{n}") if m in values), None) for n in (p.name, p.at_least)}
+            drawn, limit = names[p.name], names[p.at_least]
+            if drawn is not None:
+                smallest = values[limit] if limit else float(get_parameter(machine, f"{path}.{p.at_least}"))
+                values[drawn] = max(values[drawn], smallest)
+            elif limit is not None:
+                values[limit] = min(values[limit], float(present))
+    return values
 
 
 def synthesise(

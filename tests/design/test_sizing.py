@@ -145,6 +145,8 @@ def test_an_unsolvable_task_is_refused(tmp_path, old, new, message):
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
+    ("piston_diameter: {from: 8 mm, to: 14 mm}", "coulomb_friction: {from: 2 N, to: 8 N}",
+     ":7: free.coulomb_friction: static_friction must be at least coulomb_friction, but may become 6 N with "),
     ("from: 8 mm, to: 14 mm", "from: 13 mm, to: 14 mm", ":7: free.piston_diameter: the range 13 mm … 14 mm excludes"),
     ("mean_flow: 1", "mean_flw: 1", ":10: objective.maximise.mean_flw: no metric `mean_flw`.*mean_flow"),
     ("rms_current: {max: 4 A}", "rms_current: {max: 4 V}", ":12: constraints.rms_current.max: .*not a current"),

@@ -256,3 +256,20 @@ def test_a_sensor_that_lags(of_a_lagging_sensor):
     assert before > calibrated > 1.1 and after == pytest.approx(1.0, abs=0.05)
     assert lead(found) > DECISIVE and next(iter(found.location_probabilities())) == "sensor"
     assert found.final.values["current.sensor_lag.lag_time"] == pytest.approx(1e-3, rel=0.1)
+
+
+def test_the_probability_of_an_accepted_effect_falls_with_what_remains_unexplained(of_a_lagging_sensor):
+    def probability(factor: float) -> float:
+        """That of the accepted fault, if the final residuals were larger and the verdict an unknown effect."""
+        after = of_a_lagging_sensor.after
+        rows = {run: {n: factor * v for n, v in signals.items()} for run, signals in after.residuals.items()}
+        larger = dataclasses.replace(after, residuals=rows)
+        found = dataclasses.replace(of_a_lagging_sensor, after=larger, verdict=Verdict.UNKNOWN_EFFECT)
+        return found.ranked_candidates()[0][1]
+
+    (trial,) = of_a_lagging_sensor.accepted
+    assert probability(1.0) == pytest.approx(0.9, abs=0.02)
+    residuals = of_a_lagging_sensor.after.run_residuals(of_a_lagging_sensor.campaign.runs_for(Use.HOLDOUT))
+    remaining = sum(0.5 * (9.0 * np.square(v) - 1.0).sum() for v in residuals)
+    fall = trial.holdout_half_chi_square_fall
+    assert probability(3.0) == pytest.approx(0.9 * fall / (fall + remaining), rel=1e-3)

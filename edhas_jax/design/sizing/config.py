@@ -2,7 +2,7 @@
 
 import dataclasses
 import enum
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.batch.experiment_design import Axis, full_factorial
 from edhas_jax.design.gradient.table import metrics_of
 from edhas_jax.design.task_reader import TaskReader
-from edhas_jax.machine.parameters import ParameterError, get_parameter
+from edhas_jax.machine.parameters import ParameterError, get_parameter, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import METRICS
 
@@ -168,9 +168,27 @@ def load_sizing(path: Path | str, trust: Trust = ()) -> SizingTask:
                 low, high, start = (format_quantity(x, unit) for x in (axis.low, axis.high, value))
                 r.add(("free", axis.name), f"the range {low} … {high} excludes the start, {start}; widen it, or set "
                       "another start under `parameters:`")  # fmt: skip
+        for name, problem in _order_problems(r.machine, r.axes):
+            r.add(("free", name), problem)
     r.finish()
     return SizingTask(r.machine, r.axes, weights, constraints, points, front, robust, tolerances, starts, iterations,
                       seed, r.settings, r.name, r.text)  # fmt: skip
+
+
+def _order_problems(machine: Rig, axes: Sequence[Axis]) -> list[tuple[str, str]]:
+    """Free parameters whose ranges allow an order of values that a law excludes, each with a sentence."""
+    ranges, names, problems = {axis.name: (axis.low, axis.high) for axis in axes}, short_names(machine), []
+    for p, value, path in list_parameters(machine):
+        if not p.at_least:
+            continue
+        larger, smaller = names[path, p.name], names[path, p.at_least]
+        limit = float(get_parameter(machine, f"{path}.{p.at_least}"))
+        lowest, highest = ranges.get(larger, (float(value),))[0], ranges.get(smaller, (limit,))[-1]
+        if lowest < highest and (free := [name for name in (larger, smaller) if name in ranges]):
+            low, high = (format_quantity(v, p.unit) for v in (lowest, highest))
+            sentence = f"{larger} must be at least {smaller}, but may become {low} with {smaller} at {high}"
+            problems.append((free[0], f"{sentence}; narrow the range"))
+    return problems
 
 
 def _read_objective(r: TaskReader, known: list[str]) -> dict[str, float]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
+from edhas_jax.diagnosis.calibration.parameter_order import LinearConstraints, order_constraints
 from edhas_jax.diagnosis.calibration.starts import sample_starts
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.machine.parameters import set_parameters
@@ -58,6 +59,11 @@ class FitProblem:
         if not self.unknowns:
             raise FitError(f"{self.campaign.folder}: nothing is named under `uncertain`, so there is nothing to fit")
         return MeasurementModel(self.campaign, self.machine, self.unknowns, runs, self.instruments)
+
+
+    def constraints(self) -> LinearConstraints:
+        """The orders that the laws of the machine prescribe among its unknown parameters."""
+        return order_constraints(self.machine, self.unknowns)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -185,6 +191,7 @@ def fit(
         report("choosing the integration step")
         resolution = choose_time_resolution(model, points[0])
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
+    constraints = problem.constraints()
 
     def report_step(stage):
         return lambda step, cost: report(
@@ -196,24 +203,27 @@ def fit(
         rough = levenberg_marquardt(
             _evaluator(model, resolution.coarse), points, low, high,
             tolerance=ROUGH_COST_TOLERANCE, max_steps=max_steps, merge=ROUGH_COST_TOLERANCE,
-            on_step=report_step("rough search"),
+            on_step=report_step("rough search"), constraints=constraints,
         )  # fmt: skip
         costs = rough.model.cost
         points = rough.x[[np.argmin(costs)]]
     fine = levenberg_marquardt(
-        _evaluator(model, resolution.fine), points, low, high, max_steps=max_steps, on_step=report_step("fine search")
-    )
+        _evaluator(model, resolution.fine), points, low, high, max_steps=max_steps, on_step=report_step("fine search"),
+        constraints=constraints,
+    )  # fmt: skip
     if not np.isfinite(fine.model.cost[0]):
         raise FitError("the model fails (it is not finite, or leaves its physical range) at every point of the search")
     report("correcting the discretisation error of the estimate")
     covariance = regularised_inverse(fine.model.curvature[0])
-    x, outcomes = _correct_discretisation(model, fine.x[0], covariance, resolution.fine, (low, high))
+    x, outcomes = _correct_discretisation(
+        model, fine.x[0], covariance, resolution.fine, lambda x: constraints.project(x, low, high)
+    )
     cost, converged = float(fine.model.cost[0]), bool(fine.converged[0])
     return Fit(problem, x, fine.x[0], covariance, cost, outcomes, resolution, converged, costs)
 
 
 def _correct_discretisation(
-    model: MeasurementModel, x: np.ndarray, covariance, per_sample: int, bounds
+    model: MeasurementModel, x: np.ndarray, covariance, per_sample: int, move_inside: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, tuple[PredictedSignals, ...]]:
     """Gauss-Newton steps with signals from finer steps and unchanged derivatives; the estimate and its signals.
 
@@ -231,7 +241,7 @@ def _correct_discretisation(
     for _ in range(MAX_CORRECTIONS):
         if not np.isfinite(quadratic.cost[0]):
             break
-        x_new = np.clip(x - covariance @ quadratic.gradient[0], *bounds)
+        x_new = move_inside(x - covariance @ quadratic.gradient[0])
         outcomes_new, quadratic_new = evaluate(x_new)
         if not quadratic_new.cost[0] < quadratic.cost[0]:
             break

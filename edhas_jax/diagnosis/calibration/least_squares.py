@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from edhas_jax.diagnosis.calibration.parameter_order import LinearConstraints, no_constraints
 from edhas_jax.diagnosis.calibration.symmetric_matrices import least_norm_solution
 
 MAX_COORDINATE_STEP = 1.5  # largest change of a coordinate per step; coordinates are scaled to be of order one
@@ -15,6 +16,7 @@ RELATIVE_TOLERANCE = 1e-7  # share of the cost; adds to `tolerance` where model 
 # a cost simulated with contacts is not smooth below this decrease, absolute or as a share of the cost
 NOISE_FLOOR, RELATIVE_NOISE_FLOOR = 1.0, 1e-6
 UNDETERMINED_SHARE = 1e-13  # of the largest curvature: along flatter directions there is no step
+CONSTRAINT_TOLERANCE = 1e-12  # in coordinates, by which rounding may violate a linear constraint
 MAX_FAILED_STEPS = 3  # consecutive rejected steps below the noise floor that end a search
 
 
@@ -60,8 +62,9 @@ def levenberg_marquardt(
     max_steps: int = 30,
     merge: float = 0.0,
     on_step: Callable[[int, np.ndarray], None] | None = None,
+    constraints: LinearConstraints | None = None,
 ) -> Minima:
-    """Minimise ½|r(x)|² within low ≤ x ≤ high from each starting point.
+    """Minimise ½|r(x)|² within low ≤ x ≤ high, and within linear constraints, from each starting point.
 
     A start has converged when the largest possible decrease predicted by its model falls below `tolerance` (for
     residuals in units of their noise, a change far below the standard errors), or when `MAX_FAILED_STEPS` steps in a
@@ -70,7 +73,7 @@ def levenberg_marquardt(
     Args:
         evaluate: called with points (m, n) and the indices (m,) of their starts; returns the sums of squares there.
             A step to a point where the cost or a derivative is not finite, or near to overflow, is rejected.
-        starts: starting points, shape (k, n); clipped to the bounds.
+        starts: starting points, shape (k, n); those outside the bounds or constraints are moved inside.
         low: lower bounds, shape (n,).
         high: upper bounds, shape (n,).
         free: marks the coordinates that may vary, shape (k, n) or (n,); all by default.
@@ -78,13 +81,15 @@ def levenberg_marquardt(
         max_steps: largest number of steps per start.
         merge: a start is dropped when, by the curvature of a better one, their costs differ by less than this.
         on_step: called with the number of the step and the costs (k,) after it.
+        constraints: linear constraints on the coordinates.
 
     Returns:
         The final points of all starts.
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05, for the update of the damping.
     """
-    x = np.clip(np.array(starts, float), low, high)
+    constraints = no_constraints(np.shape(starts)[1]) if constraints is None else constraints
+    x = np.array([constraints.project(row, low, high) for row in np.array(starts, float)])
     free = np.ones(x.shape, bool) if free is None else np.broadcast_to(free, x.shape)
     initial = evaluate(x, np.arange(len(x)))
     cost, gradient, curvature = (np.array(part) for part in (initial.cost, initial.gradient, initial.curvature))
@@ -97,7 +102,7 @@ def levenberg_marquardt(
         if not len(rows):
             break
         proposals = [
-            _propose(x[k], gradient[k], curvature[k], damping[k], free[k], low, high) for k in rows
+            _propose(x[k], gradient[k], curvature[k], damping[k], free[k], low, high, constraints) for k in rows
         ]  # fmt: skip
         trial, predicted, attainable = (np.array(column) for column in zip(*proposals, strict=True))
         floor = np.maximum(NOISE_FLOOR, RELATIVE_NOISE_FLOOR * cost[rows])
@@ -137,31 +142,58 @@ def _is_finite(model: QuadraticModel) -> np.ndarray:
         return finite & (np.abs(model.curvature) < OVERFLOW_LIMIT).all(axis=(1, 2))
 
 
-def _propose(x, gradient, curvature, damping, free, low, high):
-    """The point of a damped step inside the bounds, its predicted decrease, and that of the best (undamped) step."""
+def _propose(x, gradient, curvature, damping, free, low, high, constraints):
+    """The point of a damped step inside all limits, its predicted decrease, and that of the best (undamped) step."""
     active = free & ~((x <= low) & (gradient > 0.0)) & ~((x >= high) & (gradient < 0.0))
 
     def decrease(step):
         return -(gradient @ step + 0.5 * step @ curvature @ step)
 
     limits = np.maximum(low - x, -MAX_COORDINATE_STEP), np.minimum(high - x, MAX_COORDINATE_STEP)
-    step = _bounded_step(gradient, curvature, damping, active, *limits)
-    gauss_newton_step = _bounded_step(gradient, curvature, 1e-12, active, *limits)
+    room = LinearConstraints(constraints.rows, constraints.limits - constraints.rows @ x)
+    step = _constrained_step(gradient, curvature, damping, active, *limits, room)
+    gauss_newton_step = _constrained_step(gradient, curvature, 1e-12, active, *limits, room)
     predicted = decrease(step)
     return x + step, max(predicted, 1e-300), max(predicted, decrease(gauss_newton_step))
 
 
-def _bounded_step(gradient, curvature, damping, active, low, high):
-    """Minimise the damped quadratic over the active coordinates; those that reach a bound are fixed there."""
+def _constrained_step(gradient, curvature, damping, active, low, high, room):
+    """The bounded step; where it would violate constraints, the best one along their boundary."""
+    step = _bounded_step(gradient, curvature, damping, active, low, high)
+    violated = room.rows @ step < room.limits - CONSTRAINT_TOLERANCE
+    if not violated.any():
+        return step
+    boundary = LinearConstraints(room.rows[violated], room.limits[violated])
+    step = _bounded_step(gradient, curvature, damping, active, low, high, boundary)
+    # the quadratic is convex: its minimum inside lies on the boundary; bounds may still prevent to reach it
+    change = room.rows @ step
+    outside = change < room.limits - CONSTRAINT_TOLERANCE
+    return step * min([1.0, *np.maximum(room.limits[outside] / change[outside], 0.0)])
+
+
+def _bounded_step(gradient, curvature, damping, active, low, high, boundary=None):
+    """Minimise the damped quadratic over the active coordinates; those that reach a bound are fixed there.
+
+    With a boundary the step ends on it: rows · step = limits.
+    """
     step, active = np.zeros(len(gradient)), active.copy()
     damped = curvature + damping * np.diag(np.maximum(np.diag(curvature), 1e-12))
     while active.any():
         reduced = gradient[active] + damped[np.ix_(active, ~active)] @ step[~active]
-        step[active] = -least_norm_solution(damped[np.ix_(active, active)], reduced, UNDETERMINED_SHARE)
+        matrix = damped[np.ix_(active, active)]
+        if boundary is not None:
+            rows, rest = boundary.rows[:, active], boundary.rows[:, ~active] @ step[~active] - boundary.limits
+            scale = np.max(np.diag(matrix))  # of the order of the curvature, for the sake of conditioning
+            matrix = np.block([[matrix, scale * rows.T], [scale * rows, np.zeros((len(rows), len(rows)))]])
+            reduced = np.concatenate([reduced, scale * rest])
+        step[active] = -least_norm_solution(matrix, reduced, UNDETERMINED_SHARE)[: active.sum()]
         outside = active & ((step < low) | (step > high))
-        step = np.clip(step, low, high)
         if not outside.any():
             break
+        if boundary is not None:  # one at a time, because the others can still move along the boundary
+            first = np.argmin(np.where(outside, np.clip(step, low, high) / np.where(outside, step, 1.0), np.inf))
+            outside = np.arange(len(step)) == first
+        step = np.where(outside, np.clip(step, low, high), step)
         active &= ~outside
     return step
 

@@ -84,8 +84,9 @@ def fit_each_run(fit: Fit, on_progress: Callable[[str], None] | None = None) -> 
     low, high = np.array([u.bounds() for u in model.unknowns]).T
     starts = np.tile(fit.uncorrected, (count, 1))
     found = levenberg_marquardt(
-        evaluate, starts, low, high, tolerance=COST_TOLERANCE, on_step=_step_reporter(on_progress)
-    )
+        evaluate, starts, low, high, tolerance=COST_TOLERANCE, on_step=_step_reporter(on_progress),
+        constraints=fit.problem.constraints(),
+    )  # fmt: skip
     fitted = np.isfinite(found.model.cost)  # a run in which the model fails at the common estimate is left out
     covariance = np.array([regularised_inverse(c) for c in found.model.curvature[fitted]]).reshape(-1, n, n)
     variance = np.einsum("rkk->rk", covariance)

@@ -205,13 +205,14 @@ def _candidate_table(diagnosis: Diagnosis) -> str:
         remarks += [] if fitted is None else parameter_texts(candidate, fitted.fit)
         remarks += ["accepted"] if candidate in accepted else ["tried"] if trial is not None else []
         remarks += [f"group {groups[candidate]}"] if candidate in groups else []
+        rms = math.nan if fitted is None else fitted.rms_over_noise(Use.HOLDOUT)
         has_gain = trial is not None and math.isfinite(trial.log_evidence_gain)
         body.append([
             candidate.name,
             f"{p:.3f}" if p >= MIN_SHOWN_PROBABILITY else "0",
             f"{falls[candidate]:.3g}",
             f"{trial.log_evidence_gain:+.3g}" if has_gain else "",
-            f"{fitted.rms_over_noise(Use.HOLDOUT):.3f}" if fitted is not None else "",
+            f"{rms:.3f}" if math.isfinite(rms) else "",
             "; ".join(remarks),
         ])  # fmt: skip
     header = (

@@ -70,6 +70,7 @@ def as_json(
         "calibrated": {n: v for n, v in estimates_as_json(final).items() if n in uncertain},
         "error": diagnosis.errors(),
         "next_experiment": next_experiment,
+        "holdout_split": diagnosis.holdout_split or None,
         "failed_parts": list(failures),
         "seconds": diagnosis.seconds,
     }

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.search.candidates import at_prior_bound
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.result import Round, Verdict, accepted_trials
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
@@ -64,15 +64,15 @@ def chi_square_excess(evaluated: EvaluatedFit) -> float:
 def decide_verdict(rounds: Sequence[Round]) -> Verdict:
     """Decide the verdict.
 
-    The effect is unknown where a generic term explains clearly more than the library, an accepted parameter is at its
-    prior bound, or the final residual exceeds the noise. Otherwise the model is adequate if the first round accepted
-    nothing, and ambiguous if an accepted candidate is confounded with another one.
+    The effect is unknown where a generic term explains clearly more than the library, an accepted candidate depends on
+    a parameter at its prior bound, or the final residual exceeds the noise. Otherwise the model is adequate if the
+    first round accepted nothing, and ambiguous if an accepted candidate is confounded with another one.
 
     Args:
         rounds: all rounds of the search, the last of which accepted nothing.
     """
     after = rounds[-1].baseline
-    implausible = any(at_prior_bound(t.candidate, after.fit) for t in accepted_trials(rounds))
+    implausible = any(implausible_parameters(t.candidate, after.fit) for t in accepted_trials(rounds))
     if rounds[-1].generic_trials or implausible or is_unexplained(after):
         return Verdict.UNKNOWN_EFFECT
     if rounds[0].accepted is None:

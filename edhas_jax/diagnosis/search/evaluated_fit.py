@@ -111,6 +111,7 @@ def find_minima(problem: FitProblem, starts: np.ndarray, steps_per_sample: int, 
     return levenberg_marquardt(
         lambda x, which: gauss_newton_model(model, [EvaluationPoint(row, run_indices) for row in x], steps_per_sample),
         np.atleast_2d(starts), low, high, tolerance=COST_TOLERANCE, max_steps=max_steps, merge=COST_TOLERANCE,
+        constraints=problem.constraints(),
     )  # fmt: skip
 
 

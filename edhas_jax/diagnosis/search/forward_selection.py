@@ -15,6 +15,7 @@ from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.decision_rules import decide_verdict, replaces_accepted
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, refine_fit, start_coordinates
 from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
+from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.search.localisation import localise_discrepancy
 from edhas_jax.diagnosis.search.result import Diagnosis, Round, Verdict, accepted_trials
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
@@ -74,6 +75,8 @@ def diagnose(
         on_progress: called with a sentence on the progress.
         checkpoint: keeps the finished stages, and has those of an interrupted diagnosis of the same inputs.
 
+    Where the campaign has no hold-out runs, the last third of each run is held out.
+
     Returns:
         The verdict with all scores, trials, probabilities and the final model.
 
@@ -84,6 +87,7 @@ def diagnose(
     report("checking the data")
     campaign = checked_campaign(campaign)
     library = None if library is None else tuple(library)
+    campaign, holdout_sentence = split_for_holdout(campaign)
     search = _Search(campaign, library, tuple(more), checkpoint, report)
     calibrated, resolution = search.stage(
         "calibration", lambda: calibrate(campaign, report), StageEncoder.start, StageDecoder.start
@@ -107,7 +111,9 @@ def diagnose(
     before = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
     calibrated, after, verdict = rounds[0].baseline, rounds[-1].baseline, decide_verdict(rounds)
     shares = shares if verdict is Verdict.UNKNOWN_EFFECT else {}
-    return Diagnosis(campaign, verdict, tuple(rounds), before, calibrated, after, checkpoint.seconds, shares)
+    return Diagnosis(
+        campaign, verdict, tuple(rounds), before, calibrated, after, checkpoint.seconds, shares, holdout_sentence
+    )
 
 
 def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[EvaluatedFit, TimeResolution]:

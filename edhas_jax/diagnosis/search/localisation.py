@@ -21,8 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.diagnosis.search.candidates import SENSOR_LOCATION, Candidate, at_prior_bound
+from edhas_jax.diagnosis.search.candidates import SENSOR_LOCATION, Candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
@@ -97,7 +98,7 @@ def _explains_all(trial: Trial) -> bool:
     fitted = trial.evaluated
     if fitted is None or not fitted.rms_over_noise(Use.FIT) < EXPLAINED_RMS:
         return False
-    return not at_prior_bound(trial.candidate, fitted.fit)
+    return not implausible_parameters(trial.candidate, fitted.fit)
 
 
 def _achieved_share(trials: Sequence[Trial]) -> float:

@@ -9,9 +9,10 @@ import numpy as np
 
 from edhas_jax.core.units import format_quantity, format_with_error
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound
+from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.localisation import location_probabilities
+from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Campaign, Use
@@ -21,8 +22,8 @@ TEMPERING = 0.1  # exponent of the marginal likelihood: models are inexact, whic
 UNTRIED_GAIN_SHARE = 0.5  # of its predicted gain, with which a candidate without a trial counts
 UNCONFIRMED_ODDS = 0.05  # prior odds, of all candidates together, that one is missing although none was confirmed
 CONFOUNDED_ODDS = 20.0  # ratio of probabilities below which two candidates are confounded
-# factors on the probabilities of accepted and of other candidates where the verdict is an unknown effect
-UNKNOWN_ACCEPTED_FACTOR, UNKNOWN_OTHER_FACTOR = 0.5, 0.05
+# of a candidate where the verdict is an unknown effect: largest probability of an accepted one, factor of any other one
+MAX_UNKNOWN_PROBABILITY, UNKNOWN_OTHER_FACTOR = 0.9, 0.05
 IMPOSSIBLE_GAIN = -1e9  # nats; a candidate with which the model cannot be fitted
 
 
@@ -108,6 +109,7 @@ class Diagnosis:
         seconds: computing time [s].
         location_shares: for an unknown effect, the share of χ² of the calibrated model's residual by component, the
             largest first; else empty.
+        holdout_split: a sentence on how runs were divided for want of hold-out runs; empty where there are such runs.
     """
 
     campaign: Campaign
@@ -118,6 +120,7 @@ class Diagnosis:
     after: EvaluatedFit
     seconds: float
     location_shares: dict[str, float]
+    holdout_split: str = ""
 
     @property
     def final(self) -> Fit:
@@ -155,10 +158,23 @@ class Diagnosis:
                     largest, trial = found.get(candidate, (0.0, None))
                     found[candidate] = max(p, largest), trial or trials.get(candidate)
         if self.verdict is Verdict.UNKNOWN_EFFECT:  # accepted candidates may only imitate the unknown effect
-            accepted = {t.candidate for t in self.accepted}
-            factors = {c: UNKNOWN_ACCEPTED_FACTOR if c in accepted else UNKNOWN_OTHER_FACTOR for c in found}
-            found = {c: (factors[c] * p, t) for c, (p, t) in found.items()}
+            factors = {t.candidate: self._explained_share(t) for t in self.accepted}
+            found = {c: (factors.get(c, UNKNOWN_OTHER_FACTOR) * p, t) for c, (p, t) in found.items()}
         return [(c, p, t) for c, (p, t) in sorted(found.items(), key=lambda item: -item[1][0])]
+
+    def _explained_share(self, trial: Trial) -> float:
+        """The probability that an accepted candidate is real although the final model leaves something unexplained.
+
+        The fall of ½χ² of the held-out runs by the candidate, over that fall and the excess of ½χ² over the noise that
+        the final model leaves; at most 0.9, and 0.05 where the candidate depends on an implausible parameter.
+        """
+        if implausible_parameters(trial.candidate, self.final):
+            return UNKNOWN_OTHER_FACTOR
+        runs = self.campaign.runs_for(Use.HOLDOUT) or self.campaign.runs
+        samples = sum(int(np.isfinite(v).sum()) for v in self.after.run_residuals(runs))
+        remaining = max(float(self.after.holdout_half_chi_square().sum()) - 0.5 * samples, 0.0)
+        fall = max(trial.holdout_half_chi_square_fall, 0.0)
+        return MAX_UNKNOWN_PROBABILITY * fall / max(fall + remaining, 1.0)
 
     def location_probabilities(self) -> dict[str, float]:
         """The probability that something is missing in a component, the largest first.
@@ -183,6 +199,7 @@ class Diagnosis:
         errors = self.errors()
         rms = [errors[state][use].get("overall", math.nan) for state in ("before", "calibrated", "after")]
         runs = "held-out runs" if use == "holdout" else "the fitted runs (none is held out)"
+        runs = "the held-out part of the runs" if self.holdout_split else runs
         out = []
         if self.verdict is Verdict.ADEQUATE:
             out.append("Nothing is missing: with its uncertain parameters fitted, the model is as good as the sensors.")
@@ -198,6 +215,7 @@ class Diagnosis:
             f"Residual over noise on {runs}: {rms[0]:.2f} as it was, {rms[1]:.2f} calibrated"
             + ("." if self.verdict is Verdict.ADEQUATE else f", {rms[2]:.2f} with the accepted candidates.")
         )
+        out += [self.holdout_split] if self.holdout_split else []
         return out
 
     def _unknown_effect_sentences(self, use: Use) -> list[str]:
@@ -213,7 +231,7 @@ class Diagnosis:
                 f"residual over noise then {best.evaluated.rms_over_noise(use):.2f}."
             )
         for candidate in (t.candidate for t in self.accepted):
-            for name in at_prior_bound(candidate, self.final):
+            for name in implausible_parameters(candidate, self.final):
                 u = candidate.own_unknowns(self.final.problem.unknowns)[name]
                 value = format_quantity(self.final.values[u.name], u.unit)
                 out.append(f"{candidate.name} only imitates it: its {name} would have to be {value} or beyond.")

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import FitError
-from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound, build_problem
+from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, refine_fit, start_coordinates
+from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.measurements.campaign import Use
@@ -17,7 +18,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 
 MIN_ACHIEVED_FALL_SHARE = 0.3  # of the predicted fall of χ²: a fit that achieves less is restarted elsewhere
 RESTART_PRIOR_SHARE = 0.3  # of the calibrated coordinates: where the restart lies between prior mean and calibration
-PRIOR_BOUND_PENALTY = 30.0  # nats subtracted from the gain of a candidate with a parameter at its prior bound
+PRIOR_BOUND_PENALTY = 30.0  # nats off the gain of a candidate that depends on a parameter at its prior bound
 MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is made: the best of forty reaches it by chance
 MAX_TRIALS = 5
 MIN_RIVAL_GAIN_SHARE = 0.1  # of the gain reached: a candidate that predicts less is not tried
@@ -34,7 +35,7 @@ class Trial:
         score: its score test before the trial (chi-square scale).
         evaluated: the fit with the candidate; None where no fit was possible.
         log_evidence_gain: log-evidence with the candidate less that of the model without it, in nats, less
-            `PRIOR_BOUND_PENALTY` where one of its parameters is at the prior bound; −inf without a fit.
+            `PRIOR_BOUND_PENALTY` where it depends on a parameter at the prior bound; −inf without a fit.
         holdout_half_chi_square_fall: fall of ½χ² on the held-out runs, on all runs where none is held out; −inf
             without a fit.
     """
@@ -47,8 +48,9 @@ class Trial:
 
     def with_fit(self, baseline: EvaluatedFit, evaluated: EvaluatedFit) -> "Trial":
         """The trial with another fit of its candidate, compared with `baseline`, the model without it."""
-        penalty = PRIOR_BOUND_PENALTY if at_prior_bound(self.candidate, evaluated.fit) else 0.0
-        gain = evaluated.log_evidence - baseline.log_evidence - penalty
+        gain = evaluated.log_evidence - baseline.log_evidence
+        if implausible_parameters(self.candidate, evaluated.fit):
+            gain -= PRIOR_BOUND_PENALTY
         falls = baseline.holdout_half_chi_square() - evaluated.holdout_half_chi_square()
         return dataclasses.replace(
             self, evaluated=evaluated, log_evidence_gain=gain, holdout_half_chi_square_fall=float(falls.sum())

@@ -45,7 +45,9 @@ class Sampled:
     derivative with respect to either time.
     """
 
-    sample_time: float = par(2e-4, "s", (1e-6, 1.0), "time from sample to sample of the controller")
+    sample_time: float = par(
+        2e-4, "s", (1e-6, 1.0), "time from sample to sample of the controller", at_least="computation_delay"
+    )
     computation_delay: float = par(0.0, "s", (0.0, 1.0), "time from a sample to its command, one sample at most")
 
     def initial(self, controller: Controller) -> dict[str, Any]:

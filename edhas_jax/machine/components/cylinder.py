@@ -25,7 +25,7 @@ class ReversingValve:
 class Cylinder:
     """Double-rod cylinder: one effective area A = π (D² − d_rod²)/4, leakage K_il between its chambers."""
 
-    cylinder_bore: float = par(30e-3, "m", (1e-3, 2.0), "bore D", PAPER)
+    cylinder_bore: float = par(30e-3, "m", (1e-3, 2.0), "bore D", PAPER, at_least="cylinder_rod")
     cylinder_rod: float = par(20e-3, "m", (0.0, 2.0), "rod diameter d_rod", PAPER)
     cylinder_stroke: float = par(20e-3, "m", (1e-4, 20.0), "travel s_c", PAPER)
     cylinder_dead_volume: float = par(5.01e-6, "m^3", (1e-9, 1.0), "port and hose of one side V_dc")

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.core import runtime
+from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.source_location import first_line, locate
 from edhas_jax.machine.effects.base import Effect, EffectError
@@ -57,6 +57,13 @@ def check_parameters(cls: type) -> None:
         if "par" not in field.metadata:
             raise EffectError(f'{where}: declare a parameter with par(default, "unit", (low, high), "meaning")')
         _check_parameter(where, field)
+    by_name = {p.name: p for p in structs.parameters(cls)}
+    for p in by_name.values():
+        if p.at_least and (p.at_least not in by_name or p.default < by_name[p.at_least].default):
+            raise EffectError(
+                f"{locate(cls, p.name)}: at_least must name another parameter of {cls.__name__}, "
+                "with a default that is not larger"
+            )
 
 
 def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> None:

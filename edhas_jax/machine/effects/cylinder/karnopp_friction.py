@@ -22,8 +22,9 @@ class KarnoppFriction(Effect):
 
     cylinder_sliding_friction: float = par(10.0, "N", (0.0, 1e5), "friction while sliding, F_d", plausible=(3.0, 60.0))
     cylinder_breakaway_friction: float = par(
-        15.0, "N", (0.0, 1e5), "friction at break-away, F_m", plausible=(3.0, 150.0)
-    )
+        15.0, "N", (0.0, 1e5), "friction at break-away, F_m", plausible=(3.0, 150.0),
+        at_least="cylinder_sliding_friction",
+    )  # fmt: skip
     karnopp_velocity: float = par(1e-3, "m/s", (1e-6, 0.1), "half-width of the standstill band, v_min")
 
     def cylinder_friction_force(self, s, z):

@@ -22,7 +22,9 @@ class LugreFriction(Effect):
     confused_with = ("inverter_dead_time", "asymmetric_friction", "stroke_dependent_friction", "mover_damping")
 
     coulomb_friction: float = par(4.0, "N", (1e-6, 1e4), "friction while sliding, F_C", plausible=(0.5, 50.0))
-    static_friction: float = par(6.0, "N", (1e-6, 1e4), "friction at break-away, F_S", plausible=(0.5, 80.0))
+    static_friction: float = par(
+        6.0, "N", (1e-6, 1e4), "friction at break-away, F_S", plausible=(0.5, 80.0), at_least="coulomb_friction"
+    )
     stribeck_velocity: float = par(
         0.02, "m/s", (1e-5, 1.0), "speed at which friction has fallen, v_S", plausible=(0.003, 0.1)
     )

@@ -1,0 +1,56 @@
+"""Plausibility of a candidate: whether the data demand an implausible value of one of its parameters."""
+
+import numpy as np
+
+from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound
+from edhas_jax.measurements.measurement_model import EvaluationPoint
+from edhas_jax.measurements.residuals import normalised_residuals
+
+PLAUSIBLE_COORDINATE = 2.0  # prior standard deviations: the end of the plausible range
+# rise of ½χ² with a plausible value from which the data demand the implausible one: absolute [nats], which is three
+# standard deviations of one parameter, and as a share of the misfit that the model leaves anyway
+MIN_RISE, MIN_RISE_SHARE = 5.0, 0.1
+
+
+def implausible_parameters(candidate: Candidate, fit: Fit) -> list[str]:
+    """Names of a candidate's parameters that the data determine to be at the 3-sigma prior bound.
+
+    Such a candidate probably imitates another cause. A parameter that the data do not determine is no evidence against
+    it: a friction whose bristles are so stiff that they hardly matter is a friction all the same. To find out, the
+    parameter is moved to the end of its plausible range, the others along with it as their covariance predicts, and
+    the runs are simulated again. The rise of ½χ² must be clear in comparison with what the model does not explain
+    anyway, because χ² of a wrong model overstates how well its parameters are known.
+
+    Args:
+        candidate: the candidate.
+        fit: a fit with it.
+    """
+    names = at_prior_bound(candidate, fit)
+    if not names:
+        return []
+    model, low_high = fit.problem.model(), np.array([u.bounds() for u in fit.problem.unknowns]).T
+    own, order = candidate.own_unknowns(fit.problem.unknowns), [u.name for u in fit.problem.unknowns]
+    points = [fit.x]
+    for name in names:
+        k = order.index(own[name].name)
+        change = np.sign(fit.x[k]) * PLAUSIBLE_COORDINATE - fit.x[k]
+        moved = fit.x + fit.covariance[:, k] / fit.covariance[k, k] * change
+        points.append(fit.problem.constraints().project(moved, *low_high))
+    all_runs = tuple(range(len(model.runs)))
+    cases = [EvaluationPoint(x, all_runs) for x in points]
+    prior = np.array([float(u.has_prior) for u in model.unknowns])
+    costs = []
+    for x, outcomes in zip(points, model.predict(cases, fit.resolution.coarse, with_sensitivities=False), strict=True):
+        residuals = [normalised_residuals(model.campaign, run, outcomes[r]) for r, run in enumerate(model.runs)]
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = [
+                np.square(v[np.isfinite(run.signals[n])]).sum()
+                for run, signals in zip(model.runs, residuals, strict=True)
+                for n, v in signals.items()
+            ]
+        costs.append(0.5 * (prior @ np.square(x) + sum(squares)))
+    samples = sum(int(np.isfinite(values).sum()) for run in model.runs for values in run.signals.values())
+    limit = max(MIN_RISE, MIN_RISE_SHARE * (costs[0] - 0.5 * samples))
+    # a rise that is not finite counts: the model fails with a plausible value
+    return [name for name, cost in zip(names, costs[1:], strict=True) if not cost - costs[0] < limit]
