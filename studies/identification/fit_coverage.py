@@ -3,7 +3,7 @@
     python -m studies.identification.fit_coverage CAMPAIGN [COUNT]
 
 Each synthetic campaign has the runs, sensors and uncertainties of CAMPAIGN. Its parameters are drawn from their prior
-(log-normal, clipped at two standard deviations), its signals are simulated with a finer step than the fit uses, and
+(log-normal, clipped at two standard deviations and kept in the order that their laws prescribe), its signals are simulated with a finer step than the fit uses, and
 white noise is added. If the standard errors are right, the true value lies inside the 95 % interval in 95 % of cases.
 """
 
@@ -61,8 +61,9 @@ def normalised_errors(campaign: Campaign, count: int, seed: int = 1) -> np.ndarr
     model = MeasurementModel(campaign, campaign.machine, unknowns, campaign.runs_for(Use.FIT))
     resolution = choose_time_resolution(model, np.zeros(len(unknowns)))
     errors = np.empty((count, len(unknowns)))
+    laws, two = FitProblem(campaign, campaign.machine, unknowns).constraints(), np.full(len(unknowns), 2.0)
     for k in range(count):
-        truth = np.clip(rng.standard_normal(len(unknowns)), -2.0, 2.0)
+        truth = laws.project(rng.standard_normal(len(unknowns)), -two, two)
         synthetic = synthesise(campaign, unknowns, truth, STEP_RATIO * resolution.fine, rng)
         began = time.perf_counter()
         problem = FitProblem(synthetic, synthetic.machine, unknowns)
