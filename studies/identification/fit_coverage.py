@@ -3,8 +3,9 @@
     python -m studies.identification.fit_coverage CAMPAIGN [COUNT]
 
 Each synthetic campaign has the runs, sensors and uncertainties of CAMPAIGN. Its parameters are drawn from their prior
-(log-normal, clipped at two standard deviations and kept in the order that their laws prescribe), its signals are simulated with a finer step than the fit uses, and
-white noise is added. If the standard errors are right, the true value lies inside the 95 % interval in 95 % of cases.
+(log-normal, clipped at two standard deviations and kept in the order that their laws prescribe), its signals are
+simulated with a finer step than the fit uses, and white noise is added. If the standard errors are right, the true
+value lies inside the 95 % interval in 95 % of cases.
 """
 
 import argparse
