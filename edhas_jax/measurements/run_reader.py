@@ -24,6 +24,7 @@ MIN_SAMPLES = 10  # of a run; with fewer neither noise nor shape can be judged
 MAX_SIZE = 1e30  # of a value in SI; a larger one is a fault of the file, and its square may overflow
 MAX_REMARKS = 10  # on one file
 MAX_LISTED = 3  # faults of one kind in one column that are reported one by one
+MAX_NAMES, MAX_QUOTED = 8, 40  # columns that a remark names, characters of a name
 MAX_DISORDER = 0.05  # share of samples out of order above which the time axis is rejected
 
 
@@ -108,10 +109,11 @@ class RunReader:
                 sentence = f"column `{source.column}`: {error}; {signal} is left out of this run"
                 self._remark(self._header_line, sentence)
         known = {self._time.column, self._set_point, *(source.column for source in self._sources.values())}
-        unused = [f"`{column}`" for column in table.columns if column not in known]
+        unused = [f"`{column[:MAX_QUOTED]}`" for column in table.columns if column not in known]
         if unused:
-            subject = f"column {unused[0]} is" if len(unused) == 1 else f"columns {', '.join(unused)} are"
-            verb = "it is" if len(unused) == 1 else "they are"
+            more = f" and {len(unused) - MAX_NAMES} more" if len(unused) > MAX_NAMES else ""
+            names, is_one = ", ".join(unused[:MAX_NAMES]) + more, len(unused) == 1
+            subject, verb = (f"column {names} is", "it is") if is_one else (f"columns {names} are", "they are")
             sentence = f"{subject} not named in the campaign; {verb} not used"
             self._remark(self._header_line, sentence, Severity.NOTE)
         signals = self._without_missing_values(signals, table.lines[order])
@@ -170,7 +172,7 @@ class RunReader:
         """Indices of the samples whose time stamp is later than all before it, and their time stamps [s]."""
         column = table.columns.get(self._time.column)
         if column is None:
-            names = ", ".join(table.columns)
+            names = ", ".join(column[:MAX_QUOTED] for column in table.columns)
             remedy = "name it in the campaign, such as `time: {column: t, unit: ms}`"
             sentence = f"no column `{self._time.column}` with the time; {remedy}; the columns: {names}"
             raise TableError(self._header_line, sentence)

@@ -69,7 +69,8 @@ def table_from_rows(rows: Sequence[tuple[int, list[Cell]]], delimiter: str, repo
         if bad:
             more = f" (and {len(bad) - 1} more in this column)" if len(bad) > 1 else ""
             hint = " (write decimal points)" if DECIMAL_COMMA.fullmatch(bad[0][1]) else ""
-            report(bad[0][0], f'`{name}`: "{bad[0][1][:MAX_QUOTED]}" is not a number{hint}{more}; taken as missing')
+            what = f'`{name[:MAX_QUOTED]}`: "{bad[0][1][:MAX_QUOTED]}" is not a number'
+            report(bad[0][0], f"{what}{hint}{more}; taken as missing")
     array = np.array(values, float).reshape(len(values), width)
     columns = {name: Column(unit, array[:, at]) for at, (name, unit) in enumerate(named) if name}
     return Table(columns, np.array(lines, int), header_line)
