@@ -77,7 +77,7 @@ def run(options) -> int | None:
         except KeyboardInterrupt:
             if not checkpoint.kept:
                 raise
-            print(f"edhas: interrupted; {checkpoint.kept} finished stages of the search are kept in {folder}; "
+            print(f"edhas: interrupted; finished stages of the search ({checkpoint.kept}) are kept in {folder}; "
                   "the same command goes on from them", file=sys.stderr)  # fmt: skip
             return STATUS_INTERRUPTED
         optional.failures += checkpoint.failures
