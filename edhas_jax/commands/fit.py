@@ -44,6 +44,7 @@ def run(options) -> int | None:
     from edhas_jax.config.result_files import ResultFiles
     from edhas_jax.config.run_folder import report_write_errors, unused_folder
     from edhas_jax.core.optional_parts import OptionalParts
+    from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
     from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem, fit
     from edhas_jax.diagnosis.calibration.report import fit_report
     from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
@@ -68,7 +69,7 @@ def run(options) -> int | None:
             raise CampaignError(f"--profile {name}: not an uncertain parameter; these are: {', '.join(uncertain)}")
     out = console()
     print_data_check(out, campaign)
-    optional, drift, profiles, status_code = OptionalParts(), None, [], None
+    optional, drift, profiles, assumed, status_code = OptionalParts(), None, [], [], None
     with terminate_as_interrupt(), out.status("reading") as status:
         problem = FitProblem(campaign, campaign.machine, unknowns)
         try:
@@ -88,6 +89,9 @@ def run(options) -> int | None:
                 "The fit of each run alone",
                 lambda: fit_each_run(calibrated, lambda step: status.update(f"each run alone, {step}")),
             )
+            assumed = optional.attempt(
+                "The parameters taken as known", lambda: assumed_parameters(calibrated, status.update)
+            ) or []
             for name in options.profile:
                 what = f"profile of {name}, "
                 profile = optional.attempt(
@@ -101,7 +105,7 @@ def run(options) -> int | None:
             optional.failures.append("Interrupted: the results so far are written.")
             status_code = STATUS_INTERRUPTED
         seconds = time.perf_counter() - began
-        result = Calibration(calibrated, drift, tuple(profiles), before, after, seconds)
+        result = Calibration(calibrated, drift, tuple(profiles), before, after, seconds, tuple(assumed))
         with report_write_errors(folder):
             save_calibration(result, folder, optional.failures)
             text = optional.attempt("report.html", lambda: fit_report(result))

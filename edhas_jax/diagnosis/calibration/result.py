@@ -11,6 +11,12 @@ from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import one_line
 from edhas_jax.core.units import format_quantity
+from edhas_jax.diagnosis.calibration.confounding import (
+    AssumedParameter,
+    confounding_as_json,
+    model_error_sentence,
+    weak_combinations,
+)
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.uncertainty import Drift, ProfileLikelihood
 from edhas_jax.machine.rigs import Rig
@@ -40,6 +46,7 @@ class Calibration:
         before: (measured − model)/noise of all runs before the fit, by run and signal, shape (samples,) each.
         after: the same after the fit.
         seconds: computing time.
+        assumed: parameters taken as known whose error the unknowns would hide.
     """
 
     fit: Fit
@@ -48,6 +55,7 @@ class Calibration:
     before: dict[str, dict[str, np.ndarray]]
     after: dict[str, dict[str, np.ndarray]]
     seconds: float
+    assumed: tuple[AssumedParameter, ...] = ()
 
     def rms_residuals(self) -> dict[str, dict[str, dict[str, float]]]:
         """Root mean square of residual over noise: {before, calibrated} × {fit, holdout} × {overall, each signal}."""
@@ -91,6 +99,8 @@ class Calibration:
         worst = max((n for n in rms[use.value] if n != "overall"), key=rms[use.value].__getitem__)
         signal = f"worst signal {worst}, {rms[use.value][worst]:.2f}"
         sentences.append(f"Residual over noise on the {runs}: {overall:.2f}; {signal}.")
+        if (larger := model_error_sentence(rms[Use.FIT.value]["overall"])) is not None:
+            sentences.append(larger)
         if not self.fit.converged:
             sentences.append("The fit has not converged: the values below are those of its last step.")
         if implausible := self.implausible():
@@ -103,7 +113,12 @@ class Calibration:
             sentences.append(self._drift_sentence(name))
         for name in self.unidentified():
             sentences.append(f"These runs contain next to no information about {name}: its estimate is its prior.")
+        combinations = weak_combinations(self.fit)
+        sentences += [combination.sentence() for combination in combinations]
+        sentences += [parameter.sentence() for parameter in self.assumed]
         for one, other, correlation in self.confounded_pairs():
+            if any({one, other} <= set(combination.changes) for combination in combinations):
+                continue
             pair = f"{one} and {other} cannot be told apart (correlation {correlation:+.3f})"
             sentences.append(f"{pair}: a combination of them is known well, each alone less so.")
         return sentences
@@ -201,6 +216,7 @@ def calibration_as_json(calibration: Calibration) -> dict:
         },
         "not_identified": calibration.unidentified(),
         "not_told_apart": [[a, b, value] for a, b, value in calibration.confounded_pairs()],
+        **confounding_as_json(weak_combinations(fit), calibration.assumed),
         "implausible": calibration.implausible(),
         "drifting": calibration.drifting(),
         "findings": calibration.findings(),

@@ -8,6 +8,7 @@ from edhas_jax.config.run_folder import replace_nonfinite, write_json
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import one_line
+from edhas_jax.diagnosis.calibration.confounding import confounding_as_json, weak_combinations
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
@@ -68,6 +69,7 @@ def as_json(
         "where": [{"slot": name, "probability": p} for name, p in diagnosis.location_probabilities().items()],
         "form": _generic_term_data(diagnosis),
         "calibrated": {n: v for n, v in estimates_as_json(final).items() if n in uncertain},
+        **confounding_as_json(weak_combinations(final), diagnosis.assumed),
         "error": diagnosis.errors(),
         "next_experiment": next_experiment,
         "holdout_split": diagnosis.holdout_split or None,

@@ -8,6 +8,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
 from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidates_for
@@ -111,8 +112,11 @@ def diagnose(
     before = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
     calibrated, after, verdict = rounds[0].baseline, rounds[-1].baseline, decide_verdict(rounds)
     shares = shares if verdict is Verdict.UNKNOWN_EFFECT else {}
+    report("what the error bars take for granted")
+    assumed = tuple(assumed_parameters(after.fit, report))
+    seconds = checkpoint.seconds
     return Diagnosis(
-        campaign, verdict, tuple(rounds), before, calibrated, after, checkpoint.seconds, shares, holdout_sentence
+        campaign, verdict, tuple(rounds), before, calibrated, after, seconds, shares, holdout_sentence, assumed
     )
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from edhas_jax.core.units import format_quantity, format_with_error
+from edhas_jax.diagnosis.calibration.confounding import AssumedParameter, model_error_sentence, weak_combinations
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
@@ -110,6 +111,7 @@ class Diagnosis:
         location_shares: for an unknown effect, the share of χ² of the calibrated model's residual by component, the
             largest first; else empty.
         holdout_split: a sentence on how runs were divided for want of hold-out runs; empty where there are such runs.
+        assumed: parameters taken as known whose error the unknowns of the final model would hide.
     """
 
     campaign: Campaign
@@ -121,6 +123,7 @@ class Diagnosis:
     seconds: float
     location_shares: dict[str, float]
     holdout_split: str = ""
+    assumed: tuple[AssumedParameter, ...] = ()
 
     @property
     def final(self) -> Fit:
@@ -216,7 +219,14 @@ class Diagnosis:
             + ("." if self.verdict is Verdict.ADEQUATE else f", {rms[2]:.2f} with the accepted candidates.")
         )
         out += [self.holdout_split] if self.holdout_split else []
-        return out
+        return out + self.uncertainty_sentences()
+
+    def uncertainty_sentences(self) -> list[str]:
+        """What the data do not determine, and what the standard errors take for granted."""
+        rms = self.errors()["after"]["fit"].get("overall", math.nan)
+        larger = model_error_sentence(rms)
+        combinations = [combination.sentence() for combination in weak_combinations(self.final)]
+        return [*([] if larger is None else [larger]), *combinations, *(a.sentence() for a in self.assumed)]
 
     def _unknown_effect_sentences(self, use: Use) -> list[str]:
         """Where an unknown effect acts, its best generic term, and accepted candidates at their prior bound."""

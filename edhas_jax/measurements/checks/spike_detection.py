@@ -13,9 +13,9 @@ from edhas_jax.measurements.campaign import BenchRun
 from edhas_jax.measurements.checks.noise_measurement import on_even_grid
 
 WINDOWS = (9, 41)  # samples; excursions of up to half as many samples are found
-MIN_ACTIVITY_OVER_NOISE = 12.0  # of a spike, where other cycles can be compared
-MIN_ACTIVITY_WITHOUT_CYCLES = 50.0  # the same, in the first cycle and in runs without cycles
-MIN_ACTIVITY_RATIO = 3.0  # of a spike over the activity elsewhere
+MIN_ACTIVITY_OVER_NOISE = 8.0  # of a spike, where other cycles can be compared
+MIN_ACTIVITY_WITHOUT_CYCLES = 25.0  # the same, in the first cycle and in runs without cycles
+MIN_ACTIVITY_RATIO = 2.5  # of a spike over the activity elsewhere
 EDGE_ACTIVITY_RATIO = 1.5  # of samples beside a spike that belong to it
 EDGE_ACTIVITY_OVER_NOISE = 6.0
 MAX_ACTIVITY_OVER_RANGE = 1.5  # of anything but a spike, over the range of the signal
