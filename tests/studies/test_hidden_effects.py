@@ -152,7 +152,7 @@ def test_rates_of_the_baselines_alone():
 def test_baselines_get_the_exact_projected_residual_and_the_grid_of_the_diagnosis(small):
     campaign = cases.draw_case(1).campaign
     calibrated = calibrate(campaign)[0].fit
-    model = calibrated.problem.model()
+    model, campaign = calibrated.problem.model(), calibrated.problem.campaign
     fitted, per_sample = exact_fit(calibrated)
     finest = model.predict_all_runs(calibrated.x, 4 * per_sample)
     for r, outcome in enumerate(fitted.outcomes):
