@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test bench lint clean
+.PHONY: setup demo test fuzz bench lint clean
 
 setup: $(VENV)/.ready
 
@@ -21,6 +21,9 @@ test: setup
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -n 2
+
+fuzz: setup
+	EDHAS_FUZZ_INPUTS=$(or $(INPUTS),5000) $(BIN)/python -m pytest tests/fuzz -n 0 --maxfail=100
 
 bench: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'

@@ -1,0 +1,1 @@
+"""The command line under damaged and hostile input: thousands of inputs, each run in a process apart."""
