@@ -6,130 +6,32 @@ import yaml
 from hypothesis import strategies as st
 
 NUMBERS = (
-    "0",
-    "-0",
-    "-1",
-    "1",
-    "3.7",
-    "1e-308",
-    "1e308",
-    "-1e308",
-    "1e999",
-    "nan",
-    "inf",
-    "-inf",
-    "9" * 400,
-    "0x10",
-    "1_000",
-    "1,5",
-    "٣",
-    "1e-9",
-    "1e9",
-    "0.5",
-    "2",
-    "7",
-    "99999999999999999999",
-)
+    "0", "-0", "-1", "1", "3.7", "1e-308", "1e308", "-1e308", "1e999", "nan", "inf", "-inf", "9" * 400, "0x10",
+    "1_000", "1,5", "٣", "1e-9", "1e9", "0.5", "2", "7", "99999999999999999999",
+)  # fmt: skip
 QUANTITIES = (
-    "1 um",
-    "12 mm",
-    "5 parsec",
-    "1 kg",
-    "-3 MPa",
-    "20 um*9**9**9",
-    "3 mm^99999",
-    "1 mm ± 2",
-    "10 %",
-    "0 Hz",
-    "1 Hz",
-    "2 kHz",
-    "1 THz",
-    "1 mm mm",
-    "mm",
-    "1 mm/0",
-    "1e400 mm",
-    "1 degC",
-    "-300 degC",
-    "5 dB",
-    "__import__('os').system('true')",
-    "1 μm",
-    "3 µm²",
-)
+    "1 um", "12 mm", "5 parsec", "1 kg", "-3 MPa", "20 um*9**9**9", "3 mm^99999", "1 mm ± 2", "10 %", "0 Hz", "1 Hz",
+    "2 kHz", "1 THz", "1 mm mm", "mm", "1 mm/0", "1e400 mm", "1 degC", "-300 degC", "5 dB",
+    "__import__('os').system('true')", "1 μm", "3 µm²",
+)  # fmt: skip
 TEXTS = (
-    "",
-    " ",
-    "~",
-    "x",
-    "true",
-    "no",
-    "a [/b]",
-    "[red]",
-    "$x^$",
-    "../../../x",
-    "/etc/passwd",
-    "\x00",
-    "\x1b[31m",
-    "a\rb",
-    "*/ int x; /*",
-    "]]>",
-    "%s%n",
-    "ü" * 300,
-    "\u202e",
-    "evil.py:Evil",
-    "notes.py:X",
-    "evil.py",
-    ":",
-    "os:system",
-    "evil:Evil",
-    "lugre_friction",
-    "piston_leakage",
-    "sine",
-    "position",
-    "cascade",
-    "actuator_bench",
-    "pump_bench",
-    "actuator_system",
-    "signal",
-    "open_loop",
-    "run0.csv",
-)
+    "", " ", "~", "x", "true", "no", "a [/b]", "[red]", "$x^$", "../../../x", "/etc/passwd", "\x00", "\x1b[31m",
+    "a\rb", "*/ int x; /*", "]]>", "%s%n", "ü" * 300, "\u202e", "evil.py:Evil", "notes.py:X", "evil.py", ":",
+    "os:system", "evil:Evil", "lugre_friction", "piston_leakage", "sine", "position", "cascade", "actuator_bench",
+    "pump_bench", "actuator_system", "signal", "open_loop", "run0.csv",
+)  # fmt: skip
 OTHERS = (
-    None,
-    True,
-    False,
-    [],
-    {},
-    [[]],
-    {"kind": []},
-    {"kind": None},
-    {"kind": {}},
-    ["a", "a"],
-    [1, 2, 3],
-    {"a": 1},
-    0,
-    -1,
-    3.7,
-    1e300,
-    float("nan"),
-    float("inf"),
-    10**400,
-    {"from": 1, "to": 0},
-    {"value": "1 mm"},
-    {1: 2},
+    None, True, False, [], {}, [[]], {"kind": []}, {"kind": None}, {"kind": {}}, ["a", "a"], [1, 2, 3], {"a": 1}, 0,
+    -1, 3.7, 1e300, float("nan"), float("inf"), 10**400, {"from": 1, "to": 0}, {"value": "1 mm"}, {1: 2},
     {None: None},
-)
+)  # fmt: skip
 
 TIMES = st.sampled_from((1, 1, 1, 2, 4))  # much damage is found at its first place: little reaches further
 
 leaves = st.one_of(
-    st.sampled_from(NUMBERS),
-    st.sampled_from(QUANTITIES),
-    st.sampled_from(TEXTS),
-    st.sampled_from(OTHERS),
-    st.text(max_size=12),
-    st.integers(),
-    st.floats(),
-)
+    st.sampled_from(NUMBERS), st.sampled_from(QUANTITIES), st.sampled_from(TEXTS), st.sampled_from(OTHERS),
+    st.text(max_size=12), st.integers(), st.floats(),
+)  # fmt: skip
 
 
 def _places(tree, path=()):
@@ -202,29 +104,10 @@ def _damaged_bytes(draw, data: bytes):
             st.one_of(
                 st.sampled_from(
                     (
-                        b'"',
-                        b"'",
-                        b",",
-                        b";",
-                        b"\n",
-                        b"\r",
-                        b"\t",
-                        b"\x00",
-                        b"\xff\xfe",
-                        b"\xef\xbb\xbf",
-                        b"&a [",
-                        b"*a",
-                        b"- ",
-                        b": ",
-                        b"{",
-                        b"}",
-                        b"[" * 200,
-                        b"!!python/object/apply:os.system [true]",
-                        b"1e999",
-                        b"nan",
-                        b"#",
-                        b"|",
-                    )
+                        b'"', b"'", b",", b";", b"\n", b"\r", b"\t", b"\x00", b"\xff\xfe", b"\xef\xbb\xbf", b"&a [",
+                        b"*a", b"- ", b": ", b"{", b"}", b"[" * 200, b"!!python/object/apply:os.system [true]",
+                        b"1e999", b"nan", b"#", b"|",
+                    )  # fmt: skip
                 ),
                 st.binary(min_size=1, max_size=6),
             )
@@ -266,16 +149,9 @@ def damaged_tables(draw, rows: list[list[str]]):
             rows[0][column % len(rows[0])] = draw(
                 st.sampled_from(
                     (
-                        "time",
-                        "time [s]",
-                        "time [ms]",
-                        "",
-                        "x",
-                        "voltage [V]",
-                        "current [mm]",
-                        "piston_position [um*9**9**9]",
-                        "outlet_flow [°C]",
-                    )
+                        "time", "time [s]", "time [ms]", "", "x", "voltage [V]", "current [mm]",
+                        "piston_position [um*9**9**9]", "outlet_flow [°C]",
+                    )  # fmt: skip
                 )
             )
         elif what == "column":

@@ -21,15 +21,9 @@ from tests.support import CONFIGS, DATA
 
 INPUTS = int(os.environ.get("EDHAS_FUZZ_INPUTS", "300"))
 SHARES = {
-    "configurations": 0.25,
-    "settings": 0.2,
-    "campaign descriptions": 0.15,
-    "recordings": 0.2,
-    "comparisons": 0.01,
-    "design tables": 0.09,
-    "sweep folders": 0.05,
-    "run folders": 0.05,
-}
+    "configurations": 0.25, "settings": 0.2, "campaign descriptions": 0.15, "recordings": 0.2, "comparisons": 0.01,
+    "design tables": 0.09, "sweep folders": 0.05, "run folders": 0.05,
+}  # fmt: skip
 MAX_MESSAGE_LINES = 10
 COMPARISON_TIME_LIMIT = 60.0  # s, for it compiles a model and draws pictures
 STATUSES = (0, 1, 2, 3)
@@ -47,13 +41,10 @@ class X:
 def share_of_inputs(kind: str):
     """Hypothesis settings that give a kind of input its share of `INPUTS`."""
     return settings(
-        max_examples=max(round(INPUTS * SHARES[kind]), 1),
-        deadline=None,
-        derandomize="EDHAS_FUZZ_INPUTS" not in os.environ,
-        database=None,
-        suppress_health_check=list(HealthCheck),
+        max_examples=max(round(INPUTS * SHARES[kind]), 1), deadline=None,
+        derandomize="EDHAS_FUZZ_INPUTS" not in os.environ, database=None, suppress_health_check=list(HealthCheck),
         print_blob=False,
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -129,17 +120,9 @@ def test_the_undamaged_inputs_work(worker, folder):
 
 MACHINE = (CONFIGS / "paper.yaml").read_text() + "controller: {kind: position}\n"
 MACHINE_KEYS = (
-    "controller",
-    "sampling",
-    "amplifier",
-    "target",
-    "reference",
-    "effects",
-    "parameters",
-    "simulation",
-    "rig",
+    "controller", "sampling", "amplifier", "target", "reference", "effects", "parameters", "simulation", "rig",
     "effect_options",
-)
+)  # fmt: skip
 
 
 @share_of_inputs("configurations")
@@ -151,22 +134,9 @@ def test_configurations(worker, folder, text, command):
 
 
 NAMES = (
-    "frequency",
-    "amplitude",
-    "coil_resistance",
-    "mover_mass",
-    "stop_stiffness",
-    "position_gain",
-    "velocity_gain",
-    "ramp_time",
-    "duration",
-    "sample_rate",
-    "step",
-    "supply_voltage",
-    "static_friction",
-    "nothing_like_it",
-    "",
-)
+    "frequency", "amplitude", "coil_resistance", "mover_mass", "stop_stiffness", "position_gain", "velocity_gain",
+    "ramp_time", "duration", "sample_rate", "step", "supply_voltage", "static_friction", "nothing_like_it", "",
+)  # fmt: skip
 VALUES = st.one_of(
     st.sampled_from(damage.NUMBERS),
     st.sampled_from(damage.QUANTITIES),
@@ -206,18 +176,9 @@ runs:
   - {file: run0.csv, use: fit, frequency: 20 Hz, amplitude: 3.5 mm, load_orifice_area: 4.2 mm^2}
 """
 CAMPAIGN_KEYS = (
-    "controller",
-    "effects",
-    "without",
-    "parameters",
-    "amplifier",
-    "reference",
-    "uncertain",
-    "sensors",
-    "samples",
-    "use",
-    "trigger",
-)
+    "controller", "effects", "without", "parameters", "amplifier", "reference", "uncertain", "sensors", "samples",
+    "use", "trigger",
+)  # fmt: skip
 
 
 @share_of_inputs("campaign descriptions")
