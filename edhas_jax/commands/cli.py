@@ -73,7 +73,7 @@ def _run(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         print("edhas: interrupted before any result was complete; nothing was written", file=sys.stderr)
         return STATUS_INTERRUPTED
-    except _user_errors() as error:
+    except user_errors() as error:
         print(f"edhas: {terminal_text(str(error))}", file=sys.stderr)
         return STATUS_USER_ERROR
     except OSError as error:  # no space, no permission, a name that is too long
@@ -124,7 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _user_errors() -> tuple[type[Exception], ...]:
+def user_errors() -> tuple[type[Exception], ...]:
     """The errors that wrong input causes; any other one is a defect of the program and keeps its traceback."""
     from edhas_jax.compiler.engines import EngineError
     from edhas_jax.config.machine_config import ConfigError

@@ -133,19 +133,21 @@ def test_configurations(worker, folder, text, command):
     check(worker.run([*command, "machine.yaml"], folder), folder)
 
 
-NAMES = (
-    "frequency", "amplitude", "coil_resistance", "mover_mass", "stop_stiffness", "position_gain", "velocity_gain",
-    "ramp_time", "duration", "sample_rate", "step", "supply_voltage", "static_friction", "nothing_like_it", "",
+UNITS = {
+    "frequency": "Hz", "amplitude": "mm", "coil_resistance": "ohm", "mover_mass": "g", "stop_stiffness": "MN/m",
+    "position_gain": "kV/m", "velocity_gain": "V*s/m", "ramp_time": "ms", "duration": "ms", "sample_rate": "kHz",
+    "step": "us", "supply_voltage": "V", "static_friction": "N", "sliding_damping": "N*s/m", "": "",
+    "nothing_like_it": "m",
+}  # fmt: skip
+POSSIBLE = st.builds(
+    lambda name, exponent: f"{name}={10**exponent:.3g} {UNITS[name]}", st.sampled_from(sorted(UNITS)),
+    st.floats(-3.0, 3.0),
 )  # fmt: skip
-VALUES = st.one_of(
-    st.sampled_from(damage.NUMBERS),
-    st.sampled_from(damage.QUANTITIES),
-    st.sampled_from(damage.TEXTS),
-    st.text(max_size=8),
-)
-SETTINGS = st.lists(
-    st.one_of(st.tuples(st.sampled_from(NAMES), VALUES).map("=".join), st.text(max_size=8)), min_size=1, max_size=3
-)
+HOSTILE = st.tuples(
+    st.sampled_from(sorted(UNITS)),
+    st.one_of(st.sampled_from(damage.NUMBERS + damage.QUANTITIES + damage.TEXTS), st.text(max_size=8)),
+).map("=".join)
+SETTINGS = st.lists(st.one_of(POSSIBLE, POSSIBLE, HOSTILE, st.text(max_size=8)), min_size=1, max_size=2)
 
 
 def simulation(*values: str) -> list[str]:
@@ -277,7 +279,7 @@ def damage_files(folder: Path, data) -> None:
 
 @pytest.fixture(scope="module")
 def finished_run(worker, tmp_path_factory):
-    """A folder with a run, and what its reader prints."""
+    """A folder with a run, and what reading it gives."""
     folder = prepare(tmp_path_factory.mktemp("finished") / "run")
     assert check(worker.run(simulation(), folder), folder).status == 0
     return folder, check(worker.run([REOPEN, "result"], folder), folder).output

@@ -4,6 +4,7 @@
 """
 
 import contextlib
+import hashlib
 import io
 import json
 import os
@@ -81,13 +82,16 @@ class Worker:
 
 
 def _reopen(folder: str) -> int:
-    """Read a run folder as `edhas_jax.open_run` does for its callers."""
+    """Read a run folder as `edhas_jax.open_run` does for its callers; print what it holds."""
     import edhas_jax
-    from edhas_jax.config.run_folder import ResultFileError
+    from edhas_jax.commands.cli import user_errors
 
     try:
-        print(edhas_jax.open_run(folder).metrics)
-    except ResultFileError as error:
+        run = edhas_jax.open_run(folder)
+        print(run.machine, run.status, run.reason, run.step)
+        for values in (run.signals, run.energy, run.volume):
+            print({name: hashlib.sha256(value.tobytes()).hexdigest() for name, value in values.items()})
+    except user_errors() as error:
         print(f"edhas: {error}", file=sys.stderr)
         return 2
     return 0
