@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 
-from edhas_jax.core import runtime
 from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
 from edhas_jax.simulation.metrics import RunTooShortError, compute_metrics, mean_rate, metric_window
 from edhas_jax.simulation.validity import REASONS, Status, failed_tests
@@ -93,8 +92,7 @@ def check_run(record: Record, energy_residual: float, volume_residual: float) ->
     except RunTooShortError:
         values = {"peak_stroke": float(np.abs(record.signals["piston_position"]).max())}
     changing, change = _change_of_last_cycles(record)
-    with runtime.double_precision():
-        found = [status for status, applies in failed_tests(m, values, change <= PERIODIC_TOLERANCE) if applies]
+    found = [status for status, applies in failed_tests(m, values, change <= PERIODIC_TOLERANCE, np) if applies]
     status = found[-1] if found else Status.OK
     if changing:
         reasons[Status.NOT_PERIODIC] = (

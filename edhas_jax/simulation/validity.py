@@ -61,7 +61,7 @@ def valid_ranges(machine: Rig) -> dict[str, tuple]:
     return machine.evaluate(y, 0.0, 1.0, y)[0].record.valid_ranges
 
 
-def failed_tests(m: Rig, values: Mapping[str, Any], periodic) -> list[tuple[Status, Any]]:
+def failed_tests(m: Rig, values: Mapping[str, Any], periodic, xp=jnp) -> list[tuple[Status, Any]]:
     """Each status with whether it applies, in increasing severity; for numbers as for arrays of designs.
 
     Args:
@@ -69,9 +69,10 @@ def failed_tests(m: Rig, values: Mapping[str, Any], periodic) -> list[tuple[Stat
         values: metrics in SI by name, with `BEYOND_RANGE` if the ranges are to be tested here; a test without its
             metrics is left out.
         periodic: whether the cycles have converged.
+        xp: `jax.numpy`, or `numpy` for the numbers of one run, of which nothing is then compiled.
     """
     half = 0.5 * m.stops.pump_stroke
-    tests = [(Status.NOT_PERIODIC, ~jnp.asarray(periodic))]
+    tests = [(Status.NOT_PERIODIC, ~xp.asarray(periodic))]
     if "amplitude_ratio" in values:
         tests.append((Status.STALLED, values["amplitude_ratio"] < 0.5))
     if "peak_stroke" in values:
@@ -84,8 +85,8 @@ def failed_tests(m: Rig, values: Mapping[str, Any], periodic) -> list[tuple[Stat
         tests.append((Status.RELIEF_OPEN, always_open & (m.outlet.relief_conductance > 0.0)))
     if BEYOND_RANGE in values:
         tests.append((Status.OUT_OF_RANGE, values[BEYOND_RANGE] > 0.0))
-    finite = [jnp.isfinite(v) for n, v in values.items() if n != "residual"]
-    return [*tests, (Status.NOT_FINITE, ~jnp.stack(finite).all())]
+    finite = [xp.isfinite(v) for n, v in values.items() if n != "residual"]
+    return [*tests, (Status.NOT_FINITE, ~xp.stack(finite).all())]
 
 
 def _breaks_a_bound(m: Rig, values: Mapping[str, Any]):

@@ -106,7 +106,7 @@ def test_correlated_noise_is_measured_in_full(valid):
     campaign = dataclasses.replace(read_campaign(VALID_CAMPAIGN), runs=tuple(runs))
     from edhas_jax.measurements.checks.noise_measurement import measure_noise
 
-    assert measure_noise(campaign, "current").value == pytest.approx(0.02, rel=0.1)
+    assert measure_noise(campaign, "current") == pytest.approx((0.02, 0.02), rel=0.1)
 
 
 def test_rounding_of_the_recorder_counts_as_noise_and_is_no_stuck_sensor(tmp_path):

@@ -1,16 +1,19 @@
 """Measure the noise of the sensors in the records themselves, without a model, and compare it with what is stated.
 
 Runs with a sine set point repeat their cycles: the difference of two samples a whole number of cycles apart is noise,
-white or not, plus slow changes from cycle to cycle, which a moving average removes. Without repeated cycles only the
-fast part of the noise can be told from the signal, by fourth differences. Both estimates leave the largest tenth of
-their samples out, which holds spikes and events that differ from cycle to cycle, and include the error of rounding to
-the resolution of the recorder. A signal's noise is the median over its runs.
+white or not, plus slow changes from cycle to cycle, which a moving average removes. Where no number of cycles is a
+whole number of samples, the later cycle is interpolated, and the error of that makes it an upper bound. Without
+repeated cycles only the fast part of the noise can be told from the signal, by fourth differences: a lower bound. All
+estimates leave the largest tenth of their samples out, which holds spikes and events that differ from cycle to cycle,
+and include the error of rounding to the resolution of the recorder. The noise of a signal is the median over its runs;
+of the fast part it is the smallest, because fast changes of the signal itself add to it.
 
 Source: Pintelon, Schoukens, System Identification, 2nd ed. (2012), ch. 4, for the noise from repeated cycles.
 """
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,17 +42,21 @@ FOURTH_DIFFERENCE_GAIN = math.sqrt(70.0)  # of white noise: 1² + 4² + 6² + 4�
 
 
 class MeasuredNoise(NamedTuple):
-    """Standard deviation of the noise of a signal (SI), and whether it comes from repeated cycles."""
+    """Bounds of the standard deviation of the noise of a signal (SI); equal where it was measured between cycles."""
 
-    value: float
-    from_cycles: bool
+    low: float
+    high: float
+
+    def nearest(self, stated: float) -> float:
+        """The standard deviation within the bounds that is nearest to the stated one."""
+        return min(max(stated, self.low), self.high)
 
 
 def with_measured_noise(campaign: Campaign) -> Campaign:
     """Replace the stated noise by the measured one where the two differ.
 
-    The measured noise is used where it deviates by more than `MAX_NOISE_DEVIATION`. Without repeated cycles it is a
-    lower bound, and used only if it is larger than the stated one.
+    The measured noise is used where it deviates by more than `MAX_NOISE_DEVIATION`. Of a bound only the side that
+    contradicts the stated noise counts.
 
     Args:
         campaign: measurements, from which impossible signals are left out.
@@ -64,52 +71,77 @@ def with_measured_noise(campaign: Campaign) -> Campaign:
         if measured is None:
             channels[name] = dataclasses.replace(channel, stated_noise=stated)
             continue
-        deviates = abs(measured.value / stated - 1.0) > MAX_NOISE_DEVIATION
-        is_reliable = measured.from_cycles or measured.value > stated
-        is_used = deviates and is_reliable and not _is_too_small(campaign, name, measured.value)
-        channels[name] = Channel(channel.unit, measured.value if is_used else stated, stated, measured.value)
+        nearest = measured.nearest(stated)
+        is_used = abs(nearest / stated - 1.0) > MAX_NOISE_DEVIATION and not _is_too_small(campaign, name, nearest)
+        # a lower bound alone is shown, though it does not contradict a larger stated noise
+        shown = nearest if math.isfinite(measured.high) else measured.low
+        channels[name] = Channel(channel.unit, nearest if is_used else stated, stated, shown)
     return dataclasses.replace(campaign, channels=channels)
 
 
 def measure_noise(campaign: Campaign, name: str) -> MeasuredNoise | None:
     """Measure the noise of a signal; None where its records are too short."""
-    for estimate, from_cycles in ((cycle_scatter, True), (fast_scatter, False)):
-        parts = [estimate(run, name, campaign.machine_of(run)) for run in campaign.runs if name in run.signals]
-        parts = [part for part in parts if len(part) >= MIN_RUN_SAMPLES]
-        if sum(map(len, parts)) >= MIN_SAMPLES:
-            return MeasuredNoise(float(np.median([trimmed_std(part) for part in parts])), from_cycles)
-    return None
+    exact = _scatter_of_runs(campaign, name, cycle_scatter, np.median)
+    if exact is not None:
+        return MeasuredNoise(exact, exact)
+    low = _scatter_of_runs(campaign, name, fast_scatter, np.min)
+    high = _scatter_of_runs(campaign, name, interpolated_cycle_scatter, np.median)
+    if low is None:
+        return None if high is None else MeasuredNoise(0.0, high)
+    return MeasuredNoise(low, math.inf) if high is None else MeasuredNoise(min(low, high), high)
+
+
+def _scatter_of_runs(campaign: Campaign, name: str, scatter: Callable, of_runs: Callable) -> float | None:
+    """The median or smallest standard deviation of a scatter in the runs; None where there are too few samples."""
+    parts = [scatter(run, name, campaign.machine_of(run)) for run in campaign.runs if name in run.signals]
+    parts = [part for part in parts if len(part) >= MIN_RUN_SAMPLES]
+    return float(of_runs([trimmed_std(part) for part in parts])) if sum(map(len, parts)) >= MIN_SAMPLES else None
 
 
 def cycle_scatter(run: BenchRun, name: str, machine: Rig) -> np.ndarray:
-    """Differences of samples whole cycles apart (samples,), scaled to the standard deviation of white noise."""
+    """Differences of samples whole cycles apart (samples,), scaled to the standard deviation of white noise.
+
+    Empty where no number of cycles is a whole number of samples.
+    """
+    values, lags = _settled_cycles(run, name, machine)
+    misses = np.abs(lags - np.round(lags))
+    if not len(lags) or misses.min() >= MAX_SHIFT_ERROR:
+        return np.zeros(0)
+    shift = round(lags[np.argmax(misses < MAX_SHIFT_ERROR)])
+    return _without_slow_changes(values[:-shift] - values[shift:]) / math.sqrt(2.0)
+
+
+def interpolated_cycle_scatter(run: BenchRun, name: str, machine: Rig) -> np.ndarray:
+    """As `cycle_scatter`, but the later cycle is interpolated by cubics, whose error adds to the noise."""
+    values, lags = _settled_cycles(run, name, machine)
+    if not len(lags):
+        return np.zeros(0)
+    shift = math.floor(lags[0])
+    weights = _cubic_weights(lags[0] - shift)
+    later = np.convolve(values[shift - 1 :], weights[::-1], "valid")
+    return _without_slow_changes(values[: len(later)] - later) / math.sqrt(1.0 + float(weights @ weights))
+
+
+def _settled_cycles(run: BenchRun, name: str, machine: Rig) -> tuple[np.ndarray, np.ndarray]:
+    """A signal after the ramp of its set point, and the whole cycles, in samples, over which it can be compared."""
     period = cycle_length(machine)
     if period is None:
-        return np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     values, first = on_even_grid(run, name), float(machine.reference.ramp_time) - run.time[0]
     values = values[max(0, math.ceil(first / run.interval)) :]
     lags = period / run.interval * np.arange(1, MAX_CYCLES_APART + 1)
-    lags = lags[lags < len(values) - 0.5 * period / run.interval]
-    if not len(lags):
-        return np.zeros(0)
-    misses = np.abs(lags - np.round(lags))
-    lag = lags[np.argmax(misses < MAX_SHIFT_ERROR)] if misses.min() < MAX_SHIFT_ERROR else lags[0]
-    if misses.min() < MAX_SHIFT_ERROR:
-        shift = round(lag)
-        difference, gain = values[:-shift] - values[shift:], 2.0
-    else:
-        shift = math.floor(lag)
-        weights = _cubic_weights(lag - shift)
-        later = np.convolve(values[shift - 1 :], weights[::-1], "valid")
-        difference, gain = values[: len(later)] - later, 1.0 + float(weights @ weights)
+    return values, lags[lags < len(values) - 0.5 * period / run.interval]
+
+
+def _without_slow_changes(difference: np.ndarray) -> np.ndarray:
+    """Differences between cycles without their moving average (samples,), scaled so that white noise keeps its size."""
     if len(difference) < DRIFT_WINDOW:
         return np.zeros(0)
-    used = np.isfinite(difference)
-    window = np.ones(DRIFT_WINDOW)
+    used, window = np.isfinite(difference), np.ones(DRIFT_WINDOW)
     in_window = np.convolve(used, window, "same")
     slow = np.convolve(np.where(used, difference, 0.0), window, "same") / np.maximum(in_window, 1.0)
     used &= in_window == DRIFT_WINDOW
-    return (difference - slow)[used] / math.sqrt(gain * (1.0 - 1.0 / DRIFT_WINDOW))
+    return (difference - slow)[used] / math.sqrt(1.0 - 1.0 / DRIFT_WINDOW)
 
 
 def fast_scatter(run: BenchRun, name: str, machine: Rig | None = None) -> np.ndarray:
