@@ -36,7 +36,7 @@ SYSTEM = {"rig": "actuator_system", "effects": [*PUMP_EFFECTS, "karnopp_friction
 CHANGED = {
     "actuator_bench": {"mover_mass": 3.0, "position_gain": 1.2e4},
     "pump_bench": {"piston_clearance": 12e-6, "load_orifice_area": 2e-6, "accumulator.accumulator_pressure": 3e5},
-    "actuator_system": {"load_force": 150.0, "step_size": 8e-3, "cylinder_sliding_friction": 20.0},
+    "actuator_system": {"load_force": 150.0, "step_size": 8e-3, "cylinder_sliding_friction": 12.0},
 }
 ROUNDING = 1e-10  # share of the range of a signal; measured: about 1e-12
 
