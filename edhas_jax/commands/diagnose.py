@@ -159,7 +159,7 @@ def _print_result(out, diagnosis, experiment, failures: list[str], folder: Path)
 
     out.print(candidates_table(diagnosis))
     out.print(errors_table(diagnosis))
-    for sentence in [*data_sentences(diagnosis.campaign), *diagnosis.sentences()]:
+    for sentence in data_sentences(diagnosis.campaign, diagnosis.sentences()):
         out.print(sentence, soft_wrap=True)
     if experiment is not None:
         out.print(experiment.sentence, soft_wrap=True)

@@ -56,7 +56,7 @@ def damaged_trees(draw, tree, names=()):
             node = node[parent]
         what = draw(st.sampled_from(("replace", "replace", "replace", "remove", "rename", "add", "wrap", "copy")))
         if what == "replace":
-            node[key] = draw(leaves)
+            node[key] = copy.deepcopy(draw(leaves))
         elif what == "remove":
             del node[key]
         elif what == "wrap":
@@ -71,9 +71,9 @@ def damaged_trees(draw, tree, names=()):
             )
         elif isinstance(node, dict):
             new = draw(st.sampled_from((*names, "", "x", 1, None, "name", "kind")))
-            node[new] = node.pop(key) if what == "rename" else draw(leaves)
+            node[new] = node.pop(key) if what == "rename" else copy.deepcopy(draw(leaves))
         else:
-            node.insert(key, draw(leaves))
+            node.insert(key, copy.deepcopy(draw(leaves)))
     return tree
 
 

@@ -11,6 +11,7 @@ from edhas_jax.diagnosis.calibration.fit import FitProblem, fit
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.data_summary import data_sentences
+from edhas_jax.measurements.checks.noise_measurement import measure_noise
 from edhas_jax.measurements.comparison import compare
 from edhas_jax.measurements.residual_patterns import find_patterns
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
@@ -104,9 +105,14 @@ def test_correlated_noise_is_measured_in_full(valid):
         model = 5.0 * np.sin(2.0 * np.pi * run.conditions["frequency"] * run.time)
         runs.append(dataclasses.replace(run, signals={"current": model + coloured}))
     campaign = dataclasses.replace(read_campaign(VALID_CAMPAIGN), runs=tuple(runs))
-    from edhas_jax.measurements.checks.noise_measurement import measure_noise
 
     assert measure_noise(campaign, "current") == pytest.approx((0.02, 0.02), rel=0.1)
+
+
+def test_cycles_shorter_than_a_sample_interval_are_no_repetition(valid):
+    runs = tuple(dataclasses.replace(run, time=1e5 * run.time) for run in valid.runs)
+    campaign = dataclasses.replace(valid, runs=runs)
+    assert measure_noise(campaign, "current").high == np.inf
 
 
 def test_rounding_of_the_recorder_counts_as_noise_and_is_no_stuck_sensor(tmp_path):

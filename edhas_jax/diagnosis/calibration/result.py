@@ -92,7 +92,7 @@ class Calibration:
 
     def findings(self) -> list[str]:
         """Conclusions on the fit as sentences, the most important first."""
-        rms, sentences = self.rms_residuals()["calibrated"], data_sentences(self.fit.problem.campaign)
+        rms, sentences = self.rms_residuals()["calibrated"], []
         use = Use.HOLDOUT if rms["holdout"] else Use.FIT
         overall = rms[use.value]["overall"]
         runs = "held-out runs" if use is Use.HOLDOUT else "fitted runs (none is held out)"
@@ -121,7 +121,7 @@ class Calibration:
                 continue
             pair = f"{one} and {other} cannot be told apart (correlation {correlation:+.3f})"
             sentences.append(f"{pair}: a combination of them is known well, each alone less so.")
-        return sentences
+        return data_sentences(self.fit.problem.campaign, sentences)
 
     def _drift_sentence(self, name: str) -> str:
         k = [u.name for u in self.fit.problem.unknowns].index(name)

@@ -106,7 +106,7 @@ def diagnosis_report(
 
 def _verdict_box(diagnosis: Diagnosis) -> str:
     kind = "verdict fine" if diagnosis.verdict is Verdict.ADEQUATE else "verdict"
-    sentences = [*data_sentences(diagnosis.campaign), *diagnosis.sentences()]
+    sentences = data_sentences(diagnosis.campaign, diagnosis.sentences())
     sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in sentences)
     return f'<div class="{kind}">{sentences}</div>'
 

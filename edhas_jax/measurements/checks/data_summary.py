@@ -1,5 +1,6 @@
-"""What the checks did to the data of a campaign, in sentences for the beginning of every result and as plain data."""
+"""What the checks did to the data of a campaign, in sentences beside every result and as plain data."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from edhas_jax.measurements.campaign import Campaign, Severity
@@ -8,14 +9,22 @@ from edhas_jax.measurements.checks.noise_measurement import noise_as_json, noise
 MAX_LISTED = 3  # remarks that are quoted
 
 
-def data_sentences(campaign: Campaign) -> list[str]:
-    """The difference between stated and measured noise, if there is one, and what was left out, if anything was."""
-    sentences = [] if (noise := noise_sentence(campaign)) is None else [noise]
-    left_out = [f"{r.file.name}: {r.sentence}" for r in campaign.remarks if r.severity is Severity.ERROR]
-    if left_out:
-        more = len(left_out) - MAX_LISTED
-        quoted = " | ".join(left_out[:MAX_LISTED])
-        sentences.append(f"Some data are not used. {quoted}" + (f" | and {more} more remarks." if more > 0 else "."))
+def data_sentences(campaign: Campaign, findings: Iterable[str] = ()) -> list[str]:
+    """The findings of a result between two remarks on its data, where there are any.
+
+    Args:
+        campaign: the checked measurements.
+        findings: sentences on the result.
+
+    Returns:
+        The difference between stated and measured noise, the findings, and what is not used of the data.
+    """
+    sentences = [*([] if (noise := noise_sentence(campaign)) is None else [noise]), *findings]
+    errors = [r for r in campaign.remarks if r.severity is Severity.ERROR]
+    for remark in errors[:MAX_LISTED]:
+        sentences.append(f"Not used: {remark.file.name}: {remark.sentence.removesuffix('; left out')}.")
+    if len(errors) > MAX_LISTED:
+        sentences.append(f"Not used: {len(errors) - MAX_LISTED} more; `edhas campaign check` lists all.")
     return sentences
 
 

@@ -31,6 +31,7 @@ MIN_RUN_SAMPLES = 40  # of one run
 DRIFT_WINDOW = 41  # samples; slower differences between cycles are not noise
 MAX_SHIFT_ERROR = 0.02  # samples by which whole cycles may miss a whole number of samples
 MAX_CYCLES_APART = 6
+MIN_SAMPLES_PER_CYCLE = 4.0  # fewer do not show the signal between them
 TRIMMED_SHARE = 0.1  # of the samples, the largest, which are left out
 MIN_NOISE_OVER_SIGNAL = 1e-5  # standard deviations; a smaller scatter is that of computed or smoothed data
 # standard deviation of the samples that remain after trimming a standard normal distribution
@@ -129,6 +130,8 @@ def _settled_cycles(run: BenchRun, name: str, machine: Rig) -> tuple[np.ndarray,
         return np.zeros(0), np.zeros(0)
     values, first = on_even_grid(run, name), float(machine.reference.ramp_time) - run.time[0]
     values = values[max(0, math.ceil(first / run.interval)) :]
+    if period < MIN_SAMPLES_PER_CYCLE * run.interval:
+        return np.zeros(0), np.zeros(0)
     lags = period / run.interval * np.arange(1, MAX_CYCLES_APART + 1)
     return values, lags[lags < len(values) - 0.5 * period / run.interval]
 
