@@ -104,7 +104,7 @@ def test_an_inverter_dead_time_is_located():
     ],
 )
 def test_sentences_say_how_the_model_is_wrong(of_model, of_bench, sentence):
-    """A fault of the bench's sensor makes the model wrong the other way round."""
+    """Where a sensor of the bench reads too high, the model is too low."""
     campaign = measured(empty_campaign(), bench(), _on_current(of_bench))
     found = compare(campaign, instruments=_on_current(of_model))
     (first, *_) = find_patterns(found)

@@ -12,6 +12,7 @@ from edhas_jax.commands.cli import main
 from edhas_jax.commands.console import print_data_check
 from edhas_jax.measurements.campaign_reader import read_campaign
 from tests.support.faulty_campaign import (
+    RUNS,
     VALID_CAMPAIGN,
     copy_campaign,
     faults,
@@ -21,7 +22,6 @@ from tests.support.faulty_campaign import (
     with_cell,
 )
 
-RUNS = ("run3.csv", "run4.csv", "run8.csv")
 MAX_LINES = 10
 
 

@@ -12,9 +12,7 @@ from scipy.io import savemat
 
 from edhas_jax.commands.cli import main
 from edhas_jax.measurements.campaign_reader import read_campaign
-from tests.support.faulty_campaign import VALID_CAMPAIGN, copy_campaign, faults, replace_in_yaml, rewrite
-
-RUNS = ("run3.csv", "run4.csv", "run8.csv")
+from tests.support.faulty_campaign import RUNS, VALID_CAMPAIGN, copy_campaign, faults, replace_in_yaml, rewrite
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from edhas_jax.measurements.campaign import Severity
 from tests.support import DATA
 
 VALID_CAMPAIGN = DATA / "campaign_bench"
+RUNS = ("run3.csv", "run4.csv", "run8.csv")  # its files
 
 
 def copy_campaign(folder: Path) -> Path:

@@ -192,7 +192,7 @@ def candidate_unknowns(candidate: Candidate, campaign: Campaign) -> list[Unknown
 
 
 def at_prior_bound(candidate: Candidate, fit: Fit) -> list[str]:
-    """Names of a candidate's parameters estimated at the 3-sigma prior bound; see `plausibility` for what it means."""
+    """Names of a candidate's parameters whose estimate is 3 prior standard deviations from the prior mean."""
     estimates = {u.name: x for u, x in zip(fit.problem.unknowns, fit.x, strict=True)}
     own = candidate.own_unknowns(fit.problem.unknowns)
     limit = PRIOR_BOUND - PRIOR_BOUND_TOLERANCE
