@@ -2,6 +2,7 @@
 
 import dataclasses
 import enum
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from edhas_jax.core.structs import replace
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, set_parameters
 from edhas_jax.machine.rigs import Rig
+from edhas_jax.measurements.accuracy import OFFSET_OVER_RANGE, BenchAccuracy, with_defaults
 
 
 class CampaignError(ValueError):
@@ -54,12 +56,17 @@ class Channel:
         noise: standard deviation of its noise as used (SI).
         stated_noise: the one that the campaign states (SI); None before the data are checked.
         measured_noise: the one measured in the records (SI); None if not measured.
+        correlation: coefficients a_1 … a_p of the autoregressive model of the noise from sample to sample,
+            e_t = Σ a_k e_{t−k} + innovation; empty for white noise. `noise` is the standard deviation of e.
+        resolution: step between two neighbouring values of the recorder (SI); 0 if it is too fine to be seen.
     """
 
     unit: str
     noise: float
     stated_noise: float | None = None
     measured_noise: float | None = None
+    correlation: tuple[float, ...] = ()
+    resolution: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,6 +113,7 @@ class Campaign:
         runs: the runs that can be used.
         remarks: what the reader and the checks noticed in the files, and what they left out.
         is_checked: whether the data are checked, impossible samples left out, and the noise measured.
+        stated_accuracy: what the campaign states about the accuracy of the bench; see `accuracy`.
     """
 
     name: str
@@ -116,6 +124,24 @@ class Campaign:
     runs: tuple[BenchRun, ...]
     remarks: tuple[Remark, ...]
     is_checked: bool = False
+    stated_accuracy: BenchAccuracy = dataclasses.field(default_factory=BenchAccuracy)
+
+    @functools.cached_property
+    def accuracy(self) -> BenchAccuracy:
+        """The accuracy of the bench, completed by defaults for every signal and every parameter that a run sets."""
+        conditions = dict.fromkeys(name for run in self.runs for name in run.conditions)
+        offsets = {name: self._usual_offset(name) for name in self.channels}
+        return with_defaults(self.stated_accuracy, self.machine, conditions, offsets)
+
+    def _usual_offset(self, name: str) -> float:
+        """A thousandth of the range of a signal in all runs, without the outermost 1 %; its noise if no run has it."""
+        parts = [run.signals[name] for run in self.runs if name in run.signals]
+        values = np.concatenate(parts) if parts else np.zeros(0)
+        values = values[np.isfinite(values)]
+        if not len(values):
+            return self.channels[name].noise
+        low, high = np.percentile(values, [0.5, 99.5])
+        return OFFSET_OVER_RANGE * float(high - low)
 
     def machine_of(self, run: BenchRun, machine: Rig | None = None) -> Rig:
         """A machine under the conditions of a run.

@@ -1,0 +1,74 @@
+"""How exactly a test bench keeps its settings, and how exactly its sensors and its trigger are known."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+
+from edhas_jax.machine.parameters import ParameterError, find_parameter
+from edhas_jax.machine.rigs import Rig
+
+SETTING_ACCURACY = 0.005  # relative standard deviation of what a person or a valve sets
+WARM_PARAMETER = "coil_resistance"  # changes from run to run as the coil warms up, although no run sets it
+OFFSET_OVER_RANGE = 1e-3  # default offset of a sensor over the range of its signal
+COMPUTED_COMPONENTS = ("reference", "target", "controller", "sampling")  # a computer keeps their numbers exactly
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorAccuracy:
+    """Accuracy of one sensor, the same in all runs; all are standard deviations.
+
+    Args:
+        gain: of its gain (relative).
+        offset: of its offset (SI); None stands for a thousandth of the range of its signal.
+        shift: of its time shift against the other signals [s].
+    """
+
+    gain: float = 3e-3
+    offset: float | None = None
+    shift: float = 20e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class BenchAccuracy:
+    """Accuracy of a test bench; all are standard deviations.
+
+    Args:
+        trigger: of the start of the record against that of the run, for each run [s].
+        settings: of the value of a parameter in each run (relative), by name.
+        signals: of the sensors, by signal.
+    """
+
+    trigger: float = 2e-4
+    settings: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    signals: Mapping[str, SensorAccuracy] = dataclasses.field(default_factory=dict)
+
+
+def with_defaults(
+    stated: BenchAccuracy, machine: Rig, conditions: Iterable[str], offsets: Mapping[str, float]
+) -> BenchAccuracy:
+    """Complete the stated accuracy of a bench by the usual one.
+
+    Args:
+        stated: what the campaign states.
+        machine: the machine of the campaign.
+        conditions: names of the parameters that runs set.
+        offsets: usual standard deviation of the offset of each measured signal (SI).
+
+    Returns:
+        The accuracy with an entry for every setting and every signal. Numbers that a computer sets, such as a
+        frequency or the gain of a controller, are exact (0).
+    """
+    settings = {name: _usual_setting_accuracy(machine, name) for name in (*conditions, WARM_PARAMETER)}
+    sensors = {}
+    for name, usual in offsets.items():
+        sensor = stated.signals.get(name, SensorAccuracy())
+        sensors[name] = dataclasses.replace(sensor, offset=usual if sensor.offset is None else sensor.offset)
+    return BenchAccuracy(stated.trigger, settings | dict(stated.settings), sensors)
+
+
+def _usual_setting_accuracy(machine: Rig, name: str) -> float:
+    """The usual relative standard deviation of a setting; 0 for what a computer sets, or the machine lacks."""
+    try:
+        _, component = find_parameter(machine, name)
+    except ParameterError:
+        return 0.0
+    return 0.0 if component in COMPUTED_COMPONENTS else SETTING_ACCURACY
