@@ -1,231 +1,163 @@
-"""Benchmark of hidden effects: how often does the diagnosis name the effect that is hidden in a synthetic campaign?
+"""Benchmark of hidden effects: how often do methods name the effects that are hidden in synthetic campaigns?
 
-    python -m studies.hidden_effects [--cases N] [--seed FIRST] [--workers K] [--out DIR] [--crumbs] [--baselines]
+    python -m studies.hidden_effects [--families a b …] [--split judging|tuning] [--cases N] [--first K] [--workers K]
+                                     [--out DIR] [--methods ours,pysindy,correlation] [--crumbs] [--baselines]
 
-Each case is a campaign of eight runs of the pump bench with randomly drawn parameters, made by an integrator and sensor
-models that the diagnosis does not use. `cases.py` draws the cases, `baselines.py` has the methods for comparison. Cases
-are numbered from `--seed` on; those from `FIRST_TEST_CASE` on are the held-out test set. Finished cases are stored in
-DIR and not repeated, so that the same command continues a study that was stopped. With `--baselines` only the baseline
-methods run, from the calibrated model with which the diagnosis begins.
+Each case is a campaign made by an integrator and sensor models that no method uses. A case is determined by family,
+split and number; `--cases` from `--first` (or `--seed`) on are run of each family. Family (a), the default, has one
+effect of the library in a bench that is otherwise as the model says; its cases from `FIRST_TEST_CASE` on are the
+judging ones.
 
-The last line: `top1=… false_alarms=… slot=… both=… unknown=… calibration=…`, with `--baselines` the first four of each
-method as `bic_top1=…`
+Each answer is stored in DIR when it is there and not computed again, so that the same command continues a study that
+was stopped, and another method can be added later. An answer that ended in an error counts as wrong.
+
+The last line: `ours_top1=… ours_in_set=… ours_set_size=… …`, the same for each method.
 """
 
 import argparse
 import dataclasses
-import importlib.util
-import json
 import multiprocessing
 import os
 import sys
 import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
-from edhas_jax.core.atomic_file import atomic_write
-from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.search.candidates import candidates_for
-from edhas_jax.diagnosis.search.forward_selection import calibrate, diagnose
-from edhas_jax.diagnosis.search.result import Diagnosis
-from edhas_jax.diagnosis.search.trial import Trial
-from studies.hidden_effects.baselines import correlation, exact_fit, forward_bic, screen
-from studies.hidden_effects.cases import FIRST_TEST_CASE, PUMP_EFFECTS, Family, HiddenCase, draw_case
+from studies.hidden_effects.answers import Answer, Truth
+from studies.hidden_effects.calibrated_case import CalibratedCase
+from studies.hidden_effects.drawing import (
+    FAMILIES,
+    JUDGING,
+    SPLITS,
+    TUNING,
+    CaseKey,
+    draw,
+    first_number,
+    split_of,
+)
 from studies.hidden_effects.figures import save_figures
-from studies.hidden_effects.rates import last_line, report
-from studies.hidden_effects.sparse_regression import sparse_discrepancy
+from studies.hidden_effects.methods import Method, answer_with
+from studies.hidden_effects.report import last_line, report
+from studies.hidden_effects.store import ResultFolder
 
 CASES_PER_WORKER = 10  # cases after which a worker process is replaced, because compiled programs accumulate
 
 
 @dataclasses.dataclass(frozen=True)
-class Task:
-    """How a case is run and stored.
+class Job:
+    """One case to be run: the methods without an answer, and where the answers go."""
+
+    key: CaseKey
+    methods: tuple[Method, ...]
+    results: ResultFolder
+
+
+def run_job(job: Job) -> str:
+    """Draw a case, ask every method, store each answer; a sentence on them."""
+    try:
+        case = draw(job.key)
+    except RuntimeError as error:
+        job.results.store_failed_draw(job.key, str(error))
+        return f"{job.key}: not drawn: {error}"
+    job.results.store_truth(job.key, case.truth)
+    shared, said = CalibratedCase(case), []
+    for method in job.methods:
+        answer = answer_with(method, case, shared)
+        job.results.store_answer(job.key, method.value, answer)
+        said.append(f"{method.value}: {_answer_text(answer)}")
+    return f"{job.key}: {_truth_text(case.truth)} → {'; '.join(said)}"
+
+
+def _truth_text(truth: Truth) -> str:
+    return (" + ".join(h.name for h in truth.hidden) or "nothing") + (" (withheld)" if truth.withheld else "")
+
+
+def _answer_text(answer: Answer) -> str:
+    if answer.verdict is None:
+        return answer.failed
+    place = f" at {answer.place}" if answer.place and not answer.named else ""
+    return f"{' + '.join(answer.named) or answer.first}{place} ({answer.seconds:.0f} s)"
+
+
+def study(keys: Iterable[CaseKey], methods: tuple[Method, ...], workers: int, results: ResultFolder) -> None:
+    """Run the methods on the cases that they have no answer to yet.
 
     Args:
-        folder: folder of the result files.
-        unmodelled_lags: whether every sensor has a small lag that is not in the library of the diagnosis.
-        only_baselines: whether the package's own diagnosis is left out.
+        keys: the cases.
+        methods: the methods.
+        workers: number of processes, each with one core; with 1 the cases run in this process.
+        results: where the answers are stored.
     """
-
-    folder: Path
-    unmodelled_lags: bool = False
-    only_baselines: bool = False
-
-    def result_file(self, number: int) -> Path:
-        """The result file of a case."""
-        return self.folder / f"{'baselines' if self.only_baselines else 'case'}{number:04d}.json"
-
-
-def run_case(number: int, task: Task) -> dict[str, Any]:
-    """Draw one case, diagnose it with the package and with the baseline methods; the result file as plain data."""
-    case = draw_case(number, task.unmodelled_lags)
-    result, start = ground_truth(case, task.unmodelled_lags), time.perf_counter()
-    if task.only_baselines:
-        result["rivals"] = baseline_answers(case, calibrate(case.campaign)[0].fit)
-        return result | {"seconds": time.perf_counter() - start}
-    try:
-        diagnosis = diagnose(case.campaign, [kind for kind in PUMP_EFFECTS if kind not in case.withheld])
-        calibrated, answer = diagnosis.calibrated.fit, diagnosis_result(diagnosis)
-    except Exception as error:  # counts as a wrong answer of the package; the baselines still have theirs
-        calibrated, answer = calibrate(case.campaign)[0].fit, {"failed": _named(error)}
-    return result | answer | {"rivals": baseline_answers(case, calibrated)}
-
-
-def _named(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"
-
-
-def ground_truth(case: HiddenCase, unmodelled_lags: bool) -> dict[str, Any]:
-    """The entries of a result file that describe what is hidden."""
-    hidden = [
-        {
-            "name": h.candidate.name,
-            "slots": (
-                [h.candidate.location]
-                if h.candidate.signal
-                else sorted({slot.location for slot in h.candidate.kind.slots})
-            ),
-            "values": h.values,
-            "visible": h.visible,
-        }
-        for h in case.hidden
-    ]
-    return {
-        "number": case.number, "family": case.family.value, "louder": case.noise_factor,
-        "crumbs": unmodelled_lags, "hidden": hidden,
-    }  # fmt: skip
-
-
-def diagnosis_result(found: Diagnosis) -> dict[str, Any]:
-    """The entries of a result file that describe the answer of the diagnosis."""
-    final = found.final
-    parameters = {
-        t.candidate.name: {
-            n.removeprefix(t.candidate.prefix): [v, final.standard_errors[n]]
-            for n, v in final.values.items()
-            if n.startswith(t.candidate.prefix)
-        }
-        for t in found.accepted
-    }
-    return {
-        "verdict": found.verdict.value,
-        "accepted": [t.candidate.name for t in found.accepted],
-        "parameters": parameters,
-        "candidates": [[candidate.name, p] for candidate, p, _ in found.ranked_candidates()[:10]],
-        "groups": [[candidate.name for candidate in group] for group in found.confounded_groups()],
-        "where": found.location_probabilities(),
-        "errors": {state: {use: row["overall"] for use, row in uses.items()} for state, uses in found.errors().items()},
-        "rounds": [[_trial(t) for t in r.trials] for r in found.rounds],
-        "forms": [[t.candidate.id, t.log_evidence_gain] for r in found.rounds for t in r.generic_trials],
-        "seconds": found.seconds,
-    }
-
-
-def _trial(trial: Trial) -> list:
-    fall, gain = trial.score.chi_square_fall, trial.log_evidence_gain
-    return [trial.candidate.name, fall, gain, trial.holdout_half_chi_square_fall]
-
-
-def baseline_answers(case: HiddenCase, calibrated: Fit) -> dict[str, dict[str, list[str]]]:
-    """The answers of the baseline methods, which start from the same calibrated model, by method."""
-    problem = calibrated.problem
-    candidates = candidates_for(case.campaign, problem.machine, problem.instruments)
-    candidates = [c for c in candidates if c.kind not in case.withheld and (c.signal or c.kind in PUMP_EFFECTS)]
-    fitted, per_sample = exact_fit(calibrated)
-    residual, screened = screen(fitted, candidates)
-    answers = {
-        "forward selection by BIC": forward_bic(residual, screened),
-        "residual correlation": correlation(residual, screened),
-    }
-    if importlib.util.find_spec("pysindy"):  # of the extra `bench`
-        answers["sparse regression (PySINDy)"] = sparse_discrepancy(fitted, candidates, per_sample)
-    return {method: dataclasses.asdict(answer) for method, answer in answers.items()}
-
-
-def _run_and_store(job: tuple[int, Task]) -> tuple[int, str]:
-    """Run one case and write its result file; its number and a sentence on it."""
-    number, task = job
-    try:
-        result = run_case(number, task)
-    except Exception as error:  # a case that fails is a result too, and must not stop the others
-        result = {"number": number, "failed": _named(error)}
-    with atomic_write(task.result_file(number)) as temporary:
-        temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    return number, _sentence(result)
-
-
-def _sentence(result: dict[str, Any]) -> str:
-    if "failed" in result:
-        return result["failed"]
-    hidden = " + ".join(h["name"] for h in result["hidden"]) or "nothing"
-    if result["family"] == Family.WITHHELD.value:
-        hidden += " (withheld)"
-    if "verdict" not in result:
-        named = (f"{method}: {' + '.join(a['named']) or 'nothing'}" for method, a in result["rivals"].items())
-        return f"{hidden} → {', '.join(named)} ({result['seconds']:.0f} s)"
-    answer = f"{result['verdict']} {' + '.join(result['accepted'])}".strip()
-    return f"{hidden} → {answer} ({result['seconds']:.0f} s)"
-
-
-def study(numbers: range, workers: int, task: Task) -> list[dict[str, Any]]:
-    """Run the cases that have no result file in the folder yet.
-
-    Args:
-        numbers: numbers of the cases.
-        workers: number of processes.
-        task: how to run and store a case.
-
-    Returns:
-        The contents of the result files of all cases.
-    """
-    task.folder.mkdir(parents=True, exist_ok=True)
-    jobs = [(n, task) for n in numbers if not task.result_file(n).exists()]
-    start = time.perf_counter()
+    jobs = []
+    for key in keys:
+        if missing := results.missing(key, [m.value for m in methods]):
+            jobs.append(Job(key, tuple(m for m in methods if m.value in missing), results))
     if workers == 1:
-        _print_progress(map(_run_and_store, jobs), len(jobs), start)
-    else:
-        os.environ["EDHAS_CORES"] = "1"  # of each worker
-        with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=CASES_PER_WORKER) as pool:
-            _print_progress(pool.imap_unordered(_run_and_store, jobs), len(jobs), start)
-    paths = [task.result_file(n) for n in numbers]
-    return [json.loads(path.read_text(encoding="utf-8")) for path in paths if path.exists()]
+        _print_progress(map(run_job, jobs), len(jobs))
+        return
+    os.environ["EDHAS_CORES"] = "1"  # of each worker
+    with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=CASES_PER_WORKER) as pool:
+        _print_progress(pool.imap_unordered(run_job, jobs), len(jobs))
 
 
-def _print_progress(done, count: int, start: float) -> None:
-    for k, (number, sentence) in enumerate(done):
-        minutes = (time.perf_counter() - start) / 60.0
-        print(f"[{k + 1}/{count}, {minutes:.1f} min] case {number}: {sentence}", flush=True)
+def _print_progress(done: Iterator[str], count: int) -> None:
+    start = time.perf_counter()
+    for k, sentence in enumerate(done, start=1):
+        elapsed = (time.perf_counter() - start) / 60.0
+        left = elapsed / k * (count - k)
+        print(f"[{k}/{count}, {elapsed:.1f} min, about {left:.0f} min left] {sentence}", flush=True)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the study from the command line; the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=int, default=150)
-    parser.add_argument("--seed", type=int, default=FIRST_TEST_CASE,
-                        help=f"number of the first case; {FIRST_TEST_CASE} and above: held-out test cases")  # fmt: skip
+    parser.add_argument("--families", nargs="+", choices=FAMILIES, default=["a"], metavar="LETTER",
+                        help="; ".join(f"{letter}: {text}" for letter, text in FAMILIES.items()))  # fmt: skip
+    parser.add_argument(
+        "--split", choices=SPLITS, default=JUDGING,
+        help="judging (default): to compare methods with; tuning: to choose thresholds with, and to train",
+    )  # fmt: skip
+    parser.add_argument("--cases", type=int, default=40, help="number of cases of each family")
+    parser.add_argument("--first", "--seed", type=int, help="number of the first case")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"))
-    parser.add_argument(
-        "--crumbs", action="store_true", help="give every sensor a lag of 20 … 50 µs that is not in the library"
-    )
-    parser.add_argument(
-        "--baselines", action="store_true", help="run the baseline methods only, without the package's own diagnosis"
-    )
+    parser.add_argument("--methods", type=_methods, default=tuple(Method), metavar="METHOD,METHOD",
+                        help="of " + ", ".join(m.value for m in Method))  # fmt: skip
+    parser.add_argument("--baselines", action="store_true", help="every method but ours")
+    parser.add_argument("--crumbs", action="store_true",
+                        help="family a: give every sensor a lag of 20 … 50 µs that is not in the library")  # fmt: skip
     options = parser.parse_args(arguments)
-    numbers = range(options.seed, options.seed + options.cases)
-    kind = "test" if options.seed >= FIRST_TEST_CASE else "development"
-    if options.seed < FIRST_TEST_CASE < numbers.stop:
-        parser.error(f"cases below {FIRST_TEST_CASE} are for development, the others for testing: do not mix them")
+    methods = tuple(m for m in options.methods if not (options.baselines and m is Method.OURS))
+    keys = []
+    for family in options.families:
+        first = first_number(family, options.split) if options.first is None else options.first
+        try:
+            split = split_of(family, first, options.cases, options.split)
+        except ValueError as error:
+            parser.error(str(error))
+        lags = options.crumbs and family == "a"
+        keys += [CaseKey(family, split, number, lags) for number in range(first, first + options.cases)]
+    results = ResultFolder(options.out)
     try:
-        results = study(numbers, options.workers, Task(options.out, options.crumbs, options.baselines))
+        study(keys, methods, options.workers, results)
     except KeyboardInterrupt:
-        print(
-            f"stopped; finished cases are in {options.out}, the same command continues with the rest", file=sys.stderr
-        )
+        print(f"stopped; answers so far are in {options.out}, the same command continues with the rest",
+              file=sys.stderr)  # fmt: skip
         return 130
-    print(f"\n{kind} cases {numbers.start} … {numbers.stop - 1}")
-    print(report(results))
-    save_figures(results, options.out)
-    print(last_line(results))
+    records = results.records(keys, [m.value for m in methods])
+    kinds = {TUNING: "development", JUDGING: "test"}
+    print(f"\n{' and '.join(dict.fromkeys(kinds[key.split] for key in keys))} cases {keys[0]} … {keys[-1]}")
+    print(report(records, results.not_drawn(keys)))
+    save_figures(records, options.out)
+    print(last_line(records))
     return 0
+
+
+def _methods(text: str) -> tuple[Method, ...]:
+    """The methods of a comma-separated list, in the order of `Method`."""
+    words = set(text.split(","))
+    unknown = words - {m.value for m in Method}
+    if unknown:
+        known = ", ".join(m.value for m in Method)
+        raise argparse.ArgumentTypeError(f"no method {', '.join(sorted(unknown))}; there are {known}")
+    return tuple(m for m in Method if m.value in words)

@@ -1,26 +1,24 @@
-"""Evaluate the results of the benchmark of hidden effects: rates of right answers with confidence intervals.
+"""Rates of right answers over the records of the benchmark, with Wilson's confidence intervals.
 
-A case in which a method ended in an error counts as wrong: as a false alarm where nothing is hidden, as not found
-elsewhere. Only rates over stated probabilities and fitted parameters leave it out, because it states none.
+All rates are functions of the stored answers of one method. An answer that ended in an error counts as wrong: as wrong
+physics where nothing is hidden, as not found elsewhere. Cases that a method has not been run on are left out.
+
+A case belongs to one of three kinds: *null*, where nothing is hidden although crumbs, sensor chains, settings or
+parameters may differ; *withheld*, where what is hidden has no name among the suspects; *named*, where one or more
+effects or sensor faults are hidden that a method can name.
 """
 
 import dataclasses
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
 
-from edhas_jax.machine.effects import LIBRARY
-from studies.hidden_effects.cases import Family, family_of
+from studies.hidden_effects.answers import UNKNOWN, Answer, Truth, Verdict, same_as_any
+from studies.hidden_effects.store import Record
 
-Result = dict[str, Any]
-CONFIDENT_PROBABILITY = 0.95  # stated probability from which an answer is tested for its calibration
-VISIBILITY_BANDS = (60.0, 1e3, 1e4, 1e5, math.inf)  # limits of χ²
+VISIBILITY_BANDS = (0.0, 60.0, 200.0, 1e3, 1e4, 1e5, math.inf)  # limits of χ²
 MAX_RELATIVE_ERROR = 0.1  # a fitted parameter is right within this share of its true value,
 MAX_STANDARD_ERRORS = 2.0  # or within this many of its standard errors
-VERDICTS_WITH_NAMES = ("missing_effect", "ambiguous")
-PACKAGE_METHOD = "edhas diagnose"
-BIC, CORRELATION, SPARSE = "forward selection by BIC", "residual correlation", "sparse regression (PySINDy)"
-SHORT_NAMES = {BIC: "bic", CORRELATION: "correlation", SPARSE: "sparse"}  # of the baselines, in the last line
+Answered = tuple[Truth, Answer]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,6 +27,11 @@ class Rate:
 
     right: int
     of: int
+
+    @property
+    def share(self) -> float:
+        """Right answers over cases; NaN without cases."""
+        return self.right / self.of if self.of else math.nan
 
     def interval(self, z: float = 1.96) -> tuple[float, float]:
         """Wilson's confidence interval, of 95 % by default: (p + z²/2n ± z √(p(1−p)/n + z²/4n²)) / (1 + z²/n)."""
@@ -43,214 +46,159 @@ class Rate:
         if not self.of:
             return "–"
         low, high = self.interval()
-        return f"{self.right}/{self.of} = {100 * self.right / self.of:.0f} % ({100 * low:.0f} … {100 * high:.0f})"
+        return f"{100 * self.share:.0f} % ({self.right}/{self.of}; {100 * low:.0f} … {100 * high:.0f})"
 
 
-def rate(results: list[Result], right: Callable[[Result], bool]) -> Rate:
-    """The rate of results for which `right` is true."""
-    return Rate(sum(map(right, results)), len(results))
+def answered(records: Iterable[Record], method: str) -> list[Answered]:
+    """The cases that a method was run on, with its answers."""
+    return [(r.truth, r.answers[method]) for r in records if method in r.answers]
 
 
-def hidden_names(r: Result) -> list[str]:
-    """The names of the hidden effects and faults of a result."""
-    return [h["name"] for h in r.get("hidden", [])]
+def rate(cases: Iterable[Answered], right: Callable[[Truth, Answer], bool]) -> Rate:
+    """The rate of cases for which `right` is true."""
+    found = [right(truth, answer) for truth, answer in cases]
+    return Rate(sum(found), len(found))
 
 
-def family_name(r: Result) -> str:
-    """The family of a result; of a case that ended in an error before it was drawn, that of its number."""
-    return r.get("family", family_of(r["number"]).value)
+def is_null(truth: Truth) -> bool:
+    """Whether nothing is hidden."""
+    return not truth.hidden
 
 
-def has_failed(r: Result, method: str) -> bool:
-    """Whether a method has no answer to a case, because it ended in an error."""
-    return "verdict" not in r if method == PACKAGE_METHOD else method not in r.get("rivals", {})
+def is_named(truth: Truth) -> bool:
+    """Whether something is hidden that a method can name."""
+    return bool(truth.hidden) and not truth.withheld
 
 
-def methods_in(results: list[Result]) -> list[str]:
-    """The methods that some results are of, the package's own first."""
-    package = [PACKAGE_METHOD] if any("verdict" in r or "failed" in r for r in results) else []
-    return [*package, *dict.fromkeys(method for r in results for method in r.get("rivals", {}))]
+def first_is_right(truth: Truth, answer: Answer) -> bool:
+    """Whether the first answer is: a hidden name, `nothing` where nothing is, `unknown` where the name is withheld."""
+    return answer.first in truth.right_answers
 
 
-def slots_of(name: str) -> set[str]:
-    """The components of the machine on which an effect or fault acts, by its name."""
-    if " on " in name:
-        return {"sensor"}
-    return next(({slot.location for slot in kind.slots} for kind in LIBRARY if kind.id == name), set())
+def first_is_right_to_the_letter(truth: Truth, answer: Answer) -> bool:
+    """Whether the first name is hidden under exactly this name."""
+    return answer.first in truth.names
 
 
-def answers(r: Result, method: str) -> list[str]:
-    """The names that a method answered, best first; none where it found nothing missing, or an unknown effect."""
-    if has_failed(r, method):
-        return []
-    if method != PACKAGE_METHOD:
-        return r["rivals"][method]["named"]
-    return r["accepted"] if r["verdict"] in VERDICTS_WITH_NAMES else []
+def is_among_three(truth: Truth, answer: Answer) -> bool:
+    """Whether a hidden name is among the three most probable ones, where the method finds something missing."""
+    ranked = answer.ranked[:3] if answer.named else ()
+    return any(same_as_any(name, truth.names) for name in ranked)
 
 
-def is_right_null(r: Result, method: str) -> bool:
-    """Whether a method says that nothing is missing."""
-    if has_failed(r, method):
-        return False
-    return r["verdict"] == "adequate" if method == PACKAGE_METHOD else not answers(r, method)
+def set_is_right(truth: Truth, answer: Answer) -> bool:
+    """Whether a right answer is in the set."""
+    return not answer.members.isdisjoint(truth.right_answers)
 
 
-def is_named(r: Result, method: str) -> bool:
-    """Whether the first answer is hidden, or the other one of a stated pair that cannot be distinguished."""
-    answered = answers(r, method)
-    if not answered:
-        return False
-    pairs = [g for g in r["groups"] if len(g) == 2 and g[0] == answered[0]] if method == PACKAGE_METHOD else []
-    return bool(set(hidden_names(r)) & {answered[0], *(n for g in pairs for n in g)})
+def place_is_right(truth: Truth, answer: Answer) -> bool:
+    """Whether something hidden acts on the component that a method states."""
+    return answer.place in truth.places
 
 
-def is_among_three(r: Result, method: str) -> bool:
-    """Whether a hidden effect is among the three most probable answers."""
-    answered = answers(r, method)
-    if answered:
-        answered = [n for n, _ in r["candidates"]] if method == PACKAGE_METHOD else r["rivals"][method]["ranked"]
-    return bool(set(hidden_names(r)) & set(answered[:3]))
+def all_are_named(truth: Truth, answer: Answer) -> bool:
+    """Whether every hidden name was answered."""
+    return all(same_as_any(name, answer.named) for name in truth.names)
 
 
-def component_is_right(r: Result, method: str) -> bool:
-    """Whether the component of the machine is right."""
-    if has_failed(r, method):
-        return False
-    components = {s for h in r["hidden"] for s in h["slots"]}
-    if method == PACKAGE_METHOD:
-        return r["verdict"] != "adequate" and next(iter(r["where"]), "") in components
-    answered = answers(r, method)
-    return bool(answered and slots_of(answered[0]) & components)
+def names_exactly(truth: Truth, answer: Answer) -> bool:
+    """Whether everything hidden was named, and nothing else."""
+    return all_are_named(truth, answer) and len(answer.named) == len(truth.names)
 
 
-def all_are_named(r: Result, method: str) -> bool:
-    """Whether all hidden effects were answered; of a pair that cannot be distinguished either counts."""
-    if has_failed(r, method):
-        return False
-    answered = set(answers(r, method))
-    if method == PACKAGE_METHOD:
-        answered |= {n for g in r["groups"] if len(g) == 2 and g[0] in answered for n in g}
-    return set(hidden_names(r)) <= answered
-
-
-def names_exactly(r: Result, method: str) -> bool:
-    """Whether a method named all that is hidden and nothing else."""
-    return all_are_named(r, method) and len(answers(r, method)) == len(hidden_names(r))
-
-
-def confident_answers(results: list[Result]) -> Rate:
-    """The rate of right answers among those with a probability of at least `CONFIDENT_PROBABILITY`."""
-    is_right = [
-        n in hidden_names(r) and r["family"] != Family.WITHHELD.value
-        for r in results
-        for n, probability in r.get("candidates", [])
-        if probability >= CONFIDENT_PROBABILITY
-    ]
-    return Rate(sum(is_right), len(is_right))
-
-
-def right_parameters(results: list[Result]) -> Rate:
-    """The rate of fitted parameters close to their true values, for the effects that were named rightly."""
-    is_right = []
-    for r in results:
-        for h in r["hidden"] if "verdict" in r else []:
-            for n, (value, std) in r["parameters"].get(h["name"], {}).items():
-                if n in h["values"]:
-                    error = abs(value - h["values"][n])
-                    is_right.append(error <= max(MAX_RELATIVE_ERROR * abs(h["values"][n]), MAX_STANDARD_ERRORS * std))
-    return Rate(sum(is_right), len(is_right))
-
-
-def rates(results: list[Result], method: str) -> dict[str, Rate]:
-    """Every rate of one method, by its label."""
-    of = {family: [r for r in results if family_name(r) == family.value] for family in Family}
-    out = {
-        "right name first": rate(of[Family.ONE], lambda r: is_named(r, method)),
-        "right name among three": rate(of[Family.ONE], lambda r: is_among_three(r, method)),
-        "right component of the machine": rate(
-            of[Family.ONE] + of[Family.SENSOR], lambda r: component_is_right(r, method)
-        ),
-        "right sensor and fault": rate(of[Family.SENSOR], lambda r: is_named(r, method)),
-        "both of two": rate(of[Family.PAIR], lambda r: all_are_named(r, method)),
-        "at least one of two": rate(of[Family.PAIR], lambda r: bool(set(hidden_names(r)) & set(answers(r, method)))),
-        "nothing but what is hidden": rate(
-            of[Family.ONE] + of[Family.SENSOR] + of[Family.PAIR], lambda r: names_exactly(r, method)
-        ),
-        "false alarms": rate(of[Family.NULL], lambda r: not is_right_null(r, method)),
-    }
-    if method != PACKAGE_METHOD:
-        return out
-    unknown = [r for r in of[Family.WITHHELD] if r.get("verdict") == "unknown_effect"]
-    return out | {
-        "withheld effect reported as unknown": Rate(len(unknown), len(of[Family.WITHHELD])),
-        "right component, of all withheld effects": rate(of[Family.WITHHELD], lambda r: component_is_right(r, method)),
-        "right component, of those reported as unknown": rate(unknown, lambda r: component_is_right(r, method)),
-        "right where the probability is at least 95 %": confident_answers(results),
-        "parameters right": right_parameters(of[Family.ONE]),
-    }
-
-
-def report(results: list[Result]) -> str:
-    """A text with all rates, the rates by visibility, and the wrong answers."""
-    tables = {method: rates(results, method) for method in methods_in(results)}
-    if not tables:
-        return "no case was finished"
-    failed = sum("failed" in r for r in results)
-    lines = [f"{len(results)} cases, {failed} failed (counted as wrong); rates with Wilson's 95 % intervals", ""]
-    for label in next(iter(tables.values())):
-        lines.append(label)
-        lines += [f"    {method:30s} {table[label]}" for method, table in tables.items() if label in table]
-    for method in tables:
-        lines += ["", f"right name first, {method}, by visibility (χ² that the uncertain parameters cannot explain)"]
-        one = [r for r in results if family_name(r) == Family.ONE.value and r.get("hidden")]
-        for low, high in zip(VISIBILITY_BANDS, VISIBILITY_BANDS[1:], strict=False):
-            band = [r for r in one if low <= r["hidden"][0]["visible"] < high]
-            lines.append(f"    {low:>8.0f} … {high:<8.0f} {rate(band, lambda r, m=method: is_named(r, m))}")
-    if PACKAGE_METHOD in tables:
-        lines += ["", "wrong answers", *(f"    {sentence}" for r in results if (sentence := wrong_answer(r)))]
-    seconds = sorted(r["seconds"] for r in results if "seconds" in r)
-    what = "of a diagnosis" if PACKAGE_METHOD in tables else "of all baseline methods together, calibration included"
-    return "\n".join([*lines, "", f"median time {what}: {seconds[len(seconds) // 2] if seconds else 0.0:.0f} s"])
-
-
-def wrong_answer(r: Result) -> str:
-    """A sentence on a wrong answer; empty for a right one."""
-    if "failed" in r:
-        return f"case {r['number']}: {r['failed']}"
-    right = {
-        Family.NULL.value: r["verdict"] == "adequate",
-        Family.WITHHELD.value: r["verdict"] == "unknown_effect" and component_is_right(r, PACKAGE_METHOD),
-    }.get(r["family"], r["verdict"] in VERDICTS_WITH_NAMES and set(hidden_names(r)) == set(answers(r, PACKAGE_METHOD)))
-    if right:
-        return ""
-    truth = " + ".join(f"{h['name']} {_numbers(h['values'])}, χ² {h['visible']:.3g}" for h in r["hidden"]) or "nothing"
-    after = r["errors"]["after"]["holdout"]
-    trials = "; ".join(
-        ", ".join(f"{name} {gain:.0f}" for name, _, gain, _ in sorted(trials, key=lambda t: -t[2])[:3])
-        for trials in r["rounds"]
-        if trials
+def names_wrong_physics(truth: Truth, answer: Answer) -> bool:
+    """Whether a name is answered that is not hidden; a fault of a sensor that has an unlisted one does not count."""
+    if answer.verdict is None:
+        return True
+    return any(
+        not same_as_any(name, truth.names) and name.partition(" on ")[2] not in truth.disturbed_signals
+        for name in answer.named
     )
-    answered = f"{r['verdict']} {' + '.join(r['accepted'])}".strip()
-    outcome = f"{truth} → {answered}, residual over noise {after:.3f}; gains {trials or 'none tried'}"
-    return f"case {r['number']} ({r['family']}): {outcome}"
 
 
-def _numbers(values: dict[str, float]) -> str:
-    return "(" + ", ".join(f"{v:.3g}" for v in values.values()) + ")"
+def is_unknown(truth: Truth, answer: Answer) -> bool:
+    """Whether the answer is an effect without a name."""
+    return answer.first == UNKNOWN
 
 
-def last_line(results: list[Result]) -> str:
-    """The most important rates in one line of `key=value`; those of the baselines where nothing else was run."""
-    labels = {
-        "top1": "right name first", "false_alarms": "false alarms", "slot": "right component of the machine",
-        "both": "both of two", "unknown": "withheld effect reported as unknown",
-        "calibration": "right where the probability is at least 95 %",
-    }  # fmt: skip
-    methods, words = methods_in(results), []
-    for method in [PACKAGE_METHOD] if PACKAGE_METHOD in methods else methods:
-        found, prefix = rates(results, method), "" if method == PACKAGE_METHOD else SHORT_NAMES[method] + "_"
-        for key, label in labels.items():
-            if label in found:
-                r = found[label]
-                words.append(f"{prefix}{key}={r.right / r.of:.3f}" if r.of else f"{prefix}{key}=nan")
-    return " ".join(words)
+def law_flags(cases: Iterable[Answered]) -> Rate:
+    """The rate of right statements on the laws of rightly named effects, of those that have one."""
+    found = [
+        answer.law[name] is h.law
+        for truth, answer in cases
+        for h in truth.hidden
+        for name in answer.law
+        if name in answer.named and same_as_any(name, (h.name,))
+    ]
+    return Rate(sum(found), len(found))
+
+
+def right_parameters(cases: Iterable[Answered]) -> Rate:
+    """The rate of fitted parameters close to their true values, for the rightly named effects of the library's law."""
+    found = []
+    for truth, answer in cases:
+        for h in truth.hidden:
+            for n, (value, error) in answer.parameters.get(h.name, {}).items():
+                if n in h.values:
+                    limit = max(MAX_RELATIVE_ERROR * abs(h.values[n]), MAX_STANDARD_ERRORS * error)
+                    found.append(abs(value - h.values[n]) <= limit)
+    return Rate(sum(found), len(found))
+
+
+def mean_set_size(cases: Iterable[Answered]) -> float:
+    """The mean number of members of the sets; NaN without any."""
+    sizes = [len(answer.members) for _, answer in cases if answer.verdict is not None]
+    return sum(sizes) / len(sizes) if sizes else math.nan
+
+
+def rates(cases: list[Answered]) -> dict[str, Rate]:
+    """Every rate of the answers of one method, by its label."""
+    null = [c for c in cases if is_null(c[0])]
+    named = [c for c in cases if is_named(c[0])]
+    withheld = [c for c in cases if c[0].withheld]
+    unknown = [c for c in withheld if is_unknown(*c)]
+    of = {count: [c for c in named if len(c[0].hidden) == count] for count in (2, 3)}
+    return {
+        "right name first": rate(named, first_is_right),
+        "right name first, to the letter": rate(named, first_is_right_to_the_letter),
+        "right name among three": rate(named, is_among_three),
+        "truth in the set": rate(cases, set_is_right),
+        "right place": rate(named, place_is_right),
+        "both of two": rate(of[2], all_are_named),
+        "all of three": rate(of[3], all_are_named),
+        "at least one of two": rate(of[2], lambda t, a: any(same_as_any(n, t.names) for n in a.named)),
+        "nothing but what is hidden": rate(named, names_exactly),
+        "wrong physics named where something is hidden": rate(named, names_wrong_physics),
+        "wrong physics named on nulls": rate(null, names_wrong_physics),
+        "nulls found adequate": rate(null, lambda t, a: a.verdict is Verdict.ADEQUATE),
+        "withheld effect reported as unknown": rate(withheld, is_unknown),
+        "right place, of those reported as unknown": rate(unknown, place_is_right),
+        "right place, of all withheld effects": rate(withheld, place_is_right),
+        "law as in the library or not, of those stated": law_flags(named),
+        "parameters right": right_parameters(named),
+    }
+
+
+def by_visibility(cases: Iterable[Answered]) -> dict[tuple[float, float], Rate]:
+    """The rate of right first names over the visible size of single hidden effects, by the limits of each band."""
+    single = [c for c in cases if is_named(c[0]) and len(c[0].hidden) == 1]
+    bands = zip(VISIBILITY_BANDS, VISIBILITY_BANDS[1:], strict=False)
+    return {(low, high): rate((c for c in single if low <= c[0].visible < high), first_is_right) for low, high in bands}
+
+
+@dataclasses.dataclass(frozen=True)
+class Times:
+    """Computing times [s]: the median, the one that nine of ten do not exceed, and the longest."""
+
+    median: float
+    ninety: float
+    worst: float
+
+
+def times(cases: Iterable[Answered]) -> Times:
+    """The distribution of the computing times of some answers; NaN without any."""
+    found = sorted(answer.seconds for _, answer in cases)
+    if not found:
+        return Times(math.nan, math.nan, math.nan)
+    middle = 0.5 * (found[(len(found) - 1) // 2] + found[len(found) // 2])
+    return Times(middle, found[math.ceil(0.9 * len(found)) - 1], found[-1])

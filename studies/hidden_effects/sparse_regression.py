@@ -1,4 +1,4 @@
-"""Baseline: sparse regression (PySINDy) of the discrepancy between measured rates and the equations of the model.
+"""Rival: sparse regression (PySINDy) of the discrepancy between measured rates and the equations of the model.
 
 The discrepancy is ẏ − f(y) at the measured y. States that are not measured are taken from the calibrated model, and its
 own ẏ − f(y) is subtracted so that they have little influence. The terms are the contributions of the effects to f, each
@@ -21,7 +21,8 @@ from edhas_jax.machine.parameters import find_parameter, get_parameter, replace_
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
-from studies.hidden_effects.baselines import MAX_ANSWERS, Answer
+from studies.hidden_effects.answers import Answer
+from studies.hidden_effects.correlation import MAX_NAMES, MAX_RANKED, answer_of_names
 
 STLSQ_THRESHOLD = 0.1  # share of the discrepancy of a rate below which a term is dropped
 STLSQ_RIDGE = 1e-2  # regularisation as a share of the squared norm of a term, because many terms are nearly parallel
@@ -40,7 +41,7 @@ def sparse_discrepancy(fitted: Fit, candidates: list[Candidate], per_sample: int
         per_sample: time steps per sample.
 
     Returns:
-        The names of the effects with the largest coefficients, at most `MAX_ANSWERS`.
+        The names of the effects with the largest coefficients, at most `MAX_NAMES`.
     """
     import pysindy
 
@@ -79,8 +80,8 @@ def sparse_discrepancy(fitted: Fit, candidates: list[Candidate], per_sample: int
     overlaps = np.array(terms) @ target
     order = np.argsort(-weights)
     ranked = [*order[weights[order] > 0.0], *(k for k in np.argsort(-overlaps) if weights[k] == 0.0)]
-    named = [names[k] for k in order[:MAX_ANSWERS] if weights[k] > 0.0]
-    return Answer(named, [names[k] for k in ranked[:MAX_ANSWERS]])
+    named = tuple(names[k] for k in order[:MAX_NAMES] if weights[k] > 0.0)
+    return answer_of_names(named, tuple(names[k] for k in ranked[:MAX_RANKED]))
 
 
 def _discrepancy(fitted: Fit, runs: tuple[BenchRun, ...], per_sample: int) -> tuple[dict, np.ndarray]:

@@ -1,0 +1,64 @@
+"""The methods that the benchmark compares, each a function of a case and of what the methods share in it."""
+
+import dataclasses
+import enum
+import time
+
+from edhas_jax.diagnosis.search.forward_selection import diagnose
+from studies.hidden_effects.answers import Answer
+from studies.hidden_effects.calibrated_case import CalibratedCase
+from studies.hidden_effects.correlation import correlation
+from studies.hidden_effects.drawing import DrawnCase
+from studies.hidden_effects.our_answer import answer_of
+from studies.hidden_effects.sparse_regression import sparse_discrepancy
+
+
+class Method(enum.Enum):
+    """A method; the values are the words of the command line and the names of the result files."""
+
+    OURS = "ours"
+    PYSINDY = "pysindy"
+    CORRELATION = "correlation"
+
+    @property
+    def title(self) -> str:
+        """The name in tables and figures."""
+        return TITLES[self]
+
+
+TITLES = {
+    Method.OURS: "edhas diagnose", Method.PYSINDY: "PySINDy", Method.CORRELATION: "residual correlation",
+}  # fmt: skip
+
+
+def answer_with(method: Method, case: DrawnCase, shared: CalibratedCase) -> Answer:
+    """The answer of a method to a case; an error of the method is an answer too.
+
+    Args:
+        method: the method.
+        case: the case, of which the method sees the campaign and the suspects.
+        shared: what the rival methods share in this case.
+    """
+    start = time.perf_counter()
+    try:
+        if method is Method.OURS:
+            return dataclasses.replace(answer_of(diagnose(case.campaign, case.library)), seconds=_since(start))
+        common = shared.seconds  # computed by the first of them, counted for all
+        start = time.perf_counter()
+        return dataclasses.replace(_rival(method, shared), seconds=common + _since(start))
+    except Exception as error:  # counts as wrong, and the other methods still have their answers
+        return Answer(None, seconds=_since(start), failed=f"{type(error).__name__}: {error}")
+
+
+def _since(start: float) -> float:
+    return time.perf_counter() - start
+
+
+def _rival(method: Method, shared: CalibratedCase) -> Answer:
+    match method:
+        case Method.PYSINDY:
+            fitted, per_sample = shared.exact
+            return sparse_discrepancy(fitted, shared.suspects, per_sample)
+        case Method.CORRELATION:
+            return correlation(*shared.screened)
+    raise ValueError(f"{method} is no rival")

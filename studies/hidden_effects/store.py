@@ -1,0 +1,90 @@
+"""The result folder of the benchmark: for each case what is hidden, and one file for each method's answer.
+
+    OUT/judging/b00007/case.json         what is hidden
+    OUT/judging/b00007/bic.json          the answer of a method
+    OUT/judging/b00007/not_drawn.txt     why the case could not be drawn
+
+Files are complete or absent, so that a stopped study continues where it was.
+"""
+
+import dataclasses
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from edhas_jax.core.atomic_file import atomic_write
+from studies.hidden_effects.answers import (
+    Answer,
+    Truth,
+    answer_as_json,
+    answer_from_json,
+    truth_as_json,
+    truth_from_json,
+)
+from studies.hidden_effects.drawing import CaseKey
+
+CASE_FILE, NOT_DRAWN_FILE = "case.json", "not_drawn.txt"
+
+
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """A case and the answers to it, by method."""
+
+    truth: Truth
+    answers: dict[str, Answer]
+
+
+@dataclasses.dataclass(frozen=True)
+class ResultFolder:
+    """The results in a folder."""
+
+    folder: Path
+
+    def of(self, key: CaseKey) -> Path:
+        """The folder of a case."""
+        return self.folder / key.split / str(key)
+
+    def missing(self, key: CaseKey, methods: Iterable[str]) -> tuple[str, ...]:
+        """The methods without an answer to a case."""
+        return tuple(method for method in methods if not (self.of(key) / f"{method}.json").exists())
+
+    def store_truth(self, key: CaseKey, truth: Truth) -> None:
+        """Write what is hidden in a case."""
+        _write(self.of(key) / CASE_FILE, truth_as_json(truth))
+
+    def store_answer(self, key: CaseKey, method: str, answer: Answer) -> None:
+        """Write the answer of a method."""
+        _write(self.of(key) / f"{method}.json", answer_as_json(answer))
+
+    def store_failed_draw(self, key: CaseKey, reason: str) -> None:
+        """Write why a case could not be drawn; it is tried again by the next study."""
+        path = self.of(key) / NOT_DRAWN_FILE
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(reason + "\n", encoding="utf-8")
+
+    def records(self, keys: Iterable[CaseKey], methods: Iterable[str]) -> list[Record]:
+        """The finished cases with the answers of some methods to them."""
+        methods, out = tuple(methods), []
+        for key in keys:
+            folder = self.of(key)
+            if (folder / CASE_FILE).exists():
+                found = {m: folder / f"{m}.json" for m in methods if (folder / f"{m}.json").exists()}
+                answers = {m: answer_from_json(_read(path)) for m, path in found.items()}
+                out.append(Record(truth_from_json(_read(folder / CASE_FILE)), answers))
+        return out
+
+    def not_drawn(self, keys: Iterable[CaseKey]) -> dict[str, str]:
+        """The cases that could not be drawn, with the reason."""
+        paths = {key: self.of(key) / NOT_DRAWN_FILE for key in keys if not (self.of(key) / CASE_FILE).exists()}
+        return {str(key): path.read_text(encoding="utf-8").strip() for key, path in paths.items() if path.exists()}
+
+
+def _read(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def _write(path: Path, plain: dict[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path) as temporary:
+        temporary.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,115 @@
+"""The driver of the benchmark of hidden effects: command line, stored answers, resumption; with stubbed methods."""
+
+import dataclasses
+import json
+
+import pytest
+
+from studies.hidden_effects import benchmark, methods
+from studies.hidden_effects.answers import Answer, Truth, Verdict
+from studies.hidden_effects.calibrated_case import CalibratedCase
+from studies.hidden_effects.cases import FIRST_TEST_CASE
+from studies.hidden_effects.drawing import CaseKey, DrawnCase
+from studies.hidden_effects.methods import Method, answer_with
+from studies.hidden_effects.store import ResultFolder
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Cases without a campaign and methods that find nothing; the list of what was asked."""
+    calls = []
+
+    def answer(method, case, shared):
+        calls.append((case.truth.family, case.truth.number, method))
+        return Answer(Verdict.ADEQUATE, probability=0.9, seconds=1.0)
+
+    monkeypatch.setattr(benchmark, "draw", lambda key: DrawnCase(Truth(key.family, key.split, key.number), None, ()))
+    monkeypatch.setattr(benchmark, "answer_with", answer)
+    return calls
+
+
+def run(folder, *arguments):
+    return benchmark.main([*arguments, "--workers", "1", "--out", str(folder)])
+
+
+def test_every_answer_is_stored_and_none_is_repeated(asked, tmp_path, capsys):
+    assert run(tmp_path, "--cases", "2", "--seed", "0", "--methods", "ours") == 0
+    assert asked == [("a", 0, Method.OURS), ("a", 1, Method.OURS)]
+    printed = capsys.readouterr().out
+    assert "[2/2" in printed and "min left" in printed and "development cases a00000 … a00001" in printed
+    assert "ours_adequate_on_nulls=1.000" in printed.strip().splitlines()[-1]
+    stored = json.loads((tmp_path / "tuning" / "a00001" / "ours.json").read_text())
+    assert stored["verdict"] == "adequate" and stored["probability"] == 0.9
+    asked.clear()
+    assert run(tmp_path, "--cases", "3", "--seed", "0", "--methods", "ours,correlation") == 0
+    assert asked == [
+        ("a", 0, Method.CORRELATION), ("a", 1, Method.CORRELATION), ("a", 2, Method.OURS), ("a", 2, Method.CORRELATION),
+    ]  # fmt: skip
+    assert capsys.readouterr().out.strip().splitlines()[-1].count("adequate_on_nulls=1.000") == 2
+
+
+def test_what_is_finished_survives_an_interruption(asked, tmp_path, monkeypatch, capsys):
+    answer = benchmark.answer_with
+
+    def interrupted(method, case, shared):
+        if case.truth.number == 1 and method is Method.CORRELATION:
+            raise KeyboardInterrupt
+        return answer(method, case, shared)
+
+    monkeypatch.setattr(benchmark, "answer_with", interrupted)
+    arguments = ["--cases", "2", "--first", "0", "--methods", "ours,correlation"]
+    assert run(tmp_path, *arguments) == 130
+    assert "the same command continues" in capsys.readouterr().err
+    monkeypatch.setattr(benchmark, "answer_with", answer)
+    asked.clear()
+    assert run(tmp_path, *arguments) == 0
+    assert asked == [("a", 1, Method.CORRELATION)]
+
+
+def test_a_case_that_cannot_be_drawn_is_said_and_tried_again(asked, tmp_path, monkeypatch, capsys):
+    draw = benchmark.draw
+
+    def nothing_visible(key):
+        raise RuntimeError("nothing visible in 12 draws")
+
+    monkeypatch.setattr(benchmark, "draw", nothing_visible)
+    assert run(tmp_path, "--cases", "1", "--first", "0", "--methods", "ours") == 0
+    assert "not drawn: a00000: nothing visible in 12 draws" in capsys.readouterr().out
+    monkeypatch.setattr(benchmark, "draw", draw)
+    assert run(tmp_path, "--cases", "1", "--first", "0", "--methods", "ours") == 0
+    assert "not drawn" not in capsys.readouterr().out and asked == [("a", 0, Method.OURS)]
+
+
+def test_baselines_are_all_methods_but_ours(asked, tmp_path):
+    run(tmp_path, "--cases", "1", "--first", "0", "--baselines")
+    assert [method for _, _, method in asked] == [m for m in Method if m is not Method.OURS]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--cases", "20", "--seed", str(FIRST_TEST_CASE - 5)], "do not mix"),
+        (["--methods", "ours,guessing"], "no method guessing; there are ours"),
+        (["--families", "z"], "invalid choice: 'z'"),
+    ],
+)
+def test_bad_options_are_refused(arguments, said, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        run(tmp_path, *arguments)
+    assert said in capsys.readouterr().err
+
+
+def test_a_method_that_ends_in_an_error_has_a_wrong_answer(monkeypatch):
+    def failing(*_):
+        raise ValueError("nothing to fit")
+
+    monkeypatch.setattr(methods, "diagnose", failing)
+    case = DrawnCase(Truth("a", "judging", 0), None, ())
+    answer = answer_with(Method.OURS, case, CalibratedCase(case))
+    assert answer.verdict is None and answer.failed == "ValueError: nothing to fit" and answer.first == ""
+
+
+def test_cases_of_a_family_have_folders_of_their_own(tmp_path):
+    results, key = ResultFolder(tmp_path), CaseKey("b", "judging", 7)
+    folders = {results.of(k) for k in (key, dataclasses.replace(key, sensor_lags=True), CaseKey("b", "tuning", 7))}
+    assert len(folders) == 3 and results.of(key) == tmp_path / "judging" / "b00007"
