@@ -1,0 +1,107 @@
+"""Crumbs: small physics that no list has, each with one size, added together to a stated share of the noise."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from edhas_jax.core import structs
+from edhas_jax.core.structs import replace
+from edhas_jax.machine.effects import Effect
+from edhas_jax.machine.rigs import Rig
+from studies.hidden_effects.generators.sizes import draw_value
+from studies.hidden_effects.generators.visibility import Signals, VisibilityTest
+
+FEWEST, MOST = 3, 6  # crumbs of a case
+LEFT_OVER = (0.3, 1.5)  # rms over the noise of what they leave together, after the uncertain parameters are fitted
+
+
+@dataclasses.dataclass(frozen=True)
+class Crumb:
+    """One kind of small unlisted physics in the machine.
+
+    Args:
+        kind: the effect that holds it; one effect holds many crumbs, so that all cases share their compiled programs.
+        size: its size, a parameter of the effect that is 0 by default.
+        shapes: further parameters of the effect that belong to it.
+        typical: a size that is plausible (SI).
+    """
+
+    kind: type[Effect]
+    size: str
+    typical: float
+    shapes: tuple[str, ...] = ()
+
+    @property
+    def id(self) -> str:
+        """Its name."""
+        return self.size
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorCrumb:
+    """One kind of small unlisted physics in the sensors: (time, signals, rng) → change of the signals at size 1."""
+
+    id: str
+    typical: float
+    change: Callable[[np.ndarray, Signals, np.random.Generator], Signals]
+
+
+@dataclasses.dataclass(frozen=True)
+class DrawnCrumbs:
+    """The crumbs of a case.
+
+    Args:
+        sizes: size by id.
+        machine: the machine with them.
+        change: their change of the signals of the fitted runs, in units of noise.
+        visible: what of it remains beside uncertain parameters and usual errors of a bench.
+        left_over: its rms after the uncertain parameters are fitted, over the noise.
+    """
+
+    sizes: dict[str, float]
+    machine: Rig
+    change: np.ndarray
+    visible: float
+    left_over: float
+
+
+def draw_crumbs(test: VisibilityTest, crumbs: Sequence[Crumb], rng: np.random.Generator) -> DrawnCrumbs:
+    """Draw some kinds of crumbs and their sizes, such that together they leave a drawn share of the noise.
+
+    Every kind alone leaves between a third and the whole of that share.
+    """
+    usable = [c for c in crumbs if set(c.kind.slots) & set(test.machine.slots)]
+    chosen = [usable[k] for k in rng.choice(len(usable), rng.integers(FEWEST, MOST + 1), replace=False)]
+    target = float(np.exp(rng.uniform(*np.log(LEFT_OVER))))
+    holders = {c.kind: {} for c in usable}
+    sizes: dict[str, float] = {}
+    for crumb in chosen:
+        shapes = {p.name: draw_value(p, rng) for p in structs.parameters(crumb.kind) if p.name in crumb.shapes}
+        holders[crumb.kind] |= shapes
+    for crumb in chosen:
+        alone = _with(test.machine, holders, {crumb: crumb.typical})
+        share = _left_over(test, test.change(alone))
+        wanted = target * rng.uniform(1.0 / 3.0, 1.0)
+        sizes[crumb.id] = crumb.typical * (wanted / share if share > 0.0 else 0.0) * float(rng.choice([-1.0, 1.0]))
+    by_id = {c.id: c for c in chosen}
+    for _ in range(3):  # not quite linear
+        machine = _with(test.machine, holders, {by_id[n]: size for n, size in sizes.items()})
+        change = test.change(machine)
+        reached = _left_over(test, change)
+        if abs(reached / target - 1.0) < 0.03:
+            break
+        sizes = {n: size * target / reached for n, size in sizes.items()}
+    return DrawnCrumbs(sizes, machine, change, test.all.visible(change), reached)
+
+
+def _with(machine: Rig, holders: dict[type[Effect], dict[str, float]], sizes: dict[Crumb, float]) -> Rig:
+    values = {kind: dict(shapes) for kind, shapes in holders.items()}
+    for crumb, size in sizes.items():
+        values[crumb.kind][crumb.size] = size
+    effects = tuple(kind(**of_kind) for kind, of_kind in values.items())
+    return replace(machine, effects=(*machine.effects, *effects))
+
+
+def _left_over(test: VisibilityTest, change: np.ndarray) -> float:
+    return float(np.sqrt(test.parameters.visible(change) / len(change)))

@@ -1,0 +1,38 @@
+"""Functions that laws need and that the machine code of the engine does not have, from those that it has."""
+
+import jax.numpy as jnp
+import numpy as np
+
+# minimax coefficients of atan(x)/x in x² on 0 … 1, fitted below; their error is below 1e-9
+_DEGREE = 14
+_nodes = 0.5 * (1.0 + np.cos(np.pi * (np.arange(200) + 0.5) / 200))  # of x², Chebyshev
+_ATAN = np.polynomial.Polynomial.fit(_nodes, np.arctan(np.sqrt(_nodes)) / np.sqrt(_nodes), _DEGREE, domain=[0.0, 1.0])
+_COEFFICIENTS = _ATAN.convert().coef
+TRIANGLE_ROUNDING = 0.995  # of the corners of a triangle wave
+
+
+def arctan(x):
+    """atan x, to 1e-9."""
+    size = jnp.abs(x)
+    small = jnp.minimum(size, 1.0 / jnp.maximum(size, 1e-300))
+    square, value = small * small, 0.0
+    for c in _COEFFICIENTS[::-1]:
+        value = value * square + float(c)
+    value = small * value
+    return jnp.where(x < 0.0, -1.0, 1.0) * jnp.where(size > 1.0, 0.5 * np.pi - value, value)
+
+
+def triangle(angle):
+    """A triangle wave of period 2π between −1 and 1, 0 and rising at 0, its corners slightly rounded."""
+    y = TRIANGLE_ROUNDING * jnp.sin(angle)
+    return arctan(y / jnp.sqrt(1.0 - y * y)) / np.arcsin(TRIANGLE_ROUNDING)
+
+
+def wrapped(angle):
+    """An angle [rad] less whole turns, −π … π."""
+    return 2.0 * arctan(jnp.sin(angle) / jnp.maximum(1.0 + jnp.cos(angle), 1e-9))
+
+
+def gauge_pressures(s):
+    """Pressures of both pump chambers above ambient [Pa], at least 0."""
+    return [jnp.maximum(p - s.atmospheric_pressure, 0.0) for p in (s.chamber_pressure_a, s.chamber_pressure_b)]

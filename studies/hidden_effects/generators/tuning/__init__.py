@@ -1,0 +1,1 @@
+"""What the tuning cases are made of: laws, small disturbances, sensor chains and benches."""

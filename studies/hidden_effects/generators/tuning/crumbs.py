@@ -1,0 +1,90 @@
+"""Small unlisted physics, for tuning."""
+
+import jax.numpy as jnp
+
+from edhas_jax.core.structs import par
+from edhas_jax.machine.effects import Effect
+from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
+from studies.hidden_effects.generators.crumbs import Crumb
+from studies.hidden_effects.generators.functions import wrapped
+from studies.hidden_effects.generators.places import valve_of
+
+PHASE = (0.0, 6.28)
+
+
+def _size(unit: str, doc: str):
+    return par(0.0, unit, (-1e6, 1e6), doc)
+
+
+def _shape(default: float, unit: str, doc: str, plausible: tuple[float, float]):
+    return par(default, unit, (-1e6, 1e6), doc, plausible=plausible)
+
+
+class TuningCrumbs(Effect):
+    """Crumbs of coil, amplifier and mover, each with one size."""
+
+    supply_hum: float = _size("V", "hum of the rectifier on the coil voltage")
+    hum_frequency: float = _shape(100.0, "Hz", "its frequency", (99.8, 100.2))
+    hum_phase: float = _shape(0.0, "rad", "its phase", PHASE)
+    weak_spring: float = _size("N", "spring of the cables at 5 mm, with the cube of position")
+    fan_weight: float = _size("N", "force of an unbalanced fan on the frame")
+    fan_frequency: float = _shape(23.0, "Hz", "its speed", (21.0, 47.0))
+    fan_phase: float = _shape(0.0, "rad", "its phase", PHASE)
+    magnet_warming: float = _size("1/s", "relative fall of the force constant per time")
+    cable_resistance: float = _size("-", "relative change of the resistance over 5 mm")
+    switching_ripple: float = _size("V", "ripple of the amplifier")
+    ripple_frequency: float = _shape(1900.0, "Hz", "its frequency", (1200.0, 2200.0))
+    set_point_steps: float = _size("m", "resolution of the set point")
+
+    def coil_voltage_change(self, s, z):
+        hum = self.supply_hum * jnp.sin(2.0 * jnp.pi * self.hum_frequency * s.time + self.hum_phase)
+        ripple = self.switching_ripple * jnp.sin(2.0 * jnp.pi * self.ripple_frequency * s.time)
+        # what is missing of the set point, times the gain of the controller; within the controller it acts the same
+        step = jnp.abs(self.set_point_steps) + 1e-9
+        rounding = -step / (2.0 * jnp.pi) * wrapped(2.0 * jnp.pi * s.reference / step)
+        return hum + ripple + jnp.where(self.set_point_steps == 0.0, 0.0, s.position_gain * rounding)
+
+    def mover_force(self, s, z):
+        u = s.piston_position / REFERENCE_TRAVEL
+        fan = self.fan_weight * jnp.sin(2.0 * jnp.pi * self.fan_frequency * s.time + self.fan_phase)
+        return fan - self.weak_spring * u * u * u
+
+    def force_constant_factor(self, s, z):
+        return 1.0 - self.magnet_warming * s.time
+
+    def coil_resistance_factor(self, s, z):
+        return 1.0 + self.cable_resistance * s.piston_position / REFERENCE_TRAVEL
+
+
+class TuningPumpCrumbs(Effect):
+    """Crumbs of oil and valves, each with one size."""
+
+    stiffer_oil: float = _size("-", "relative fall of the compressibility per MPa")
+    valve_asymmetry: float = _size("N/m", "spring of suction valve A beyond the others")
+    orifice_rise: float = _size("-", "relative rise of the valves' flow coefficient per MPa")
+
+    def oil_compressibility(self, s, z):
+        return -self.stiffer_oil * (s.pressure - s.atmospheric_pressure) / 1e6 / s.oil_bulk_modulus
+
+    def check_valve_force(self, s, z):
+        return -self.valve_asymmetry * s.lift if valve_of(s) == "suction_a" else 0.0 * s.lift
+
+    def suction_valve_area(self, s, z):
+        return self.orifice_rise * s.valve_area * jnp.abs(s.pressure_drop) / 1e6
+
+    def delivery_valve_area(self, s, z):
+        return self.orifice_rise * s.valve_area * jnp.abs(s.pressure_drop) / 1e6
+
+
+CRUMBS = (
+    Crumb(TuningCrumbs, "supply_hum", 0.1, ("hum_frequency", "hum_phase")),
+    Crumb(TuningCrumbs, "weak_spring", 0.2),
+    Crumb(TuningCrumbs, "fan_weight", 0.1, ("fan_frequency", "fan_phase")),
+    Crumb(TuningCrumbs, "magnet_warming", 0.01),
+    Crumb(TuningCrumbs, "cable_resistance", 0.01),
+    Crumb(TuningCrumbs, "switching_ripple", 0.5, ("ripple_frequency",)),
+    Crumb(TuningCrumbs, "set_point_steps", 5e-6),
+    Crumb(TuningPumpCrumbs, "stiffer_oil", 0.05),
+    Crumb(TuningPumpCrumbs, "valve_asymmetry", 10.0),
+    Crumb(TuningPumpCrumbs, "orifice_rise", 0.05),
+)  # fmt: skip
