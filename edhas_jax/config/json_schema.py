@@ -3,17 +3,21 @@
 from collections.abc import Mapping
 from typing import Any
 
+from edhas_jax.config.law_reader import LAW_KEYS, LAW_KIND, MAX_FACTORS
 from edhas_jax.config.recorded_signal import RECORDING_KEYS
 from edhas_jax.config.run_settings import SIMULATION_SETTINGS, setting_text
 from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.effects import LIBRARY
+from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS
+from edhas_jax.machine.interface.slots import SLOTS
 from edhas_jax.machine.parameters import COMPONENT_KINDS, format_span
 from edhas_jax.machine.rigs import RIGS, components_by_name
 from edhas_jax.simulation.run import Precision
 
 USER_CLASS_PATTERN = r"^.+:\s*[A-Za-z_]\w*\s*$"  # file.py:ClassName
+LAW_FILE_PATTERN = r"^.+\.ya?ml$"
 QUANTITY_REFERENCE = {"$ref": "#/$defs/quantity"}
 
 
@@ -26,7 +30,8 @@ def json_schema() -> dict[str, Any]:
     sections = {name: _section_schema(kinds) for name, kinds in COMPONENT_KINDS.items()}
     sections["controller"] = _controller_schema()
     sections["target"] = {"anyOf": [QUANTITY_REFERENCE, sections["target"]]}
-    effect_names = [{"enum": [cls.id for cls in LIBRARY]}, {"type": "string", "pattern": USER_CLASS_PATTERN}]
+    effects = [{"enum": [cls.id for cls in LIBRARY]}, {"type": "string", "pattern": USER_CLASS_PATTERN}]
+    effects += [{"type": "string", "pattern": LAW_FILE_PATTERN}, _law_schema()]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "edhas_jax configuration",
@@ -39,8 +44,8 @@ def json_schema() -> dict[str, Any]:
             "rig": {"enum": list(RIGS), "description": "machine to simulate"},
             "effects": {
                 "type": ["array", "null"],
-                "description": "effects of the library, or your own as file.py:ClassName",
-                "items": {"anyOf": effect_names},
+                "description": "effects of the library, your own as file.py:ClassName, or tabulated laws (curve.yaml)",
+                "items": {"anyOf": effects},
             },
             "parameters": {
                 "type": ["object", "null"],
@@ -51,6 +56,22 @@ def json_schema() -> dict[str, Any]:
             **sections,
             "simulation": _simulation_schema(),
         },
+    }
+
+
+def _law_schema() -> dict[str, Any]:
+    """The schema of a tabulated law as an entry of `effects`."""
+    texts = {key: {"type": "string"} for key in ("name", "origin", "node_unit", "value_unit")}
+    numbers = {key: {"type": "array", "items": {"type": "number"}} for key in ("nodes", "values", "standard_errors")}
+    signals = {"enum": list(LAW_SIGNALS)}
+    properties = {"law": {"enum": [LAW_KIND]}, "slot": {"enum": list(SLOTS)}, "variable": signals} | texts | numbers
+    properties["factors"] = {"type": "array", "items": signals, "maxItems": MAX_FACTORS}
+    return {
+        "type": "object",
+        "description": "a law as a table, with the keys of its file",
+        "required": ["law", "name", "slot", "variable", "node_unit", "nodes", "values"],
+        "properties": {key: properties[key] for key in LAW_KEYS},
+        "additionalProperties": False,
     }
 
 

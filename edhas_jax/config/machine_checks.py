@@ -2,11 +2,14 @@
 
 from collections.abc import Iterator, Mapping
 
+import numpy as np
+
 from edhas_jax.config.yaml_with_lines import KeyPath
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.controller_sampling import Sampled
 from edhas_jax.machine.components.controllers import OpenLoop
 from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.machine.effects.tabulated_law import table_of
 from edhas_jax.machine.parameters import order_problems
 from edhas_jax.machine.rigs import Rig
 
@@ -27,7 +30,8 @@ def check_machine(m: Rig, given: GivenKeys, incomplete: bool) -> list[Problem]:
         Key and message of every problem.
     """
     problems = [
-        *_check_order(m, given), *_check_cylinder(m, given), *_check_chirps(m, given), *_check_sampling(m, given)
+        *_check_order(m, given), *_check_tables(m, given), *_check_cylinder(m, given), *_check_chirps(m, given),
+        *_check_sampling(m, given),
     ]  # fmt: skip
     return problems if incomplete else [*problems, *_check_open_loop(m, given)]
 
@@ -37,6 +41,15 @@ def _check_order(m: Rig, given: GivenKeys) -> Iterator[Problem]:
         if path not in ORDER_CHECKED_BELOW:
             keys = [given[path, name] for name in (p.name, p.at_least) if (path, name) in given]
             yield keys[0] if keys else (path, p.name), problem
+
+
+def _check_tables(m: Rig, given: GivenKeys) -> Iterator[Problem]:
+    for effect in m.effects:
+        table = table_of(effect)
+        for k in () if table is None else np.flatnonzero(np.diff(table.nodes) == 0.0):
+            names = [(effect.id, f"node_{k + 2}"), (effect.id, f"node_{k + 1}")]
+            key = next((given[name] for name in names if name in given), names[0])
+            yield key, f"node_{k + 1} and node_{k + 2} of {effect.id} coincide; nodes must increase"
 
 
 def _check_cylinder(m: Rig, given: GivenKeys) -> Iterator[Problem]:

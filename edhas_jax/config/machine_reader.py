@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.config.code_not_run import controller_not_run, effect_not_run
+from edhas_jax.config.effects_reader import read_effect
+from edhas_jax.config.law_reader import LawError
 from edhas_jax.config.machine_checks import check_machine
 from edhas_jax.config.recorded_signal import RECORDING_KEYS, RecordingError, decode_samples, read_recording
 from edhas_jax.config.run_settings import SETTING_NAMES, quantity_text, read_settings
@@ -16,12 +18,11 @@ from edhas_jax.core import structs
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust, TrustedCode
-from edhas_jax.core.units import UnitError, to_si, with_article
+from edhas_jax.core.units import UnitError, with_article
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.controllers import OpenLoop
 from edhas_jax.machine.components.set_points import Recorded
-from edhas_jax.machine.effects import Effect, EffectError
-from edhas_jax.machine.effects.loading import load_effect
+from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.interface.controller_base import Controller, ControllerError
 from edhas_jax.machine.parameters import (
@@ -200,36 +201,19 @@ class MachineReader:
             return m
         for i, spec in enumerate(specs or ()):
             try:
-                effect = self._effect(spec)
+                effect = read_effect(spec, self._base_dir, self._trust)
                 check_effect(effect, m, self.simulation.precision.value)
                 m = structs.replace(m, effects=(*m.effects, effect))
+            except LawError as error:
+                self._incomplete = True
+                self.problems += [(("effects", i, *key), message) for key, message in error.problems]
             except (EffectError, UnitError) as error:
                 self._incomplete = True
-                if self._leave_out_code and ":" in str(spec):
+                if self._leave_out_code and isinstance(spec, str) and ":" in spec:
                     self._effects_left_out += (effect_not_run(spec),)
                 else:
                     self._add(("effects", i), str(error))
         return m
-
-    def _effect(self, spec: Any) -> Effect:
-        """The effect that an entry of `effects` names.
-
-        Raises:
-            EffectError: it cannot be loaded.
-            UnitError: a parameter is declared in an unknown unit.
-        """
-        if isinstance(spec, type) and issubclass(spec, Effect):
-            cls = spec
-        elif isinstance(spec, str):
-            cls = load_effect(spec, self._base_dir, self._trust)
-        else:
-            raise EffectError(f"the id of an effect or file.py:ClassName belongs here, not {yaml_type(spec)}")
-        for p in structs.parameters(cls):
-            try:
-                to_si("1" if p.unit == "-" else f"1 {p.unit}", p.unit)
-            except UnitError:
-                raise UnitError(f'{cls.__name__}.{p.name} is declared in "{p.unit}", which is not a unit') from None
-        return cls()
 
     def _parameters(self, m: Rig) -> Rig:
         for name, value in self._mapping("parameters", "{frequency: 20 Hz}").items():

@@ -3,12 +3,15 @@
 from typing import Any
 
 from edhas_jax.config.code_not_run import require_code
+from edhas_jax.config.law_file import law_text
 from edhas_jax.config.recorded_signal import encode_samples
 from edhas_jax.config.run_settings import SIMULATION_SETTINGS
 from edhas_jax.core.literal_text import one_line, yaml_text
 from edhas_jax.core.units import exact_quantity, to_si
 from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.loading import class_spec, effect_spec
+from edhas_jax.machine.effects.tabulated_law import table_of
 from edhas_jax.machine.parameters import COMPONENT_KINDS, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig, components_by_name
 from edhas_jax.simulation.run import Simulation
@@ -37,7 +40,8 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
         title, recordings = config.name, config.recordings
     require_code(m)
     lines = [f"name: {yaml_text(title)}"] if title else []
-    lines += [f"rig: {m.name}", f"effects: [{', '.join(yaml_text(effect_spec(type(e))) for e in m.effects)}]"]
+    lines += [f"rig: {m.name}", f"effects: [{', '.join(_effect_text(e) for e in m.effects)}]"]
+    in_tables = {e.id for e in m.effects if table_of(e) is not None}
     rows = list_parameters(m)
     names = short_names(m)
     for section in (s for s in COMPONENT_KINDS if hasattr(m, s)):
@@ -50,7 +54,7 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
         own = [(p, v) for p, v, path in rows if path == section]
         lines += [f"  {p.name}: {exact_quantity(v, p.unit)}  # {one_line(p.doc)}" for p, v in own]
     lines.append("parameters:")
-    for path in components_by_name(m):
+    for path in (path for path in components_by_name(m) if path not in in_tables):
         own = [(p, v) for p, v, owner_path in rows if owner_path == path and path not in COMPONENT_KINDS]
         lines += [f"  # {path}"] if own else []
         for p, v in own:
@@ -68,6 +72,12 @@ def config_kind(section: str, component: Any) -> str:
     """The value of the key `kind` that selects a component of a section; a user's controller is file.py:ClassName."""
     built_in = next((kind for kind, cls in COMPONENT_KINDS[section].items() if isinstance(component, cls)), None)
     return built_in or class_spec(type(component))
+
+
+def _effect_text(effect: Effect) -> str:
+    """The entry of `effects` from which the effect is made again; a tabulated law stands there as a whole."""
+    table = table_of(effect)
+    return yaml_text(effect_spec(type(effect))) if table is None else law_text(table)
 
 
 def _percent(value: float) -> str:

@@ -26,8 +26,14 @@ class YamlError(ValueError):
         self.line = line
 
 
-def parse_yaml(text: str) -> tuple[dict[str, Any], dict[KeyPath, int], list[tuple[int, str]]]:
+def parse_yaml(
+    text: str, example: str = "rig: pump_bench"
+) -> tuple[dict[str, Any], dict[KeyPath, int], list[tuple[int, str]]]:
     """Parse a YAML text.
+
+    Args:
+        text: the text.
+        example: a key with its value that such a text has, for messages.
 
     Returns:
         The data, with scalars as text, bool or None; the line (from 1) of every key; keys that are given twice, as line
@@ -52,10 +58,11 @@ def parse_yaml(text: str) -> tuple[dict[str, Any], dict[KeyPath, int], list[tupl
     except RecursionError:
         raise YamlError(0, "not YAML: nested too deeply") from None
     if node is None:
-        raise YamlError(0, f"is empty; at least `rig:` is needed, one of {', '.join(RIGS)}")
+        rigs = f", one of {', '.join(RIGS)}" if example.startswith("rig:") else ""
+        raise YamlError(0, f"is empty; at least `{example.partition(' ')[0]}` is needed{rigs}")
     if not isinstance(node, yaml.MappingNode):
         kind = "a list" if isinstance(node, yaml.SequenceNode) else "a text"
-        message = f"a mapping with keys such as `rig: pump_bench` is needed, not {kind}"
+        message = f"a mapping with keys such as `{example}` is needed, not {kind}"
         raise YamlError(node.start_mark.line + 1, message)
     lines: dict[KeyPath, int] = {(): 1}
     duplicates: list[tuple[int, str]] = []

@@ -1,4 +1,4 @@
-"""Requirements on every effect, checked for the library and for two effects as a user would write them."""
+"""Requirements on every effect, checked for the library, two effects as a user would write them, and a table."""
 
 import functools
 import types
@@ -15,6 +15,7 @@ from edhas_jax.compiler.sparse_elimination import solve
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects import LIBRARY, AsymmetricFriction, Backlash, Effect, state
+from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.machine.interface.slots import SLOTS
 from edhas_jax.machine.rigs import ActuatorSystem, PumpBench, Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP
@@ -31,7 +32,6 @@ class SealDrag(Effect):
     """
 
     looks_like = "friction that grows with the load"
-    confused_with = ("seal_friction",)
 
     seal_coefficient: float = par(2e-6, "m^2", (0.0, 1e-4), "friction per pressure k")
     seal_velocity: float = par(0.01, "m/s", (1e-5, 1.0), "speed at which it has built up v_0")
@@ -64,7 +64,7 @@ class EddyBrake(Effect):
         return {"eddy_current": (self.eddy_pickup * s.piston_velocity - z.eddy_current) / self.eddy_time}
 
 
-ALL = (*LIBRARY, SealDrag, EddyBrake)
+ALL = (*LIBRARY, SealDrag, EddyBrake, tabulated_class("table", LawPlace("force_constant_factor", "piston_position"), 4))
 by_effect = pytest.mark.parametrize("effect", ALL, ids=lambda e: e.__name__)
 FRICTION = [e for e in ALL if {"mover_friction", "cylinder_friction_force"} & {s.name for s in e.slots}]
 H = DEFAULT_STEP

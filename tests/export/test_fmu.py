@@ -33,6 +33,8 @@ SINE = {"kind": "sine", "frequency": "30 Hz", "ramp_time": "20 ms"}
 ACTUATOR = {"rig": "actuator_bench", "reference": SINE, "simulation": QUICK}
 PUMP = {"rig": "pump_bench", "effects": PUMP_EFFECTS, "reference": SINE, "simulation": QUICK}
 SYSTEM = {"rig": "actuator_system", "effects": [*PUMP_EFFECTS, "karnopp_friction"], "simulation": QUICK}
+TABLE = {"law": "tabulated", "name": "bump", "slot": "mover_force", "variable": "piston_position", "node_unit": "mm",
+         "nodes": [-3, 0, 1, 3], "value_unit": "N", "values": [1, -2, 3, 0]}  # fmt: skip
 CHANGED = {
     "actuator_bench": {"mover_mass": 3.0, "position_gain": 1.2e4},
     "pump_bench": {"piston_clearance": 12e-6, "load_orifice_area": 2e-6, "accumulator.accumulator_pressure": 3e5},
@@ -73,7 +75,7 @@ def test_the_unit_equals_the_simulation(unit, mapping):
         {"controller": {"kind": "cascade"}, "amplifier": {"kind": "current"}},
         {"sampling": {"kind": "sampled", "sample_time": "0.21 ms", "computation_delay": "0.05 ms"}},
         {"reference": {"kind": "chirp", "amplitude": "2 V"}, "controller": {"kind": "open_loop"}},
-        {"effects": ["lugre_friction", "coil_heating", "supply_sag"], "simulation": {**QUICK, "step": "33 us"}},
+        {"effects": ["lugre_friction", "coil_heating", "supply_sag", TABLE], "simulation": {**QUICK, "step": "33 us"}},
     ],
     ids=["current", "sampled", "open loop", "effects"],
 )

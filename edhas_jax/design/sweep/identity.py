@@ -21,6 +21,7 @@ from edhas_jax.core.trusted_code import TrustedCode
 from edhas_jax.core.units import format_quantity
 from edhas_jax.design.sweep.config import Sweep
 from edhas_jax.machine.effects.loading import content_hash_of, trusted_as_loaded
+from edhas_jax.machine.effects.tabulated_law import table_of
 from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run import Simulation
@@ -91,8 +92,12 @@ def device() -> dict[str, str]:
 
 
 def effect_code(machine: Rig) -> dict[str, str]:
-    """By effect `library`, or the hash of the user's file; the same for a controller of the user."""
+    """By effect `library`, the place of a tabulated law, or the hash of the user's file; so for a user's controller."""
+    tables = {effect.id: table_of(effect) for effect in machine.effects}
     sources = {effect.id: _code_of(effect) for effect in machine.effects}
+    for name, table in tables.items():
+        if table is not None:
+            sources[name] = " ".join(("table", table.place.slot, table.place.variable, *table.place.factors))
     controller = _code_of(machine.controller)
     return sources if controller == "library" else sources | {"controller": controller}
 

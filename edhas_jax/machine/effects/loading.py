@@ -109,6 +109,8 @@ def _library_effect(name: str) -> type[Effect]:
     by_id = {cls.id: cls for cls in LIBRARY}
     if name.endswith(".py"):
         raise EffectError(f"{name} names no class; write {name}:ClassName")
+    if name.endswith((".yaml", ".yml")):
+        raise EffectError(f"{name} is no effect class; a tabulated law belongs into `effects:` of a configuration")
     if name not in by_id:
         close = difflib.get_close_matches(name, by_id, n=3, cutoff=0.6)
         hint = f"nearest: {', '.join(close)}" if close else "`edhas effects` lists them"

@@ -1,0 +1,130 @@
+"""Tabulated laws as data: files of YAML with numbers and units, read and checked as a whole, and written.
+
+A law may also stand as a mapping in the list `effects` of a configuration, with the same keys.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edhas_jax.config.law_reader import LAW_KIND, LawError, LawReader
+from edhas_jax.config.problem_list import problem_lines
+from edhas_jax.config.yaml_with_lines import (
+    KeyPath,
+    YamlError,
+    key_text,
+    line_of,
+    parse_yaml,
+    read_text_file,
+)
+from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.literal_text import one_line, yaml_text
+from edhas_jax.core.source_location import display_path
+from edhas_jax.core.units import display_unit, from_si
+from edhas_jax.machine.effects import EffectError
+from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS, LawTable
+from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.interface.slots import SLOTS
+
+LAW_SUFFIXES = (".yaml", ".yml")
+DIGITS = 9  # of numbers in a file that is written
+
+
+def read_law_file(path: Path | str) -> LawTable:
+    """Read a tabulated law from a YAML file.
+
+    Args:
+        path: the file; without the key `name` its name without suffix names the law.
+
+    Raises:
+        LawError: the file cannot be read or has problems; all are listed, a line each, with file and line.
+    """
+    path = Path(path)
+    shown = display_path(path)
+
+    def failed(message: str) -> LawError:
+        return LawError([((), message)], message)
+
+    try:
+        text = read_text_file(path, EffectError)
+        data, lines, repeated = parse_yaml(text, example="law: tabulated")
+    except YamlError as error:
+        raise failed(f"{shown}:{error.line}: {error}" if error.line else f"{shown}: {error}") from None
+    except EffectError as error:
+        raise failed(str(error)) from None
+    reader = LawReader(data, path.stem)
+    problems = repeated + [(line_of(lines, key), _with_key(key, message)) for key, message in reader.problems]
+    if problems:
+        messages = [f"{shown}:{line}: {message}" for line, message in sorted(problems, key=lambda problem: problem[0])]
+        raise LawError([((), message) for message in messages], problem_lines(messages))
+    return reader.table()
+
+
+def law_from_mapping(data: Mapping[str, Any]) -> LawTable:
+    """Make a tabulated law from a mapping with the keys of a file.
+
+    Raises:
+        LawError: the mapping has problems; all are listed.
+    """
+    reader = LawReader(data, None)
+    if reader.problems:
+        message = problem_lines(_with_key(key, message) for key, message in reader.problems)
+        raise LawError(reader.problems, message)
+    return reader.table()
+
+
+def write_law_file(path: Path | str, table: LawTable) -> Path:
+    """Write a tabulated law as a YAML file, in units of convenient size, with nine significant digits.
+
+    Args:
+        path: the file; one that exists is replaced.
+        table: the law.
+
+    Returns:
+        The file.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    place = table.place
+    variable_si, value_si = LAW_SIGNALS[place.variable], place.value_unit
+    signal = SIGNALS.get(place.variable)
+    node_unit = signal.display_unit if signal else display_unit(variable_si)
+    value_unit = display_unit(value_si, float(np.abs(table.values).max()) or None)
+
+    def numbers(values: np.ndarray, si: str, shown: str) -> str:
+        return "[" + ", ".join(f"{float(v):.{DIGITS}g}" for v in from_si(np.asarray(values), si, shown)) + "]"
+
+    lines = [f"# {one_line(table.origin)}"] if table.origin else []
+    lines += [f"law: {LAW_KIND}", f"name: {yaml_text(table.name)}"]
+    lines += [f"origin: {yaml_text(table.origin)}"] if table.origin else []
+    lines += [f"slot: {place.slot}  # {SLOTS[place.slot].doc}", f"variable: {place.variable}"]
+    lines += [f"factors: [{', '.join(place.factors)}]"] if place.factors else []
+    lines += [f"node_unit: {yaml_text(node_unit or '-')}", f"nodes: {numbers(table.nodes, variable_si, node_unit)}"]
+    lines += [f"value_unit: {yaml_text(value_unit or '-')}", f"values: {numbers(table.values, value_si, value_unit)}"]
+    if table.std is not None:
+        lines.append(f"standard_errors: {numbers(table.std, value_si, value_unit)}")
+    path = Path(path)
+    with atomic_write(path) as temporary:
+        temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    return path
+
+
+def law_text(table: LawTable) -> str:
+    """A tabulated law as one line of YAML, for the list `effects`; it is read back with exactly the same numbers."""
+    place = table.place
+
+    def numbers(values: np.ndarray) -> str:
+        return "[" + ", ".join(repr(float(v)) for v in values) + "]"
+
+    entries = {"law": LAW_KIND, "name": yaml_text(table.name), "slot": place.slot, "variable": place.variable}
+    entries |= {"factors": f"[{', '.join(place.factors)}]"} if place.factors else {}
+    entries |= {"node_unit": yaml_text(LAW_SIGNALS[place.variable]), "nodes": numbers(table.nodes)}
+    entries |= {"value_unit": yaml_text(place.value_unit), "values": numbers(table.values)}
+    return "{" + ", ".join(f"{key}: {value}" for key, value in entries.items()) + "}"
+
+
+def _with_key(key: KeyPath, message: str) -> str:
+    return f"{key_text(key)}: {message}" if key else message
