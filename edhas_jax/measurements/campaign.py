@@ -93,7 +93,7 @@ class BenchRun:
     lines: np.ndarray
     reference: Recorded | None = None
 
-    @property
+    @functools.cached_property
     def interval(self) -> float:
         """The sample interval [s]: the median difference of the time stamps."""
         return float(np.median(np.diff(self.time)))

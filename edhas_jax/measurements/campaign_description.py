@@ -20,6 +20,8 @@ from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFricti
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import COMPONENT_KINDS, ParameterError, find_parameter, list_parameters
 from edhas_jax.machine.rigs import RIGS, Rig
+from edhas_jax.measurements.accuracy import BenchAccuracy
+from edhas_jax.measurements.accuracy_reader import AccuracyReader
 from edhas_jax.measurements.campaign import CampaignError, Channel, Remark, Severity, Use
 from edhas_jax.measurements.record_timing import RecordTiming, read_time, read_timing
 from edhas_jax.measurements.run_reader import ColumnSource
@@ -29,7 +31,7 @@ CAMPAIGN_FILE = "campaign.yaml"
 DEFAULT_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)  # in the machine unless listed without
 KEYS = (
     "name", "rig", "parameters", "without", "uncertain", "amplifier", "controller", "reference", "time", "signals",
-    "runs",
+    "accuracy", "runs",
 )  # fmt: skip
 RUN_KEYS = ("file", "use", "start", "window")  # of a run, besides its conditions
 # short names of parameters by section or kind of controller
@@ -68,7 +70,8 @@ class CampaignDescription(ProblemList):
         name: name of the campaign.
         machine: the machine; None if its description has problems.
         uncertain: relative standard deviations by parameter.
-        channels: the measured signals by name.
+        channels: the measured signals by name; the noise is NaN where it is not stated.
+        accuracy: what is stated about the accuracy of the bench.
         sources: the columns of these signals in the files.
         time: the column of the time stamps.
         set_point: name of the column with the recorded set point, or None.
@@ -89,11 +92,13 @@ class CampaignDescription(ProblemList):
         self.uncertain: dict[str, float] = {}
         self.channels: dict[str, Channel] = {}
         self.sources: dict[str, ColumnSource] = {}
+        self.accuracy = BenchAccuracy()
         self.time = self._read_time()
         self.run_entries: list[RunEntry] = []
         if self.machine is not None:
             self._read_uncertain()
             self._read_signals()
+            self.accuracy = AccuracyReader(self, self.channels, self._canonical_name).read(data.get("accuracy"))
             self._read_runs()
 
     def _mapping(self, value: Any, key: tuple, example: str) -> Mapping[str, Any]:
@@ -182,7 +187,7 @@ class CampaignDescription(ProblemList):
         available = signals.keys() - {"time"}
         for name, value in section.items():
             key = ("signals", name)
-            entry = self._mapping(value, key, "{unit: A, noise: 0.02}")
+            entry = {"unit": value} if isinstance(value, str) else self._mapping(value, key, "{unit: A, noise: 0.02}")
             self.add_unknown_keys(key, entry, ("unit", "noise", "column"))
             if name not in available:
                 problem = f"{self.machine.name} has no such signal" if name in SIGNALS else "unknown signal"
@@ -194,20 +199,25 @@ class CampaignDescription(ProblemList):
             except UnitError as error:
                 self._leave_out((*key, "unit"), str(error))
                 continue
-            try:
-                noise = float(str(entry.get("noise")))
-            except ValueError:
-                noise = math.nan
-            if not (noise > 0.0 and math.isfinite(noise)):
-                found = f"got {entry['noise']}" if "noise" in entry else "it is missing"
-                unit = unit or "its unit"
-                sentence = f"the standard deviation of the sensor noise in {unit} must be above 0; {found}"
-                self._leave_out((*key, "noise"), sentence)
+            noise = self._read_noise(entry)
+            if noise is None:
+                sentence = f"the standard deviation of the sensor noise in {unit or 'its unit'} must be above 0"
+                self._leave_out((*key, "noise"), f"{sentence}; got {entry['noise']}")
                 continue
             self.channels[name] = Channel(unit, noise * size)
             self.sources[name] = ColumnSource(str(entry.get("column", name)), unit)
         if section and not self.channels and not self.problems:
             self.problems += [(key, sentence) for _, key, sentence in self.remarks if key[0] == "signals"]
+
+    def _read_noise(self, entry: Mapping[str, Any]) -> float | None:
+        """The stated noise in the unit of the signal; NaN if none is stated, None if it is not a positive number."""
+        if entry.get("noise") is None:
+            return math.nan
+        try:
+            noise = float(str(entry["noise"]))
+        except ValueError:
+            return None
+        return noise if 0.0 < noise < math.inf else None
 
     def _leave_out(self, key: tuple, problem: str) -> None:
         self.remarks.append((Severity.ERROR, key, f"{problem}; the signal is left out"))

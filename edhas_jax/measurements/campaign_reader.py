@@ -36,5 +36,6 @@ def read_campaign(path: Path | str, trust: Trust = ()) -> Campaign:
     if runs[0].reference is not None:
         machine = structs.replace(machine, reference=runs[0].reference)
     return Campaign(
-        description.name, path.parent, machine, description.uncertain, description.channels, tuple(runs), remarks
-    )
+        description.name, path.parent, machine, description.uncertain, description.channels, tuple(runs), remarks,
+        stated_accuracy=description.accuracy,
+    )  # fmt: skip

@@ -1,5 +1,6 @@
 """Write a campaign as a folder with `campaign.yaml` and one CSV file per run."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity, from_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters, short_names
+from edhas_jax.measurements.accuracy import BenchAccuracy
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, DEFAULT_EFFECTS
 from edhas_jax.measurements.record_timing import START_TOLERANCE
@@ -53,6 +55,22 @@ def write_campaign(campaign: Campaign, folder: Path) -> list[Path]:
     return paths
 
 
+def accuracy_lines(accuracy: BenchAccuracy) -> list[str]:
+    """The section `accuracy:` of a campaign; nothing for the defaults."""
+    if accuracy == BenchAccuracy():
+        return []
+    lines = ["accuracy:   # standard deviations", f"  trigger: {exact_quantity(accuracy.trigger, 's')}"]
+    lines += ["  settings:"] if accuracy.settings else []
+    lines += [f"    {name}: {share!r}" for name, share in accuracy.settings.items()]
+    lines += ["  signals:"] if accuracy.signals else []
+    for name, sensor in accuracy.signals.items():
+        words = [f"gain: {sensor.gain!r}", f"shift: {exact_quantity(sensor.shift, 's')}"]
+        if sensor.offset is not None:
+            words.append(f"offset: {exact_quantity(sensor.offset, SIGNALS[name].unit)}")
+        lines.append(f"    {name}: {{{', '.join(words)}}}")
+    return lines
+
+
 def campaign_text(campaign: Campaign) -> str:
     """The text of the `campaign.yaml` of a campaign."""
     machine = campaign.machine
@@ -71,7 +89,9 @@ def campaign_text(campaign: Campaign) -> str:
     lines.append("signals:   # unit in the files, standard deviation of the noise in that unit")
     for name, channel in campaign.channels.items():
         noise = from_si(channel.noise, SIGNALS[name].unit, channel.unit)
-        lines.append(f"  {name}: {{unit: {channel.unit}, noise: {noise:.6g}}}")
+        stated = f", noise: {noise:.6g}" if math.isfinite(noise) else ""
+        lines.append(f"  {name}: {{unit: {channel.unit}{stated}}}")
+    lines += accuracy_lines(campaign.stated_accuracy)
     lines.append("runs:")
     for run in campaign.runs:
         words = [f"file: {yaml_text(run.name + '.csv')}", f"use: {run.use.value}"]

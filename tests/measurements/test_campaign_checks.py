@@ -94,10 +94,10 @@ FAULTS = {
     "not in the rig": (in_yaml("  outlet_flow:", "  head_pressure:"), "campaign.yaml", 15, "no such signal"),
     "no noise": (in_yaml("unit: A, noise: 0.02", "unit: A, noise: 0"), "campaign.yaml", 12, "must be above 0"),
     "too little noise": (
-        in_yaml("unit: A, noise: 0.02", "unit: A, noise: 0.002"), "campaign.yaml", 0, "current 0.002 A stated, 0.02",
+        in_yaml("unit: A, noise: 0.02", "unit: A, noise: 0.002"), "campaign.yaml", 0, "current 0.002 A stated, 0.01",
     ),
     "too much noise": (
-        in_yaml("unit: A, noise: 0.02", "unit: A, noise: 20"), "campaign.yaml", 0, "current 20 A stated, 0.02",
+        in_yaml("unit: A, noise: 0.02", "unit: A, noise: 20"), "campaign.yaml", 0, "current 20 A stated, 0.01",
     ),
     "drop-out": (
         in_column("run3.csv", PRESSURE, with_value(0.0, 700, 702)), "run3.csv", 702, "outlier of 0 Pa at 0.14 s (2",

@@ -78,8 +78,9 @@ def read_planned_campaign(
         measured, remarks = {run.name: run for run in campaign.runs}, campaign.remarks
     runs = tuple(measured.get(run.name, run) for run in planned)
     return Campaign(
-        description.name, file.parent, description.machine, description.uncertain, description.channels, runs, remarks
-    )
+        description.name, file.parent, description.machine, description.uncertain, description.channels, runs, remarks,
+        stated_accuracy=description.accuracy,
+    )  # fmt: skip
 
 
 def with_predicted_signals(campaign: Campaign, per_sample: int) -> Campaign:

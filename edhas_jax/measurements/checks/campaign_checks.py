@@ -1,6 +1,7 @@
 """Check the data of a campaign: say what looks wrong, leave out what is impossible, measure the noise."""
 
 import dataclasses
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 
@@ -9,17 +10,22 @@ import numpy as np
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.checks.delay_checks import DelayCheck
-from edhas_jax.measurements.checks.impossible_samples import find_impossible_samples
+from edhas_jax.measurements.checks.impossible_samples import find_impossible_samples, find_signal_outliers
 from edhas_jax.measurements.checks.noise_measurement import noise_sentence, with_measured_noise
-from edhas_jax.measurements.checks.signal_checks import check_quality
+from edhas_jax.measurements.checks.signal_checks import check_quality, noise_ratios
 from edhas_jax.measurements.checks.time_axis_checks import check_time_axis
 from edhas_jax.measurements.checks.unit_checks import check_units
 from edhas_jax.measurements.checks.wiring_checks import check_saturation, check_wiring
+from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.simulation.run import Simulation, SimulationError, simulate
 
 SIMULATION_STEP = 50e-6  # s; the checks need orders of magnitude and shapes only
 SIMULATION_SAMPLE_RATE = 2000.0  # Hz
 MAX_SIMULATED_LENGTH = 100.0  # s; a longer run is not compared with the model
+UNKNOWN_NOISE = (
+    "its noise is not stated, and no record is long and even enough to measure it; state `noise:`, the standard "
+    "deviation in the unit of the signal"
+)
 
 Models = Mapping[str, Mapping[str, np.ndarray]]
 
@@ -65,18 +71,24 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
     if measured and not any(run.signals for run in runs):
         raise CampaignError("\n".join([*map(str, remarks), f"{campaign.folder}: no signal of any run can be used"]))
     runs = [run for run in runs if run.signals]
-    campaign = with_measured_noise(_with_runs(campaign, runs))
+    campaign, unusable = _without_unknown_noise(with_measured_noise(_with_runs(campaign, runs)))
+    remarks += unusable
+    if not campaign.channels:
+        raise CampaignError("\n".join([*map(str, remarks), f"{campaign.folder}: no signal of any run can be used"]))
+    runs = [run for run in campaign.runs if run.signals]
     if (sentence := noise_sentence(campaign)) is not None:
         remarks.insert(0, Remark(Severity.WARNING, campaign.folder / CAMPAIGN_FILE, 0, sentence))
+    outliers = {name: find_signal_outliers(campaign, name, models) for name in campaign.channels}
+    ratios = {name: noise_ratios(campaign, name) for name in campaign.channels}
     cleaned = []
     for run in runs:
         signals = {}
         for name, values in run.signals.items():
-            causes = list(check_units(campaign, run, name, models))
-            impossible, found = find_impossible_samples(campaign, run, name, models)
+            causes = list(check_units(campaign, run, name, models, ratios[name][run.name]))
+            impossible, found = find_impossible_samples(campaign, run, name, models, outliers[name].get(run.name))
             signals[name] = np.where(impossible, np.nan, values) if impossible.any() else values
             # a stuck sensor or a wrong unit also disturbs noise and shape: the cause is reported, not its effects
-            remarks += [*causes, *found] or check_quality(campaign, run, name)
+            remarks += [*causes, *found] or check_quality(campaign, run, name, ratios[name])
         cleaned.append(dataclasses.replace(run, signals=signals))
     campaign = _with_runs(campaign, cleaned)
     for name in campaign.channels:
@@ -94,19 +106,39 @@ def _with_runs(campaign: Campaign, runs: list[BenchRun]) -> Campaign:
     return dataclasses.replace(campaign, runs=tuple(kept))
 
 
+def _without_unknown_noise(campaign: Campaign) -> tuple[Campaign, list[Remark]]:
+    """The campaign without the signals whose noise is neither stated nor measured, and a remark on each."""
+    unknown = [name for name, channel in campaign.channels.items() if not math.isfinite(channel.noise)]
+    remarks = [
+        Remark(Severity.ERROR, campaign.folder / CAMPAIGN_FILE, 0, f"{name}: {UNKNOWN_NOISE}; the signal is left out")
+        for name in unknown
+    ]
+    if not unknown:
+        return campaign, remarks
+    channels = {name: channel for name, channel in campaign.channels.items() if name not in unknown}
+    runs = [
+        dataclasses.replace(run, signals={n: v for n, v in run.signals.items() if n in channels})
+        for run in campaign.runs
+    ]
+    return dataclasses.replace(campaign, channels=channels, runs=tuple(runs)), remarks
+
+
 def _simulated_runs(
     campaign: Campaign, runs: list[BenchRun], remarks: list[Remark], on_progress: Callable[[float], None] | None
 ) -> Models:
     """The signals of the model by run and signal; adds remarks on time axes and on runs that cannot be simulated."""
-    models = {}
-    for k, run in enumerate(runs):
+    usable = []
+    for run in runs:
         time_remarks = list(check_time_axis(run, campaign.machine_of(run)))
         remarks += time_remarks
         wrong_unit = any("unit of time" in remark.sentence for remark in time_remarks)
-        if wrong_unit or run.time[-1] > MAX_SIMULATED_LENGTH:
-            continue
+        if not wrong_unit and run.time[-1] <= MAX_SIMULATED_LENGTH:
+            usable.append(run)
+    models = _simulated_together(campaign, usable)
+    for k, run in enumerate(usable):
         try:
-            models[run.name] = _simulated(campaign, run, _share_of_all(on_progress, k, len(runs)))
+            if run.name not in models:
+                models[run.name] = _simulated(campaign, run, _share_of_all(on_progress, k, len(usable)))
         except SimulationError as error:
             sentence = f"not compared with the model, which cannot be simulated under these conditions: {error}"
             remarks.append(Remark(Severity.NOTE, run.file, 0, sentence))
@@ -118,8 +150,25 @@ def _share_of_all(on_progress: Callable[[float], None] | None, k: int, count: in
     return lambda share: on_progress((k + share) / count) if on_progress else None
 
 
+def _simulated_together(campaign: Campaign, runs: list[BenchRun]) -> dict[str, dict[str, np.ndarray]]:
+    """The signals of the model at the time stamps of the runs, SI, without the runs that fail at this step."""
+    interval = 1.0 / SIMULATION_SAMPLE_RATE
+    grids = [interval * np.arange(math.ceil(run.time[-1] / interval) + 1) for run in runs]
+    evenly = [dataclasses.replace(run, time=grid) for run, grid in zip(runs, grids, strict=True)]
+    names = tuple(name for name in campaign.channels if any(name in run.signals for run in runs))
+    if not names:
+        return {}
+    model = MeasurementModel(campaign, campaign.machine, (), evenly, signals=names)
+    predicted = model.predict_all_runs(np.zeros(0), round(interval / SIMULATION_STEP))
+    return {
+        run.name: {name: np.interp(run.time, grids[r], predicted[r].values[name]) for name in run.signals}
+        for r, run in enumerate(runs)
+        if all(np.isfinite(values).all() for values in predicted[r].values.values())
+    }
+
+
 def _simulated(campaign: Campaign, run: BenchRun, on_progress: Callable[[float], None]) -> dict[str, np.ndarray]:
-    """The signals of the model (samples,) at the time stamps of a run, SI."""
+    """The signals of the model (samples,) at the time stamps of a run, SI, with as small a step as it takes."""
     duration = float(run.time[-1]) + 1.0 / SIMULATION_SAMPLE_RATE
     settings = Simulation(duration=duration, step=SIMULATION_STEP, sample_rate=SIMULATION_SAMPLE_RATE)
     signals = simulate(campaign.machine_of(run), settings, on_progress).signals

@@ -26,7 +26,7 @@ MAX_COMMON_SPREAD = 0.3  # range of the shifts of all signals over their median,
 LAGS_BEYOND_SHIFT = (0.0, 0.5, 1.0, 1.5)  # intervals by which a time constant may exceed the delay that it resembles
 SHIFTS_PER_SCAN = 81
 REFINEMENTS = 3  # scans, each around the best shift of the one before
-MAX_SAMPLES = 4000  # samples of a run that are used
+MAX_SAMPLES = 1000  # samples of a run that are used
 
 
 class Shift(NamedTuple):
@@ -88,21 +88,26 @@ class DelayCheck:
         centre, half = 0.0, span
         for _ in range(REFINEMENTS):
             delays = np.linspace(centre - half, centre + half, SHIFTS_PER_SCAN)
-            differences = [self._shape_difference(run, name, delay) for delay in delays]
+            differences = self._shape_differences(run, name, delays)
             centre, half = float(delays[int(np.argmin(differences))]), 2.0 * half / (SHIFTS_PER_SCAN - 1)
-        return Shift(centre, min(differences))
+        return Shift(centre, float(min(differences)))
 
     def _shape_difference(self, run: BenchRun, name: str, delay: float, lag: float = 0.0) -> float:
-        """√(1 − ρ²), ρ the correlation of the signal with the model's after a lag and a delay [s]; 1 for ρ ≤ 0."""
+        """`_shape_differences` at one delay [s]."""
+        return float(self._shape_differences(run, name, np.array([delay]), lag)[0])
+
+    def _shape_differences(self, run: BenchRun, name: str, delays: np.ndarray, lag: float = 0.0) -> np.ndarray:
+        """√(1 − ρ²) at some delays [s], ρ the correlation of the signal with the model's, lagged too; 1 for ρ ≤ 0."""
         model = self._models[run.name][name]
         if lag:
             model = np.asarray(_lagged(lag, run.time, model))
         used = np.isfinite(run.signals[name])
         used[np.arange(len(used)) % (1 + len(used) // MAX_SAMPLES) > 0] = False
-        a, b = run.signals[name][used], np.interp(run.time[used] - delay, run.time, model)
-        a, b = a - a.mean(), b - b.mean()
-        norms = np.sqrt((a @ a) * (b @ b))
-        return float(np.sqrt(max(0.0, 1.0 - (a @ b / norms) ** 2))) if norms > 0.0 and a @ b > 0.0 else 1.0
+        a, b = run.signals[name][used], np.interp(run.time[used] - delays[:, None], run.time, model)
+        a, b = a - a.mean(), b - b.mean(axis=1, keepdims=True)
+        products, norms = b @ a, np.sqrt((a @ a) * np.sum(b**2, axis=1))
+        correlation = np.where(products > 0.0, products / np.where(norms > 0.0, norms, 1.0), 0.0)
+        return np.sqrt(np.maximum(0.0, 1.0 - correlation**2))
 
     def _median(self, name: str) -> float:
         delays = [shift.delay for (_, other), shift in self._shifts.items() if other == name]

@@ -8,7 +8,9 @@ import numpy as np
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
-from edhas_jax.measurements.checks.noise_measurement import cycle_length
+from edhas_jax.measurements.checks.held_values import find_held_values
+from edhas_jax.measurements.checks.noise_records import cycle_length, even_index
+from edhas_jax.measurements.checks.outlier_search import Record, find_outliers
 from edhas_jax.measurements.checks.signal_checks import is_clipped_at, is_supply_limit, stuck_intervals, true_intervals
 from edhas_jax.measurements.checks.spike_detection import find_spikes
 
@@ -16,9 +18,39 @@ MIN_MODEL_MOTION = 10.0  # motion of the model, in standard deviations of the no
 MIN_MODEL_STEPS = 3.0  # the same, in steps of the sensor's resolution
 MAX_LISTED = 5  # spikes of a signal whose times are listed
 
+Models = Mapping[str, Mapping[str, np.ndarray]]
+
+
+def find_signal_outliers(campaign: Campaign, name: str, models: Models) -> dict[str, np.ndarray]:
+    """Find the single samples of a signal that deviate moderately from their neighbours, in all runs together.
+
+    Args:
+        campaign: gives the runs and the noise.
+        name: name of the signal.
+        models: signals of the model (samples,) at the time stamps, by run and signal, SI.
+
+    Returns:
+        A mask (samples,) by run; without those that are sampled unevenly.
+    """
+    channel, places, records = campaign.channels[name], {}, []
+    for run in campaign.runs:
+        if name not in run.signals or (index := even_index(run)) is None:
+            continue
+        values, model = np.full(index[-1] + 1, np.nan), None
+        values[index] = run.signals[name]
+        if run.name in models:
+            model = np.interp(np.arange(len(values)), index, models[run.name][name])
+        machine = campaign.machine_of(run)
+        period = cycle_length(machine)
+        begin = 0.0 if period is None else (float(machine.reference.ramp_time) - run.time[0]) / run.interval
+        records.append(Record(values, model, run.interval, period, max(0, math.ceil(begin))))
+        places[run.name] = index
+    masks = find_outliers(records, channel.noise, channel.correlation)
+    return {run: mask[index] for (run, index), mask in zip(places.items(), masks, strict=True)}
+
 
 def find_impossible_samples(
-    campaign: Campaign, run: BenchRun, name: str, models: Mapping[str, Mapping[str, np.ndarray]]
+    campaign: Campaign, run: BenchRun, name: str, models: Models, outliers: np.ndarray | None = None
 ) -> tuple[np.ndarray, list[Remark]]:
     """Find the samples of a signal that are left out.
 
@@ -27,6 +59,7 @@ def find_impossible_samples(
         run: the run.
         name: name of the signal.
         models: signals of the model (samples,) at the time stamps, by run and signal, SI.
+        outliers: samples that deviate moderately from their neighbours (samples,); see `find_signal_outliers`.
 
     Returns:
         A mask (samples,), and a remark for each kind with the run, the times and the reason.
@@ -70,7 +103,12 @@ def find_impossible_samples(
     period = cycle_length(machine)
     ramp_time = float(machine.reference.ramp_time) if period is not None else math.inf
     if low < high:
-        spikes = find_spikes(run, name, noise, model, period, ramp_time) & ~found
+        held = find_held_values(values, noise, campaign.channels[name].resolution) & ~found
+        if held.any():
+            found |= held
+            remark(Severity.ERROR, held, f"{_held_text(run, held)}; left out")
+        spikes = find_spikes(run, name, noise, model, period, ramp_time)
+        spikes = (spikes if outliers is None else spikes | outliers) & ~found
         if spikes.any():
             found |= spikes
             remark(Severity.ERROR, spikes, f"{_spike_text(run, values, spikes, unit)}; left out")
@@ -81,6 +119,16 @@ def _resolution(values: np.ndarray) -> float:
     """The smallest step from one sample to the next; 0 for a constant signal."""
     steps = np.abs(np.diff(values))
     return float(np.min(steps[steps > 0.0], initial=np.inf)) if (steps > 0.0).any() else 0.0
+
+
+def _held_text(run: BenchRun, held: np.ndarray) -> str:
+    """How many samples repeat the one before, and when."""
+    intervals = true_intervals(held)
+    times = [format_quantity(run.time[first], "s") for first, _ in intervals[:MAX_LISTED]]
+    more = f" and {len(intervals) - MAX_LISTED} more" if len(intervals) > MAX_LISTED else ""
+    places = "1 place" if len(intervals) == 1 else f"{len(intervals)} places"
+    what = f"{held.sum()} samples in {places} repeat the one before, a drop-out of the recorder"
+    return f"{what}: {', '.join(times)}{more}"
 
 
 def _spike_text(run: BenchRun, values: np.ndarray, spikes: np.ndarray, unit: str) -> str:

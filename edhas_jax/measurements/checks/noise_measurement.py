@@ -1,199 +1,194 @@
 """Measure the noise of the sensors in the records themselves, without a model, and compare it with what is stated.
 
-Runs with a sine set point repeat their cycles: the difference of two samples a whole number of cycles apart is noise,
-white or not, plus slow changes from cycle to cycle, which a moving average removes. Where no number of cycles is a
-whole number of samples, the later cycle is interpolated, and the error of that makes it an upper bound. Without
-repeated cycles only the fast part of the noise can be told from the signal, by fourth differences: a lower bound. All
-estimates leave the largest tenth of their samples out, which holds spikes and events that differ from cycle to cycle,
-and include the error of rounding to the resolution of the recorder. The noise of a signal is the median over its runs;
-of the fast part it is the smallest, because fast changes of the signal itself add to it.
+In runs that repeat their cycles the differences between cycles give the level and the correlation of the noise. In
+other runs only its fast part can be told from the signal, by short local polynomials. Whether the noise is white there
+shows in the quietest parts of the records, from which longer polynomials remove the signal too: white noise leaves the
+same level in both. Otherwise the fast part is a lower bound, and an autoregressive model of first order gives an upper
+one. The rounding of the recorder is part of the noise.
 
-Source: Pintelon, Schoukens, System Identification, 2nd ed. (2012), ch. 4, for the noise from repeated cycles.
+The noise of a signal is the mean over the runs near the median, so that single disturbed runs do not matter.
 """
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from edhas_jax.core.units import from_si
-from edhas_jax.machine.components.set_points import Sine
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.machine.rigs import ActuatorSystem, Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel
-from edhas_jax.measurements.checks.time_axis_checks import GAP_IN_INTERVALS, MAX_JITTER, jitter
-
-MAX_NOISE_DEVIATION = 0.2  # relative; a measured noise that deviates more is said and, from repeated cycles, used
-MIN_SAMPLES = 200  # of all runs together, for an estimate with an error of a few per cent
-MIN_RUN_SAMPLES = 40  # of one run
-DRIFT_WINDOW = 41  # samples; slower differences between cycles are not noise
-MAX_SHIFT_ERROR = 0.02  # samples by which whole cycles may miss a whole number of samples
-MAX_CYCLES_APART = 6
-MIN_SAMPLES_PER_CYCLE = 4.0  # fewer do not show the signal between them
-TRIMMED_SHARE = 0.1  # of the samples, the largest, which are left out
-MIN_NOISE_OVER_SIGNAL = 1e-5  # standard deviations; a smaller scatter is that of computed or smoothed data
-# standard deviation of the samples that remain after trimming a standard normal distribution
-_LIMIT = 1.6448536269514722
-TRIMMED_STD = math.sqrt(
-    1.0 - 2.0 * _LIMIT * math.exp(-0.5 * _LIMIT**2) / math.sqrt(2.0 * math.pi) / (1.0 - TRIMMED_SHARE)
+from edhas_jax.measurements.checks.noise_correlation import (
+    Autocovariance,
+    autocorrelation_of,
+    autoregression,
 )
-FOURTH_DIFFERENCE_GAIN = math.sqrt(70.0)  # of white noise: 1² + 4² + 6² + 4² + 1² = 70
+from edhas_jax.measurements.checks.noise_records import (
+    FAST_HALF_WIDTH,
+    SLOW_HALF_WIDTH,
+    autocovariance_of,
+    block_mean_squares,
+    cycle_residuals,
+    fast_noise,
+    local_residual,
+    polynomial_gain,
+    without_signal,
+)
+from edhas_jax.measurements.checks.recorder_resolution import recorder_resolution
+
+MAX_NOISE_DEVIATION = 0.2  # relative; a measured noise that deviates more is said
+MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS = 0.05, 3.0  # a measured noise that deviates by more than both is used
+MIN_SAMPLES = 200  # of all runs together, for an estimate with an error of a few per cent
+MIN_NOISE_OVER_SIGNAL = 1e-5  # standard deviations; a smaller scatter is that of computed or smoothed data
+MAX_RUN_DEVIATION = 0.2  # of the noise of a run from the median over the runs, for a share in the mean
+MAX_CYCLES_OVER_LOCAL = 1.3  # noise between cycles over its local upper bound; above it the cycles do not repeat
+QUIET_SHARE = 0.2  # of the blocks, the quietest
+QUIET_MEAN_SQUARE = 0.78  # largest mean square of those of white noise over that of all, from simulated noise
+MAX_WHITE_RATIO = 1.12  # mean square of slow over fast deviations of white noise, with its scatter
+WIDTHS = (FAST_HALF_WIDTH, SLOW_HALF_WIDTH)  # samples on either side of the local polynomials
+FIRST_ORDER = np.linspace(0.0, 0.95, 96)  # coefficients of an autoregressive model of first order
 
 
 class MeasuredNoise(NamedTuple):
-    """Bounds of the standard deviation of the noise of a signal (SI); equal where it was measured between cycles."""
+    """The noise of a signal: bounds of its standard deviation (SI), equal where it was measured in full.
+
+    `fast` is the standard deviation of white noise with the same fast part, `correlation` as in `Channel`, `samples`
+    the number of independent samples that the estimate is from.
+    """
 
     low: float
     high: float
+    fast: float
+    correlation: tuple[float, ...]
+    samples: float
 
-    def nearest(self, stated: float) -> float:
-        """The standard deviation within the bounds that is nearest to the stated one."""
-        return min(max(stated, self.low), self.high)
+    def nearest(self, stated: float | None) -> float:
+        """The standard deviation within the bounds that is nearest to the stated one; the upper bound without any."""
+        return self.high if stated is None else min(max(stated, self.low), self.high)
+
+    def correlation_at(self, level: float) -> tuple[float, ...]:
+        """The correlation of noise of this level; within bounds, that of first order which has the fast part."""
+        if self.low == self.high or not math.isfinite(self.high):
+            return self.correlation
+        ratios = np.array([_mean_square_ratio(a, FAST_HALF_WIDTH) for a in FIRST_ORDER])
+        coefficient = float(np.interp(-((self.fast / level) ** 2), -ratios, FIRST_ORDER))
+        return (coefficient,) if coefficient > 0.0 else ()
 
 
 def with_measured_noise(campaign: Campaign) -> Campaign:
-    """Replace the stated noise by the measured one where the two differ.
+    """Measure the noise of every signal, and use it where it differs from the stated one or none is stated.
 
-    The measured noise is used where it deviates by more than `MAX_NOISE_DEVIATION`. Of a bound only the side that
-    contradicts the stated noise counts.
+    A measured noise is used where it deviates from the stated one by more than `MAX_STATED_DEVIATION` and by more than
+    its own standard error explains. Within bounds the stated noise is used.
 
     Args:
         campaign: measurements, from which impossible signals are left out.
 
     Returns:
-        The campaign with `Channel.noise` as used, and the stated and the measured noise beside it.
+        The campaign with `Channel.noise` as used, the stated and the measured noise beside it, correlation and
+        resolution. Where noise is neither stated nor measured it is NaN.
     """
     channels = {}
     for name, channel in campaign.channels.items():
         stated = channel.noise if channel.stated_noise is None else channel.stated_noise
+        stated = stated if math.isfinite(stated) else None
         measured = measure_noise(campaign, name)
+        resolution = recorder_resolution([run.signals[name] for run in campaign.runs if name in run.signals])
         if measured is None:
-            channels[name] = dataclasses.replace(channel, stated_noise=stated)
-            continue
-        nearest = measured.nearest(stated)
-        is_used = abs(nearest / stated - 1.0) > MAX_NOISE_DEVIATION and not _is_too_small(campaign, name, nearest)
-        # a lower bound alone is shown, though it does not contradict a larger stated noise
-        shown = nearest if math.isfinite(measured.high) else measured.low
-        channels[name] = Channel(channel.unit, nearest if is_used else stated, stated, shown)
+            used, shown, correlation = stated or math.nan, None, ()
+        else:
+            used = _used_noise(campaign, name, measured, stated)
+            # a lower bound alone is shown, though it does not contradict a larger stated noise
+            shown = measured.nearest(stated) if math.isfinite(measured.high) else measured.low
+            is_measured = abs(used / measured.nearest(stated) - 1.0) < MAX_NOISE_DEVIATION
+            correlation = measured.correlation_at(used) if is_measured else ()
+        channels[name] = Channel(channel.unit, used, stated, shown, correlation, resolution)
     return dataclasses.replace(campaign, channels=channels)
 
 
+def _used_noise(campaign: Campaign, name: str, measured: MeasuredNoise, stated: float | None) -> float:
+    """The standard deviation that weighs a signal (SI)."""
+    nearest = measured.nearest(stated)
+    smallest = MIN_NOISE_OVER_SIGNAL * max(np.nanstd(run.signals[name]) for run in campaign.runs if name in run.signals)
+    if stated is None:
+        return max(nearest, float(smallest))
+    standard_error = 1.0 / math.sqrt(2.0 * measured.samples)
+    tolerance = max(MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS * standard_error)
+    is_used = abs(nearest / stated - 1.0) > tolerance and nearest > smallest
+    return nearest if is_used else stated
+
+
 def measure_noise(campaign: Campaign, name: str) -> MeasuredNoise | None:
-    """Measure the noise of a signal; None where its records are too short."""
-    exact = _scatter_of_runs(campaign, name, cycle_scatter, np.median)
-    if exact is not None:
-        return MeasuredNoise(exact, exact)
-    low = _scatter_of_runs(campaign, name, fast_scatter, np.min)
-    high = _scatter_of_runs(campaign, name, interpolated_cycle_scatter, np.median)
-    if low is None:
-        return None if high is None else MeasuredNoise(0.0, high)
-    return MeasuredNoise(low, math.inf) if high is None else MeasuredNoise(min(low, high), high)
-
-
-def _scatter_of_runs(campaign: Campaign, name: str, scatter: Callable, of_runs: Callable) -> float | None:
-    """The median or smallest standard deviation of a scatter in the runs; None where there are too few samples."""
-    parts = [scatter(run, name, campaign.machine_of(run)) for run in campaign.runs if name in run.signals]
-    parts = [part for part in parts if len(part) >= MIN_RUN_SAMPLES]
-    return float(of_runs([trimmed_std(part) for part in parts])) if sum(map(len, parts)) >= MIN_SAMPLES else None
-
-
-def cycle_scatter(run: BenchRun, name: str, machine: Rig) -> np.ndarray:
-    """Differences of samples whole cycles apart (samples,), scaled to the standard deviation of white noise.
-
-    Empty where no number of cycles is a whole number of samples.
-    """
-    values, lags = _settled_cycles(run, name, machine)
-    misses = np.abs(lags - np.round(lags))
-    if not len(lags) or misses.min() >= MAX_SHIFT_ERROR:
-        return np.zeros(0)
-    shift = round(lags[np.argmax(misses < MAX_SHIFT_ERROR)])
-    return _without_slow_changes(values[:-shift] - values[shift:]) / math.sqrt(2.0)
-
-
-def interpolated_cycle_scatter(run: BenchRun, name: str, machine: Rig) -> np.ndarray:
-    """As `cycle_scatter`, but the later cycle is interpolated by cubics, whose error adds to the noise."""
-    values, lags = _settled_cycles(run, name, machine)
-    if not len(lags):
-        return np.zeros(0)
-    shift = math.floor(lags[0])
-    weights = _cubic_weights(lags[0] - shift)
-    later = np.convolve(values[shift - 1 :], weights[::-1], "valid")
-    return _without_slow_changes(values[: len(later)] - later) / math.sqrt(1.0 + float(weights @ weights))
-
-
-def _settled_cycles(run: BenchRun, name: str, machine: Rig) -> tuple[np.ndarray, np.ndarray]:
-    """A signal after the ramp of its set point, and the whole cycles, in samples, over which it can be compared."""
-    period = cycle_length(machine)
-    if period is None:
-        return np.zeros(0), np.zeros(0)
-    values, first = on_even_grid(run, name), float(machine.reference.ramp_time) - run.time[0]
-    values = values[max(0, math.ceil(first / run.interval)) :]
-    if period < MIN_SAMPLES_PER_CYCLE * run.interval:
-        return np.zeros(0), np.zeros(0)
-    lags = period / run.interval * np.arange(1, MAX_CYCLES_APART + 1)
-    return values, lags[lags < len(values) - 0.5 * period / run.interval]
-
-
-def _without_slow_changes(difference: np.ndarray) -> np.ndarray:
-    """Differences between cycles without their moving average (samples,), scaled so that white noise keeps its size."""
-    if len(difference) < DRIFT_WINDOW:
-        return np.zeros(0)
-    used, window = np.isfinite(difference), np.ones(DRIFT_WINDOW)
-    in_window = np.convolve(used, window, "same")
-    slow = np.convolve(np.where(used, difference, 0.0), window, "same") / np.maximum(in_window, 1.0)
-    used &= in_window == DRIFT_WINDOW
-    return (difference - slow)[used] / math.sqrt(1.0 - 1.0 / DRIFT_WINDOW)
-
-
-def fast_scatter(run: BenchRun, name: str, machine: Rig | None = None) -> np.ndarray:
-    """Fourth differences (samples,) scaled to the standard deviation of white noise; constant stretches left out."""
-    if jitter(run) > MAX_JITTER:
-        return np.zeros(0)
-    values = on_even_grid(run, name)
-    fourth = np.diff(values, 4) / FOURTH_DIFFERENCE_GAIN
-    moving = np.convolve(np.diff(values) == 0.0, np.ones(4), "valid") < 3.5
-    return fourth[moving & np.isfinite(fourth)]
-
-
-def trimmed_std(values: np.ndarray) -> float:
-    """Standard deviation of normally distributed values (samples,) about 0, from all but the largest tenth."""
-    size = np.sort(np.abs(values))[: max(1, int((1.0 - TRIMMED_SHARE) * len(values)))]
-    return float(np.sqrt(np.mean(size**2))) / TRIMMED_STD
-
-
-def cycle_length(machine: Rig) -> float | None:
-    """The period of a sine set point [s]; None for any other."""
-    if not isinstance(machine.reference, Sine) or isinstance(machine, ActuatorSystem):
+    """Measure the noise of a signal; None where its records are too short or uneven."""
+    runs = [run for run in campaign.runs if name in run.signals]
+    between_cycles = [autocovariance_of(cycle_residuals(run, name, campaign.machine_of(run))) for run in runs]
+    whole = _pooled([found for found in between_cycles if found is not None])
+    local = _local_noise(runs, name)
+    resolution = recorder_resolution([run.signals[name] for run in runs])
+    rounding = resolution / math.sqrt(12.0)
+    if whole is not None and (local is None or whole.level <= MAX_CYCLES_OVER_LOCAL * max(local.high, rounding)):
+        level = max(whole.level, rounding)
+        return MeasuredNoise(level, level, level, autoregression(whole), whole.samples)
+    if local is None:
         return None
-    return 1.0 / float(machine.reference.frequency)
+    low, high, fast = (max(level, rounding) for level in local[:3])
+    return MeasuredNoise(low, high, fast, local.correlation, local.samples)
 
 
-def on_even_grid(run: BenchRun, name: str) -> np.ndarray:
-    """The samples of a signal on a grid at the sample interval; NaN in gaps. Uneven samples as they are."""
-    values, steps = run.signals[name], np.diff(run.time)
-    if not (steps > GAP_IN_INTERVALS * run.interval).any() or jitter(run) > MAX_JITTER:
-        return values
-    index = np.round((run.time - run.time[0]) / run.interval).astype(int)
-    grid = np.full(index[-1] + 1, np.nan)
-    grid[index] = values
-    return grid
+def _pooled(found: list[Autocovariance]) -> Autocovariance | None:
+    """The noise of several runs: the mean of those near their median level; None where they are too short."""
+    found = [one for one in found if one.level > 0.0]
+    samples = sum(one.samples for one in found)
+    if samples < MIN_SAMPLES:
+        return None
+    median = _weighted_median([one.level for one in found], [one.samples for one in found])
+    near = [one for one in found if abs(one.level / median - 1.0) < MAX_RUN_DEVIATION] or found
+    used = sum(one.samples for one in near)
+    level = math.sqrt(sum(one.samples * one.level**2 for one in near) / used)
+    correlation = sum(one.samples * one.values / one.values[0] for one in near) / used
+    return Autocovariance(level**2 * correlation, samples)
 
 
-def _cubic_weights(fraction: float) -> np.ndarray:
-    """Weights of the samples at −1, 0, 1, 2 whose cubic has its value at a fraction of the interval from 0 to 1."""
-    f = fraction
-    return np.array([
-        -f * (f - 1.0) * (f - 2.0) / 6.0, (f + 1.0) * (f - 1.0) * (f - 2.0) / 2.0,
-        -(f + 1.0) * f * (f - 2.0) / 2.0, (f + 1.0) * f * (f - 1.0) / 6.0,
-    ])  # fmt: skip
+def _weighted_median(values: list[float], weights: list[float]) -> float:
+    """The median of values, each as often as its weight; the lower one of two."""
+    order = np.argsort(values)
+    share = np.cumsum(np.array(weights)[order])
+    return float(np.array(values)[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
-def _is_too_small(campaign: Campaign, name: str, noise: float) -> bool:
-    """Whether a scatter is so small that the data are computed or smoothed rather than measured."""
-    extents = [np.nanstd(run.signals[name]) for run in campaign.runs if name in run.signals]
-    return noise < MIN_NOISE_OVER_SIGNAL * float(max(extents))
+def _local_noise(runs: list[BenchRun], name: str) -> MeasuredNoise | None:
+    """The noise of a signal from local polynomials; None where its records are too short or uneven."""
+    levels, samples, quiet = [], [], []
+    for run in runs:
+        level, fast, slow = fast_noise(run, name), *(local_residual(run, name, w) for w in WIDTHS)
+        if slow is None or not level > 0.0:
+            continue
+        margin = SLOW_HALF_WIDTH - FAST_HALF_WIDTH
+        used = without_signal(fast.values)[margin : len(fast.values) - margin]
+        levels.append(level)
+        samples.append(float(np.isfinite(used).sum()))
+        ratios = block_mean_squares(np.where(np.isfinite(used), slow.values, np.nan)) / slow.white_gain / level**2
+        quiet.append(ratios[np.isfinite(ratios)])
+    if sum(samples) < MIN_SAMPLES:
+        return None
+    level = _weighted_median(levels, samples)
+    ratio = float(np.quantile(np.concatenate(quiet), QUIET_SHARE)) / QUIET_MEAN_SQUARE
+    if ratio < MAX_WHITE_RATIO:
+        return MeasuredNoise(level, level, level, (), sum(samples))
+    ratios = [_mean_square_ratio(a, SLOW_HALF_WIDTH) / _mean_square_ratio(a, FAST_HALF_WIDTH) for a in FIRST_ORDER]
+    if ratio > ratios[-1]:  # the signal is nowhere quiet
+        return MeasuredNoise(level, math.inf, level, (), sum(samples))
+    coefficient = float(np.interp(ratio, ratios, FIRST_ORDER))
+    high = level / math.sqrt(_mean_square_ratio(coefficient, FAST_HALF_WIDTH))
+    return MeasuredNoise(level, high, level, (coefficient,), sum(samples))
+
+
+def _mean_square_ratio(coefficient: float, half_width: int) -> float:
+    """Mean square of the deviations of noise of first order from local polynomials, over that of white noise."""
+    gain = polynomial_gain(half_width)
+    middle = len(gain) // 2
+    correlation = autocorrelation_of((coefficient,), middle)
+    return float(gain[middle] + 2.0 * gain[middle + 1 :] @ correlation[1:]) / float(gain[middle])
 
 
 def noise_sentence(campaign: Campaign) -> str | None:

@@ -1,13 +1,13 @@
 """Check single measured signals: stuck or clipped sensors, slow sampling, noise of one run above that of the others."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from edhas_jax.core.units import to_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
-from edhas_jax.measurements.checks.noise_measurement import fast_scatter, trimmed_std
+from edhas_jax.measurements.checks.noise_records import fast_noise
 from edhas_jax.measurements.checks.time_axis_checks import GAP_IN_INTERVALS, MAX_JITTER, jitter
 
 MIN_STUCK_SAMPLES = 10  # equal samples in a row from which a sensor counts as stuck
@@ -19,13 +19,14 @@ MAX_NOISE_RATIO = 2.0  # estimated noise of a run over the noise that is used
 INTERPOLATION_NOISE_GAIN = np.sqrt(1.0 + 2.0 * (9.0**2 + 1.0) / 16.0**2)
 
 
-def check_quality(campaign: Campaign, run: BenchRun, name: str) -> Iterator[Remark]:
+def check_quality(campaign: Campaign, run: BenchRun, name: str, ratios: Mapping[str, float]) -> Iterator[Remark]:
     """Check a signal for slow sampling and excessive noise by interpolating each sample from its neighbours.
 
     Args:
-        campaign: gives the stated noise, and the other runs for comparison.
+        campaign: gives the noise.
         run: the run.
         name: name of the signal.
+        ratios: from `noise_ratios`.
 
     Yields:
         A warning on slow sampling or noise.
@@ -35,13 +36,12 @@ def check_quality(campaign: Campaign, run: BenchRun, name: str) -> Iterator[Rema
     if jitter(run) > MAX_JITTER or np.isfinite(error).sum() < 2 * MIN_STUCK_SAMPLES:
         return
     strength = float(np.nanstd(values))
-    ratio = noise_ratio(campaign, run, name)
+    ratio = ratios[run.name]
     # allow three standard deviations of the estimated mean square
     allowance = 1.0 + 3.0 * np.sqrt(3.0 / np.isfinite(error).sum())
     noise_square = allowance * (INTERPOLATION_NOISE_GAIN * channel.noise) ** 2
     excess = np.sqrt(max(float(np.nanmean(error**2)) - noise_square, 0.0))
-    others = [noise_ratio(campaign, r, name) for r in campaign.runs if r is not run and name in r.signals]
-    others = [other for other in others if other > 0.0]
+    others = [other for name, other in ratios.items() if name != run.name and other > 0.0]
     same_in_others = bool(others) and abs(np.log(np.median(others) / ratio)) < np.log(1.5)
     excess_limit = max(MIN_EXCESS_OVER_NOISE * channel.noise, MIN_EXCESS_OVER_SIGNAL * strength)
     if excess > excess_limit and not (ratio > MAX_NOISE_RATIO and same_in_others):
@@ -61,19 +61,18 @@ def _warning(run: BenchRun, name: str, sample: int, sentence: str) -> Remark:
     return Remark(Severity.WARNING, run.file, int(run.lines[sample]), f"{name}: {sentence}")
 
 
-def noise_ratio(campaign: Campaign, run: BenchRun, name: str) -> float:
-    """Fast part of the noise of a signal in one run, from its fourth differences, over the noise of the signal.
+def noise_ratios(campaign: Campaign, name: str) -> dict[str, float]:
+    """Fast part of the noise of a signal over the noise of the signal, by run.
 
     Args:
         campaign: gives the noise.
-        run: the run.
         name: name of the signal.
 
     Returns:
-        The ratio of standard deviations; NaN with too few samples.
+        The ratios of standard deviations; NaN where it cannot be seen.
     """
-    fast = fast_scatter(run, name)
-    return trimmed_std(fast) / campaign.channels[name].noise if len(fast) >= MIN_STUCK_SAMPLES else np.nan
+    noise = campaign.channels[name].noise
+    return {run.name: fast_noise(run, name) / noise for run in campaign.runs if name in run.signals}
 
 
 def _interpolation_error(run: BenchRun, values: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from edhas_jax.measurements.campaign import BenchRun
-from edhas_jax.measurements.checks.noise_measurement import on_even_grid
+from edhas_jax.measurements.checks.noise_records import on_even_grid
 
 WINDOWS = (9, 41)  # samples; excursions of up to half as many samples are found
 MIN_ACTIVITY_OVER_NOISE = 8.0  # of a spike, where other cycles can be compared

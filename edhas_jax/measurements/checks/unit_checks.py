@@ -7,7 +7,6 @@ import numpy as np
 from edhas_jax.core.units import format_quantity, to_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
-from edhas_jax.measurements.checks.signal_checks import noise_ratio
 
 MIN_FACTOR = 5.0  # factor between signal and model below which a wrong model may be the cause
 UNIT_TOLERANCE = 1.35  # factor within which the ratio of signal and model must match the ratio of two units
@@ -21,7 +20,7 @@ COMMON_UNITS = {
 
 
 def check_units(
-    campaign: Campaign, run: BenchRun, name: str, models: Mapping[str, Mapping[str, np.ndarray]]
+    campaign: Campaign, run: BenchRun, name: str, models: Mapping[str, Mapping[str, np.ndarray]], noise_ratio: float
 ) -> Iterator[Remark]:
     """Check the unit of one signal of one run against the model.
 
@@ -30,6 +29,7 @@ def check_units(
         run: the run.
         name: name of the signal.
         models: signals of the model (samples,) at the time stamps, by run and signal, SI.
+        noise_ratio: fast part of the noise of this run over the noise of the signal; see `noise_ratios`.
 
     Yields:
         A warning if the signal seems to be in another unit than stated, or to be a gauge pressure.
@@ -59,7 +59,7 @@ def check_units(
     factors = [_factor(other, name, models) for other in campaign.runs]
     factors = [f for f in factors if f is not None]
     in_all = len(factors) > 1 and max(factors) / min(factors) < RUN_TOLERANCE
-    noise_agrees = _ratio_of(noise_ratio(campaign, run, name), ratio) < 2.0 * UNIT_TOLERANCE
+    noise_agrees = _ratio_of(noise_ratio, ratio) < 2.0 * UNIT_TOLERANCE
     if in_all or noise_agrees or len(factors) == 1:
         where = "in every run" if in_all else "in this run"
         question = "is the unit right?" if actual is None else f"are these numbers in {actual}, read as {stated}?"

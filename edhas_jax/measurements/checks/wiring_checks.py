@@ -12,7 +12,7 @@ import numpy as np
 from edhas_jax.core.units import from_si, to_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
-from edhas_jax.measurements.checks.noise_measurement import fast_scatter, trimmed_std
+from edhas_jax.measurements.checks.noise_records import fast_noise
 
 MAX_REVERSED_CORRELATION = -0.8
 MAX_EXCHANGED_DIFFERENCE = 0.5  # rms difference over the standard deviation of the model, if exchanged
@@ -102,7 +102,7 @@ def _end_slopes(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Slope of y over x at the low and at the high end of x, over the median slope; 1 where it is not determined."""
     knots = np.linspace(x.min(), x.max(), SATURATION_INTERVALS + 1)
     hats = np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=1)
-    slopes = np.diff(np.linalg.lstsq(hats, y, rcond=None)[0])
+    slopes = np.diff(np.linalg.lstsq(hats.T @ hats, hats.T @ y, rcond=None)[0])
     typical, width, largest = float(np.median(slopes)), 2.0 * (knots[1] - knots[0]), float(np.abs(x).max())
     shares = []
     for extreme, of_end in ((knots[0], slopes[:2]), (knots[-1], slopes[-2:])):
@@ -124,11 +124,8 @@ def _correlation(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _is_only_noise(run: BenchRun, name: str, measured: np.ndarray, modelled: np.ndarray) -> bool:
-    fast = fast_scatter(run, name)
-    if len(fast) < 10:
-        return False
-    noise = trimmed_std(fast)
-    if noise < MIN_NOISE_SHARE * np.std(measured):
+    noise = fast_noise(run, name)
+    if not noise > MIN_NOISE_SHARE * np.std(measured):
         return False
     # the correlation with the model that a signal with this much noise would have
     expected = np.std(modelled) / np.hypot(np.std(modelled), noise)

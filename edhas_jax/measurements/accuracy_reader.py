@@ -1,0 +1,102 @@
+"""Read the section `accuracy:` of `campaign.yaml`: how exactly trigger, settings and sensors of the bench are known."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from edhas_jax.config.problem_list import ProblemList
+from edhas_jax.config.yaml_with_lines import yaml_type
+from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.units import UnitError, to_si
+from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.measurements.accuracy import BenchAccuracy, SensorAccuracy
+from edhas_jax.measurements.campaign import Channel
+
+KEYS = ("trigger", "settings", "signals")
+MAX_RELATIVE = 1.0  # a larger relative standard deviation is a mistake in the unit
+
+
+class AccuracyReader:
+    """Reads the section `accuracy:`; what is wrong goes to a list of problems.
+
+    Args:
+        problems: collects what is wrong.
+        channels: the measured signals of the campaign.
+        canonical_name: the name of a parameter as in the conditions of a run, from its key and the name in the file;
+            None, and a problem, where the machine has none.
+    """
+
+    def __init__(
+        self, problems: ProblemList, channels: Mapping[str, Channel],
+        canonical_name: Callable[[tuple, str], str | None],
+    ):  # fmt: skip
+        self._problems, self._channels, self._canonical_name = problems, channels, canonical_name
+
+    def read(self, section: Any) -> BenchAccuracy:
+        """Read the section; None is a campaign without it. All sizes are standard deviations."""
+        section = self._mapping(("accuracy",), section, "accuracy: {trigger: 0.2 ms}")
+        self._problems.add_unknown_keys(("accuracy",), section, KEYS)
+        trigger = BenchAccuracy().trigger
+        if "trigger" in section:
+            trigger = self._size(("accuracy", "trigger"), section["trigger"], "s", "0.2 ms")
+        return BenchAccuracy(trigger, self._settings(section.get("settings")), self._signals(section.get("signals")))
+
+    def _settings(self, section: Any) -> dict[str, float]:
+        found: dict[str, float] = {}
+        section = self._mapping(("accuracy", "settings"), section, "settings: {load_orifice_area: 0.5 %}")
+        for name, value in section.items():
+            key = ("accuracy", "settings", name)
+            canonical = self._canonical_name(key, str(name))
+            if canonical in found:
+                self._problems.add(key, f"given twice, also as {canonical}")
+            elif canonical is not None:
+                found[canonical] = self._share(key, value, "0.5 %")
+        return found
+
+    def _signals(self, section: Any) -> dict[str, SensorAccuracy]:
+        found: dict[str, SensorAccuracy] = {}
+        section = self._mapping(("accuracy", "signals"), section, "signals: {outlet_pressure: {gain: 0.3 %}}")
+        for name, value in section.items():
+            key = ("accuracy", "signals", name)
+            if name not in self._channels:
+                self._problems.add(key, f"is not measured in this campaign; {suggest(str(name), self._channels)}")
+                continue
+            unit, shown = SIGNALS[name].unit, self._channels[name].unit
+            readers = {
+                "gain": lambda k, v: self._share(k, v, "0.3 %"),
+                "offset": lambda k, v, si=unit, example=f"0.1 {shown}": self._size(k, v, si, example),
+                "shift": lambda k, v: self._size(k, v, "s", "20 us"),
+            }
+            entry = self._mapping(key, value, "outlet_pressure: {gain: 0.3 %, offset: 2 kPa, shift: 20 us}")
+            self._problems.add_unknown_keys(key, entry, tuple(readers))
+            sizes = {n: read((*key, n), entry[n]) for n, read in readers.items() if n in entry}
+            found[name] = dataclasses.replace(SensorAccuracy(), **sizes)
+        return found
+
+    def _mapping(self, key: tuple, value: Any, example: str) -> Mapping[str, Any]:
+        if value is None or isinstance(value, Mapping):
+            return value or {}
+        self._problems.add(key, f"a mapping belongs here, for example `{example}`, not {yaml_type(value)}")
+        return {}
+
+    def _share(self, key: tuple, value: Any, example: str) -> float:
+        """A relative standard deviation, as a number or in per cent."""
+        share = self._size(key, value, "-", example)
+        if share > MAX_RELATIVE:
+            self._problems.add(
+                key, f"a relative standard deviation is at most 100 %, for example {example}; got {value}"
+            )
+        return share
+
+    def _size(self, key: tuple, value: Any, unit: str, example: str) -> float:
+        """A standard deviation in SI; 0, and a problem, for anything else."""
+        try:
+            size = to_si(str(value), unit, example)
+        except UnitError as error:
+            self._problems.add(key, str(error))
+            return 0.0
+        if size < 0.0 or not math.isfinite(size):
+            self._problems.add(key, f"a standard deviation is 0 or above, for example {example}; got {value}")
+            return 0.0
+        return size
