@@ -111,7 +111,7 @@ def _used_noise(campaign: Campaign, name: str, measured: MeasuredNoise, stated: 
     nearest = measured.nearest(stated)
     smallest = MIN_NOISE_OVER_SIGNAL * max(np.nanstd(run.signals[name]) for run in campaign.runs if name in run.signals)
     if stated is None:
-        return max(nearest, float(smallest))
+        return max(nearest, float(smallest)) if math.isfinite(nearest) else math.nan
     standard_error = 1.0 / math.sqrt(2.0 * measured.samples)
     tolerance = max(MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS * standard_error)
     is_used = abs(nearest / stated - 1.0) > tolerance and nearest > smallest
@@ -144,7 +144,7 @@ def _pooled(found: list[Autocovariance]) -> Autocovariance | None:
     near = _near_median([one.level for one in found], [one.samples for one in found])
     used = sum(found[k].samples for k in near)
     values = sum(found[k].samples * found[k].values for k in near) / used
-    return Autocovariance(values, samples)
+    return Autocovariance(values, used)
 
 
 def _near_median(levels: list[float], samples: list[float]) -> list[int]:
