@@ -1,7 +1,7 @@
 """Benchmark of hidden effects: how often do methods name the effects that are hidden in synthetic campaigns?
 
     python -m studies.hidden_effects [--families a b …] [--split judging|tuning] [--cases N] [--first K] [--workers K]
-                                     [--out DIR] [--methods ours,pysindy,correlation] [--crumbs] [--baselines]
+                                     [--out DIR] [--methods ours,bic,…] [--crumbs] [--baselines]
 
 Each case is a campaign made by an integrator and sensor models that no method uses. A case is determined by family,
 split and number; `--cases` from `--first` (or `--seed`) on are run of each family. Family (a), the default, has one
@@ -9,38 +9,27 @@ effect of the library in a bench that is otherwise as the model says; its cases 
 judging ones.
 
 Each answer is stored in DIR when it is there and not computed again, so that the same command continues a study that
-was stopped, and another method can be added later. An answer that ended in an error counts as wrong.
+was stopped, and another method can be added later. An answer that ended in an error counts as wrong. The classifier
+needs training cases in DIR, which `python -m studies.hidden_effects.training` makes.
 
 The last line: `ours_top1=… ours_in_set=… ours_set_size=… …`, the same for each method.
 """
 
 import argparse
 import dataclasses
-import multiprocessing
-import os
 import sys
-import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 from studies.hidden_effects.answers import Answer, Truth
 from studies.hidden_effects.calibrated_case import CalibratedCase
-from studies.hidden_effects.drawing import (
-    FAMILIES,
-    JUDGING,
-    SPLITS,
-    TUNING,
-    CaseKey,
-    draw,
-    first_number,
-    split_of,
-)
+from studies.hidden_effects.drawing import FAMILIES, LIBRARY_FAMILY, CaseKey, draw, first_number, split_of
 from studies.hidden_effects.figures import save_figures
-from studies.hidden_effects.methods import Method, answer_with
+from studies.hidden_effects.generators.hidden_case import Split
+from studies.hidden_effects.methods import Method, answer_with, what_is_missing
 from studies.hidden_effects.report import last_line, report
 from studies.hidden_effects.store import ResultFolder
-
-CASES_PER_WORKER = 10  # cases after which a worker process is replaced, because compiled programs accumulate
+from studies.hidden_effects.work import run_all
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +49,7 @@ def run_job(job: Job) -> str:
         job.results.store_failed_draw(job.key, str(error))
         return f"{job.key}: not drawn: {error}"
     job.results.store_truth(job.key, case.truth)
-    shared, said = CalibratedCase(case), []
+    shared, said = CalibratedCase(case, job.results.training), []
     for method in job.methods:
         answer = answer_with(method, case, shared)
         job.results.store_answer(job.key, method.value, answer)
@@ -92,52 +81,45 @@ def study(keys: Iterable[CaseKey], methods: tuple[Method, ...], workers: int, re
     for key in keys:
         if missing := results.missing(key, [m.value for m in methods]):
             jobs.append(Job(key, tuple(m for m in methods if m.value in missing), results))
-    if workers == 1:
-        _print_progress(map(run_job, jobs), len(jobs))
-        return
-    os.environ["EDHAS_CORES"] = "1"  # of each worker
-    with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=CASES_PER_WORKER) as pool:
-        _print_progress(pool.imap_unordered(run_job, jobs), len(jobs))
-
-
-def _print_progress(done: Iterator[str], count: int) -> None:
-    start = time.perf_counter()
-    for k, sentence in enumerate(done, start=1):
-        elapsed = (time.perf_counter() - start) / 60.0
-        left = elapsed / k * (count - k)
-        print(f"[{k}/{count}, {elapsed:.1f} min, about {left:.0f} min left] {sentence}", flush=True)
+    run_all(run_job, jobs, workers)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the study from the command line; the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--families", nargs="+", choices=FAMILIES, default=["a"], metavar="LETTER",
-                        help="; ".join(f"{letter}: {text}" for letter, text in FAMILIES.items()))  # fmt: skip
+    parser.add_argument("--families", nargs="+", choices=FAMILIES, default=[LIBRARY_FAMILY], metavar="LETTER",
+                        help="; ".join(f"{letter}: {family.value}" for letter, family in FAMILIES.items()))  # fmt: skip
     parser.add_argument(
-        "--split", choices=SPLITS, default=JUDGING,
+        "--split", choices=[split.value for split in Split], default=Split.JUDGING.value,
         help="judging (default): to compare methods with; tuning: to choose thresholds with, and to train",
     )  # fmt: skip
     parser.add_argument("--cases", type=int, default=40, help="number of cases of each family")
     parser.add_argument("--first", "--seed", type=int, help="number of the first case")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"))
-    parser.add_argument("--methods", type=_methods, default=tuple(Method), metavar="METHOD,METHOD",
-                        help="of " + ", ".join(m.value for m in Method))  # fmt: skip
+    parser.add_argument("--methods", type=_methods, metavar="METHOD,METHOD",
+                        help=f"of {', '.join(m.value for m in Method)}; all that can run by default")  # fmt: skip
     parser.add_argument("--baselines", action="store_true", help="every method but ours")
     parser.add_argument("--crumbs", action="store_true",
                         help="family a: give every sensor a lag of 20 … 50 µs that is not in the library")  # fmt: skip
     options = parser.parse_args(arguments)
-    methods = tuple(m for m in options.methods if not (options.baselines and m is Method.OURS))
+    results = ResultFolder(options.out)
+    methods = options.methods or tuple(m for m in Method if not (options.baselines and m is Method.OURS))
+    lacking = {m: sentence for m in methods if (sentence := what_is_missing(m, results.training))}
+    if lacking and options.methods:
+        parser.error("; ".join(lacking.values()))
+    for method, sentence in lacking.items():
+        print(f"without {method.value}: {sentence}")
+    methods = tuple(m for m in methods if m not in lacking)
     keys = []
     for family in options.families:
-        first = first_number(family, options.split) if options.first is None else options.first
+        first = first_number(family, Split(options.split)) if options.first is None else options.first
         try:
-            split = split_of(family, first, options.cases, options.split)
+            split = split_of(family, first, options.cases, Split(options.split))
         except ValueError as error:
             parser.error(str(error))
-        lags = options.crumbs and family == "a"
+        lags = options.crumbs and family == LIBRARY_FAMILY
         keys += [CaseKey(family, split, number, lags) for number in range(first, first + options.cases)]
-    results = ResultFolder(options.out)
     try:
         study(keys, methods, options.workers, results)
     except KeyboardInterrupt:
@@ -145,7 +127,7 @@ def main(arguments: list[str] | None = None) -> int:
               file=sys.stderr)  # fmt: skip
         return 130
     records = results.records(keys, [m.value for m in methods])
-    kinds = {TUNING: "development", JUDGING: "test"}
+    kinds = {Split.TUNING: "development", Split.JUDGING: "test"}
     print(f"\n{' and '.join(dict.fromkeys(kinds[key.split] for key in keys))} cases {keys[0]} … {keys[-1]}")
     print(report(records, results.not_drawn(keys)))
     save_figures(records, options.out)

@@ -1,45 +1,41 @@
 """What the rival methods share in one case: the checked data, the calibrated model and the table of signatures.
 
-The residual is taken at a time step whose solver error is far below the noise. As in the screening of the diagnosis,
-every suspect is evaluated at the same grid of sizes and shapes, and what the uncertain parameters can reproduce within
-their priors is projected out of residual and signatures.
+The residual is taken at a time step whose solver error is far below the noise.
 """
 
 import dataclasses
 import functools
 import time
-
-import numpy as np
+from pathlib import Path
 
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.search.candidates import Candidate, candidate_unknowns, candidates_for
+from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.forward_selection import calibrate
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
-from edhas_jax.diagnosis.search.screening import ScoreTest
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
 from studies.hidden_effects.drawing import DrawnCase
+from studies.hidden_effects.signatures import SignatureTable, signature_table
 
 MAX_EXACT_ERROR_OVER_NOISE = 0.01  # largest rms error of the solver in the residual, in units of the noise
 
 
 @dataclasses.dataclass(frozen=True)
-class ScreenedCandidate:
-    """A suspect with its projected signatures (points, m) and the number of its free parameters."""
-
-    name: str
-    signatures: np.ndarray
-    parameter_count: int
-
-
-@dataclasses.dataclass(frozen=True)
 class CalibratedCase:
-    """A case with what its methods share, each part computed when it is first asked for."""
+    """A case with what its methods share, each part computed when it is first asked for.
+
+    Args:
+        drawn: the case.
+        training: folder of the training table of the classifier.
+    """
 
     drawn: DrawnCase
+    training: Path = Path("training")
 
     @functools.cached_property
     def campaign(self) -> Campaign:
@@ -60,19 +56,28 @@ class CalibratedCase:
     def suspects(self) -> list[Candidate]:
         """The effects and sensor faults that may be named."""
         problem = self.calibrated[0].fit.problem
-        found = candidates_for(self.campaign, problem.machine, problem.instruments)
+        return self.suspects_of(problem.machine, problem.instruments)
+
+    def suspects_of(self, machine: Rig, instruments: Instruments) -> list[Candidate]:
+        """The effects and sensor faults that a machine and its sensors can have in addition."""
+        found = candidates_for(self.campaign, machine, instruments)
         return [c for c in found if c.signal is not None or c.kind in self.drawn.library]
 
     @functools.cached_property
-    def screened(self) -> tuple[np.ndarray, list[ScreenedCandidate]]:
-        """The projected residual (m,) in units of noise, and the suspects that have a signature."""
-        return screen(self.exact[0], self.suspects)
+    def table(self) -> SignatureTable:
+        """Residual and signatures of all suspects."""
+        return signature_table(self.exact[0], self.suspects)
+
+    @property
+    def intervals(self) -> tuple[float, ...]:
+        """The sample interval of each fitted run [s]."""
+        return tuple(run.interval for run in self.calibrated[0].fit.problem.model().runs)
 
     @functools.cached_property
     def seconds(self) -> float:
         """Computing time [s] of what the methods share."""
         start = time.perf_counter()
-        _ = self.screened
+        _ = self.table
         return time.perf_counter() - start
 
 
@@ -85,23 +90,3 @@ def exact_fit(fitted: Fit) -> tuple[Fit, int]:
         PredictedSignals(exact[r].values, outcome.sensitivities) for r, outcome in enumerate(fitted.outcomes)
     )
     return dataclasses.replace(fitted, outcomes=outcomes), per_sample
-
-
-def screen(fitted: Fit, candidates: list[Candidate]) -> tuple[np.ndarray, list[ScreenedCandidate]]:
-    """The residual of a fit and the signatures of the candidates, projected and in units of noise.
-
-    Args:
-        fitted: the fit of the model without the candidates, with exact signals.
-        candidates: candidate effects and sensor faults.
-
-    Returns:
-        The residual (m,), and the candidates that have a signature.
-    """
-    test = ScoreTest(fitted, ())
-    found = []
-    for candidate in candidates:
-        signatures = test.projected_signatures(candidate)
-        if signatures:
-            count = len(candidate_unknowns(candidate, fitted.problem.campaign))
-            found.append(ScreenedCandidate(candidate.name, np.array(signatures), count))
-    return test.projected_residual(), found

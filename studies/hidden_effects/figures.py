@@ -16,8 +16,14 @@ from studies.hidden_effects.reliability import reliability
 from studies.hidden_effects.report import methods_in
 from studies.hidden_effects.store import Record
 
-COLOURS = {Method.OURS: "#0f5c6e", Method.PYSINDY: "#a24a63", Method.CORRELATION: "#8a8f98"}
-MARKERS = {Method.OURS: "o", Method.PYSINDY: "P", Method.CORRELATION: "v"}
+COLOURS = {
+    Method.OURS: "#0f5c6e", Method.BIC: "#c2571a", Method.SUBSET: "#b58900", Method.PYSINDY: "#a24a63",
+    Method.CLASSIFIER: "#5b4bb5", Method.CORRELATION: "#8a8f98",
+}  # fmt: skip
+MARKERS = {
+    Method.OURS: "o", Method.BIC: "s", Method.SUBSET: "D", Method.PYSINDY: "P", Method.CLASSIFIER: "^",
+    Method.CORRELATION: "v",
+}  # fmt: skip
 GRID, RIGHT_SHADES, WRONG = "#e6e8ea", ("#ffffff", "#9cc7cf", "#0f5c6e"), "#b3261e"
 FAILED = "failed"
 DPI = 130

@@ -2,13 +2,19 @@
 
 import dataclasses
 import enum
+import importlib.util
 import time
+from pathlib import Path
 
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from studies.hidden_effects.answers import Answer
+from studies.hidden_effects.best_subset import best_subset
+from studies.hidden_effects.bic_refits import forward_bic
 from studies.hidden_effects.calibrated_case import CalibratedCase
+from studies.hidden_effects.classifier import NotTrained, read_training, trained
 from studies.hidden_effects.correlation import correlation
 from studies.hidden_effects.drawing import DrawnCase
+from studies.hidden_effects.features import features_of
 from studies.hidden_effects.our_answer import answer_of
 from studies.hidden_effects.sparse_regression import sparse_discrepancy
 
@@ -17,7 +23,10 @@ class Method(enum.Enum):
     """A method; the values are the words of the command line and the names of the result files."""
 
     OURS = "ours"
+    BIC = "bic"
+    SUBSET = "subset"
     PYSINDY = "pysindy"
+    CLASSIFIER = "classifier"
     CORRELATION = "correlation"
 
     @property
@@ -27,8 +36,26 @@ class Method(enum.Enum):
 
 
 TITLES = {
-    Method.OURS: "edhas diagnose", Method.PYSINDY: "PySINDy", Method.CORRELATION: "residual correlation",
+    Method.OURS: "edhas diagnose", Method.BIC: "refits by BIC", Method.SUBSET: "best subset (L0)",
+    Method.PYSINDY: "PySINDy", Method.CLASSIFIER: "trained classifier",
+    Method.CORRELATION: "residual correlation",
 }  # fmt: skip
+
+
+PACKAGES = {Method.PYSINDY: "pysindy", Method.CLASSIFIER: "sklearn"}  # of the extra `bench`
+
+
+def what_is_missing(method: Method, training: Path) -> str:
+    """A sentence on what a method lacks; empty where it can run."""
+    package = PACKAGES.get(method)
+    if package is not None and importlib.util.find_spec(package) is None:
+        return f"{method.value} needs {package}: pip install -e '.[bench]'"
+    if method is Method.CLASSIFIER:
+        try:
+            read_training(training)
+        except NotTrained as error:
+            return str(error)
+    return ""
 
 
 def answer_with(method: Method, case: DrawnCase, shared: CalibratedCase) -> Answer:
@@ -56,9 +83,15 @@ def _since(start: float) -> float:
 
 def _rival(method: Method, shared: CalibratedCase) -> Answer:
     match method:
+        case Method.BIC:
+            return forward_bic(shared)
+        case Method.SUBSET:
+            return best_subset(shared.table)
         case Method.PYSINDY:
             fitted, per_sample = shared.exact
             return sparse_discrepancy(fitted, shared.suspects, per_sample)
+        case Method.CLASSIFIER:
+            return trained(shared.training).answer(features_of(shared.table, shared.intervals))
         case Method.CORRELATION:
-            return correlation(*shared.screened)
+            return correlation(shared.table)
     raise ValueError(f"{method} is no rival")

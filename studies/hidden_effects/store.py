@@ -25,6 +25,7 @@ from studies.hidden_effects.answers import (
 from studies.hidden_effects.drawing import CaseKey
 
 CASE_FILE, NOT_DRAWN_FILE = "case.json", "not_drawn.txt"
+TRAINING_FOLDER = "training"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,9 +42,14 @@ class ResultFolder:
 
     folder: Path
 
+    @property
+    def training(self) -> Path:
+        """The folder of the training table of the classifier."""
+        return self.folder / TRAINING_FOLDER
+
     def of(self, key: CaseKey) -> Path:
         """The folder of a case."""
-        return self.folder / key.split / str(key)
+        return self.folder / key.split.value / str(key)
 
     def missing(self, key: CaseKey, methods: Iterable[str]) -> tuple[str, ...]:
         """The methods without an answer to a case."""

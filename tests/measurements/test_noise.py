@@ -230,13 +230,3 @@ def test_noise_that_is_neither_stated_nor_measurable_has_to_be_stated():
 def test_fast_part_of_a_signal_without_noise_is_nothing():
     smooth = campaign_of([step_response(INTERVAL * np.arange(3000))], [{}])
     assert fast_noise(smooth.runs[0], "current") < 1e-3 * NOISE
-
-
-def test_noise_that_only_has_a_lower_bound_has_to_be_stated():
-    time, rng = INTERVAL * np.arange(3000), np.random.default_rng(11)
-    restless = np.sin(2.0 * np.pi * (100.0 * time + 200.0 * time**2)) + 1e-4 * rng.standard_normal(len(time))
-    campaign = dataclasses.replace(
-        campaign_of([restless], [{}], math.nan), machine=edhas.ActuatorBench(reference=edhas.Step())
-    )
-    assert measure_noise(campaign, "current").high == math.inf
-    assert math.isnan(used_channel(campaign).noise)

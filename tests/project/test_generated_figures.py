@@ -33,7 +33,9 @@ DEFINITIONS = {
     "docs/controllers.md": {"Sampled control", "ANTSMC"},
     "docs/fitting.md": {"Compare", "Fit"},
     "docs/fmu.md": {"Time"},
-    "docs/hidden_effects.md": {"The benchmark of hidden effects", "The cases", "Independent data generation"},
+    "docs/hidden_effects.md": {
+        "The benchmark of hidden effects", "The cases", "Independent data generation", "The methods",
+    },
     "docs/model.md": {"Equations", "Notes for reading results"},
     "docs/sweeps.md": {"Figures"},
 }

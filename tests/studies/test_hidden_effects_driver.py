@@ -10,6 +10,7 @@ from studies.hidden_effects.answers import Answer, Truth, Verdict
 from studies.hidden_effects.calibrated_case import CalibratedCase
 from studies.hidden_effects.cases import FIRST_TEST_CASE
 from studies.hidden_effects.drawing import CaseKey, DrawnCase
+from studies.hidden_effects.generators.hidden_case import Split
 from studies.hidden_effects.methods import Method, answer_with
 from studies.hidden_effects.store import ResultFolder
 
@@ -23,7 +24,9 @@ def asked(monkeypatch):
         calls.append((case.truth.family, case.truth.number, method))
         return Answer(Verdict.ADEQUATE, probability=0.9, seconds=1.0)
 
-    monkeypatch.setattr(benchmark, "draw", lambda key: DrawnCase(Truth(key.family, key.split, key.number), None, ()))
+    monkeypatch.setattr(
+        benchmark, "draw", lambda key: DrawnCase(Truth(key.family, key.split.value, key.number), None, ())
+    )
     monkeypatch.setattr(benchmark, "answer_with", answer)
     return calls
 
@@ -80,9 +83,11 @@ def test_a_case_that_cannot_be_drawn_is_said_and_tried_again(asked, tmp_path, mo
     assert "not drawn" not in capsys.readouterr().out and asked == [("a", 0, Method.OURS)]
 
 
-def test_baselines_are_all_methods_but_ours(asked, tmp_path):
+def test_baselines_are_all_methods_but_ours_that_can_run(asked, tmp_path, capsys):
     run(tmp_path, "--cases", "1", "--first", "0", "--baselines")
-    assert [method for _, _, method in asked] == [m for m in Method if m is not Method.OURS]
+    said = {Method(line.split()[1].rstrip(":")) for line in capsys.readouterr().out.splitlines() if "without" in line}
+    assert Method.CLASSIFIER in said
+    assert [method for _, _, method in asked] == [m for m in Method if m is not Method.OURS and m not in said]
 
 
 @pytest.mark.parametrize(
@@ -91,6 +96,7 @@ def test_baselines_are_all_methods_but_ours(asked, tmp_path):
         (["--cases", "20", "--seed", str(FIRST_TEST_CASE - 5)], "do not mix"),
         (["--methods", "ours,guessing"], "no method guessing; there are ours"),
         (["--families", "z"], "invalid choice: 'z'"),
+        (["--methods", "ours,classifier"], "classifier"),
     ],
 )
 def test_bad_options_are_refused(arguments, said, tmp_path, capsys):
@@ -110,6 +116,6 @@ def test_a_method_that_ends_in_an_error_has_a_wrong_answer(monkeypatch):
 
 
 def test_cases_of_a_family_have_folders_of_their_own(tmp_path):
-    results, key = ResultFolder(tmp_path), CaseKey("b", "judging", 7)
-    folders = {results.of(k) for k in (key, dataclasses.replace(key, sensor_lags=True), CaseKey("b", "tuning", 7))}
+    results, key = ResultFolder(tmp_path), CaseKey("b", Split.JUDGING, 7)
+    folders = {results.of(k) for k in (key, dataclasses.replace(key, sensor_lags=True), CaseKey("b", Split.TUNING, 7))}
     assert len(folders) == 3 and results.of(key) == tmp_path / "judging" / "b00007"

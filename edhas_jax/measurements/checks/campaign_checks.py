@@ -23,8 +23,8 @@ SIMULATION_STEP = 50e-6  # s; the checks need orders of magnitude and shapes onl
 SIMULATION_SAMPLE_RATE = 2000.0  # Hz
 MAX_SIMULATED_LENGTH = 100.0  # s; a longer run is not compared with the model
 UNKNOWN_NOISE = (
-    "its noise is not stated, and no record shows it (too short, uneven, or neither repeated cycles nor quiet parts); "
-    "state `noise:`, the standard deviation in the unit of the signal"
+    "its noise is not stated, and no record is long and even enough to measure it; state `noise:`, the standard "
+    "deviation in the unit of the signal"
 )
 
 Models = Mapping[str, Mapping[str, np.ndarray]]

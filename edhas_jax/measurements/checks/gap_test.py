@@ -10,10 +10,9 @@ from scipy.stats import chi2
 from edhas_jax.measurements.checks.noise_correlation import autocorrelation_of
 
 DEGREE = 3  # of the polynomial
-MIN_LINE_DEVIATION = 2.5  # standard deviations of every sample from the straight line between the two next to the gap
-MAX_PROBABILITY = 1e-3  # of a suspect place under noise alone
+MIN_LINE_DEVIATION = 3.0  # standard deviations of every sample from the straight line between the two next to the gap
 MAX_NEIGHBOUR_SQUARE = 3.3  # mean square of the neighbours' residual over that of noise; one in a thousand exceeds it
-SCALE_WINDOWS, SHARE_OF_SCALE = np.arange(-32, 33, 4), 0.5  # windows around, whose residual counts by this share
+SCALE_WINDOWS, SHARE_OF_SCALE = np.arange(-32, 33, 4), 0.5  # windows around whose median residual counts, by this share
 
 
 class GapDeviations(NamedTuple):
@@ -53,7 +52,6 @@ class GapTest:
         self._line[:, neighbours + gap] -= share
         lags = np.abs(np.subtract.outer(np.arange(self._length), np.arange(self._length)))
         covariance = autocorrelation_of(correlation, self._length)[lags]
-        self._line_std = np.sqrt(np.diag(self._line @ covariance @ self._line.T))
         self._weight = np.linalg.inv(self._deviation @ covariance @ self._deviation.T)
         self._freedom = float(np.trace(self._residual @ covariance @ self._residual.T))
 
@@ -73,15 +71,14 @@ class GapTest:
         windows, peaks = sliding_window_view(values, self._length), self.peaks(values)[self._neighbours :]
         # a bend of the signal deviates from the polynomial, but hardly from the straight line between its neighbours
         line = (windows @ self._line.T) * np.sign(peaks[: len(windows), None])
-        at = np.flatnonzero((line > MIN_LINE_DEVIATION * self._noise * self._line_std).all(axis=1))
+        at = np.flatnonzero((line > MIN_LINE_DEVIATION * self._noise).all(axis=1))
+        square = self._square(windows[at])
+        at, square = at[square < MAX_NEIGHBOUR_SQUARE], square[square < MAX_NEIGHBOUR_SQUARE]
+        around = np.clip(at[:, None] + SCALE_WINDOWS, 0, len(windows) - 1)
+        scale = np.array([np.nanmedian(self._square(windows[rows])) for rows in around])
         deviation = windows[at] @ self._deviation.T
         statistic = np.einsum("wi,ij,wj->w", deviation, self._weight, deviation) / self._noise**2
-        square = self._square(windows[at])
-        kept = (square < MAX_NEIGHBOUR_SQUARE) & (statistic > chi2.isf(MAX_PROBABILITY, self.gap))
-        at, statistic, square = at[kept], statistic[kept], square[kept]
-        around = np.clip(at[:, None] + SCALE_WINDOWS, 0, len(windows) - 1)
-        typical = np.array([np.nanmedian(self._square(windows[rows])) for rows in around])
-        statistic /= np.maximum(SHARE_OF_SCALE * np.maximum(square, typical), 1.0)
+        statistic /= np.maximum(np.maximum(square, SHARE_OF_SCALE * scale), 1.0)
         return GapDeviations(at + self._neighbours, peaks[at], chi2.sf(statistic, self.gap))
 
     def _square(self, windows: np.ndarray) -> np.ndarray:

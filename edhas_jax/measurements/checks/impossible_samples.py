@@ -9,10 +9,8 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 from edhas_jax.measurements.checks.held_values import find_held_values
-from edhas_jax.measurements.checks.noise_correlation import innovation_share
 from edhas_jax.measurements.checks.noise_records import cycle_length, even_index
 from edhas_jax.measurements.checks.outlier_search import Record, find_outliers
-from edhas_jax.measurements.checks.recorder_resolution import recorder_resolution
 from edhas_jax.measurements.checks.signal_checks import is_clipped_at, is_supply_limit, stuck_intervals, true_intervals
 from edhas_jax.measurements.checks.spike_detection import find_spikes
 
@@ -105,10 +103,7 @@ def find_impossible_samples(
     period = cycle_length(machine)
     ramp_time = float(machine.reference.ramp_time) if period is not None else math.inf
     if low < high:
-        channel = campaign.channels[name]
-        innovation = noise * math.sqrt(innovation_share(channel.correlation))
-        # recorders that choose their range for each run have another resolution in each
-        held = find_held_values(values, innovation, max(channel.resolution, recorder_resolution([values]))) & ~found
+        held = find_held_values(values, noise, campaign.channels[name].resolution) & ~found
         if held.any():
             found |= held
             remark(Severity.ERROR, held, f"{_held_text(run, held)}; left out")

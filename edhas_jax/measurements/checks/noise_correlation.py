@@ -122,11 +122,6 @@ def autoregression(autocovariance: Autocovariance) -> tuple[float, ...]:
     return best
 
 
-def innovation_share(coefficients: Sequence[float]) -> float:
-    """Variance of the innovations of an autoregressive process over that of the process."""
-    return 1.0 - float(np.dot(coefficients, autocorrelation_of(coefficients, len(coefficients))[1:]))
-
-
 def is_stable(coefficients: Sequence[float]) -> bool:
     """Whether an autoregressive process is stationary: all roots of its characteristic polynomial within the circle."""
     return bool(np.all(np.abs(np.roots([1.0, *(-a for a in coefficients)])) < 1.0)) if len(coefficients) else True

@@ -111,7 +111,7 @@ def _used_noise(campaign: Campaign, name: str, measured: MeasuredNoise, stated: 
     nearest = measured.nearest(stated)
     smallest = MIN_NOISE_OVER_SIGNAL * max(np.nanstd(run.signals[name]) for run in campaign.runs if name in run.signals)
     if stated is None:
-        return max(nearest, float(smallest)) if math.isfinite(nearest) else math.nan
+        return max(nearest, float(smallest))
     standard_error = 1.0 / math.sqrt(2.0 * measured.samples)
     tolerance = max(MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS * standard_error)
     is_used = abs(nearest / stated - 1.0) > tolerance and nearest > smallest
@@ -141,18 +141,19 @@ def _pooled(found: list[Autocovariance]) -> Autocovariance | None:
     samples = sum(one.samples for one in found)
     if samples < MIN_SAMPLES:
         return None
-    near = _near_median([one.level for one in found], [one.samples for one in found])
-    used = sum(found[k].samples for k in near)
-    values = sum(found[k].samples * found[k].values for k in near) / used
-    return Autocovariance(values, used)
+    median = _weighted_median([one.level for one in found], [one.samples for one in found])
+    near = [one for one in found if abs(one.level / median - 1.0) < MAX_RUN_DEVIATION] or found
+    used = sum(one.samples for one in near)
+    level = math.sqrt(sum(one.samples * one.level**2 for one in near) / used)
+    correlation = sum(one.samples * one.values / one.values[0] for one in near) / used
+    return Autocovariance(level**2 * correlation, samples)
 
 
-def _near_median(levels: list[float], samples: list[float]) -> list[int]:
-    """The indices of the levels that are near their median, the lower one of two, each as often as its samples."""
-    order = np.argsort(levels)
-    share = np.cumsum(np.array(samples)[order])
-    median = levels[order[np.searchsorted(share, 0.5 * share[-1])]]
-    return [k for k, level in enumerate(levels) if abs(level / median - 1.0) < MAX_RUN_DEVIATION]
+def _weighted_median(values: list[float], weights: list[float]) -> float:
+    """The median of values, each as often as its weight; the lower one of two."""
+    order = np.argsort(values)
+    share = np.cumsum(np.array(weights)[order])
+    return float(np.array(values)[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
 def _local_noise(runs: list[BenchRun], name: str) -> MeasuredNoise | None:
@@ -170,8 +171,7 @@ def _local_noise(runs: list[BenchRun], name: str) -> MeasuredNoise | None:
         quiet.append(ratios[np.isfinite(ratios)])
     if sum(samples) < MIN_SAMPLES:
         return None
-    near = _near_median(levels, samples)
-    level = math.sqrt(sum(samples[k] * levels[k] ** 2 for k in near) / sum(samples[k] for k in near))
+    level = _weighted_median(levels, samples)
     ratio = float(np.quantile(np.concatenate(quiet), QUIET_SHARE)) / QUIET_MEAN_SQUARE
     if ratio < MAX_WHITE_RATIO:
         return MeasuredNoise(level, level, level, (), sum(samples))
@@ -217,12 +217,11 @@ def _names(texts: list[str]) -> str:
 
 
 def noise_as_json(campaign: Campaign) -> dict[str, dict[str, Any]]:
-    """Stated, measured and used noise of every signal, its correlation, and the resolution of the recorder (SI)."""
+    """Stated, measured and used noise of every signal (SI)."""
     return {
         name: {
-            "stated": channel.stated_noise if campaign.is_checked else channel.noise,
+            "stated": channel.noise if channel.stated_noise is None else channel.stated_noise,
             "measured": channel.measured_noise, "used": channel.noise, "unit": SIGNALS[name].unit,
-            "correlation": list(channel.correlation), "resolution": channel.resolution,
         }
         for name, channel in campaign.channels.items()
     }  # fmt: skip

@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter1d
 
 from edhas_jax.measurements.checks.gap_test import GapDeviations, GapTest
 
-GAPS = (1, 2)  # successive samples that are tested together
+GAPS = (1, 2, 3)  # successive samples that are tested together
 NEIGHBOURS = 6  # samples on either side that predict a signal
 MIN_EXCESS = 2.5  # of a wrong sample's deviation over that at the same phase of other cycles, and over the model's
 PHASE_TOLERANCE = 3  # samples by which an event may move from cycle to cycle

@@ -17,11 +17,9 @@ def recorder_resolution(records: Iterable[np.ndarray]) -> float:
         records: the values of a signal (samples,) in each run (SI).
 
     Returns:
-        The median step of the runs in which it can be seen (SI); 0 where it can be seen in none.
+        The largest step of any run (SI); 0 if the values are continuous, or the step is too fine to be seen.
     """
-    steps = [_step(values[np.isfinite(values)]) for values in records]
-    steps = [step for step in steps if step > 0.0]
-    return float(np.median(steps)) if steps else 0.0
+    return max((_step(values[np.isfinite(values)]) for values in records), default=0.0)
 
 
 def _step(values: np.ndarray) -> float:
