@@ -83,7 +83,7 @@ def test_errors_of_the_bench_are_those_of_its_sensors_and_settings(small):
     gain, offset, shift = changes[3 * names.index("current") : 3 * names.index("current") + 3]
     sensor = campaign.accuracy.signals["current"]
     for r, run in enumerate(fitted.problem.model().runs):
-        current, late = before[r]["current"], sensor.shift
+        current = before[r]["current"]
         np.testing.assert_allclose(gain[r]["current"], sensor.gain * current)
         np.testing.assert_allclose(offset[r]["current"], sensor.offset)
         later, earlier = (
