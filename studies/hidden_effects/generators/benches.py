@@ -3,11 +3,13 @@
 import dataclasses
 
 from edhas_jax.machine.effects import Effect
+from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Channel
+from edhas_jax.measurements.campaign import Channel, Use
 from edhas_jax.measurements.synthetic_campaign import PlannedRun
 
-EXACT_CONDITIONS = ("frequency", "amplitude", "step_size", "ramp_time", "target.step_size", "reference.frequency")
+# conditions that a computer sets, and one that is measured well enough
+EXACT_CONDITIONS = ("frequency", "amplitude", "target.step_size", "ramp_time", "oil_temperature")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,6 +24,8 @@ class Bench:
         channels: measured signals, with the usual noise.
         runs: the runs to be made.
         interval: sample interval [s].
+        weight: how often it is drawn, relative to the others.
+        known: parameters that differ from the nominal machine, which the engineer knows (SI).
     """
 
     id: str
@@ -31,8 +35,33 @@ class Bench:
     channels: dict[str, Channel]
     runs: tuple[PlannedRun, ...]
     interval: float
+    weight: float
+    known: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    def machine(self, *without: type[Effect] | None) -> Rig:
+        """The engineer's model, less some of its effects."""
+        effects = tuple(kind() for kind in self.refined if kind not in without)
+        return set_parameters(self.rig(effects=effects), self.known)
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The parameters that its runs set."""
+        return tuple(dict.fromkeys(name for run in self.runs for name in run.conditions))
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Those of them that a person or a valve sets, so that they are not exactly as stated."""
+        return tuple(name for name in self.conditions if name not in EXACT_CONDITIONS)
 
 
-def settings_of(bench: Bench) -> list[str]:
-    """The conditions of the runs that a person sets by hand, so that they are not exactly those that are stated."""
-    return [n for n in dict.fromkeys(n for run in bench.runs for n in run.conditions) if n not in EXACT_CONDITIONS]
+def planned_runs(conditions: dict[str, float], *rows) -> tuple[PlannedRun, ...]:
+    """Runs from rows of use ("fit" or "holdout"), duration [s], and a value for each of the conditions.
+
+    Args:
+        conditions: the SI value of the unit of each column, by parameter.
+        rows: the runs.
+    """
+    return tuple(
+        PlannedRun(Use(use), seconds, {n: unit * v for (n, unit), v in zip(conditions.items(), values, strict=True)})
+        for use, seconds, *values in rows
+    )

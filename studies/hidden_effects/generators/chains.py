@@ -6,11 +6,11 @@ the samples. Nothing here is shared with the sensor models of the package.
 
 import dataclasses
 import enum
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-Trace = np.ndarray
+NOISE_SAMPLES = 50000  # from which the correlation of a link's noise is taken
 
 
 class Place(enum.Enum):
@@ -57,8 +57,8 @@ class DrawnLink:
         return f"{self.link.id} {self.value:.3g}{where}"
 
 
-def draw_links(links, signals, rng: np.random.Generator) -> tuple[DrawnLink, ...]:
-    """One to three links, of different places."""
+def draw_links(links: Sequence[Link], signals: Sequence[str], rng: np.random.Generator) -> tuple[DrawnLink, ...]:
+    """Draw one to three links that act in different places."""
     wanted, chosen = rng.integers(1, 4), []
     for k in rng.permutation(len(links)):
         if len(chosen) < wanted and all(links[k].place is not c.link.place for c in chosen):
@@ -67,3 +67,15 @@ def draw_links(links, signals, rng: np.random.Generator) -> tuple[DrawnLink, ...
             value = float(np.exp(rng.uniform(low, high)))
             chosen.append(DrawnLink(links[k], value, tuple(signals) if links[k].everywhere else tuple(some)))
     return tuple(chosen)
+
+
+def typical_noise(chain: Sequence[DrawnLink]) -> np.ndarray | None:
+    """A long record of the noise of a chain, of unit standard deviation; None where it is white."""
+    of_noise = [link for link in chain if link.link.place is Place.NOISE]
+    return of_noise[0].link.act(np.random.default_rng(0), NOISE_SAMPLES, of_noise[0].value) if of_noise else None
+
+
+def late_signals(chain: Sequence[DrawnLink]) -> tuple[str, ...]:
+    """The signals that filters or the clock shift in time, so that a lag of their sensors is no wrong answer."""
+    shifting = [link for link in chain if link.link.place in (Place.SIGNAL, Place.CLOCK)]
+    return tuple(dict.fromkeys(signal for link in shifting for signal in link.signals))

@@ -8,33 +8,64 @@ from studies.hidden_effects.generators.crumbs import Crumb
 from studies.hidden_effects.generators.hidden_case import Split
 from studies.hidden_effects.generators.judging import benches as judging_benches
 from studies.hidden_effects.generators.judging import chains as judging_chains
+from studies.hidden_effects.generators.judging import coupling_laws as judging_coupling
 from studies.hidden_effects.generators.judging import crumbs as judging_crumbs
+from studies.hidden_effects.generators.judging import cylinder_laws as judging_cylinder
 from studies.hidden_effects.generators.judging import electrical_laws as judging_electrical
+from studies.hidden_effects.generators.judging import friction_laws as judging_friction
+from studies.hidden_effects.generators.judging import hydraulic_laws as judging_hydraulic
 from studies.hidden_effects.generators.judging import mover_laws as judging_mover
+from studies.hidden_effects.generators.judging import settings as judging_settings
+from studies.hidden_effects.generators.judging import unlisted_laws as judging_unlisted
+from studies.hidden_effects.generators.judging import valve_laws as judging_valves
 from studies.hidden_effects.generators.laws import Law
+from studies.hidden_effects.generators.settings import RunDrift, WrongSheet
 from studies.hidden_effects.generators.tuning import benches as tuning_benches
 from studies.hidden_effects.generators.tuning import chains as tuning_chains
+from studies.hidden_effects.generators.tuning import coupling_laws as tuning_coupling
 from studies.hidden_effects.generators.tuning import crumbs as tuning_crumbs
+from studies.hidden_effects.generators.tuning import cylinder_laws as tuning_cylinder
 from studies.hidden_effects.generators.tuning import electrical_laws as tuning_electrical
+from studies.hidden_effects.generators.tuning import hydraulic_laws as tuning_hydraulic
 from studies.hidden_effects.generators.tuning import mover_laws as tuning_mover
+from studies.hidden_effects.generators.tuning import settings as tuning_settings
+from studies.hidden_effects.generators.tuning import unlisted_laws as tuning_unlisted
 
 
 @dataclasses.dataclass(frozen=True)
 class Content:
-    """Laws, small disturbances, links of sensor chains and benches of a split."""
+    """What a split has.
+
+    Args:
+        laws: other laws of the library's mechanisms.
+        unlisted: laws of mechanisms that the library does not have.
+        crumbs: small physics that no list has.
+        links: links of sensor chains.
+        drifts: what is off from run to run.
+        sheets: how a sheet of parameters is wrong.
+        benches: test benches with their test plans.
+    """
 
     laws: tuple[Law, ...]
+    unlisted: tuple[Law, ...]
     crumbs: tuple[Crumb, ...]
     links: tuple[Link, ...]
+    drifts: tuple[RunDrift, ...]
+    sheets: tuple[WrongSheet, ...]
     benches: tuple[Bench, ...]
 
 
 CONTENT = {
     Split.TUNING: Content(
-        tuning_mover.LAWS + tuning_electrical.LAWS, tuning_crumbs.CRUMBS, tuning_chains.LINKS, tuning_benches.BENCHES
+        (*tuning_mover.LAWS, *tuning_coupling.LAWS, *tuning_electrical.LAWS, *tuning_hydraulic.LAWS,
+         *tuning_cylinder.LAWS),
+        tuning_unlisted.LAWS, tuning_crumbs.CRUMBS, tuning_chains.LINKS, tuning_settings.DRIFTS, tuning_settings.SHEETS,
+        tuning_benches.BENCHES,
     ),
     Split.JUDGING: Content(
-        judging_mover.LAWS + judging_electrical.LAWS, judging_crumbs.CRUMBS, judging_chains.LINKS,
-        judging_benches.BENCHES,
+        (*judging_mover.LAWS, *judging_friction.LAWS, *judging_coupling.LAWS, *judging_electrical.LAWS,
+         *judging_hydraulic.LAWS, *judging_valves.LAWS, *judging_cylinder.LAWS),
+        judging_unlisted.LAWS, judging_crumbs.CRUMBS, judging_chains.LINKS, judging_settings.DRIFTS,
+        judging_settings.SHEETS, judging_benches.BENCHES,
     ),
 }  # fmt: skip

@@ -1,31 +1,40 @@
 """Draw a case by family, split and number."""
 
+import dataclasses
+from collections.abc import Sequence
+
 import numpy as np
 
 from edhas_jax.core.structs import replace
-from edhas_jax.diagnosis.search.candidates import SINGLE_EFFECT_SLOTS
-from edhas_jax.machine.effects import LIBRARY
+from edhas_jax.diagnosis.search.candidates import SINGLE_EFFECT_SLOTS, can_mount
+from edhas_jax.machine.effects import LIBRARY, Effect, OilTemperature
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.synthetic_campaign import draw_parameters, planned_campaign
+from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.synthetic_campaign import planned_campaign
 from edhas_jax.simulation.rk4_reference import Unstable
 from studies.hidden_effects import cases
 from studies.hidden_effects.generators.benches import Bench
-from studies.hidden_effects.generators.chains import draw_links
+from studies.hidden_effects.generators.chains import draw_links, late_signals, typical_noise
 from studies.hidden_effects.generators.content import CONTENT
 from studies.hidden_effects.generators.crumbs import draw_crumbs
 from studies.hidden_effects.generators.hidden_case import Family, Hidden, HiddenCase, Split
 from studies.hidden_effects.generators.laws import Law, library_law
 from studies.hidden_effects.generators.records import recorded
+from studies.hidden_effects.generators.settings import draw_drifts, usual_deviations, with_deviations
+from studies.hidden_effects.generators.similarity import MAX_SHARE, shares_of_generic_terms, shares_of_similar_effects
 from studies.hidden_effects.generators.sizes import MIN_VISIBLE, Drawn, draw_visible
-from studies.hidden_effects.generators.visibility import VisibilityTest
+from studies.hidden_effects.generators.visibility import VisibilityTest, whitening_filter
 
-MAX_ATTEMPTS = 40  # draws of a whole case
+MAX_ATTEMPTS = 60  # draws of a whole case
 SHARE_OF_NULLS = 0.4  # of the families with and without an effect
 SHARE_OF_TRIPLES = 1.0 / 3.0  # of the cases with several effects
 SHARE_OF_OTHER_LAWS = 0.5  # of the effects of a case with several, or of a small campaign
-FAMILIES_WITH_NULLS = (Family.CRUMBS, Family.SENSOR_CHAINS, Family.SETTINGS, Family.SMALL_CAMPAIGNS)
+SHARE_OF_UNLISTED = 0.5  # of the withheld effects
+SHARE_OF_WRONG_SHEETS = 0.6  # of the cases whose settings are off
+SHORTEST = 0.55  # of the duration of a run, in a small campaign
 _SPLIT_NUMBER = {Split.TUNING: 1, Split.JUDGING: 2}
 _FAMILY_NUMBER = {family: k for k, family in enumerate(Family)}
+_DIFFICULTIES = (Family.CRUMBS, Family.SENSOR_CHAINS, Family.SETTINGS)  # of the cases with several effects, in turn
 
 
 def draw_case(family: Family, split: Split, number: int) -> HiddenCase:
@@ -72,97 +81,146 @@ class _Draw:
     def __init__(self, family: Family, split: Split, number: int, attempt: int, rng: np.random.Generator):
         self.family, self.split, self.number, self.attempt, self.rng = family, split, number, attempt, rng
         self.content = CONTENT[split]
+        self.difficulty = family
+        if family is Family.SEVERAL:
+            self.difficulty = _DIFFICULTIES[number % len(_DIFFICULTIES)]
 
     def case(self) -> HiddenCase | None:
         """The case; None where something hidden cannot be seen, or where the machine cannot be simulated."""
-        bench = self.content.benches[self.number % len(self.content.benches)]
-        laws = self._laws(bench)
-        refined = [kind for kind in bench.refined if kind not in [law.mechanism for law in laws]]
-        machine = bench.rig(effects=tuple(kind() for kind in refined))
+        rng = self.rng
+        laws, bench = self._laws_and_bench()
+        if self.family is Family.SMALL_CAMPAIGNS:
+            bench = _smaller(bench, rng)
+        machine = bench.machine(*(law.mechanism for law in laws))
         name = f"{self.family.name.lower()}_{self.split.value}_{self.number:04d}"
         plan = planned_campaign(name, machine, bench.uncertain, bench.channels, bench.runs, bench.interval)
-        truth = draw_parameters(plan, machine, self.rng)
-        test = VisibilityTest(plan, truth)
-        crumbs = draw_crumbs(test, self.content.crumbs, self.rng) if self.has_crumbs else None
-        least = max(MIN_VISIBLE, crumbs.visible) if crumbs else MIN_VISIBLE
-        drawn: list[Drawn] = []
+        sheet, drifts, factors = "", (), {}
+        deviations = usual_deviations(rng, len(plan.uncertain_in(machine)))
+        if self.difficulty is Family.SETTINGS:
+            drifts, factors = draw_drifts(self.content.drifts, bench.settings, len(bench.runs), rng)
+            if rng.uniform() < SHARE_OF_WRONG_SHEETS:
+                wrong = self.content.sheets[rng.integers(len(self.content.sheets))]
+                sheet, deviations = wrong.id, wrong.deviations(rng, len(deviations))
+        truth = with_deviations(plan, machine, deviations)
+        chain = ()
+        if self.difficulty is Family.SENSOR_CHAINS:
+            chain = draw_links(self.content.links, list(plan.channels), rng)
+        noise = typical_noise(chain)
+        test = VisibilityTest(plan, truth, bench.settings, None if noise is None else whitening_filter(noise))
+        crumbs = draw_crumbs(test, self.content.crumbs, rng) if self.difficulty is Family.CRUMBS else None
+        drawn = self._drawn(test, laws, max(MIN_VISIBLE, crumbs.visible if crumbs else 0.0))
+        if drawn is None:
+            return None
+        truth = _with_all(truth if crumbs is None else crumbs.machine, drawn)
+        try:
+            campaign = recorded(plan, truth, rng, chain, factors)
+        except Unstable:
+            return None
+        hidden = tuple(
+            Hidden(d.law.mechanism.id if d.law.mechanism else "", d.law.locations, d.law.id, d.values, d.visible)
+            for d in drawn
+        )
+        withheld = [law.mechanism for law in laws if law.mechanism] if self.family is Family.WITHHELD else []
+        return HiddenCase(
+            self.family, self.split, self.number, campaign, hidden, tuple(withheld), bench.id,
+            crumbs.sizes if crumbs else {}, crumbs.visible if crumbs else 0.0, tuple(link.id for link in chain),
+            (*drifts, sheet) if sheet else drifts, late_signals(chain),
+            {n: channel.noise for n, channel in plan.channels.items()},
+        )  # fmt: skip
+
+    def _drawn(self, test: VisibilityTest, laws: Sequence[Law], least: float) -> list[Drawn] | None:
+        """The laws with their parameters; None where one of them cannot be seen, or where it is not unknown."""
+        drawn = []
         for law in laws:
             found = draw_visible(test, law, self.rng, least)
             if found is None:
                 return None
             drawn.append(found)
-        visible = self._separately_visible(test, drawn, least)
-        if visible is None:
-            return None
-        truth = _with_all(truth if crumbs is None else crumbs.machine, drawn)
-        chain = draw_links(self.content.links, list(plan.channels), self.rng) if self.has_chain else ()
-        try:
-            campaign = recorded(plan, truth, self.rng, chain)
-        except Unstable:
-            return None
-        hidden = tuple(
-            Hidden(d.law.mechanism.id if d.law.mechanism else "", d.law.locations, d.law.id, d.values, v)
-            for d, v in zip(drawn, visible, strict=True)
-        )
-        withheld = [law.mechanism for law in laws] if self.family is Family.WITHHELD else []
-        return HiddenCase(
-            self.family, self.split, self.number, campaign, hidden, tuple(kind for kind in withheld if kind),
-            bench.id, crumbs.sizes if crumbs else {}, crumbs.visible if crumbs else 0.0,
-            tuple(link.id for link in chain), (), {n: c.noise for n, c in plan.channels.items()},
-        )  # fmt: skip
-
-    @property
-    def has_crumbs(self) -> bool:
-        """Whether the case has small unlisted physics."""
-        return self.family is Family.CRUMBS or (self.family is Family.SEVERAL and self.number % 2 == 0)
-
-    @property
-    def has_chain(self) -> bool:
-        """Whether recorder and sensors are not ideal."""
-        return self.family is Family.SENSOR_CHAINS or (self.family is Family.SEVERAL and self.number % 2 == 1)
-
-    def _laws(self, bench: Bench) -> list[Law]:
-        """The laws to hide."""
-        others = [law for law in self.content.laws if set(law.kind.slots) <= set(bench.rig.slots)]
-        of_library = [library_law(kind) for kind in LIBRARY if set(kind.slots) <= set(bench.rig.slots)]
-        if self.family is Family.OTHER_LAWS:
-            return [others[(self.number + self.attempt) % len(others)] if self.attempt else others[self._turn(others)]]
+        if len(drawn) > 1:
+            overlaps = np.array([[test.all.overlap(a.change, b.change) for b in drawn] for a in drawn])
+            beside = 1.0 / np.diag(np.linalg.inv(overlaps))  # visible beside any multiple of the others
+            drawn = [dataclasses.replace(d, visible=float(v)) for d, v in zip(drawn, beside, strict=True)]
+            if beside.min() < least:
+                return None
         if self.family is Family.WITHHELD:
-            return [self._any(of_library)]
+            for d in drawn:
+                shares = shares_of_similar_effects(test, d.law, d.change)
+                if max(shares.values(), default=0.0) > MAX_SHARE:
+                    return None
+                if max(shares_of_generic_terms(test, d.law, d.change).values()) > MAX_SHARE:
+                    return None
+        return drawn
+
+    def _laws_and_bench(self) -> tuple[list[Law], Bench]:
+        """The laws to hide, and a bench that can have them."""
+        if self.family is Family.OTHER_LAWS:
+            laws = self.content.laws
+            law = self._any(laws) if self.attempt % 4 == 3 else laws[self._turn(len(laws))]
+            return [law], self._bench([law])
+        bench = self._bench([])
+        of_library = [law for law in map(library_law, LIBRARY) if _can_have(bench, law)]
+        others = [law for law in self.content.laws if _can_have(bench, law)]
+        if self.family is Family.WITHHELD:
+            unlisted = [law for law in self.content.unlisted if _can_have(bench, law)]
+            addable = [law for law in of_library if law.mechanism not in bench.refined]
+            return [self._any(unlisted if self.rng.uniform() < SHARE_OF_UNLISTED else addable)], bench
         if self.family is Family.SEVERAL:
             wanted = 3 if self.rng.uniform() < SHARE_OF_TRIPLES else 2
             while True:
-                kinds = [self._any(others if self.rng.uniform() < SHARE_OF_OTHER_LAWS else of_library)
-                         for _ in range(wanted)]  # fmt: skip
-                if _may_act_together(kinds):
-                    return kinds
+                laws = [
+                    self._any(others if self.rng.uniform() < SHARE_OF_OTHER_LAWS else of_library) for _ in range(wanted)
+                ]
+                if _may_act_together(laws):
+                    return laws, bench
         if self.rng.uniform() < SHARE_OF_NULLS:
-            return []
-        return [self._any(of_library)]
+            return [], bench
+        other = self.family is Family.SMALL_CAMPAIGNS and self.rng.uniform() < SHARE_OF_OTHER_LAWS
+        return [self._any(others if other else of_library)], bench
 
-    def _turn(self, laws: list[Law]) -> int:
+    def _bench(self, laws: Sequence[Law]) -> Bench:
+        usable = [bench for bench in self.content.benches if all(_can_have(bench, law) for law in laws)]
+        weights = np.array([bench.weight for bench in usable])
+        return usable[self.rng.choice(len(usable), p=weights / weights.sum())]
+
+    def _turn(self, count: int) -> int:
         """Every law in turn, neighbours far apart."""
-        stride = next(s for s in range(7, 7 + len(laws)) if np.gcd(s, len(laws)) == 1)
-        return stride * self.number % len(laws)
+        stride = next(s for s in range(7, 7 + count) if np.gcd(s, count) == 1)
+        return stride * self.number % count
 
-    def _any(self, laws: list[Law]) -> Law:
+    def _any(self, laws: Sequence[Law]) -> Law:
         return laws[self.rng.integers(len(laws))]
 
-    def _separately_visible(self, test: VisibilityTest, drawn: list[Drawn], least: float) -> list[float] | None:
-        """What is visible of each beside the others; None where that is too little."""
-        if len(drawn) < 2:
-            return [d.visible for d in drawn]
-        overlaps = np.array([[test.all.overlap(a.change, b.change) for b in drawn] for a in drawn])
-        visible = [float(v) for v in 1.0 / np.diag(np.linalg.inv(overlaps))]
-        return visible if min(visible) > least else None
+
+def _can_have(bench: Bench, law: Law) -> bool:
+    """Whether a law can act at a bench such that its mechanism can be named there."""
+    if law.mechanism is OilTemperature and "oil_temperature" not in bench.conditions:
+        return False
+    kinds: list[type[Effect]] = [law.kind] if law.mechanism is None else [law.kind, law.mechanism]
+    return all(can_mount(bench.machine(law.mechanism), kind) for kind in kinds)
 
 
-def _may_act_together(laws: list[Law]) -> bool:
+def _smaller(bench: Bench, rng: np.random.Generator) -> Bench:
+    """Two to four runs, of which one may be held out, shorter than planned; two or three of the sensors."""
+    count = min(int(rng.integers(2, 5)), len(bench.runs))
+    fitted = [run for run in bench.runs if run.use is Use.FIT]
+    held_out = [run for run in bench.runs if run.use is Use.HOLDOUT] if count > 2 else []
+    held_out = held_out[:1]
+    chosen = sorted(rng.choice(len(fitted), min(count - len(held_out), len(fitted)), replace=False))
+    share = float(rng.uniform(SHORTEST, 1.0))
+    runs = [
+        dataclasses.replace(run, duration=share * run.duration) for run in [*(fitted[k] for k in chosen), *held_out]
+    ]
+    names = list(bench.channels)
+    kept = sorted(rng.choice(len(names), min(int(rng.integers(2, 4)), len(names)), replace=False))
+    return dataclasses.replace(bench, runs=tuple(runs), channels={names[k]: bench.channels[names[k]] for k in kept})
+
+
+def _may_act_together(laws: Sequence[Law]) -> bool:
     """Whether no mechanism comes twice, and no place that holds one effect only."""
     mechanisms = [law.mechanism for law in laws]
     exclusive = [slot.name for law in laws for slot in law.kind.slots if slot.name in SINGLE_EFFECT_SLOTS]
     return len(set(mechanisms)) == len(mechanisms) and len(set(exclusive)) == len(exclusive)
 
 
-def _with_all(machine: Rig, drawn: list[Drawn]) -> Rig:
+def _with_all(machine: Rig, drawn: Sequence[Drawn]) -> Rig:
     return replace(machine, effects=(*machine.effects, *(d.law.kind(**d.values) for d in drawn)))

@@ -36,3 +36,8 @@ def wrapped(angle):
 def gauge_pressures(s):
     """Pressures of both pump chambers above ambient [Pa], at least 0."""
     return [jnp.maximum(p - s.atmospheric_pressure, 0.0) for p in (s.chamber_pressure_a, s.chamber_pressure_b)]
+
+
+def signed_root(x, linear_below):
+    """√|x| with the sign of x, linear for |x| well below `linear_below`."""
+    return x / jnp.sqrt(jnp.sqrt(jnp.square(x) + linear_below * linear_below))

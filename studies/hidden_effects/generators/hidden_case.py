@@ -62,7 +62,8 @@ class HiddenCase:
         crumbs: size of each small disturbance by name.
         crumbs_visible: the same as `Hidden.visible` for all crumbs together.
         chain: links of the sensor chain, with their parameters.
-        settings: what is off from run to run.
+        settings: what is off from run to run, and the sheet of parameters.
+        disturbed_signals: signals that the chain delays, so that a lag of their sensors is no wrong answer.
         true_noise: standard deviation of the noise by signal (SI).
     """
 
@@ -77,6 +78,7 @@ class HiddenCase:
     crumbs_visible: float = 0.0
     chain: tuple[str, ...] = ()
     settings: tuple[str, ...] = ()
+    disturbed_signals: tuple[str, ...] = ()
     true_noise: dict[str, float] = dataclasses.field(default_factory=dict)
 
     @property

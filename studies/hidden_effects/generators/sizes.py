@@ -59,7 +59,7 @@ def draw_visible(
     machine = test.machine if machine is None else machine
     low, high = sorted(abs(v) for v in law.size.plausible)
     either_sign = law.size.plausible[0] < 0.0
-    low = 0.05 * high if either_sign else low
+    low = 0.02 * high if either_sign else low
     for _ in range(MAX_DRAWS):
         values = {p.name: draw_value(p, rng) for p in law.free_parameters}
         for p in law.free_parameters:

@@ -99,8 +99,42 @@ class ConvectiveHeating(Effect):
         return {"warmth": self.heating_rate * (s.resistance * jnp.square(s.current) - loss)}
 
 
+class SquaredSag(Effect):
+    """A supply whose voltage drops with the square of the current: R i²/10 A, at most the whole voltage.
+
+    Source: a supply in current limit folds back progressively; the form is chosen.
+    """
+
+    sag_size: float = par(0.5, "ohm", (0.0, 1e3), "R", plausible=(0.05, 2.0))
+
+    def supply_voltage_change(self, s, z):
+        return -jnp.minimum(self.sag_size * jnp.square(s.current) / 10.0, s.supply_voltage)
+
+
+class ParabolicInductance(Effect):
+    """An inductance that is largest at mid-stroke: L (1 − λ (x/x_m)²), with its force and voltage.
+
+    Source: Klippel, J. Audio Eng. Soc. 54 (2006) 907: inductance of a voice coil over displacement.
+    """
+
+    inductance_curvature: float = par(0.2, "-", (-1.0, 1.0), "λ", plausible=(-0.5, 0.5))
+
+    def _gradient(self, s):
+        return -2.0 * s.coil_inductance * self.inductance_curvature * s.piston_position / REFERENCE_TRAVEL**2
+
+    def coil_inductance_factor(self, s, z):
+        return 1.0 - self.inductance_curvature * jnp.square(s.piston_position / REFERENCE_TRAVEL)
+
+    def coil_voltage_change(self, s, z):
+        return -s.current * s.piston_velocity * self._gradient(s)
+
+    def mover_force(self, s, z):
+        return 0.5 * jnp.square(s.current) * self._gradient(s)
+
+
 LAWS = (
     Law(library.ForceConstantDroop, CosineDroop), Law(library.MagneticSaturation, RationalSaturation),
     Law(library.InverterDeadTime, ArctanDeadTime), Law(library.InverterDeadTime, OffsetDeadTime),
     Law(library.AmplifierLag, SecondOrderAmplifier), Law(library.CoilHeating, ConvectiveHeating),
+    Law(library.SupplySag, SquaredSag), Law(library.ReluctanceForce, ParabolicInductance),
 )  # fmt: skip
