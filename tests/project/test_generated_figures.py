@@ -34,8 +34,10 @@ DEFINITIONS = {
     "docs/fitting.md": {"Compare", "Fit"},
     "docs/fmu.md": {"Time"},
     "docs/hidden_effects.md": {
-        "The benchmark of hidden effects", "The cases", "Independent data generation", "The methods",
+        "The benchmark of hidden effects", "Cases that resemble a bench", "Tuning and judging", "Sizes",
+        "The cases of family (a)", "Independent data generation", "The methods",
     },
+    "docs/hidden_laws.md": {"Laws of the benchmark"},
     "docs/model.md": {"Equations", "Notes for reading results"},
     "docs/sweeps.md": {"Figures"},
 }

@@ -13,6 +13,7 @@ from studies.hidden_effects.generators.sizes import draw_value
 from studies.hidden_effects.generators.visibility import Signals, VisibilityTest
 
 FEWEST, MOST = 3, 6  # crumbs of a case
+LARGEST = 20.0  # size of a crumb over its typical one
 LEFT_OVER = (0.3, 1.5)  # rms over the noise of what they leave together, after the uncertain parameters are fitted
 
 
@@ -66,10 +67,14 @@ class DrawnCrumbs:
     left_over: float
 
 
-def draw_crumbs(test: VisibilityTest, crumbs: Sequence[Crumb], rng: np.random.Generator) -> DrawnCrumbs:
+def draw_crumbs(test: VisibilityTest, crumbs: Sequence[Crumb], rng: np.random.Generator) -> DrawnCrumbs | None:
     """Draw some kinds of crumbs and their sizes, such that together they leave a drawn share of the noise.
 
-    Every kind alone leaves between a third and the whole of that share.
+    Every kind alone leaves between a third and the whole of that share, or less where it would have to be larger than
+    `LARGEST` times its typical size.
+
+    Returns:
+        The crumbs; None where the machine cannot be simulated with them, or where they leave too little.
     """
     usable = [c for c in crumbs if set(c.kind.slots) & set(test.machine.slots)]
     chosen = [usable[k] for k in rng.choice(len(usable), rng.integers(FEWEST, MOST + 1), replace=False)]
@@ -83,15 +88,19 @@ def draw_crumbs(test: VisibilityTest, crumbs: Sequence[Crumb], rng: np.random.Ge
         alone = _with(test.machine, holders, {crumb: crumb.typical})
         share = _left_over(test, test.change(alone))
         wanted = target * rng.uniform(1.0 / 3.0, 1.0)
-        sizes[crumb.id] = crumb.typical * (wanted / share if share > 0.0 else 0.0) * float(rng.choice([-1.0, 1.0]))
+        factor = min(wanted / share, LARGEST) if share > 0.0 else 0.0
+        sizes[crumb.id] = crumb.typical * factor * float(rng.choice([-1.0, 1.0]))
     by_id = {c.id: c for c in chosen}
     for _ in range(3):  # not quite linear
         machine = _with(test.machine, holders, {by_id[n]: size for n, size in sizes.items()})
         change = test.change(machine)
         reached = _left_over(test, change)
-        if abs(reached / target - 1.0) < 0.03:
+        if not reached > 0.0 or abs(reached / target - 1.0) < 0.03:
             break
-        sizes = {n: size * target / reached for n, size in sizes.items()}
+        factor = min(target / reached, 2.0)
+        sizes = {n: size * factor for n, size in sizes.items()}
+    if not LEFT_OVER[0] * 0.9 < reached < LEFT_OVER[1] * 1.1:  # not if it is not a number either
+        return None
     return DrawnCrumbs(sizes, machine, change, test.all.visible(change), reached)
 
 
@@ -104,4 +113,6 @@ def _with(machine: Rig, holders: dict[type[Effect], dict[str, float]], sizes: di
 
 
 def _left_over(test: VisibilityTest, change: np.ndarray) -> float:
+    if not np.isfinite(change).all():
+        return float("nan")
     return float(np.sqrt(test.parameters.visible(change) / len(change)))

@@ -108,6 +108,8 @@ class _Draw:
         noise = typical_noise(chain)
         test = VisibilityTest(plan, truth, bench.settings, None if noise is None else whitening_filter(noise))
         crumbs = draw_crumbs(test, self.content.crumbs, rng) if self.difficulty is Family.CRUMBS else None
+        if self.difficulty is Family.CRUMBS and crumbs is None:
+            return None
         drawn = self._drawn(test, laws, max(MIN_VISIBLE, crumbs.visible if crumbs else 0.0))
         if drawn is None:
             return None

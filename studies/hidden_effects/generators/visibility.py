@@ -11,6 +11,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_toeplitz, solve_triangular
 from scipy.signal import lfilter
 
@@ -115,7 +116,7 @@ class VisibilityTest:
         return dataclasses.replace(self.plan, runs=tuple(runs))
 
     def _rates(self, r: int) -> Signals:
-        return {n: np.gradient(v, self.runs[r].time) for n, v in self.before[r].items()}
+        return {n: CubicSpline(self.runs[r].time, v)(self.runs[r].time, 1) for n, v in self.before[r].items()}
 
     def _of_sensors(self) -> list[np.ndarray]:
         """What gain, offset and shift of each signal change by one standard deviation."""
@@ -139,7 +140,7 @@ class _Projection:
     """The least squares compensation by columns (samples, n) whose coordinates have a standard normal prior."""
 
     def __init__(self, columns: np.ndarray):
-        self._columns = columns
+        self.columns = columns
         self._factor = np.linalg.cholesky(columns.T @ columns + np.eye(columns.shape[1]))
 
     def visible(self, change: np.ndarray) -> float:
@@ -148,5 +149,5 @@ class _Projection:
 
     def overlap(self, one: np.ndarray, other: np.ndarray) -> float:
         """The scalar product of what remains of two changes, with the metric of `visible`."""
-        a, b = (solve_triangular(self._factor, self._columns.T @ v, lower=True) for v in (one, other))
+        a, b = (solve_triangular(self._factor, self.columns.T @ v, lower=True) for v in (one, other))
         return float(one @ other - a @ b)

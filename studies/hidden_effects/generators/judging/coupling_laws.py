@@ -41,7 +41,7 @@ class OneSidedCoupling(Effect):
 
 
 class OilFilmBacklash(Effect):
-    """Play that is filled with oil: contacts of 1e6 N/m beyond the play, and within it a film of 8 N·s/m.
+    """Play that is filled with oil: contacts of 1e6 N/m beyond the play, and a film of 400 N·s/m.
 
     Source: chosen; a joint that is immersed in oil squeezes it out before its faces touch.
     """
@@ -51,20 +51,20 @@ class OilFilmBacklash(Effect):
     def coupling_force(self, s, z):
         d = s.coupling_deflection
         depth = jnp.maximum(jnp.abs(d) - 0.5 * self.film_play, 0.0)
-        return 1e6 * jnp.where(d > 0.0, depth, -depth) + 8.0 * s.coupling_velocity
+        return 1e6 * jnp.where(d > 0.0, depth, -depth) + 400.0 * s.coupling_velocity
 
 
 class RoundedBacklash(Effect):
-    """Play whose contacts set in smoothly: 1e6 N/m (Δ − b/2 tanh(2 Δ/b)), 10 N·s/m Δ̇.
+    """Play whose contacts set in smoothly: 1e6 N/m Δ³/(Δ² + b²/4), 10 N·s/m Δ̇.
 
-    Source: smooth dead zones; the form is chosen.
+    Source: rough contacts, which stiffen as they are pressed on; the form is chosen.
     """
 
     rounded_play: float = par(30e-6, "m", (1e-9, 1e-2), "b", plausible=(3e-6, 150e-6))
 
     def coupling_force(self, s, z):
         d, half = s.coupling_deflection, 0.5 * self.rounded_play
-        return 1e6 * (d - half * jnp.tanh(d / half)) + 10.0 * s.coupling_velocity
+        return 1e6 * d * d * d / (d * d + half * half) + 10.0 * s.coupling_velocity
 
 
 LAWS = (

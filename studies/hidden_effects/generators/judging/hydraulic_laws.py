@@ -58,18 +58,18 @@ class DissolvingAir(Effect):
 
 
 class SlowlyDissolvingAir(Effect):
-    """Air that dissolves more and more with pressure: free volume α (p_atm/p)/(1 + p/0.6 MPa).
+    """Air that dissolves more and more with pressure: free volume α (p_atm/p)/(1 + p/0.12 MPa).
 
     Source: Henry's law with a limited rate, as a fit over pressure; the form is chosen.
     """
 
-    bubble_air: float = par(0.005, "-", (1e-7, 0.2), "α", plausible=(0.002, 0.015))
+    bubble_air: float = par(0.01, "-", (1e-7, 0.2), "α", plausible=(0.004, 0.03))
 
     def oil_gas(self, s, z):
         return self.bubble_air * s.atmospheric_pressure
 
     def oil_compressibility(self, s, z):
-        u = s.pressure / 0.6e6
+        u = s.pressure / 0.12e6
         return self.bubble_air * s.atmospheric_pressure * (1.0 + 2.0 * u) / jnp.square(s.pressure * (1.0 + u))
 
 
@@ -209,17 +209,16 @@ class LinearPressureViscosity(Effect):
         return 1.0 + self.chamber_rise * jnp.maximum(s.chamber_pressure, 0.0)
 
 
-class MeanPressureViscosity(Effect):
-    """Viscosity averaged along the gap by Barus' law: the harmonic mean of exp(a p) at both ends.
+class ThresholdPressureViscosity(Effect):
+    """Viscosity that rises above a pressure of the chamber only: 1 + a max(p − 0.6 MPa, 0).
 
-    Source: Barus' law in Reynolds' equation, integrated along the gap by the trapezoidal rule.
+    Source: chosen; additives that thicken the oil under pressure.
     """
 
-    barus_coefficient: float = par(2e-8, "1/Pa", (0.0, 1e-6), "a", plausible=(1e-8, 1e-7))
+    thickening: float = par(3e-8, "1/Pa", (0.0, 1e-6), "a", plausible=(1e-8, 2e-7))
 
     def gap_viscosity_factor(self, s, z):
-        ends = [jnp.exp(-self.barus_coefficient * p) for p in (s.chamber_pressure, s.accumulator_pressure)]
-        return 2.0 / (ends[0] + ends[1])
+        return 1.0 + self.thickening * jnp.maximum(s.chamber_pressure - 0.6e6, 0.0)
 
 
 LAWS = (
@@ -229,5 +228,5 @@ LAWS = (
     Law(library.OutletLineInertance, UnsteadyLineInertance), Law(library.OutletLineInertance, BlasiusLineInertance),
     Law(library.OutletLineResistance, BypassFilter), Law(library.OutletLineResistance, CompressedFilter),
     Law(library.OilTemperature, WaltherViscosity), Law(library.OilTemperature, AndradeViscosity),
-    Law(library.PressureViscosity, LinearPressureViscosity), Law(library.PressureViscosity, MeanPressureViscosity),
+    Law(library.PressureViscosity, LinearPressureViscosity), Law(library.PressureViscosity, ThresholdPressureViscosity),
 )  # fmt: skip

@@ -103,17 +103,17 @@ class EndWeightedCogging(Effect):
         return -self.ripple_force * envelope * jnp.sin(2.0 * jnp.pi * x / self.ripple_pitch + self.ripple_phase)
 
 
-class SaturatingEddyDrag(Effect):
-    """Eddy drag that saturates: −c v_e tanh(v/v_e).
+class SkinEddyDrag(Effect):
+    """Eddy drag of a thick conductor, with the root of speed: −c v/√(|v|/0.1 m/s), linear below 2 mm/s.
 
-    Source: smooth saturation; measured brakes hold their largest torque over a wide range of speed.
+    Source: skin depth ∝ 1/√v, which the currents do not exceed.
     """
 
-    drag_slope: float = par(10.0, "N*s/m", (0.0, 1e4), "c", plausible=(1.0, 40.0))
-    drag_speed: float = par(0.2, "m/s", (1e-3, 1e3), "v_e", plausible=(0.05, 0.4))
+    skin_drag: float = par(6.0, "N*s/m", (0.0, 1e4), "c", plausible=(0.6, 25.0))
 
     def mover_force(self, s, z):
-        return -self.drag_slope * self.drag_speed * jnp.tanh(s.piston_velocity / self.drag_speed)
+        u = s.piston_velocity / 0.1
+        return -self.skin_drag * s.piston_velocity * (jnp.square(u) + 4e-4) ** -0.25
 
 
 class ThinSheetDrag(Effect):
@@ -165,6 +165,6 @@ LAWS = (
     Law(library.LugreFriction, TustinFriction), Law(library.LugreFriction, LorentzianFriction),
     Law(library.LugreFriction, TwoElementFriction),
     Law(library.CoggingForce, MagnetEdgeCogging), Law(library.CoggingForce, EndWeightedCogging),
-    Law(library.EddyDrag, SaturatingEddyDrag), Law(library.EddyDrag, ThinSheetDrag),
+    Law(library.EddyDrag, SkinEddyDrag), Law(library.EddyDrag, ThinSheetDrag),
     Law(library.ParasiticSpring, SofteningSpring), Law(library.ParasiticSpring, RelaxingSpring),
 )  # fmt: skip

@@ -27,14 +27,14 @@ class StaticSlidingFriction(Effect):
         return self.sliding_level * jnp.tanh(v / 4e-3) + self.linear_part * v + self.quadratic_part * v * jnp.abs(v)
 
 
-class DahlFriction(Effect):
-    """Dahl's friction: dF/dt = σ v (1 − (F/F_C) sgn v), a first-order rise over the distance F_C/σ.
+class SlowYieldFriction(Effect):
+    """Dahl's friction with the exponent 2: dF/dt = σ v (1 − r)², r = (F/F_C) sgn v, a slow approach to F_C.
 
     Source: Dahl, Aerospace Corporation TOR-158(3107-18) (1968); AIAA J. 14 (1976) 1675.
     """
 
     dahl_level: float = par(4.0, "N", (1e-6, 1e4), "F_C", plausible=(2.0, 10.0))
-    dahl_stiffness: float = par(3e4, "N/m", (1.0, 1e9), "σ", plausible=(1e4, 1e5))
+    dahl_stiffness: float = par(1e4, "N/m", (1.0, 1e9), "σ", plausible=(4e3, 4e4))
 
     force = state("N", "friction force")
 
@@ -43,7 +43,8 @@ class DahlFriction(Effect):
 
     def rates(self, s, z):
         v = s.sliding_velocity
-        return {"force": self.dahl_stiffness * (v - jnp.abs(v) * z.force / self.dahl_level)}
+        left = 1.0 - z.force / self.dahl_level * jnp.where(v < 0.0, -1.0, 1.0)
+        return {"force": self.dahl_stiffness * v * left * jnp.abs(left)}
 
 
 class TriangularCogging(Effect):
@@ -184,7 +185,7 @@ class RootSealFriction(Effect):
 
 
 LAWS = (
-    Law(library.LugreFriction, StaticSlidingFriction), Law(library.LugreFriction, DahlFriction),
+    Law(library.LugreFriction, StaticSlidingFriction), Law(library.LugreFriction, SlowYieldFriction),
     Law(library.CoggingForce, TriangularCogging), Law(library.CoggingForce, TwoHarmonicCogging),
     Law(library.EddyDrag, RationalEddyDrag), Law(library.EddyDrag, ExponentialEddyDrag),
     Law(library.ParasiticSpring, HardeningSpring), Law(library.ConstantBiasForce, TrailingBias),
