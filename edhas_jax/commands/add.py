@@ -28,7 +28,7 @@ def run(options) -> None:
     from edhas_jax.config.writer import dump_config
     from edhas_jax.core.literal_text import file_name, one_line
     from edhas_jax.core.units import format_quantity
-    from edhas_jax.diagnosis.calibration.fit import FitError
+    from edhas_jax.diagnosis.calibration.fit_problem import FitError
     from edhas_jax.diagnosis.search.forward_selection import add_effect
     from edhas_jax.machine.effects.loading import load_effect
     from edhas_jax.measurements.campaign import CampaignError, Use

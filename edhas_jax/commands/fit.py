@@ -45,7 +45,8 @@ def run(options) -> int | None:
     from edhas_jax.config.run_folder import report_write_errors, unused_folder
     from edhas_jax.core.optional_parts import OptionalParts
     from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
-    from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem, fit
+    from edhas_jax.diagnosis.calibration.fit import fit
+    from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
     from edhas_jax.diagnosis.calibration.report import fit_report
     from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
     from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
@@ -89,9 +90,10 @@ def run(options) -> int | None:
                 "The fit of each run alone",
                 lambda: fit_each_run(calibrated, lambda step: status.update(f"each run alone, {step}")),
             )
-            assumed = optional.attempt(
-                "The parameters taken as known", lambda: assumed_parameters(calibrated, status.update)
-            ) or []
+            assumed = (
+                optional.attempt("The parameters taken as known", lambda: assumed_parameters(calibrated, status.update))
+                or []
+            )
             for name in options.profile:
                 what = f"profile of {name}, "
                 profile = optional.attempt(

@@ -9,7 +9,8 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import read_config
-from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem, fit
+from edhas_jax.diagnosis.calibration.fit import fit
+from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.report import fit_report
 from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
 from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood

@@ -8,6 +8,7 @@ import numpy as np
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
+from edhas_jax.diagnosis.likelihood.run_equations import marginalised, run_columns, run_equations
 from edhas_jax.machine.parameters import list_parameters, set_parameters, short_names
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.unknown_parameters import ParameterScale
@@ -134,22 +135,22 @@ def assumed_parameters(fit: Fit, on_progress: Callable[[str], None] | None = Non
     steps = fit.resolution.coarse
     skipped = {u.name for u in unknowns} | {name for run in runs for name in run.conditions}
 
-    def signals(changed) -> np.ndarray | None:
-        model = MeasurementModel(campaign, changed, (), runs, fit.instruments)
-        outcomes = model.predict_all_runs(np.zeros(0), steps)
-        columns = [
-            outcomes[r].values[n][np.isfinite(run.signals[n])] / campaign.channels[n].noise
-            for r, run in enumerate(runs)
-            for n in run.signals
-        ]
-        return np.concatenate(columns)
+    problem = fit.problem
+    noise_level = max(1.0, np.sqrt(2.0 * fit.cost / max(sum(e.samples for e in problem.equations(fit.outcomes)), 1)))
 
-    jacobian = np.concatenate([
-        outcome.sensitivities[n][np.isfinite(run.signals[n])] / campaign.channels[n].noise
-        for run, outcome in zip(runs, fit.outcomes, strict=True)
-        for n in run.signals
-    ])  # fmt: skip
-    noise_level = max(1.0, np.sqrt(2.0 * fit.cost / max(len(jacobian), 1)))
+    def signals(changed):
+        return MeasurementModel(campaign, changed, (), runs, fit.instruments).predict_all_runs(np.zeros(0), steps)
+
+    def overlap_and_total(after) -> tuple[np.ndarray, float]:
+        """Products of the change of the signals with the derivatives by the unknowns, and with itself."""
+        n, products = len(unknowns), 0.0
+        for r, (run, outcome) in enumerate(zip(runs, fit.outcomes, strict=True)):
+            change = {name: (after[r].values[name] - before[r].values[name])[:, None] for name in run.signals}
+            columns, own = run_columns(campaign, run, outcome, unknowns, problem.bench, change)
+            products = products + run_equations(columns, own).gram
+        products = marginalised(products, slice(n, n + problem.bench.count))
+        return products[:n, n], float(products[n, n])
+
     before, found = signals(machine), []
     names = short_names(machine)
     rows = [
@@ -163,11 +164,9 @@ def assumed_parameters(fit: Fit, on_progress: Callable[[str], None] | None = Non
         changed = value * (1.0 + ASSUMED_CHANGE)
         if not p.span[0] <= changed <= p.span[1]:
             continue
-        change = signals(set_parameters(machine, {name: changed})) - before
-        total = float(change @ change)
+        overlap, total = overlap_and_total(signals(set_parameters(machine, {name: changed})))
         if not np.isfinite(total) or total == 0.0:
             continue
-        overlap = jacobian.T @ change
         shift = -fit.covariance @ overlap
         hidden = float(overlap @ fit.covariance @ overlap) / total
         over_error = shift / fit.std

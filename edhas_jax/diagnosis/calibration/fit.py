@@ -1,69 +1,26 @@
 """Maximum a posteriori estimation of unknown parameters from all runs of a campaign, with several starts."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from edhas_jax.core import structs
+from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem, gauss_newton_model, quadratic_model_at
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
-from edhas_jax.diagnosis.calibration.parameter_order import LinearConstraints, order_constraints
 from edhas_jax.diagnosis.calibration.starts import sample_starts
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel, PredictedSignals
 from edhas_jax.measurements.residuals import normalised_residuals
 from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
-from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 CORRECTION_REFINEMENT = 4  # steps of the final corrections per fine step
 MAX_CORRECTIONS = 2
 ROUGH_COST_TOLERANCE = 1.0  # difference of ½χ² that the rough search neither resolves nor merges starts below
-
-
-class FitError(ValueError):
-    """A fit is impossible: nothing to fit, no data, or a model that fails everywhere."""
-
-
-@dataclasses.dataclass(frozen=True)
-class FitProblem:
-    """An estimation problem: unknown parameters of a machine and its sensors, and the runs that determine them.
-
-    Attributes:
-        campaign: measured runs, channels and their noise.
-        machine: the machine at the prior means.
-        unknowns: parameters to estimate, with their priors.
-        instruments: measurement chains between the machine's signals and the recorded ones.
-        runs: runs to fit; by default those that the campaign declares with `use: fit`.
-    """
-
-    campaign: Campaign
-    machine: Rig
-    unknowns: tuple[UnknownParameter, ...]
-    instruments: Instruments = Instruments()
-    runs: tuple[BenchRun, ...] | None = None
-
-    def model(self) -> MeasurementModel:
-        """Build the model that predicts the signals of the runs.
-
-        Raises:
-            FitError: there is no run or no unknown.
-        """
-        runs = self.campaign.runs_for(Use.FIT) if self.runs is None else self.runs
-        if not runs:
-            raise FitError(f"{self.campaign.folder}: no run has `use: fit`")
-        if not self.unknowns:
-            raise FitError(f"{self.campaign.folder}: nothing is named under `uncertain`, so there is nothing to fit")
-        return MeasurementModel(self.campaign, self.machine, self.unknowns, runs, self.instruments)
-
-
-    def constraints(self) -> LinearConstraints:
-        """The orders that the laws of the machine prescribe among its unknown parameters."""
-        return order_constraints(self.machine, self.unknowns)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -201,41 +158,42 @@ def fit(
     costs = np.zeros(0)
     if search and (len(points) > 1 or resolution.coarse != resolution.fine):
         rough = levenberg_marquardt(
-            _evaluator(model, resolution.coarse), points, low, high,
+            _evaluator(problem, resolution.coarse), points, low, high,
             tolerance=ROUGH_COST_TOLERANCE, max_steps=max_steps, merge=ROUGH_COST_TOLERANCE,
             on_step=report_step("rough search"), constraints=constraints,
         )  # fmt: skip
         costs = rough.model.cost
         points = rough.x[[np.argmin(costs)]]
     fine = levenberg_marquardt(
-        _evaluator(model, resolution.fine), points, low, high, max_steps=max_steps, on_step=report_step("fine search"),
-        constraints=constraints,
+        _evaluator(problem, resolution.fine), points, low, high, max_steps=max_steps,
+        on_step=report_step("fine search"), constraints=constraints,
     )  # fmt: skip
     if not np.isfinite(fine.model.cost[0]):
         raise FitError("the model fails (it is not finite, or leaves its physical range) at every point of the search")
     report("correcting the discretisation error of the estimate")
     covariance = regularised_inverse(fine.model.curvature[0])
     x, outcomes = _correct_discretisation(
-        model, fine.x[0], covariance, resolution.fine, lambda x: constraints.project(x, low, high)
+        problem, fine.x[0], covariance, resolution.fine, lambda x: constraints.project(x, low, high)
     )
     cost, converged = float(fine.model.cost[0]), bool(fine.converged[0])
     return Fit(problem, x, fine.x[0], covariance, cost, outcomes, resolution, converged, costs)
 
 
 def _correct_discretisation(
-    model: MeasurementModel, x: np.ndarray, covariance, per_sample: int, move_inside: Callable[[np.ndarray], np.ndarray]
+    problem: FitProblem, x: np.ndarray, covariance, per_sample: int, move_inside: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, tuple[PredictedSignals, ...]]:
     """Gauss-Newton steps with signals from finer steps and unchanged derivatives; the estimate and its signals.
 
     A step that does not lower the cost is rejected: the residuals of a wrong model are not discretisation errors.
     """
+    model = problem.model()
     all_runs = tuple(range(len(model.runs)))
     slopes = model.predict_all_runs(x, per_sample, with_sensitivities=True)
 
     def evaluate(x):
         exact = model.predict_all_runs(x, CORRECTION_REFINEMENT * per_sample)
         outcomes = tuple(PredictedSignals(exact[r].values, slopes[r].sensitivities) for r in all_runs)
-        return outcomes, _quadratic_model(model, x, dict(enumerate(outcomes)))
+        return outcomes, quadratic_model_at(problem, x, dict(enumerate(outcomes)))
 
     outcomes, quadratic = evaluate(x)
     for _ in range(MAX_CORRECTIONS):
@@ -249,43 +207,9 @@ def _correct_discretisation(
     return x, outcomes
 
 
-def _evaluator(model: MeasurementModel, per_sample: int) -> Callable[[np.ndarray, np.ndarray], QuadraticModel]:
-    all_runs = tuple(range(len(model.runs)))
-    return lambda x, starts: gauss_newton_model(model, [EvaluationPoint(row, all_runs) for row in x], per_sample)
-
-
-def gauss_newton_model(model: MeasurementModel, cases: Sequence[EvaluationPoint], per_sample: int) -> QuadraticModel:
-    """½χ² of residuals and prior for each case, with its gradient and Gauss-Newton curvature.
-
-    Args:
-        model: predicts the signals of the runs.
-        cases: k points in coordinates, each with the runs that count.
-        per_sample: integration steps per sample.
-
-    Returns:
-        The sums of squares of the k cases; the cost is infinite where a signal or a derivative is not finite.
-    """
-    outcomes = model.predict(cases, per_sample, with_sensitivities=True)
-    rows = [_quadratic_model(model, case.x, by_run) for case, by_run in zip(cases, outcomes, strict=True)]
-    fields = QuadraticModel.__dataclass_fields__
-    return QuadraticModel(*(np.concatenate([getattr(row, field) for row in rows]) for field in fields))
-
-
-def _quadratic_model(model: MeasurementModel, x: np.ndarray, outcomes: dict[int, PredictedSignals]) -> QuadraticModel:
-    """The sums of squares at one point, from the outcomes by run."""
-    prior = np.array([float(u.has_prior) for u in model.unknowns])
-    cost, gradient, curvature = 0.5 * prior @ np.square(x), prior * x, np.diag(prior)
-    for r, outcome in outcomes.items():
-        for name, residual in normalised_residuals(model.campaign, model.runs[r], outcome).items():
-            measured = np.isfinite(model.runs[r].signals[name])
-            jacobian = -outcome.sensitivities[name][measured] / model.campaign.channels[name].noise
-            residual = residual[measured]
-            with np.errstate(over="ignore", invalid="ignore"):  # the search rejects such a point
-                cost = cost + 0.5 * residual @ residual
-                gradient = gradient + jacobian.T @ residual
-                curvature = curvature + jacobian.T @ jacobian
-    finite = np.isfinite(cost) and np.isfinite(gradient).all()
-    return QuadraticModel(np.array([cost if finite else np.inf]), gradient[None], curvature[None])
+def _evaluator(problem: FitProblem, per_sample: int) -> Callable[[np.ndarray, np.ndarray], QuadraticModel]:
+    all_runs = tuple(range(len(problem.model().runs)))
+    return lambda x, starts: gauss_newton_model(problem, [EvaluationPoint(row, all_runs) for row in x], per_sample)
 
 
 def _rms_over_noise(model: MeasurementModel, cost: float) -> float:

@@ -12,7 +12,7 @@ MAX_COORDINATE_STEP = 1.5  # largest change of a coordinate per step; coordinate
 OVERFLOW_LIMIT = 1e150  # products of two larger numbers would overflow
 INITIAL_DAMPING = 1e-2
 MAX_DAMPING = 1e8  # a start whose damping grows beyond this is abandoned
-RELATIVE_TOLERANCE = 1e-7  # share of the cost; adds to `tolerance` where model error leaves a large cost
+RELATIVE_TOLERANCE = 1e-7
 # a cost simulated with contacts is not smooth below this decrease, absolute or as a share of the cost
 NOISE_FLOOR, RELATIVE_NOISE_FLOOR = 1.0, 1e-6
 UNDETERMINED_SHARE = 1e-13  # of the largest curvature: along flatter directions there is no step
@@ -63,6 +63,8 @@ def levenberg_marquardt(
     merge: float = 0.0,
     on_step: Callable[[int, np.ndarray], None] | None = None,
     constraints: LinearConstraints | None = None,
+    keep_on: Callable[[int, np.ndarray], bool] | None = None,
+    relative_tolerance: float = RELATIVE_TOLERANCE,
 ) -> Minima:
     """Minimise ½|r(x)|² within low ≤ x ≤ high, and within linear constraints, from each starting point.
 
@@ -82,6 +84,8 @@ def levenberg_marquardt(
         merge: a start is dropped when, by the curvature of a better one, their costs differ by less than this.
         on_step: called with the number of the step and the costs (k,) after it.
         constraints: linear constraints on the coordinates.
+        relative_tolerance: share of the cost; adds to `tolerance` where model error leaves a large cost.
+        keep_on: asked after every step with its number and the costs (k,); False ends the search.
 
     Returns:
         The final points of all starts.
@@ -106,7 +110,7 @@ def levenberg_marquardt(
         ]  # fmt: skip
         trial, predicted, attainable = (np.array(column) for column in zip(*proposals, strict=True))
         floor = np.maximum(NOISE_FLOOR, RELATIVE_NOISE_FLOOR * cost[rows])
-        unfinished = attainable > np.maximum(tolerance, RELATIVE_TOLERANCE * cost[rows])
+        unfinished = attainable > np.maximum(tolerance, relative_tolerance * cost[rows])
         unfinished &= ~((attainable < floor) & (rejected[rows] >= MAX_FAILED_STEPS))
         converged[rows[~unfinished]], active[rows[~unfinished]] = True, False
         rows, trial, predicted = rows[unfinished], trial[unfinished], predicted[unfinished]
@@ -132,6 +136,8 @@ def levenberg_marquardt(
             _merge_starts(x, cost, curvature, active, merge)
         if on_step is not None:
             on_step(number + 1, cost)
+        if keep_on is not None and not keep_on(number + 1, cost):
+            break
     return Minima(x, QuadraticModel(cost, gradient, curvature), steps, converged)
 
 

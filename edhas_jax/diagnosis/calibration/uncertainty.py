@@ -5,7 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import Fit, gauss_newton_model
+from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.fit_problem import gauss_newton_model
 from edhas_jax.diagnosis.calibration.least_squares import levenberg_marquardt
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.measurements.measurement_model import EvaluationPoint
@@ -79,7 +80,7 @@ def fit_each_run(fit: Fit, on_progress: Callable[[str], None] | None = None) -> 
 
     def evaluate(x, runs):
         cases = [EvaluationPoint(row, (int(r),)) for row, r in zip(x, runs, strict=True)]
-        return gauss_newton_model(model, cases, fit.resolution.fine)
+        return gauss_newton_model(fit.problem, cases, fit.resolution.fine)
 
     low, high = np.array([u.bounds() for u in model.unknowns]).T
     starts = np.tile(fit.uncorrected, (count, 1))
@@ -123,7 +124,9 @@ def profile_likelihood(fit: Fit, name: str, on_progress: Callable[[str], None] |
     starts[:, k] = np.clip(starts[:, k], low[k], high[k])
     free = np.arange(len(names)) != k
     found = levenberg_marquardt(
-        lambda x, starts: gauss_newton_model(model, [EvaluationPoint(row, all_runs) for row in x], fit.resolution.fine),
+        lambda x, starts: gauss_newton_model(
+            fit.problem, [EvaluationPoint(row, all_runs) for row in x], fit.resolution.fine
+        ),
         starts, low, high, free=free, tolerance=COST_TOLERANCE, on_step=_step_reporter(on_progress),
     )  # fmt: skip
     # the correction of the discretisation error shifts the whole curve

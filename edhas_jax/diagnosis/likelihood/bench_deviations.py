@@ -1,0 +1,147 @@
+"""What every bench does: small deviations of clock, settings and sensors, as linear columns with priors.
+
+Per run the trigger is early or late, the settings are a little off and the coil is warmer or colder; per signal the
+sensor has a small gain error, offset and time shift. Around a fit all of them are linear:
+
+    trigger of a run, τ        ∂y/∂t · τ              for all signals of the run
+    setting of a run           ∂y/∂ln p · δ           for all signals of the run
+    gain, offset, time shift   y · g,  o,  −∂y/∂t · s  for one signal in all runs
+    filter of the recorder     (F y − y) · w          for all signals in all runs, F a low-pass filter
+
+Every column is in units of its prior standard deviation, so that its coefficient has a standard normal prior.
+"""
+
+import dataclasses
+import enum
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.signal import butter, lfilter, lfilter_zi
+
+from edhas_jax.measurements.campaign import BenchRun, Campaign
+from edhas_jax.measurements.measurement_model import PredictedSignals
+from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
+
+FILTER_CUTOFFS, FILTER_STD = (0.18, 0.33), 1.0  # over the sample rate; prior standard deviation of their weights
+
+
+class DeviationKind(enum.Enum):
+    """What deviates."""
+
+    TRIGGER = "trigger"
+    SETTING = "setting"
+    GAIN = "gain"
+    OFFSET = "offset"
+    SHIFT = "time shift"
+    FILTER = "filter of the recorder"
+
+
+@dataclasses.dataclass(frozen=True)
+class Deviation:
+    """One deviation of the bench.
+
+    Args:
+        kind: what deviates.
+        name: the signal of a sensor, or the parameter of a setting; empty for a trigger or filter.
+        std: prior standard deviation: of a trigger or time shift [s], relative of a gain or setting, SI of an offset,
+            of the weight of a filter.
+        cutoff: cut-off frequency of a filter over the sample rate; 0 for other kinds.
+    """
+
+    kind: DeviationKind
+    name: str
+    std: float
+    cutoff: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class BenchDeviations:
+    """The deviations of a bench that are marginalised.
+
+    Args:
+        of_runs: deviations that each run has on its own.
+        of_sensors: deviations of the sensors, common to all runs.
+    """
+
+    of_runs: tuple[Deviation, ...] = ()
+    of_sensors: tuple[Deviation, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of deviations that are common to all runs."""
+        return len(self.of_sensors)
+
+
+def bench_deviations(campaign: Campaign, unknowns: Sequence[UnknownParameter]) -> BenchDeviations:
+    """The deviations of a campaign whose columns can be formed from the sensitivities by some unknowns."""
+    return BenchDeviations(tuple(_run_deviations(campaign, unknowns)), tuple(_sensor_deviations(campaign)))
+
+
+def _run_deviations(campaign: Campaign, unknowns: Sequence[UnknownParameter]) -> list[Deviation]:
+    """The deviations that each run has on its own: trigger, settings, and temperature of the coil.
+
+    A setting counts where it is among the unknowns on a logarithmic scale, whose sensitivities are at hand.
+    """
+    found = [Deviation(DeviationKind.TRIGGER, "", campaign.accuracy.trigger)]
+    logarithmic = {u.name for u in unknowns if u.scale is ParameterScale.LOGARITHMIC}
+    settings = campaign.accuracy.settings.items()
+    found += [Deviation(DeviationKind.SETTING, name, std) for name, std in settings if name in logarithmic]
+    return [deviation for deviation in found if deviation.std > 0.0]
+
+
+def _sensor_deviations(campaign: Campaign) -> list[Deviation]:
+    """The deviations of the sensors, which are the same in all runs."""
+    found = []
+    for name, accuracy in campaign.accuracy.signals.items():
+        found += [
+            Deviation(DeviationKind.GAIN, name, accuracy.gain),
+            Deviation(DeviationKind.OFFSET, name, accuracy.offset),
+            Deviation(DeviationKind.SHIFT, name, accuracy.shift),
+        ]
+    found = [deviation for deviation in found if deviation.std > 0.0 and deviation.name in campaign.channels]
+    # one anti-alias filter for all channels is usual; any cut-off is nearly a combination of these
+    return found + [Deviation(DeviationKind.FILTER, "", FILTER_STD, cutoff) for cutoff in FILTER_CUTOFFS]
+
+
+def deviation_columns(
+    deviations: Sequence[Deviation], run: BenchRun, signal: str, predicted: PredictedSignals,
+    unknowns: Sequence[UnknownParameter],
+) -> np.ndarray:  # fmt: skip
+    """The change of one signal of one run by each deviation of one standard deviation, (samples, deviations) in SI.
+
+    Args:
+        deviations: what may deviate.
+        run: gives the time of the samples.
+        signal: name of the signal.
+        predicted: the signals at the fit, with their sensitivities.
+        unknowns: the unknowns of these sensitivities.
+    """
+    values = predicted.values[signal]
+    rate = np.gradient(values, run.time)
+    columns = np.zeros((len(values), len(deviations)))
+    places = {u.name: k for k, u in enumerate(unknowns)}
+    for k, deviation in enumerate(deviations):
+        if deviation.kind is DeviationKind.TRIGGER:
+            columns[:, k] = deviation.std * rate
+        elif deviation.kind is DeviationKind.SETTING:
+            place = places[deviation.name]
+            columns[:, k] = predicted.sensitivities[signal][:, place] * (deviation.std / unknowns[place].spread)
+        elif deviation.kind is DeviationKind.FILTER:
+            columns[:, k] = deviation.std * (_filtered(values, deviation.cutoff) - values)
+        elif deviation.name == signal:
+            columns[:, k] = deviation.std * _sensor_change(deviation.kind, values, rate)
+    return columns
+
+
+def _filtered(values: np.ndarray, cutoff: float) -> np.ndarray:
+    """Values after a Butterworth filter of second order that starts in steady state; `cutoff` over the sample rate."""
+    numerator, denominator = butter(2, 2.0 * cutoff)
+    return lfilter(numerator, denominator, values, zi=lfilter_zi(numerator, denominator) * values[0])[0]
+
+
+def _sensor_change(kind: DeviationKind, values: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """The change of a signal by a unit gain error, offset or time shift of its sensor."""
+    changes: Mapping[DeviationKind, np.ndarray] = {
+        DeviationKind.GAIN: values, DeviationKind.OFFSET: np.ones_like(values), DeviationKind.SHIFT: -rate,
+    }  # fmt: skip
+    return changes[kind]

@@ -1,0 +1,84 @@
+"""Normal equations of a campaign, run by run, with the bench deviations marginalised.
+
+All columns of a run (the slopes by the unknowns, its bench deviations, any further signatures, and the residual r) are
+whitened and multiplied with each other. With L the columns of the deviations that the run has on its own, whose
+coefficients have standard normal priors, every product is reduced to
+
+    aᵀ (I + L Lᵀ)⁻¹ b = aᵀb − aᵀL (I + LᵀL)⁻¹ Lᵀb
+
+(Woodbury), which integrates them out. The products are all that fits, comparisons of candidates and predictions of
+left-out runs need; no simulation is repeated for them.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
+from edhas_jax.diagnosis.likelihood.bench_deviations import BenchDeviations, deviation_columns
+from edhas_jax.diagnosis.likelihood.whitening import whiten
+from edhas_jax.measurements.campaign import BenchRun, Campaign
+from edhas_jax.measurements.measurement_model import PredictedSignals
+from edhas_jax.measurements.unknown_parameters import UnknownParameter
+
+
+@dataclasses.dataclass(frozen=True)
+class RunEquations:
+    """Products of the whitened columns of one run, its own deviations marginalised.
+
+    Args:
+        gram: products (q, q) of the columns: unknowns, sensors' deviations, further signatures, residual last.
+        samples: number of whitened samples.
+    """
+
+    gram: np.ndarray
+    samples: int
+
+
+def run_columns(
+    campaign: Campaign, run: BenchRun, predicted: PredictedSignals, unknowns: Sequence[UnknownParameter],
+    bench: BenchDeviations, signatures: Mapping[str, np.ndarray] | None = None,
+) -> tuple[np.ndarray, int]:  # fmt: skip
+    """The whitened columns of one run.
+
+    Args:
+        campaign: noise of the signals.
+        run: the measurements.
+        predicted: the signals at the fit and their derivatives by the coordinates of the unknowns.
+        unknowns: these unknowns.
+        bench: the deviations of the bench.
+        signatures: further columns (samples, k) by signal, SI.
+
+    Returns:
+        Columns (m, l + n + g + k + 1): the run's own deviations, unknowns, sensors' deviations, signatures, residual;
+        and the number l of the first ones.
+    """
+    rows = []
+    for name, measured in run.signals.items():
+        own = deviation_columns(bench.of_runs, run, name, predicted, unknowns)
+        common = deviation_columns(bench.of_sensors, run, name, predicted, unknowns)
+        slopes = predicted.sensitivities[name]
+        parts = [own, slopes, common] + ([] if signatures is None else [signatures[name]])
+        residual = (measured - predicted.values[name])[:, None]
+        stacked = np.concatenate([*parts, residual], axis=1)
+        stacked[~np.isfinite(measured)] = np.nan
+        whitened = whiten(stacked, campaign.channels[name])
+        rows.append(whitened[np.isfinite(whitened[:, -1])])
+    return np.concatenate(rows), len(bench.of_runs)
+
+
+def run_equations(columns: np.ndarray, own: int) -> RunEquations:
+    """The products of the columns of a run with the first `own` of them marginalised."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        gram = columns.T @ columns
+        return RunEquations(marginalised(gram, slice(0, own)), len(columns))
+
+
+def marginalised(gram: np.ndarray, place: slice) -> np.ndarray:
+    """Products without the columns at `place`, their coefficients with standard normal priors integrated out."""
+    kept = np.ones(len(gram), bool)
+    kept[place] = False
+    inner = gram[place, place]
+    cross = gram[np.ix_(kept, ~kept)]
+    return gram[np.ix_(kept, kept)] - cross @ regularised_inverse(np.eye(len(inner)) + inner) @ cross.T
