@@ -17,6 +17,7 @@ from edhas_jax.commands.console import console, file_names, print_data_check, sa
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
 
 DEFAULT_PARENT = Path("diagnoses")
+MAX_BENCH_ROWS = 10  # deviations of the bench that are printed; the report lists all
 FILES = "report.html", "diagnosis.json", "diagnosis.png", "config.yaml"  # that the command writes
 
 
@@ -43,7 +44,7 @@ def run(options) -> int | None:
     from edhas_jax.config.result_files import ResultFiles
     from edhas_jax.config.run_folder import report_write_errors
     from edhas_jax.core.optional_parts import OptionalParts
-    from edhas_jax.diagnosis.calibration.fit import FitError
+    from edhas_jax.diagnosis.calibration.fit_problem import FitError
     from edhas_jax.diagnosis.report.result_file import save_diagnosis
     from edhas_jax.diagnosis.search.checkpoint import CHECKPOINT_FOLDER, Checkpoint, diagnosis_identity
     from edhas_jax.diagnosis.search.forward_selection import diagnose
@@ -155,11 +156,17 @@ def _add_optional_parts(diagnosis, folder: Path, optional, say):
 
 def _print_result(out, diagnosis, experiment, failures: list[str], folder: Path) -> None:
     """Print tables, conclusions, what failed, and where the files are."""
+    from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions
     from edhas_jax.measurements.checks.data_summary import data_sentences
 
+    if deviations := bench_rows(diagnosis):
+        rows = table("what the bench did", "what", "run", "deviation", "accuracy")
+        for row in deviations[:MAX_BENCH_ROWS]:
+            rows.add_row(*row)
+        out.print(rows)
     out.print(candidates_table(diagnosis))
     out.print(errors_table(diagnosis))
-    for sentence in data_sentences(diagnosis.campaign, diagnosis.sentences()):
+    for sentence in data_sentences(diagnosis.campaign, conclusions(diagnosis)):
         out.print(sentence, soft_wrap=True)
     if experiment is not None:
         out.print(experiment.sentence, soft_wrap=True)

@@ -30,7 +30,7 @@ from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.report.report import parameter_texts
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.decision_rules import is_confirmed
+from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
@@ -95,7 +95,7 @@ def try_periodic_force(diagnosis: Diagnosis) -> Trial:
     after, accepted = diagnosis.after, [t.candidate for t in diagnosis.accepted]
     score = ScoreTest(after.fit, accepted).score(Candidate(PeriodicForce))
     resolution = choose_time_resolution(after.fit.problem.model(), after.fit.x)
-    return try_candidate(after, accepted, score, resolution, MAX_FIT_STEPS, finish=after.near_noise, progressive=False)
+    return try_candidate(after, accepted, score, resolution, MAX_FIT_STEPS)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -119,7 +119,7 @@ def main(arguments: list[str] | None = None) -> None:
         residuals = (f"{evaluated.rms_over_noise(use):.2f}" for use in Use)
         table.add_row(name, *residuals, *(f"{errors[use]:.2f} %" for use in Use), new)
     console.print(table)
-    periodic = "justified" if is_confirmed(diagnosis.after, trial) else "refused"
+    periodic = "justified" if trial.holdout_half_chi_square_fall > MIN_GAIN else "refused"
     print(f"periodic force: the log evidence rises by {trial.log_evidence_gain:.1f}, "
           "chi-square/2 of the held-out half falls by "
           f"{trial.holdout_half_chi_square_fall:.1f}: {periodic}")  # fmt: skip

@@ -3,28 +3,23 @@
 The only module of the benchmark that reads a `Diagnosis`.
 """
 
+from edhas_jax.diagnosis.search.conclusions import conclusions
 from edhas_jax.diagnosis.search.result import Diagnosis
-from studies.hidden_effects.answers import NOTHING, UNKNOWN, Answer, Verdict
+from studies.hidden_effects.answers import Answer, Law, Verdict
 
 VERDICTS_WITH_NAMES = (Verdict.MISSING_EFFECT, Verdict.AMBIGUOUS)
 MAX_RANKED = 10
 
 
 def answer_of(diagnosis: Diagnosis) -> Answer:
-    """The names, set, place, verdict and probability of a diagnosis."""
-    verdict = Verdict(diagnosis.verdict.value)
-    ranked = diagnosis.ranked_candidates()
-    probabilities = {candidate.name: p for candidate, p, _ in ranked}
-    named = tuple(t.candidate.name for t in diagnosis.accepted) if verdict in VERDICTS_WITH_NAMES else ()
-    if named:
-        groups = [[c.name for c in group] for group in diagnosis.confounded_groups()]
-        answer_set = next((tuple(group) for group in groups if group[0] == named[0]), named[:1])
-        probability = probabilities[named[0]]
-    elif verdict is Verdict.ADEQUATE:
-        answer_set, probability = (NOTHING,), diagnosis.rounds[-1].probabilities()[None]
-    else:
-        answer_set, probability = (UNKNOWN,), 1.0 - max(probabilities.values(), default=0.0)
+    """The names, set, place, law, verdict and probability of a diagnosis."""
+    verdict, answer = Verdict(diagnosis.verdict.value), diagnosis.answer
+    accepted = sorted(
+        (t.candidate.name for t in diagnosis.accepted), key=lambda name: -answer.probabilities.get(name, 0.0)
+    )
+    named = tuple(accepted) if verdict in VERDICTS_WITH_NAMES else ()
     place = None if verdict is Verdict.ADEQUATE else next(iter(diagnosis.location_probabilities()), None)
+    laws = {m.candidate.name: Law.DIFFERS if m.law_differs else Law.LIBRARY for m in diagnosis.members}
     parameters = {
         t.candidate.name: {
             n.removeprefix(t.candidate.prefix): (value, diagnosis.final.standard_errors[n])
@@ -34,6 +29,7 @@ def answer_of(diagnosis: Diagnosis) -> Answer:
         for t in diagnosis.accepted
     }
     return Answer(
-        verdict, named, answer_set, place, float(probability), {}, tuple(probabilities)[:MAX_RANKED], parameters,
-        diagnosis.seconds, details=tuple(diagnosis.sentences()),
+        verdict, named, answer.members, place, float(next(iter(answer.probabilities.values()))),
+        {name: laws[name] for name in named}, tuple(answer.probabilities)[:MAX_RANKED], parameters, diagnosis.seconds,
+        details=tuple(conclusions(diagnosis)),
     )  # fmt: skip

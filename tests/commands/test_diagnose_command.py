@@ -87,7 +87,7 @@ def test_an_interrupted_diagnosis_goes_on_with_the_same_result(
     assert not (after_one_round / "diagnosis.json").exists()
     assert main(["diagnose", str(campaign_folder), "--out", str(tmp_path / "whole")]) == 0
     out = copy_of(after_one_round, tmp_path)
-    monkeypatch.setattr(forward_selection, "_calibrate", never)
+    monkeypatch.setattr(forward_selection, "calibrate", never)
     capsys.readouterr()
     assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 0
     assert "Going on from the finished rounds" in capsys.readouterr().out
@@ -117,7 +117,7 @@ def test_rounds_of_other_inputs_are_not_used(campaign_folder, after_one_round, t
     lines[50] = lines[50].replace("1", "2")
     path.write_text("\n".join(lines) + "\n")
     out = copy_of(after_one_round, tmp_path)
-    monkeypatch.setattr(forward_selection, "_calibrate", stop)
+    monkeypatch.setattr(forward_selection, "calibrate", stop)
     assert main(["diagnose", str(changed), "--out", str(out)]) == 130
     (sentence,) = (s for s in capsys.readouterr().out.splitlines() if "not used" in s)
     assert sentence.endswith("computed from other inputs: the measured samples changed.")

@@ -18,6 +18,7 @@ from edhas_jax.diagnosis.report.residual_stages import draw_waterfall, residual_
 from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.term_figures import draw_sensor_fault
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
+from edhas_jax.diagnosis.search.conclusions import conclusions
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Verdict
@@ -69,8 +70,8 @@ def test_the_report_is_one_sound_file(diagnosis, report):
     parser.feed(report)
     assert parser.open == []
     assert not re.search(r"""(?:src|href)=(?!["']?data:)|https?://""", report)
-    assert diagnosis.sentences()[0] in parser.texts
-    assert "inverter_dead_time" in diagnosis.sentences()[0] and diagnosis.verdict is Verdict.MISSING_EFFECT
+    assert conclusions(diagnosis)[0] in parser.texts
+    assert "inverter_dead_time" in conclusions(diagnosis)[0] and diagnosis.verdict is Verdict.MISSING_EFFECT
 
 
 def test_the_traces_are_those_measured_and_those_of_the_models(diagnosis, report):

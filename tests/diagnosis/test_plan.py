@@ -192,7 +192,7 @@ def test_the_next_experiment_discriminates_two_rivals():
     diagnosis = diagnose(measured(empty_campaign(), truth), library=(InverterDeadTime,))
     first = diagnosis.rounds[0]
     score = next(s for s in first.scores if s.candidate != first.accepted.candidate and s.chi_square_fall > 0.0)
-    other = try_candidate(first.baseline, (), score, TimeResolution(8, 8, 0.0), 6, finish=False)
+    other = try_candidate(first.baseline, (), score, TimeResolution(8, 8, 0.0), 6)
 
     def with_trials(*trials):
         return dataclasses.replace(diagnosis, rounds=(dataclasses.replace(first, trials=trials),))

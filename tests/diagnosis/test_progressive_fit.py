@@ -7,6 +7,7 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
+from edhas_jax.diagnosis.likelihood.bench_deviations import BenchDeviations
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.progressive_fit import RUN_FRACTIONS, fit_progressively
@@ -40,6 +41,7 @@ def problem():
 def test_growing_stretches_reach_what_whole_runs_do_not(problem):
     starts = np.zeros((4, len(problem.unknowns)))
     starts[:, -1] = -1.5, -0.5, 0.5, 1.5
+    problem = dataclasses.replace(problem, bench=BenchDeviations())  # they follow the misfit of a short run
     stuck = fit_coarse(problem, starts, PER_SAMPLE, STEPS)
     assert stuck.rms_over_noise(Use.FIT) > 5.0
     found = fit_progressively(problem, np.zeros(5), 1, PER_SAMPLE, STEPS, stuck)

@@ -107,10 +107,11 @@ def _rivals(diagnosis: Diagnosis) -> list[Trial]:
     """The trials that a new run should discriminate, the most probable first."""
     if diagnosis.verdict is Verdict.UNKNOWN_EFFECT:
         return [t for t in diagnosis.generic_trials if t.evaluated is not None][:2]
-    groups = [r for r in diagnosis.rounds if len(r.confounded_candidates()) > 1]
+    groups = diagnosis.confounded_groups()
     if groups:
-        trials = {t.candidate: t for t in groups[0].trials if t.evaluated is not None}
-        return [trials[s] for s in groups[0].confounded_candidates() if s in trials][:MAX_RIVALS]
+        of_round = next(r for r in diagnosis.rounds if r.accepted is not None and r.accepted.candidate is groups[0][0])
+        trials = {t.candidate: t for t in of_round.trials if t.evaluated is not None}
+        return [trials[s] for s in groups[0] if s in trials][:MAX_RIVALS]
     close = [
         (second.log_evidence_gain - first.log_evidence_gain, first, second)
         for r in diagnosis.rounds

@@ -13,7 +13,7 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.machine.effects import Effect
-from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.interface.signals import SIGNALS, UnknownNameError
 from edhas_jax.machine.interface.slots import Rule, Slot
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.measurements.measurement_model import PLACEHOLDER_PARAMETER, MeasurementModel
@@ -28,6 +28,7 @@ PRIOR_SPREAD = 3.0  # prior standard deviation of a node's value around the law,
 MAX_RELATIVE_STD = 0.5  # of the prior standard deviation: nodes estimated less precisely are omitted
 VARIANCE_BINS = 80  # bins of equal count for the explained variance
 VARIABLE_TIE = 0.02  # difference in explained variance below which the variable listed first is taken
+MIN_VARIATION = 1e-3  # standard deviation of a law over its largest magnitude: a constant follows no variable
 PATH_SAMPLES = 3000  # approximate number of the law's samples that are kept for a figure
 COEFFICIENT_LIMITS = (-1e30, 1e30)
 
@@ -115,9 +116,7 @@ def estimate_nonparametric_term(fitted: Fit, candidate: Candidate) -> Nonparamet
     ok = std < MAX_RELATIVE_STD * PRIOR_SPREAD * magnitude
     thinned = slice(None, None, max(1, len(law) // PATH_SAMPLES))
     values = (law_at_nodes + deviation)[ok]
-    return NonparametricTerm(
-        candidate, slot, variables[local], nodes[ok], values, std[ok], q[thinned], law[thinned]
-    )
+    return NonparametricTerm(candidate, slot, variables[local], nodes[ok], values, std[ok], q[thinned], law[thinned])
 
 
 def _explained_variance(q: np.ndarray, law: np.ndarray) -> float:
@@ -152,6 +151,20 @@ def _estimate_deviation(
     fitted: Fit, slot: Slot, local: str, nodes: np.ndarray, spread: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The deviation from the law at the nodes and its standard errors, by one Gauss-Newton step."""
+    base, found = _curve_slopes(fitted, slot, local, nodes, spread)
+    curvature, gradient = np.eye(NODES), np.zeros(NODES)
+    for r, (run, outcome) in enumerate(zip(base.runs, fitted.outcomes, strict=True)):
+        for n, measured in run.signals.items():
+            noise, valid = base.campaign.channels[n].noise, np.isfinite(measured)
+            slopes = found[r].sensitivities[n][valid] / noise
+            curvature = curvature + slopes.T @ slopes
+            gradient = gradient + slopes.T @ (measured - outcome.values[n])[valid] / noise
+    covariance = regularised_inverse(curvature)
+    return spread * (covariance @ gradient), spread * np.sqrt(np.diag(covariance))
+
+
+def _curve_slopes(fitted: Fit, slot: Slot, local: str, nodes: np.ndarray, spread: float):
+    """The model of the fitted runs, and its signals with their derivatives by a deviation of `spread` at each node."""
     curve = _curve_effect(slot, local)(**{f"at_{k}": float(q) for k, q in enumerate(nodes)})
     machine = structs.replace(fitted.machine, effects=(*fitted.machine.effects, curve))
     unbounded = (-math.inf, math.inf)
@@ -162,15 +175,44 @@ def _estimate_deviation(
     base = fitted.problem.model()
     model = MeasurementModel(base.campaign, machine, unknowns, base.runs, fitted.instruments)
     found = model.predict_all_runs(np.zeros(NODES), fitted.resolution.coarse, with_sensitivities=True)
-    curvature, gradient = np.eye(NODES), np.zeros(NODES)
-    for r, (run, outcome) in enumerate(zip(base.runs, fitted.outcomes, strict=True)):
-        for n, measured in run.signals.items():
-            noise, valid = base.campaign.channels[n].noise, np.isfinite(measured)
-            slopes = found[r].sensitivities[n][valid] / noise
-            curvature = curvature + slopes.T @ slopes
-            gradient = gradient + slopes.T @ (measured - outcome.values[n])[valid] / noise
-    covariance = regularised_inverse(curvature)
-    return spread * (covariance @ gradient), spread * np.sqrt(np.diag(covariance))
+    return base, found
+
+
+def deviation_columns(fitted: Fit, candidate: Candidate, share: float) -> list[dict[str, np.ndarray]] | None:
+    """The change of the signals by a deviation of a law, a piecewise linear function of the variable that it follows.
+
+    Args:
+        fitted: a fit that contains the candidate.
+        candidate: the effect whose law may deviate.
+        share: deviation at a node that counts as 1, over the largest magnitude of the law.
+
+    Returns:
+        By fitted run the columns (samples, nodes) by signal, SI; None where the law vanishes or its slot has no
+        variable.
+    """
+    slot = candidate.kind.slots[0]
+    if slot.name not in SLOT_VARIABLES:
+        return None
+    rows = [_trajectory(fitted, r, slot, candidate.id) for r in range(len(fitted.outcomes))]
+    law = np.concatenate([row["law"] for row in rows])
+    magnitude = float(np.abs(law - (1.0 if slot.rule is Rule.SCALE else 0.0)).max())
+    if not (np.isfinite(law).all() and np.std(law) > MIN_VARIATION * magnitude):
+        return None
+    samples = {
+        local: np.concatenate([row[name] for row in rows])
+        for local, name in SLOT_VARIABLES[slot.name].items()
+        if name in rows[0]
+    }
+    explained = {local: _explained_variance(q, law) for local, q in samples.items() if np.ptp(q) > 0.0}
+    for local in sorted(explained, key=lambda n: -explained[n]):
+        nodes = _place_nodes(*np.percentile(samples[local], NODE_RANGE_PERCENTILES))
+        try:
+            model, slopes = _curve_slopes(fitted, slot, local, nodes, share * magnitude)
+        except UnknownNameError:  # the slot is evaluated before this variable is known
+            continue
+        columns = [slopes[r].sensitivities for r in range(len(model.runs))]
+        return columns if all(np.isfinite(v).all() for run in columns for v in run.values()) else None
+    return None
 
 
 def _curve_effect(slot: Slot, local: str) -> type[Effect]:

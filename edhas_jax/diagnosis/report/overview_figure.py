@@ -8,6 +8,7 @@ from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.report.residual_stages import USE_TITLES, draw_stages
+from edhas_jax.diagnosis.search.conclusions import conclusions
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.machine.components.set_points import Sine
 from edhas_jax.machine.interface.signals import SIGNALS
@@ -48,7 +49,7 @@ def draw_overview(diagnosis: Diagnosis):
     _draw_scores(score_axes, diagnosis)
     draw_stages(stage_axes, diagnosis, runs[0].use)
     stage_axes.set_title(f"residual over noise, {USE_TITLES[runs[0].use]}", fontsize=10, loc="left", color=INK)
-    figure.suptitle(figure_text(diagnosis.sentences()[0]), x=0.01, ha="left", fontsize=12, color=INK)
+    figure.suptitle(figure_text(conclusions(diagnosis)[0]), x=0.01, ha="left", fontsize=12, color=INK)
     return figure
 
 

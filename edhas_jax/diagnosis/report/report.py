@@ -19,6 +19,7 @@ from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.term_figures import draw_nonparametric_term, draw_sensor_fault
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import Use
@@ -94,6 +95,7 @@ def diagnosis_report(
         *picture("measured and simulated signals", lambda: _signals_section(diagnosis)),
         *picture("missing term", lambda: _term_sections(diagnosis)),
         *_ambiguity_section(diagnosis, experiment),
+        *_bench_section(diagnosis),
         html_page.heading("Candidates"),
         _candidate_table(diagnosis),
         *picture("parameters", lambda: _parameter_section(diagnosis)),
@@ -106,7 +108,7 @@ def diagnosis_report(
 
 def _verdict_box(diagnosis: Diagnosis) -> str:
     kind = "verdict fine" if diagnosis.verdict is Verdict.ADEQUATE else "verdict"
-    sentences = data_sentences(diagnosis.campaign, diagnosis.sentences())
+    sentences = data_sentences(diagnosis.campaign, conclusions(diagnosis))
     sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in sentences)
     return f'<div class="{kind}">{sentences}</div>'
 
@@ -186,6 +188,15 @@ def _ambiguity_section(diagnosis: Diagnosis, experiment: Experiment | None) -> l
     title = "Confounded candidates" if groups else "The next experiment"
     paragraphs = (f"<p>{html.escape(text)}</p>" for text in sentences)
     return [html_page.heading(title), '<div class="card">', *paragraphs, "</div>"]
+
+
+def _bench_section(diagnosis: Diagnosis) -> list[str]:
+    """The deviations of triggers, settings and sensors that the runs show."""
+    rows = bench_rows(diagnosis)
+    if not rows:
+        return []
+    header = "what", "run", "deviation", "accuracy of the bench"
+    return [html_page.heading("What the bench did"), html_page.table(header, rows)]
 
 
 def _candidate_table(diagnosis: Diagnosis) -> str:

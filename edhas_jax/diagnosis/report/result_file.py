@@ -12,7 +12,7 @@ from edhas_jax.diagnosis.calibration.confounding import confounding_as_json, wea
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.checks.data_summary import data_as_json
@@ -20,7 +20,7 @@ from edhas_jax.measurements.residuals import rms_by_signal
 from edhas_jax.simulation.run import Simulation
 
 RESULT = "diagnosis.json"
-VERSION = 1  # of the schema in docs/diagnosis.md
+VERSION = 2  # of the schema in docs/diagnosis.md
 MIN_LISTED_PROBABILITY = 0.001  # candidates without a trial are listed above it
 
 
@@ -65,6 +65,14 @@ def as_json(
             for candidate, p, trial in diagnosis.ranked_candidates()
             if trial is not None or p > MIN_LISTED_PROBABILITY
         ],
+        "answer": {
+            "first": diagnosis.answer.first,
+            "set": list(diagnosis.answer.members),
+            "probabilities": {n: p for n, p in diagnosis.answer.probabilities.items() if p > MIN_LISTED_PROBABILITY},
+        },
+        "laws": [_law_data(member) for member in diagnosis.members],
+        "bench": _bench_data(diagnosis),
+        "left_unexplained": diagnosis.unexplained_shares(),
         "groups": [[candidate.id for candidate in group] for group in diagnosis.confounded_groups()],
         "where": [{"slot": name, "probability": p} for name, p in diagnosis.location_probabilities().items()],
         "form": _generic_term_data(diagnosis),
@@ -76,6 +84,27 @@ def as_json(
         "failed_parts": list(failures),
         "seconds": diagnosis.seconds,
     }
+
+
+def _law_data(member: MemberTest) -> dict[str, Any]:
+    """Whether the law of an accepted effect differs from that of the library."""
+    law = "differs" if member.law_differs else "as in the library"
+    return {
+        "effect": member.candidate.id, "signal": member.candidate.signal, "law": law,
+        "gain_of_another": member.law_gain, "gain": member.gain, "gain_over_left": member.strength,
+        "implausible": list(member.implausible),
+    }  # fmt: skip
+
+
+def _bench_data(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """The significant deviations of the bench, values in SI or relative."""
+    return [
+        {
+            "kind": row.deviation.kind.value, "name": row.deviation.name or None, "run": row.run or None,
+            "value": row.value * row.deviation.std, "std": row.std * row.deviation.std, "accuracy": row.deviation.std,
+        }
+        for row in diagnosis.bench_deviations()
+    ]  # fmt: skip
 
 
 def _candidate_data(

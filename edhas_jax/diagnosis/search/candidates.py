@@ -4,13 +4,15 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
-from edhas_jax.diagnosis.calibration.fit import Fit, FitProblem
+from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.fit_problem import FitProblem, SolverError
+from edhas_jax.diagnosis.likelihood.bench_deviations import bench_deviations
 from edhas_jax.machine.effects import LIBRARY, Effect, EffectError
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.interface.slots import is_used
@@ -92,10 +94,7 @@ def candidates_for(
     # a dead time of half a sample is confounded with the way in which a lag is sampled
     links |= {(signal, SensorDelay) for signal, kind in links if kind is SensorLag}
     return effects + [
-        Candidate(kind, signal)
-        for signal in campaign.channels
-        for kind in SENSOR_FAULTS
-        if (signal, kind) not in links
+        Candidate(kind, signal) for signal in campaign.channels for kind in SENSOR_FAULTS if (signal, kind) not in links
     ]
 
 
@@ -126,7 +125,8 @@ def mount_candidate(candidate: Candidate, machine: Rig, instruments: Instruments
 
 def build_problem(
     campaign: Campaign, machine: Rig, instruments: Instruments, accepted: Iterable[Candidate],
-    candidate: Candidate | None = None,
+    candidate: Candidate | None = None, solver_error: SolverError | None = None,
+    time_shifts: Mapping[str, float] | None = None,
 ) -> FitProblem:  # fmt: skip
     """Set up the fit of the uncertain parameters, of accepted candidates and of one more candidate.
 
@@ -136,9 +136,12 @@ def build_problem(
         instruments: the measurement chains, with the accepted sensor faults mounted.
         accepted: candidates that are mounted already and whose parameters are fitted too.
         candidate: candidate to mount and fit in addition.
+        solver_error: what a finer time step adds to the signals.
+        time_shifts: time [s] that was added to the time stamps of the campaign's runs, by run.
 
     Returns:
-        The fit problem; its unknowns are the uncertain parameters first, then those of the candidates in order.
+        The fit problem, with the deviations of the bench marginalised; its unknowns are the uncertain parameters
+        first, then those of the candidates in order.
     """
     accepted = list(accepted)
     if candidate is not None:
@@ -153,7 +156,11 @@ def build_problem(
         for name, spread in campaign.uncertain_in(machine).items()
         if name not in of_effects
     ]
-    return FitProblem(campaign, machine, (*uncertain, *own), instruments)
+    unknowns = (*uncertain, *own)
+    bench = bench_deviations(campaign, unknowns)
+    return FitProblem(
+        campaign, machine, unknowns, instruments, bench=bench, solver_error=solver_error, time_shifts=time_shifts or {}
+    )
 
 
 def limit_to_prior_bound(unknown: UnknownParameter) -> UnknownParameter:

@@ -1,29 +1,28 @@
-"""A fit with its residuals on all runs of the campaign, including the held-out runs, and its log-evidence."""
+"""A fit with its normal equations, its log-evidence, and its residuals without the deviations of the bench."""
 
 import dataclasses
+import functools
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import (
-    CORRECTION_REFINEMENT,
-    Fit,
-    FitError,
-    FitProblem,
-    fit,
-    gauss_newton_model,
-)
+from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem, SolverError, gauss_newton_model
 from edhas_jax.diagnosis.calibration.least_squares import Minima, levenberg_marquardt
-from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.diagnosis.calibration.symmetric_matrices import log_determinant, regularised_inverse
+from edhas_jax.diagnosis.likelihood.bench_estimate import BenchEstimate, estimate_bench
+from edhas_jax.diagnosis.likelihood.left_out_runs import left_out_log_density
+from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, run_columns, run_equations
 from edhas_jax.measurements.campaign import BenchRun, Use
-from edhas_jax.measurements.measurement_model import EvaluationPoint
+from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
 from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-NEAR_NOISE_RMS = 1.3  # rms residual over noise below which the error of the coarse time step affects a comparison
-COST_TOLERANCE = 0.5  # change of ½χ² below which a coarse fit has converged, or two starts are merged
+# change of ½χ² below which a fit has converged, or two starts are merged: absolute, and as a share of it
+COST_TOLERANCE, RELATIVE_COST_TOLERANCE = 0.5, 3e-5
+# how often the solver's error is computed, and the change of ½χ² by the first one from which the second fit is searched
+SOLVER_CORRECTIONS, MIN_SOLVER_CHANGE = 2, 10.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,18 +31,33 @@ class EvaluatedFit:
 
     Args:
         fit: the fit, to the runs that its problem names.
-        residuals: (measured − model)/noise by run and signal, for all runs of the campaign.
+        residuals: (measured − model − deviations of the bench)/noise by run and signal, for all runs of the campaign.
+        bench: the estimated deviations of the bench.
     """
 
     fit: Fit
     residuals: dict[str, dict[str, np.ndarray]]
+    bench: BenchEstimate
+
+    @functools.cached_property
+    def equations(self) -> list[RunEquations]:
+        """The normal equations of the fitted runs at the fit."""
+        return self.fit.problem.equations(self.fit.outcomes)
+
+    @property
+    def samples(self) -> int:
+        """Number of whitened samples of the fitted runs."""
+        return sum(e.samples for e in self.equations)
 
     @property
     def cost(self) -> float:
-        """½χ² of residuals and prior of the fitted runs (half the chi-square scale)."""
-        prior = sum(x * x for u, x in zip(self.fit.problem.unknowns, self.fit.x, strict=True) if u.has_prior)
-        squares = sum(np.nansum(v * v) for signals in self.fit.residuals.values() for v in signals.values())
-        return 0.5 * float(prior + squares)
+        """½χ² of residuals, bench deviations and prior of the fitted runs (half the chi-square scale)."""
+        return self.fit.cost
+
+    @property
+    def excess(self) -> float:
+        """What ½χ² exceeds its expectation under noise alone by [nats]: the misfit that the model leaves."""
+        return self.cost - 0.5 * self.samples
 
     @property
     def log_evidence(self) -> float:
@@ -55,19 +69,41 @@ class EvaluatedFit:
         """
         return -self.cost + 0.5 * log_determinant(self.fit.covariance)
 
+    @functools.cached_property
+    def left_out(self) -> np.ndarray:
+        """Log predictive density (runs,) of each fitted run from the others, in nats; see `left_out_log_density`."""
+        problem = self.fit.problem
+        prior = np.array([float(u.has_prior) for u in problem.unknowns])
+        return left_out_log_density(self.equations, self.fit.x, prior, problem.bench.count)
+
+    def excess_with(self, columns: Sequence[Mapping[str, np.ndarray]] | None) -> float:
+        """The excess of ½χ² that is left where further columns and all unknowns are adjusted, linearly.
+
+        Args:
+            columns: by fitted run and signal (samples, k) in SI, each with a standard normal prior; None for no column.
+        """
+        if columns is None:
+            return self.excess
+        problem, fit = self.fit.problem, self.fit
+        total, own = 0.0, len(problem.bench.of_runs)
+        for run, outcome, further in zip(problem.model().runs, fit.outcomes, columns, strict=True):
+            rows, _ = run_columns(problem.campaign, run, outcome, problem.unknowns, problem.bench, further)
+            total = total + run_equations(rows, own).gram
+        prior = np.array([float(u.has_prior) for u in problem.unknowns])
+        weights = np.concatenate([prior, np.ones(len(total) - 1 - len(prior))])
+        right = total[:-1, -1] - np.concatenate([prior * fit.x, np.zeros(len(weights) - len(prior))])
+        best = right @ regularised_inverse(total[:-1, :-1] + np.diag(weights)) @ right
+        cost = 0.5 * (total[-1, -1] + prior @ np.square(fit.x) - best)
+        return float(cost) - 0.5 * self.samples
+
     def run_residuals(self, runs: Iterable[BenchRun]) -> list[np.ndarray]:
         """The residuals of the given runs, one array for each run and signal."""
         return [v for run in runs for v in self.residuals[run.name].values()]
 
     def rms_over_noise(self, use: Use) -> float:
-        """Root mean square of (measured − model)/noise over the runs of one use; NaN where there are none."""
+        """Root mean square of the residuals over noise over the runs of one use; NaN where there are none."""
         rows = self.run_residuals(self.fit.problem.campaign.runs_for(use))
         return rms_over_noise(rows) if rows else math.nan
-
-    @property
-    def near_noise(self) -> bool:
-        """Whether the fitted runs leave less than `NEAR_NOISE_RMS`, so that the solver's error would matter."""
-        return self.rms_over_noise(Use.FIT) < NEAR_NOISE_RMS
 
     def holdout_half_chi_square(self) -> np.ndarray:
         """½Σ(residual/noise)² for each held-out run and signal; for all runs where none is held out."""
@@ -76,19 +112,23 @@ class EvaluatedFit:
         return np.array([0.5 * np.nansum(np.square(v)) for v in self.run_residuals(runs)])
 
 
-def fit_coarse(problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int) -> EvaluatedFit:
-    """Fit at the coarse time step, without the refinements of a final fit, and evaluate the fit on all runs.
+def fit_coarse(
+    problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
+    keep_on: Callable[[float, float], bool] | None = None,
+) -> EvaluatedFit:  # fmt: skip
+    """Fit at one time step, without the refinements of a final fit, and evaluate the fit on all runs.
 
     Args:
         problem: what is fitted.
         starts: coordinates of one start (n,) or of several (k, n); the best end point is taken.
         steps_per_sample: time steps per sample.
         max_steps: maximum number of Levenberg-Marquardt steps.
+        keep_on: asked after a few steps with the number of steps so far and ½χ²; False ends the search early.
 
     Raises:
         FitError: the model fails at every point that was evaluated.
     """
-    found = find_minima(problem, starts, steps_per_sample, max_steps)
+    found = find_minima(problem, starts, steps_per_sample, max_steps, keep_on)
     best = int(np.argmin(found.model.cost))
     x, cost = found.x[best], float(found.model.cost[best])
     if not np.isfinite(cost):
@@ -97,28 +137,42 @@ def fit_coarse(problem: FitProblem, starts: np.ndarray, steps_per_sample: int, m
     outcomes = model.predict_all_runs(x, steps_per_sample, with_sensitivities=True)
     fitted = Fit(
         problem, x, x, regularised_inverse(found.model.curvature[best]), cost,
-        tuple(outcomes[r] for r in range(len(model.runs))),
+        tuple(problem.corrected(run, outcomes[r]) for r, run in enumerate(model.runs)),
         TimeResolution(steps_per_sample, steps_per_sample, math.nan), bool(found.converged[best]), found.model.cost,
     )  # fmt: skip
-    return evaluate_fit(fitted, steps_per_sample)
+    return evaluate_fit(fitted)
 
 
-def find_minima(problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int) -> Minima:
+def find_minima(
+    problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
+    keep_on: Callable[[float, float], bool] | None = None,
+) -> Minima:  # fmt: skip
     """The end points of least-squares fits from one start (n,) or several (k, n); arguments as in `fit_coarse`."""
-    model = problem.model()
-    run_indices = tuple(range(len(model.runs)))
+    all_runs = tuple(range(len(problem.model().runs)))
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
     return levenberg_marquardt(
-        lambda x, which: gauss_newton_model(model, [EvaluationPoint(row, run_indices) for row in x], steps_per_sample),
+        lambda x, which: gauss_newton_model(problem, [EvaluationPoint(row, all_runs) for row in x], steps_per_sample),
         np.atleast_2d(starts), low, high, tolerance=COST_TOLERANCE, max_steps=max_steps, merge=COST_TOLERANCE,
-        constraints=problem.constraints(),
+        constraints=problem.constraints(), relative_tolerance=RELATIVE_COST_TOLERANCE,
+        keep_on=None if keep_on is None else lambda step, costs: keep_on(step, float(np.min(costs))),
     )  # fmt: skip
 
 
-def evaluate_fit(fitted: Fit, steps_per_sample: int) -> EvaluatedFit:
-    """Simulate all runs of the campaign with a fitted model, `steps_per_sample` time steps per sample."""
-    residuals = campaign_residuals(fitted.problem.campaign, fitted.machine, fitted.instruments, steps_per_sample)
-    return EvaluatedFit(fitted, residuals)
+def evaluate_fit(fitted: Fit) -> EvaluatedFit:
+    """Predict the other runs of the campaign with a fitted model, and estimate the deviations of the bench."""
+    problem, campaign = fitted.problem, fitted.problem.campaign
+    fitted_runs = problem.model().runs
+    predicted = dict(zip((run.name for run in fitted_runs), fitted.outcomes, strict=True))
+    others = tuple(run for run in campaign.runs if run.name not in predicted)
+    if others:
+        found = dataclasses.replace(problem, runs=others).model().predict_all_runs(
+            fitted.x, fitted.resolution.coarse, with_sensitivities=True
+        )  # fmt: skip
+        predicted |= {run.name: problem.corrected(run, found[r]) for r, run in enumerate(others)}
+    bench, residuals = estimate_bench(
+        campaign, fitted_runs, others, predicted, problem.unknowns, problem.bench, problem.equations(fitted.outcomes)
+    )
+    return EvaluatedFit(fitted, residuals, bench)
 
 
 def start_coordinates(problem: FitProblem, values: dict[str, float]) -> np.ndarray:
@@ -126,14 +180,51 @@ def start_coordinates(problem: FitProblem, values: dict[str, float]) -> np.ndarr
     return np.array([u.coordinate(values[u.name]) if u.name in values else 0.0 for u in problem.unknowns])
 
 
-def refine_fit(evaluated: EvaluatedFit, resolution: TimeResolution, max_steps: int) -> EvaluatedFit:
-    """Continue a fit at the fine time step and correct its estimate for the solver's error.
+def solver_error(problem: FitProblem, x: np.ndarray, coarse: int, fine: int) -> SolverError:
+    """What a fine time step adds to the signals of all runs of the campaign at one point.
 
-    Returns the fit unchanged where the model fails at the fine step.
+    A wrong model has nearly the same solver error as the right one, so that this difference, taken once, makes fits
+    at the coarse step as accurate as at the fine one.
+
+    Args:
+        problem: the model.
+        x: coordinates of the unknowns (n,).
+        coarse: coarse time steps per sample.
+        fine: fine time steps per sample.
+
+    Returns:
+        By run and signal, the difference (samples,) in SI; 0 where either simulation fails.
+
+    Source: Stetter, The defect correction principle, Numer. Math. 29 (1978) 425.
     """
-    fitted = evaluated.fit
-    try:
-        refined = fit(fitted.problem, fitted.x[None], resolution=resolution, max_steps=max_steps, search=False)
-    except FitError:
-        return evaluated
-    return evaluate_fit(refined, CORRECTION_REFINEMENT * resolution.fine)
+    model = MeasurementModel(
+        problem.campaign, problem.machine, problem.unknowns, problem.campaign.runs, problem.instruments
+    )
+    rough, exact = model.predict_all_runs(x, coarse), model.predict_all_runs(x, fine)
+    return {
+        run.name: {
+            n: np.nan_to_num(exact[r].values[n] - v, nan=0.0, posinf=0.0, neginf=0.0)
+            for n, v in rough[r].values.items()
+        }
+        for r, run in enumerate(model.runs)
+    }
+
+
+def with_solver_error(
+    evaluated: EvaluatedFit, resolution: TimeResolution, max_steps: int, refinement: int = 2
+) -> EvaluatedFit:
+    """Refit with the solver's error at the present estimate removed; unchanged where the model then fails.
+
+    The error is computed again at the new estimate, and where it has changed the fit much, that is repeated too.
+    """
+    found, steps = evaluated, max_steps
+    for _ in range(SOLVER_CORRECTIONS):
+        before = found
+        error = solver_error(before.fit.problem, before.fit.x, resolution.coarse, refinement * resolution.fine)
+        problem = dataclasses.replace(before.fit.problem, solver_error=error)
+        try:
+            found = fit_coarse(problem, before.fit.x, resolution.coarse, steps)
+        except FitError:
+            return before
+        steps = max_steps if abs(found.cost - before.cost) > MIN_SOLVER_CHANGE else 0
+    return found

@@ -1,4 +1,4 @@
-"""Discrepancy localisation: the share of an unexplained residual that each component accounts for.
+"""Discrepancy localisation: the share of an unexplained misfit that each component of the machine accounts for.
 
 A relation that the library lacks resembles a linear combination of effects that act on the same component of the
 machine. With E the matrix of all projected signatures of a component (see `screening`), at all points of their grids,
@@ -6,114 +6,82 @@ the share is
 
     share = |P r|²/|r|²,   P the orthogonal projector onto the span of E,
 
-the fraction of χ² of the residual r that the best combination removes. It is a fraction of the chi-square scale.
-Signatures are linear, so a fit may achieve less or more than they predict. Unless a trial has explained everything,
-the best-scoring candidates of each component are therefore fitted. The share is at least what the best fit achieves;
-far from the noise it is reduced by the ratio of achieved to predicted fall of χ².
+the fraction of χ² of the projected residual r that the best combination removes. Signatures are linear, so a fit may
+achieve less than they predict: far from the noise the share is reduced by the ratio of achieved to predicted fall of
+χ². It is at least what a trial of a candidate there has achieved.
 
 A combination of lag, delay, gain and offset follows almost any residual of one signal. Sensors therefore count only by
-accepted sensor faults, and only by the part of the remaining misfit that lies in the sensor's own signal, since a
-faulty sensor does not affect the other signals.
+trials, and only by the part of the remaining misfit that lies in the sensor's own signal, since a faulty sensor does
+not affect the other signals.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from edhas_jax.diagnosis.search.candidates import SENSOR_LOCATION, Candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
-from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.trial import Trial
-from edhas_jax.measurements.campaign import Use
 
-SHARE_EXPONENT = 3.0  # probability ∝ share³: calibrated on cases whose true effect was withheld from the library
-FITS_PER_LOCATION = 2
-EXPLAINED_RMS = 1.02  # rms residual over noise of the fitted runs below which a trial explains everything
-MIN_RELATIVE_FALL = 0.1  # joint fall of χ² of a component over the largest, below which nothing is fitted
+SHARE_EXPONENT = 3.0  # probability ∝ share³
+NEAR_EXCESS = 1.0  # excess over half the number of samples below which signatures predict what a fit achieves
 
 
-class Localisation(NamedTuple):
-    """Where an unexplained residual originates.
-
-    Args:
-        shares: fraction of χ² of the calibrated model's residual, 0 … 1, by component, the largest first.
-        trials: the candidates that were fitted for it.
-    """
-
-    shares: dict[str, float]
-    trials: tuple[Trial, ...]
-
-
-def localise_discrepancy(
-    calibrated: EvaluatedFit, candidates: Iterable[Candidate], trials: Sequence[Trial], accepted: Sequence[Trial],
-    attempt: Callable[[Score], Trial],
-) -> Localisation:  # fmt: skip
-    """Determine the share of the residual of the calibrated model that each component accounts for.
+def component_shares(
+    test: ScoreTest, baseline: EvaluatedFit, candidates: Iterable[Candidate], trials: Sequence[Trial]
+) -> dict[str, float]:
+    """The share of the misfit of a model that each component accounts for, 0 … 1, the largest first.
 
     Args:
-        calibrated: the model with its uncertain parameters fitted and no candidate added.
+        test: score test of that model.
+        baseline: the model.
         candidates: effects and generic terms to consider.
-        trials: trials of the first round, whose baseline is `calibrated`.
-        accepted: trials accepted in any round.
-        attempt: makes a trial of a scored candidate, with `calibrated` as baseline.
+        trials: trials with that model as baseline.
     """
-    test = ScoreTest(calibrated.fit, ())
-    chi_square = float(test.residual @ test.residual)
-    refuted = {t.candidate for t in trials if not t.log_evidence_gain > 0.0}
+    excess = max(2.0 * baseline.excess, 1.0)
     by_location: dict[str, list[Candidate]] = {}
     for candidate in candidates:
-        if candidate.location != SENSOR_LOCATION and candidate not in refuted:
+        if candidate.location != SENSOR_LOCATION:
             by_location.setdefault(candidate.location, []).append(candidate)
-    joint = {location: test.joint_scores(members) for location, members in by_location.items()}
-    min_fall = MIN_RELATIVE_FALL * max((fall for _, fall in joint.values()), default=0.0)
-    unexplained = not any(map(_explains_all, trials))
-    shares, new_trials = {}, []
-    for location, (scores, fall) in joint.items():
+    far = baseline.excess > NEAR_EXCESS * 0.5 * baseline.samples
+    overall = _achieved_share(trials)
+    shares = {}
+    for location, members in by_location.items():
+        _, fall = test.joint_scores(members)
         found = [t for t in trials if t.candidate.location == location]
-        if unexplained and fall > min_fall:
-            tried = {t.candidate for t in found}
-            best_scores = [s for s in scores[:FITS_PER_LOCATION] if s.chi_square_fall > 0.0]
-            new = [attempt(score) for score in best_scores if score.candidate not in tried]
-            new_trials += new
-            found += new
-            fall *= 1.0 if calibrated.near_noise else _achieved_share(found)
-        shares[location] = max([fall / chi_square, *(_share(t, chi_square) for t in found)])
-    accepted_candidates = {t.candidate for t in accepted}
+        achieved = (_achieved_share(found) if found else overall) if far else 1.0
+        shares[location] = min(max([achieved * fall / excess, *(_share(t) for t in found)]), 1.0)
     for trial in trials:
-        if trial.candidate in accepted_candidates and trial.candidate.location == SENSOR_LOCATION:
-            share = _share(trial, chi_square) * _own_signal_share(trial)
+        if trial.candidate.location == SENSOR_LOCATION and trial.evaluated is not None:
+            share = _share(trial) * _own_signal_share(trial)
             shares[SENSOR_LOCATION] = max(shares.get(SENSOR_LOCATION, 0.0), share)
-    return Localisation(dict(sorted(shares.items(), key=lambda item: -item[1])), tuple(new_trials))
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
-def _share(trial: Trial, chi_square: float) -> float:
-    """The log-evidence gain of a trial, doubled to the chi-square scale, as a share of χ²; at most 1."""
-    return min(2.0 * trial.log_evidence_gain / chi_square, 1.0)
+def best_generic_scores(test: ScoreTest, generic: Iterable[Candidate]) -> list[Score]:
+    """The scores of generic terms, the largest predicted fall of χ² first."""
+    return sorted((test.score(candidate) for candidate in generic), key=lambda score: -score.chi_square_fall)
 
 
-def _explains_all(trial: Trial) -> bool:
-    """Whether a trial ends at the noise with plausible parameters."""
-    fitted = trial.evaluated
-    if fitted is None or not fitted.rms_over_noise(Use.FIT) < EXPLAINED_RMS:
-        return False
-    return not implausible_parameters(trial.candidate, fitted.fit)
+def _share(trial: Trial) -> float:
+    """The share of the excess that a trial has removed, 0 … 1."""
+    return float(np.clip(trial.explained_share, 0.0, 1.0))
 
 
 def _achieved_share(trials: Sequence[Trial]) -> float:
-    """The largest gain of some trials, on the chi-square scale, over their largest predicted fall of χ²; 0 … 1."""
-    predicted = max((t.score.chi_square_fall for t in trials), default=0.0)
+    """The largest achieved fall of ½χ² of some trials over their largest predicted one; 0 … 1."""
+    predicted = max((t.score.predicted_gain for t in trials), default=0.0)
     if not predicted > 0.0:
-        return 0.0
-    return float(np.clip(2.0 * max(t.log_evidence_gain for t in trials) / predicted, 0.0, 1.0))
+        return 1.0
+    return float(np.clip(max(t.log_evidence_gain for t in trials) / predicted, 0.0, 1.0))
 
 
 def _own_signal_share(trial: Trial) -> float:
     """The share of the excess of χ² over noise that lies in the signal of a faulty sensor; 1 without any excess."""
     excess: dict[str, float] = {}
-    for signals in trial.evaluated.fit.residuals.values():
-        for name, values in signals.items():
+    for run in trial.evaluated.fit.problem.model().runs:
+        for name, values in trial.evaluated.residuals[run.name].items():
             excess[name] = excess.get(name, 0.0) + float(np.nansum(np.square(values) - 1.0))
     excess = {name: max(value, 0.0) for name, value in excess.items()}
     total = sum(excess.values())

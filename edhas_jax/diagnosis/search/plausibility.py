@@ -3,9 +3,9 @@
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.fit_problem import gauss_newton_model
 from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound
 from edhas_jax.measurements.measurement_model import EvaluationPoint
-from edhas_jax.measurements.residuals import normalised_residuals
 
 PLAUSIBLE_COORDINATE = 2.0  # prior standard deviations: the end of the plausible range
 # rise of ½χ² with a plausible value from which the data demand the implausible one: absolute [nats], which is three
@@ -29,7 +29,7 @@ def implausible_parameters(candidate: Candidate, fit: Fit) -> list[str]:
     names = at_prior_bound(candidate, fit)
     if not names:
         return []
-    model, low_high = fit.problem.model(), np.array([u.bounds() for u in fit.problem.unknowns]).T
+    low_high = np.array([u.bounds() for u in fit.problem.unknowns]).T
     own, order = candidate.own_unknowns(fit.problem.unknowns), [u.name for u in fit.problem.unknowns]
     points = [fit.x]
     for name in names:
@@ -37,20 +37,10 @@ def implausible_parameters(candidate: Candidate, fit: Fit) -> list[str]:
         change = np.sign(fit.x[k]) * PLAUSIBLE_COORDINATE - fit.x[k]
         moved = fit.x + fit.covariance[:, k] / fit.covariance[k, k] * change
         points.append(fit.problem.constraints().project(moved, *low_high))
-    all_runs = tuple(range(len(model.runs)))
+    all_runs = tuple(range(len(fit.outcomes)))
     cases = [EvaluationPoint(x, all_runs) for x in points]
-    prior = np.array([float(u.has_prior) for u in model.unknowns])
-    costs = []
-    for x, outcomes in zip(points, model.predict(cases, fit.resolution.coarse, with_sensitivities=False), strict=True):
-        residuals = [normalised_residuals(model.campaign, run, outcomes[r]) for r, run in enumerate(model.runs)]
-        with np.errstate(over="ignore", invalid="ignore"):
-            squares = [
-                np.square(v[np.isfinite(run.signals[n])]).sum()
-                for run, signals in zip(model.runs, residuals, strict=True)
-                for n, v in signals.items()
-            ]
-        costs.append(0.5 * (prior @ np.square(x) + sum(squares)))
-    samples = sum(int(np.isfinite(values).sum()) for run in model.runs for values in run.signals.values())
+    costs = gauss_newton_model(fit.problem, cases, fit.resolution.coarse).cost
+    samples = sum(e.samples for e in fit.problem.equations(fit.outcomes))
     limit = max(MIN_RISE, MIN_RISE_SHARE * (costs[0] - 0.5 * samples))
     # a rise that is not finite counts: the model fails with a plausible value
     return [name for name, cost in zip(names, costs[1:], strict=True) if not cost - costs[0] < limit]

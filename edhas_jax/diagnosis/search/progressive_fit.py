@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import qmc
 
-from edhas_jax.diagnosis.calibration.fit import FitError, FitProblem
+from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, find_minima, fit_coarse
 from edhas_jax.measurements.campaign import BenchRun
 from edhas_jax.measurements.measurement_model import EvaluationPoint
@@ -52,13 +52,14 @@ def fit_progressively(
         The fit of the whole runs; None where the model fails, or where the log-evidence of `whole` is not exceeded.
     """
     runs, starts = problem.model().runs, np.atleast_2d(starts)
-    stages = [_truncate_runs(problem, runs, fraction) for fraction in RUN_FRACTIONS]
+    rough = dataclasses.replace(problem, solver_error=None)  # it holds for one time step only
+    stages = [_truncate_runs(rough, runs, fraction) for fraction in RUN_FRACTIONS]
     excesses = [np.inf if whole is None else _excess_of_fit(whole, stage) for stage in stages]
     if excesses[-1] < MIN_EXCESS_SIGMAS:
         return None
     x = np.concatenate([starts, _scan(stages[SCAN_STAGE], starts[-1], scanned, steps_per_sample)])
     resolution = choose_time_resolution(stages[RESOLUTION_STAGE].model(), x[len(starts)])
-    steps_per_sample = max(steps_per_sample, resolution.coarse)
+    whole_steps, steps_per_sample = steps_per_sample, max(steps_per_sample, resolution.coarse)
     prior = np.array([float(u.has_prior) for u in problem.unknowns])
     for stage, excess in zip(stages, excesses, strict=True):
         found = find_minima(stage, x, steps_per_sample, max_steps)
@@ -68,7 +69,7 @@ def fit_progressively(
         if not np.isfinite(best) or not_improved:
             return None
     try:
-        end = fit_coarse(problem, x[0], steps_per_sample, max_steps)
+        end = fit_coarse(problem, x[0], whole_steps, max_steps)
     except FitError:
         return None
     return end if whole is None or end.log_evidence > whole.log_evidence else None

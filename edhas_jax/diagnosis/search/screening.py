@@ -1,7 +1,8 @@
 """Projected score test: which candidates could explain the residual of a calibrated model.
 
 The signature s of a candidate is the change of the signals when it is added at a finite size. With r the residual and J
-the sensitivity of the signals to the unknowns of the fit, both in units of noise and extended by the rows of the prior,
+the sensitivity of the signals to the unknowns of the fit and to the deviations of the bench, both whitened and extended
+by the rows of the prior,
 
     E = s − J (JᵀJ)⁻¹ Jᵀ s,   fall = (E·r)²/(E·E)
 
@@ -18,6 +19,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.likelihood.run_equations import run_columns
+from edhas_jax.diagnosis.likelihood.whitening import whiten
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidate_unknowns, screening_grid
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint
@@ -56,18 +59,41 @@ class ScoreTest:
     Args:
         fit: the calibrated model, with the outcomes and sensitivities of its runs.
         accepted: candidates that are mounted in that model already.
+        more: further columns that the model can adjust, by run and signal (samples, k) in SI, with a standard normal
+            prior each; none by default.
+        earlier: a test of the same runs with fewer accepted candidates, whose signatures are used until `refresh`
+            simulates them again; a candidate that is mounted changes those of the others little in most cases.
     """
 
-    def __init__(self, fit: Fit, accepted: Sequence[Candidate]):
+    def __init__(
+        self, fit: Fit, accepted: Sequence[Candidate], more: Sequence[Mapping[str, np.ndarray]] | None = None,
+        earlier: "ScoreTest | None" = None,
+    ):  # fmt: skip
         self._fit, self._accepted = fit, tuple(accepted)
         self._model, self._campaign = fit.problem.model(), fit.problem.campaign
-        measured = self._stacked([run.signals for run in self._model.runs])
-        self._valid = np.isfinite(measured)
-        residual = (measured - self._stacked([out.values for out in fit.outcomes]))[self._valid]
-        prior = np.array([float(u.has_prior) for u in fit.problem.unknowns])
-        slopes = self._stacked([out.sensitivities for out in fit.outcomes])[self._valid]
-        self.residual = np.concatenate([residual, -prior * fit.x])
-        self._sensitivity_basis = np.linalg.qr(np.concatenate([slopes, np.diag(prior)]))[0]
+        self._changes: dict[Candidate, list[list[dict[str, np.ndarray]]]] = {}
+        self._earlier, self._refreshed = earlier, set()
+        problem, columns = fit.problem, []
+        self._valid = [np.isfinite(self._whitened_run(r, run.signals)) for r, run in enumerate(self._model.runs)]
+        for r, (run, outcome) in enumerate(zip(self._model.runs, fit.outcomes, strict=True)):
+            further = None if more is None else more[r]
+            columns.append(run_columns(self._campaign, run, outcome, problem.unknowns, problem.bench, further)[0])
+        prior = np.array([float(u.has_prior) for u in problem.unknowns])
+        own, samples = len(problem.bench.of_runs), sum(len(rows) for rows in columns)
+        shared = columns[0].shape[1] - own - 1
+        basis = np.zeros((samples + shared + own * len(columns), shared + own * len(columns)))
+        start = 0
+        for r, rows in enumerate(columns):  # the deviations of a run have rows of their own
+            stop = start + len(rows)
+            basis[start:stop, :shared] = rows[:, own:-1]
+            basis[start:stop, shared + own * r : shared + own * (r + 1)] = rows[:, :own]
+            start = stop
+        weights = np.concatenate([prior, np.ones(basis.shape[1] - len(prior))])
+        basis[samples:] = np.diag(weights)
+        pull = np.concatenate([-prior * fit.x, np.zeros(len(weights) - len(prior))])
+        self.residual = np.concatenate([*(rows[:, -1] for rows in columns), pull])
+        self._sensitivity_basis = np.linalg.qr(basis)[0]
+        self._prior_rows = len(weights)
         # signatures are differences, so both sides are simulated with the same coarse step
         self._baseline = self._model.predict_all_runs(fit.x, fit.resolution.coarse)
 
@@ -110,8 +136,7 @@ class ScoreTest:
         points = screening_grid(unknowns)
         best = Score(candidate, 0.0, points[0], np.zeros(len(self.residual)))
         all_projected = []
-        for x, signature in zip(points, self._signatures(candidate, points), strict=True):
-            projected = self._project(signature)
+        for x, projected in zip(points, self._projected(candidate, points), strict=True):
             if projected is None:
                 continue
             all_projected.append(projected)
@@ -123,20 +148,53 @@ class ScoreTest:
                 best = Score(candidate, float(fall), start, projected / np.sqrt(square))
         return best, all_projected
 
-    def _project(self, signature: np.ndarray) -> np.ndarray | None:
-        """The part of a signature orthogonal to the sensitivities; None where not finite, or only rounding is left."""
-        if not np.isfinite(signature).all():
-            return None
-        projected = signature - self._sensitivity_basis @ (self._sensitivity_basis.T @ signature)
-        return None if projected @ projected <= MIN_PROJECTED_SHARE * (signature @ signature) else projected
+    def _projected(self, candidate: Candidate, points: np.ndarray) -> list[np.ndarray | None]:
+        """The part of each signature orthogonal to the sensitivities; None where not finite or mere rounding."""
+        signatures = np.array(self._signatures(candidate, points)).T
+        finite = np.isfinite(signatures).all(axis=0)
+        signatures = np.where(finite, signatures, 0.0)
+        basis = self._sensitivity_basis
+        projected = signatures - basis @ (basis.T @ signatures)
+        squares, kept = np.sum(np.square(signatures), axis=0), np.sum(np.square(projected), axis=0)
+        usable = finite & (kept > MIN_PROJECTED_SHARE * squares)
+        return [column if ok else None for column, ok in zip(projected.T, usable, strict=True)]
+
+    def refresh(self, candidate: Candidate) -> None:
+        """Simulate the signatures of a candidate anew instead of taking those of the earlier test."""
+        self._refreshed.add(candidate)
 
     def _signatures(self, candidate: Candidate, points: np.ndarray) -> list[np.ndarray]:
-        """The change of the signals by a candidate, in units of noise, at each grid point."""
-        base = self._stacked([self._baseline[r].values for r in range(len(self._model.runs))])
-        simulate = self._with_sensor_fault if candidate.signal is not None else self._with_effect
-        prior_rows = np.zeros(len(self._fit.x))
-        changes = ((self._stacked(run) - base)[self._valid] for run in simulate(candidate, points))
-        return [np.concatenate([change, prior_rows]) for change in changes]
+        """The whitened change of the signals by a candidate at each grid point, zero in the rows of the priors."""
+        rows, out = np.zeros(self._prior_rows), []
+        with np.errstate(over="ignore", invalid="ignore"):  # a candidate with which the model diverges is skipped later
+            for changes in self._changes_of(candidate, points):
+                parts = [self._whitened_run(r, change)[self._valid[r]] for r, change in enumerate(changes)]
+                out.append(np.concatenate([*parts, rows]))
+        return out
+
+    def _changes_of(self, candidate: Candidate, points: np.ndarray) -> list[list[dict[str, np.ndarray]]]:
+        """The change of the signals by a candidate, for each grid point and run (samples,) by signal, SI."""
+        if self._earlier is not None and candidate not in self._refreshed:
+            return self._earlier._changes_of(candidate, points)
+        if candidate not in self._changes:
+            simulate = self._with_sensor_fault if candidate.signal is not None else self._with_effect
+            self._changes[candidate] = [
+                [
+                    {n: found[n] - self._baseline[r].values[n] for n in self._model.runs[r].signals}
+                    for r, found in enumerate(signals)
+                ]
+                for signals in simulate(candidate, points)
+            ]
+        return self._changes[candidate]
+
+    def _whitened_run(self, r: int, signals: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The signals of a run, whitened and concatenated in the order in which it records them."""
+        rows = []
+        for n, measured in self._model.runs[r].signals.items():
+            values = np.array(signals[n], float)
+            values[~np.isfinite(measured)] = np.nan
+            rows.append(whiten(values, self._campaign.channels[n]))
+        return np.concatenate(rows)
 
     def _with_effect(self, candidate: Candidate, points: np.ndarray) -> Iterator[list[dict[str, np.ndarray]]]:
         """The signals of every run with an effect added, all other unknowns at their fitted values."""
@@ -157,14 +215,6 @@ class ScoreTest:
             values = {u.name.removeprefix(candidate.prefix): u.value(v) for u, v in zip(unknowns, x, strict=True)}
             faulty = Instruments({candidate.signal: (candidate.kind(**values),)})
             yield [faulty.record(run.time, self._baseline[r].values, None, (), ())[0] for r, run in enumerate(runs)]
-
-    def _stacked(self, runs: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
-        """Signals (m,) or sensitivities (m, unknowns) of all runs, concatenated, in units of noise."""
-        rows = []
-        with np.errstate(over="ignore"):  # a candidate that makes the model diverge is skipped later
-            for run, found in zip(self._model.runs, runs, strict=True):
-                rows += [found[n] / channel.noise for n, channel in self._campaign.channels.items() if n in run.signals]
-        return np.concatenate(rows)
 
 
 def _with_scaled_size(unknowns: Sequence[UnknownParameter], x: np.ndarray, scale: float) -> np.ndarray:

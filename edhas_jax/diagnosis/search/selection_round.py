@@ -1,39 +1,42 @@
-"""One round of forward selection: score all candidates, try the best, and decide whether one of them is accepted."""
+"""One round of the search: score all candidates, try the best, and find the one that explains most."""
 
+import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from edhas_jax.diagnosis.search.candidates import Candidate, can_mount
-from edhas_jax.diagnosis.search.decision_rules import REPLACEMENT_MARGIN, chi_square_excess, is_confirmed
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
+from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, is_promising, remaining
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, with_solver_error
 from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
+from edhas_jax.diagnosis.search.law_deviation import law_deviation_columns
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.trial import (
-    MIN_CHI_SQUARE_FALL,
-    TRIAL_STEPS,
+    NEAR_EXCESS,
+    NEARLY_ALL_SHARE,
     Trial,
-    best_gain,
-    refit_without_worst_runs,
+    retry_progressively,
     try_best_candidates,
 )
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
+from edhas_jax.measurements.time_resolution import TimeResolution
 
-REFIT_STEPS = 25  # maximum number of Levenberg-Marquardt steps of a refit of the best trial
-GENERIC_EXCESS_SHARE = 0.5  # of the excess of χ²: generic terms are scored where no effect predicts a larger fall
-GENERIC_FALL_RATIO = 2.0  # ratio of predicted falls of χ² above which generic terms are tried before effects
-FULL_EXPLANATION_SHARE = 0.9  # of the excess of χ²: an effect that removes more leaves nothing to generic terms
+# candidates whose signatures are simulated again in later rounds: how many, and from which fall of χ² on
+REFRESHED, MIN_REFRESHED_FALL = 8, 10.0
+PROGRESSIVE_TRIALS = 3  # candidates that are fitted progressively where none explains nearly all
+REFINED, REFINEMENT_STEPS = 2, 6  # trials that are refined where they end near the noise, and the steps of the fit
+OWN_LAWS = 2  # trials whose own law may deviate
+NODE_COST = 2.0  # nats that each value of a deviation costs
+PROGRESSIVE_RMS = 3.0  # residual over noise below which a fit is not caught in a distant minimum
 
 
 def search_round(
     baseline: EvaluatedFit, accepted: Sequence[Candidate], candidates: Sequence[Candidate], resolution: TimeResolution,
-    report: Callable[[str], None], last: bool,
-) -> tuple[Round, TimeResolution]:  # fmt: skip
+    report: Callable[[str], None], first: ScoreTest,
+) -> Round:  # fmt: skip
     """Search for one more candidate.
-
-    Generic terms are scored where no effect predicts a fall of half the excess of χ² over the noise. They are tried
-    before the effects if their predicted fall of χ² is twice as large, else after them if the accepted effect leaves
-    more than 10 % of the excess.
 
     Args:
         baseline: the model with the candidates of earlier rounds.
@@ -41,38 +44,93 @@ def search_round(
         candidates: the effects and sensor faults to consider.
         resolution: coarse and fine time steps per sample.
         report: called with a sentence on the progress.
-        last: whether the candidates are only scored, because no more may be accepted.
-
-    Returns:
-        The round, and the time steps per sample that its trials need.
+        first: the score test of the first round, whose signatures later rounds use again for most candidates.
     """
-    test, excess = ScoreTest(baseline.fit, accepted), chi_square_excess(baseline)
-    scores = _score_all(test, candidates, report)
-    if last:
-        return Round(baseline, tuple(scores), (), None), resolution
-    largest_fall = scores[0].chi_square_fall if scores else 0.0
-    generic: list[Score] = []
-    if excess > MIN_CHI_SQUARE_FALL and largest_fall < GENERIC_EXCESS_SHARE * excess:
-        generic = _score_all(test, generic_candidates(baseline.fit.problem.machine), report)
-    generic_first = bool(generic) and generic[0].chi_square_fall > GENERIC_FALL_RATIO * largest_fall
-    generic_trials = try_best_candidates(baseline, accepted, generic, resolution, report) if generic_first else []
-    reached = best_gain(generic_trials, generic)
-    trials = try_best_candidates(baseline, accepted, scores, resolution, report, reached)
-    trials, resolution = _refit_best(baseline, trials, resolution, report)
-    best = max(trials, key=lambda t: t.log_evidence_gain, default=None)
-    found = best if best is not None and is_confirmed(baseline, best) else None
-    gain = found.log_evidence_gain if found else 0.0
-    # 2 · gain converts a log-evidence gain to the chi-square scale
-    if generic and not generic_first and 2.0 * gain < FULL_EXPLANATION_SHARE * excess:
-        promising = [s for s in generic if s.predicted_gain > gain]
-        generic_trials = try_best_candidates(baseline, accepted, promising, resolution, report, gain)
-    generic_trials = sorted(generic_trials, key=lambda t: -t.log_evidence_gain)
-    if generic_trials:
-        top = generic_trials[0]
-        if is_confirmed(baseline, top) and top.log_evidence_gain > REPLACEMENT_MARGIN + gain:
-            # the library lacks the effect if a generic term explains clearly more than its effects
-            return Round(baseline, tuple(scores), tuple(trials), None, tuple(generic_trials)), resolution
-    return Round(baseline, tuple(scores), tuple(trials), found), resolution
+    deviations = law_deviation_columns(baseline.fit, accepted) if accepted else None
+    test = ScoreTest(baseline.fit, accepted, deviations, first) if accepted else first
+    scores = score_all(test, candidates, report)
+    if accepted:
+        again = [score.candidate for score in scores[:REFRESHED] if score.chi_square_fall > MIN_REFRESHED_FALL]
+        for candidate in again:
+            test.refresh(candidate)
+        scores = [score for score in scores if score.candidate not in again]
+        scores = sorted([*scores, *score_all(test, again, report)], key=lambda score: -score.chi_square_fall)
+    trials = try_best_candidates(baseline, accepted, scores, resolution, report)
+    if baseline.excess > PROGRESSIVE_RMS**2 * 0.5 * baseline.samples:
+        trials = _retry_distant_minima(baseline, accepted, trials, resolution, report)
+    trials = sorted(trials, key=lambda trial: -trial.log_evidence_gain)
+    trials = [refine_trial(baseline, trial, resolution) if k < REFINED else trial for k, trial in enumerate(trials)]
+    trials = [_beyond_deviations(baseline, trial, deviations) for trial in trials]
+    trials = [
+        _with_own_law(baseline, accepted, trial, deviations) if k < OWN_LAWS else trial
+        for k, trial in enumerate(trials)
+    ]
+    trials.sort(key=lambda trial: -(trial.gain_beyond_laws + trial.own_law_gain))
+    best = trials[0] if trials and is_promising(trials[0]) else None
+    return Round(baseline, tuple(scores), tuple(trials), best)
+
+
+def _retry_distant_minima(
+    baseline: EvaluatedFit, accepted: Sequence[Candidate], trials: Sequence[Trial], resolution: TimeResolution,
+    report: Callable[[str], None],
+) -> list[Trial]:  # fmt: skip
+    """Fit the most promising candidates progressively until one of them explains nearly all."""
+    trials = list(trials)
+    for k in range(min(PROGRESSIVE_TRIALS, len(trials))):
+        if max(t.explained_share for t in trials) > NEARLY_ALL_SHARE:
+            break
+        report(f"{trials[k].candidate.name}: fitting growing parts of the runs")
+        trials[k] = retry_progressively(baseline, accepted, trials[k], resolution)
+    return trials
+
+
+def _beyond_deviations(
+    baseline: EvaluatedFit, trial: Trial, deviations: Sequence[dict[str, np.ndarray]] | None
+) -> Trial:
+    """The trial with its remaining excess beyond what deviations of the accepted laws explain."""
+    if trial.evaluated is None:
+        return trial
+    before, after = baseline.excess_with(deviations), trial.evaluated.excess_with(deviations)
+    share = (before - after) / max(before, 1.0)
+    gain = before - after - _penalty(baseline, trial)
+    return dataclasses.replace(
+        trial, explained_share=share, remaining_excess=after, gain_beyond_laws=gain,
+        own_law_excess=after, own_law_gain=gain,
+    )  # fmt: skip
+
+
+def refine_trial(baseline: EvaluatedFit, trial: Trial, resolution: TimeResolution) -> Trial:
+    """A trial with its own solver error where it ends near the noise; that of the baseline only approximates it."""
+    found = trial.evaluated
+    if found is None or found.excess > NEAR_EXCESS * 0.5 * found.samples:
+        return trial
+    refined = with_solver_error(found, resolution, REFINEMENT_STEPS)
+    return trial.with_fit(baseline, refined) if refined.excess < found.excess else trial
+
+
+def _with_own_law(
+    baseline: EvaluatedFit, accepted: Sequence[Candidate], trial: Trial,
+    deviations: Sequence[dict[str, np.ndarray]] | None,
+) -> Trial:  # fmt: skip
+    """The trial with what it leaves if its own law may deviate from that of the library."""
+    found = trial.evaluated
+    left = found is not None and remaining(trial.remaining_excess, found.samples)
+    if not left or trial.gain_beyond_laws < MIN_GAIN:
+        return trial
+    columns = law_deviation_columns(found.fit, [*accepted, trial.candidate])
+    own = max((rows.shape[1] for run in columns for rows in run.values()), default=0)
+    before = max((rows.shape[1] for run in deviations or () for rows in run.values()), default=0)
+    after = found.excess_with(columns)
+    gain = trial.gain_beyond_laws + trial.remaining_excess - after - NODE_COST * (own - before)
+    if gain < trial.gain_beyond_laws:
+        return trial
+    return dataclasses.replace(trial, own_law_excess=after, own_law_gain=gain)
+
+
+def _penalty(baseline: EvaluatedFit, trial: Trial) -> float:
+    """The part of the log-evidence that the parameters of a candidate cost [nats]."""
+    fall = baseline.cost - trial.evaluated.cost
+    return fall - trial.log_evidence_gain if math.isfinite(trial.log_evidence_gain) else math.inf
 
 
 def generic_candidates(machine: Rig) -> list[Candidate]:
@@ -80,38 +138,10 @@ def generic_candidates(machine: Rig) -> list[Candidate]:
     return [Candidate(kind) for kind in GENERIC_TERMS if can_mount(machine, kind)]
 
 
-def _score_all(test: ScoreTest, candidates: Sequence[Candidate], report: Callable[[str], None]) -> list[Score]:
+def score_all(test: ScoreTest, candidates: Sequence[Candidate], report: Callable[[str], None]) -> list[Score]:
     """The scores of all candidates, the largest predicted fall of χ² first."""
     scores = []
     for k, candidate in enumerate(candidates):
         report(f"screening {k + 1} of {len(candidates)}: {candidate.name}")
         scores.append(test.score(candidate))
     return sorted(scores, key=lambda score: -score.chi_square_fall)
-
-
-def _refit_best(
-    baseline: EvaluatedFit, trials: list[Trial], resolution: TimeResolution, report: Callable[[str], None]
-) -> tuple[list[Trial], TimeResolution]:
-    """Refit the best trial where it is confirmed but stays far from the noise; return trials and time steps.
-
-    The candidate may need a finer time step, or the fit may have ended in a local minimum.
-    """
-    best = max(trials, key=lambda t: t.log_evidence_gain, default=None)
-    if best is None or not is_confirmed(baseline, best):
-        return trials, resolution
-    refitted, finer = best, _resolution_with(best, resolution)
-    if not best.evaluated.near_noise and finer.coarse > resolution.coarse:
-        report(f"a finer time step for {best.candidate.name}")
-        fitted = best.evaluated.fit
-        refitted = best.with_fit(baseline, fit_coarse(fitted.problem, fitted.x, finer.coarse, TRIAL_STEPS))
-    if not refitted.evaluated.near_noise:
-        report(f"{best.candidate.name}: refitting without the runs with the largest residuals")
-        refitted = refit_without_worst_runs(baseline, refitted, finer.coarse, REFIT_STEPS)
-        finer = _resolution_with(refitted, finer)
-    return [refitted if t is best else t for t in trials], finer
-
-
-def _resolution_with(trial: Trial, resolution: TimeResolution) -> TimeResolution:
-    """The time steps that are fine enough for the given ones and for the fit of a trial."""
-    needed = choose_time_resolution(trial.evaluated.fit.problem.model(), trial.evaluated.fit.x)
-    return TimeResolution(max(resolution.coarse, needed.coarse), max(resolution.fine, needed.fine), needed.error)

@@ -10,7 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import Fit, FitProblem
+from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
+from edhas_jax.diagnosis.likelihood.bench_estimate import BenchEstimate
+from edhas_jax.diagnosis.likelihood.trigger_correction import with_shifted_time
 from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
@@ -24,6 +27,10 @@ from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 Plain = dict[str, Any]
+TRIAL_NUMBERS = (
+    "log_evidence_gain", "left_out_gain", "explained_share", "holdout_half_chi_square_fall", "gain_beyond_laws",
+    "remaining_excess", "own_law_excess", "own_law_gain",
+)  # fmt: skip
 
 
 class RoundEnd(NamedTuple):
@@ -31,7 +38,6 @@ class RoundEnd(NamedTuple):
 
     round: Round
     baseline: EvaluatedFit | None
-    resolution: TimeResolution
 
 
 class StageEncoder:
@@ -47,11 +53,7 @@ class StageEncoder:
     def round_end(self, end: RoundEnd) -> Plain:
         """A round and what the next one begins with."""
         baseline = None if end.baseline is None else self.fit(end.baseline)
-        return {"round": self.round(end.round), "baseline": baseline, "resolution": list(end.resolution)}
-
-    def localisation(self, found: tuple[dict[str, float], list[Trial]]) -> Plain:
-        """The shares of the components and the trials made for them."""
-        return {"shares": found[0], "trials": [self.trial(trial) for trial in found[1]]}
+        return {"round": self.round(end.round), "baseline": baseline}
 
     def round(self, r: Round) -> Plain:
         """A round with the sensitivities of its baseline."""
@@ -60,7 +62,6 @@ class StageEncoder:
             "scores": [self.score(score) for score in r.scores],
             "trials": [self.trial(trial) for trial in r.trials],
             "accepted": None if r.accepted is None else [t is r.accepted for t in r.trials].index(True),
-            "generic_trials": [self.trial(trial) for trial in r.generic_trials],
         }
 
     def trial(self, trial: Trial) -> Plain:
@@ -68,8 +69,7 @@ class StageEncoder:
         return {
             "score": self.score(trial.score),
             "fit": None if trial.evaluated is None else self.fit(trial.evaluated, with_sensitivities=False),
-            "gain": trial.log_evidence_gain,
-            "holdout_fall": trial.holdout_half_chi_square_fall,
+            "numbers": {name: getattr(trial, name) for name in TRIAL_NUMBERS},
         }
 
     def score(self, score: Score) -> Plain:
@@ -89,6 +89,13 @@ class StageEncoder:
                 for o in fit.outcomes
             ],
             "residuals": {run: self._table(rows) for run, rows in evaluated.residuals.items()},
+            "time_shifts": dict(fit.problem.time_shifts),
+            "sensors": self._put(evaluated.bench.of_sensors), "runs": self._table(evaluated.bench.of_runs),
+            "solver_error": (
+                None
+                if fit.problem.solver_error is None
+                else {run: self._table(rows) for run, rows in fit.problem.solver_error.items()}
+            ),
         }  # fmt: skip
 
     def _table(self, rows: Mapping[str, np.ndarray] | None) -> dict[str, str] | None:
@@ -122,11 +129,7 @@ class StageDecoder:
         """A round whose baseline has the candidates `mounted`, and what the next one begins with."""
         r = self.round(plain["round"], mounted)
         baseline = None if r.accepted is None else self.fit(plain["baseline"], (*mounted, r.accepted.candidate))
-        return RoundEnd(r, baseline, TimeResolution(*plain["resolution"]))
-
-    def localisation(self, plain: Plain) -> tuple[dict[str, float], list[Trial]]:
-        """The shares of the components and the trials made for them."""
-        return plain["shares"], [self.trial(trial, ()) for trial in plain["trials"]]
+        return RoundEnd(r, baseline)
 
     def round(self, plain: Plain, mounted: Sequence[Candidate]) -> Round:
         """A round whose baseline has the candidates `mounted`."""
@@ -134,14 +137,13 @@ class StageDecoder:
         return Round(
             self.fit(plain["baseline"], mounted), tuple(self.score(s) for s in plain["scores"]), trials,
             None if plain["accepted"] is None else trials[plain["accepted"]],
-            tuple(self.trial(t, mounted) for t in plain["generic_trials"]),
         )  # fmt: skip
 
     def trial(self, plain: Plain, mounted: Sequence[Candidate]) -> Trial:
         """A trial of one more candidate beside those `mounted`."""
         score = self.score(plain["score"])
         fit = None if plain["fit"] is None else self.fit(plain["fit"], (*mounted, score.candidate))
-        return Trial(score.candidate, score, fit, plain["gain"], plain["holdout_fall"])
+        return Trial(score.candidate, score, fit, **plain["numbers"])
 
     def score(self, plain: Plain) -> Score:
         """A score, its direction empty."""
@@ -152,13 +154,20 @@ class StageDecoder:
 
     def fit(self, plain: Plain, mounted: Sequence[Candidate]) -> EvaluatedFit:
         """A fit of the model with the candidates `mounted`."""
+        error = plain["solver_error"]
+        error = None if error is None else {run: self._table(rows) for run, rows in error.items()}
+        shifts = plain["time_shifts"]
+        campaign = with_shifted_time(self.campaign, shifts) if shifts else self.campaign
+        problem = mounted_problem(campaign, mounted)
+        problem = dataclasses.replace(problem, solver_error=error, time_shifts=shifts)
         fitted = Fit(
-            mounted_problem(self.campaign, mounted), self.arrays[plain["x"]], self.arrays[plain["uncorrected"]],
+            problem, self.arrays[plain["x"]], self.arrays[plain["uncorrected"]],
             self.arrays[plain["covariance"]], plain["cost"],
             tuple(PredictedSignals(self._table(values), self._table(slopes)) for values, slopes in plain["outcomes"]),
             TimeResolution(*plain["resolution"]), plain["converged"], self.arrays[plain["costs"]],
         )  # fmt: skip
-        return EvaluatedFit(fitted, {run: self._table(rows) for run, rows in plain["residuals"].items()})
+        bench = BenchEstimate(self.arrays[plain["sensors"]], self._table(plain["runs"]))
+        return EvaluatedFit(fitted, {run: self._table(rows) for run, rows in plain["residuals"].items()}, bench)
 
     def _table(self, names: Mapping[str, str] | None) -> dict[str, np.ndarray] | None:
         return None if names is None else {name: self.arrays[key] for name, key in names.items()}

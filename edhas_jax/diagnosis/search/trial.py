@@ -6,24 +6,28 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import FitError
+from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, refine_fit, start_coordinates
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.screening import Score
-from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 MIN_ACHIEVED_FALL_SHARE = 0.3  # of the predicted fall of χ²: a fit that achieves less is restarted elsewhere
 RESTART_PRIOR_SHARE = 0.3  # of the calibrated coordinates: where the restart lies between prior mean and calibration
+DISTORTED_COORDINATE = 2.5  # of a calibrated parameter: beyond it the missing effect has distorted the calibration
 PRIOR_BOUND_PENALTY = 30.0  # nats off the gain of a candidate that depends on a parameter at its prior bound
 MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is made: the best of forty reaches it by chance
-MAX_TRIALS = 5
+MAX_TRIALS = 6
 MIN_RIVAL_GAIN_SHARE = 0.1  # of the gain reached: a candidate that predicts less is not tried
+# near the noise the prediction is nearly what a fit achieves: a candidate that predicts less than a share of the misfit
+# is not tried; the excess over half the number of samples that counts as near
+MIN_NEAR_SHARE, NEAR_EXCESS = 0.07, 3.0
 TRIAL_STEPS = 12  # maximum number of Levenberg-Marquardt steps of a trial
-WORST_RUN_RATIO = 2.0  # rms residual of a run over the median of all runs, above which the run is left out at first
+# a trial is given up where, after so many steps, its fall of ½χ² is below a share of that of the best trial so far
+CHECKED_STEPS = {4: 0.4, 7: 0.75}
+NEARLY_ALL_SHARE = 0.7  # of the excess of χ²: below it the fit may have ended in a local minimum
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,15 +40,32 @@ class Trial:
         evaluated: the fit with the candidate; None where no fit was possible.
         log_evidence_gain: log-evidence with the candidate less that of the model without it, in nats, less
             `PRIOR_BOUND_PENALTY` where it depends on a parameter at the prior bound; −inf without a fit.
+        left_out_gain: the same for the predictions of each fitted run from the others; −inf without a fit.
+        explained_share: share of the excess of ½χ² over the noise that the candidate removes; −inf without a fit.
         holdout_half_chi_square_fall: fall of ½χ² on the held-out runs, on all runs where none is held out; −inf
             without a fit.
+        gain_beyond_laws: log-evidence gain beyond what deviations of the accepted laws explain, in nats.
+        remaining_excess: excess of ½χ² that the candidate and deviations of the accepted laws leave.
+        own_law_excess: the same where its own law may deviate as well; `remaining_excess` where not computed.
+        own_law_gain: log-evidence gain [nats] with its own law deviating, less the cost of the deviation's values.
     """
 
     candidate: Candidate
     score: Score
     evaluated: EvaluatedFit | None
     log_evidence_gain: float
+    left_out_gain: float
+    explained_share: float
     holdout_half_chi_square_fall: float
+    gain_beyond_laws: float = -math.inf
+    remaining_excess: float = math.inf
+    own_law_excess: float = math.inf
+    own_law_gain: float = -math.inf
+
+    @classmethod
+    def failed(cls, score: Score) -> "Trial":
+        """The trial of a candidate with which the model cannot be fitted."""
+        return cls(score.candidate, score, None, *[-math.inf] * 4)
 
     def with_fit(self, baseline: EvaluatedFit, evaluated: EvaluatedFit) -> "Trial":
         """The trial with another fit of its candidate, compared with `baseline`, the model without it."""
@@ -53,18 +74,22 @@ class Trial:
             gain -= PRIOR_BOUND_PENALTY
         falls = baseline.holdout_half_chi_square() - evaluated.holdout_half_chi_square()
         return dataclasses.replace(
-            self, evaluated=evaluated, log_evidence_gain=gain, holdout_half_chi_square_fall=float(falls.sum())
-        )
+            self, evaluated=evaluated, log_evidence_gain=gain,
+            left_out_gain=float(np.sum(evaluated.left_out - baseline.left_out)),
+            explained_share=(baseline.cost - evaluated.cost) / max(baseline.excess, 1.0),
+            holdout_half_chi_square_fall=float(falls.sum()),
+        )  # fmt: skip
 
 
 def try_candidate(
     baseline: EvaluatedFit, accepted: Sequence[Candidate], score: Score, resolution: TimeResolution, max_steps: int,
-    finish: bool, progressive: bool = True,
+    reached: float = 0.0,
 ) -> Trial:  # fmt: skip
     """Refit all unknowns with a candidate in place.
 
     The fit starts from the calibrated values. If it achieves less than 30 % of the predicted fall of χ², it is
-    restarted nearer the prior mean, because a wrong model biases the calibrated values.
+    restarted nearer the prior mean, because a wrong model biases the calibrated values; also if a calibrated parameter
+    is implausible and less than half of the misfit is removed.
 
     Args:
         baseline: the model without the candidate.
@@ -72,39 +97,45 @@ def try_candidate(
         score: score test of the candidate; its `x` starts the fit.
         resolution: coarse and fine time steps per sample.
         max_steps: maximum number of Levenberg-Marquardt steps of each fit.
-        finish: whether to refine the fit at the fine time step.
-        progressive: whether to repeat a fit that stays far from the noise on growing fractions of the runs.
+        reached: fall of ½χ² that another candidate has achieved; a fit that stays far below it is given up.
 
     Returns:
         The trial with the fit of the largest log-evidence.
     """
     fitted, candidate = baseline.fit, score.candidate
     known = fitted.problem
-    problem = build_problem(known.campaign, known.machine, known.instruments, accepted, candidate)
+    problem = build_problem(
+        known.campaign, known.machine, known.instruments, accepted, candidate, known.solver_error, known.time_shifts
+    )  # fmt: skip
     count = len(problem.unknowns) - len(score.x)
     calibrated_start = np.concatenate([start_coordinates(problem, fitted.values)[:count], score.x])
     shrunk_start = np.concatenate([RESTART_PRIOR_SHARE * calibrated_start[:count], score.x])
     best: EvaluatedFit | None = None
+
+    def keep_on(step: int, cost: float) -> bool:
+        return baseline.cost - cost >= CHECKED_STEPS.get(step, -math.inf) * reached
+
+    known_priors = np.array([u.has_prior for u in fitted.problem.unknowns])
+    distorted = bool(np.abs(fitted.x[known_priors]).max(initial=0.0) > DISTORTED_COORDINATE)
     for start in (calibrated_start, shrunk_start):
         try:
-            found = fit_coarse(problem, start, resolution.coarse, max_steps)
-            found = refine_fit(found, resolution, max_steps) if finish else found
+            found = fit_coarse(problem, start, resolution.coarse, max_steps, keep_on)
         except FitError:
             continue
         if best is None or found.log_evidence > best.log_evidence:
             best = found
-        if baseline.cost - best.cost > MIN_ACHIEVED_FALL_SHARE * score.predicted_gain:
+        achieved = baseline.cost - best.cost
+        if distorted and achieved > 0.5 * baseline.excess:
             break
-    if progressive and (best is None or not best.near_noise):
-        starts = np.array([shrunk_start] if best is None else [best.fit.x, shrunk_start])
-        best = fit_progressively(problem, starts, len(score.x), resolution.coarse, max_steps, best) or best
-    failed = Trial(candidate, score, None, -math.inf, -math.inf)
+        if not distorted and (reached > 0.0 or achieved > MIN_ACHIEVED_FALL_SHARE * score.predicted_gain):
+            break
+    failed = Trial.failed(score)
     return failed if best is None else failed.with_fit(baseline, best)
 
 
 def try_best_candidates(
     baseline: EvaluatedFit, accepted: Sequence[Candidate], scores: Sequence[Score], resolution: TimeResolution,
-    report: Callable[[str], None], reached: float = 0.0,
+    report: Callable[[str], None], reached: float = 0.0, max_trials: int = MAX_TRIALS,
 ) -> list[Trial]:  # fmt: skip
     """Try the candidates with the largest predicted fall of χ², until the others predict too little.
 
@@ -114,56 +145,47 @@ def try_best_candidates(
         scores: score tests, the largest predicted fall of χ² first.
         resolution: coarse and fine time steps per sample.
         report: called with a sentence on the progress.
-        reached: log-evidence gain [nats] that other candidates have achieved already.
+        reached: fall of ½χ² that other candidates have achieved already.
+        max_trials: largest number of trials.
     """
     trials: list[Trial] = []
-    for score in scores[:MAX_TRIALS]:
-        too_little = score.predicted_gain < MIN_RIVAL_GAIN_SHARE * reached
-        if score.chi_square_fall < MIN_CHI_SQUARE_FALL or too_little:
+    is_near = baseline.excess < NEAR_EXCESS * 0.5 * baseline.samples
+    least = MIN_NEAR_SHARE * baseline.excess if is_near else 0.0
+    for score in scores[:max_trials]:
+        # where a candidate achieves far more than predicted, rivals may as well
+        limit = min(reached, scores[0].predicted_gain)
+        if score.chi_square_fall < MIN_CHI_SQUARE_FALL:
+            break
+        if score.predicted_gain < max(MIN_RIVAL_GAIN_SHARE * limit, least):
             break
         report(f"trying {score.candidate.name}: predicted fall of χ² {score.chi_square_fall:.0f}")
-        # once one candidate explains nearly all, rivals need no search for a better minimum
-        progressive = not any(t.evaluated is not None and t.evaluated.near_noise for t in trials)
-        trials.append(
-            try_candidate(baseline, accepted, score, resolution, TRIAL_STEPS, baseline.near_noise, progressive)
-        )
-        reached = max(reached, best_gain(trials, scores))
+        trial = try_candidate(baseline, accepted, score, resolution, TRIAL_STEPS, reached)
+        trials.append(trial)
+        if trial.evaluated is not None:
+            reached = max(reached, baseline.cost - trial.evaluated.cost)
     return trials
 
 
-def best_gain(trials: Sequence[Trial], scores: Sequence[Score]) -> float:
-    """The largest log-evidence gain of some trials [nats], at most half the largest predicted fall of χ².
+def retry_progressively(
+    baseline: EvaluatedFit, accepted: Sequence[Candidate], trial: Trial, resolution: TimeResolution
+) -> Trial:
+    """Repeat a trial on growing fractions of the runs; unchanged where that finds no better fit.
 
-    The limit keeps rivals in the race: where a candidate achieves far more than predicted, rivals may as well.
-    """
-    return min(max((t.log_evidence_gain for t in trials), default=0.0), scores[0].predicted_gain) if scores else 0.0
-
-
-def refit_without_worst_runs(baseline: EvaluatedFit, trial: Trial, steps_per_sample: int, max_steps: int) -> Trial:
-    """Refit a trial first without the runs that it fits worst, then on all runs.
-
-    Runs at the edge of resonance or cavitation give the cost many local minima, and a fit caught in one of them
-    explains these runs worst. Without them the fit finds the region of the global minimum.
+    Where the machine resonates or cavitates, the cost of whole runs has many local minima.
 
     Args:
-        baseline: the model without the candidate of the trial.
-        trial: a trial with a fit.
-        steps_per_sample: time steps per sample.
-        max_steps: maximum number of Levenberg-Marquardt steps of each fit.
-
-    Returns:
-        The trial with the new fit, or unchanged where no run stands out or the log-evidence is not larger.
+        baseline: the model without the candidate.
+        accepted: candidates that `baseline` has already.
+        trial: the trial to improve.
+        resolution: coarse and fine time steps per sample.
     """
-    found = trial.evaluated
-    problem = found.fit.problem
-    runs = problem.campaign.runs_for(Use.FIT)
-    rms = np.array([rms_over_noise(found.residuals[run.name].values()) for run in runs])
-    selected = tuple(run for run, of in zip(runs, rms, strict=True) if of <= WORST_RUN_RATIO * np.median(rms))
-    if len(selected) == len(runs):
-        return trial
-    try:
-        part = fit_coarse(dataclasses.replace(problem, runs=selected), found.fit.x, steps_per_sample, max_steps)
-        whole = fit_coarse(problem, part.fit.x, steps_per_sample, max_steps)
-    except FitError:
-        return trial
-    return trial.with_fit(baseline, whole) if whole.log_evidence > found.log_evidence else trial
+    known, candidate = baseline.fit.problem, trial.candidate
+    problem = build_problem(
+        known.campaign, known.machine, known.instruments, accepted, candidate, known.solver_error, known.time_shifts
+    )  # fmt: skip
+    scanned = len(trial.score.x)
+    calibrated = np.concatenate([start_coordinates(problem, baseline.fit.values)[:-scanned], trial.score.x])
+    calibrated[:-scanned] *= RESTART_PRIOR_SHARE
+    starts = np.array([calibrated] if trial.evaluated is None else [trial.evaluated.fit.x, calibrated])
+    found = fit_progressively(problem, starts, scanned, resolution.coarse, TRIAL_STEPS, trial.evaluated)
+    return trial if found is None else trial.with_fit(baseline, found)

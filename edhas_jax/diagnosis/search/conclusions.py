@@ -1,0 +1,114 @@
+"""The conclusions of a diagnosis as sentences, the verdict first."""
+
+import math
+
+from edhas_jax.core.units import format_quantity, format_with_error
+from edhas_jax.diagnosis.calibration.confounding import model_error_sentence, weak_combinations
+from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
+from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.measurements.campaign import Use
+
+DEVIATION_UNITS = {DeviationKind.TRIGGER: "s", DeviationKind.SHIFT: "s"}  # others are relative
+MIN_NAMED_SHARE = 1e-4  # of a signal's rms, left unexplained, below which the signal is not named
+
+
+def conclusions(diagnosis: Diagnosis) -> list[str]:
+    """The result in sentences, the verdict first."""
+    use = "holdout" if diagnosis.campaign.runs_for(Use.HOLDOUT) else "fit"
+    errors = diagnosis.errors()
+    rms = [errors[state][use].get("overall", math.nan) for state in ("before", "calibrated", "after")]
+    runs = "held-out runs" if use == "holdout" else "the fitted runs (none is held out)"
+    runs = "the held-out part of the runs" if diagnosis.holdout_split else runs
+    out = []
+    if diagnosis.verdict is Verdict.ADEQUATE:
+        out.append(_adequate_sentence(diagnosis))
+    elif diagnosis.verdict is Verdict.UNKNOWN_EFFECT:
+        out += _unknown_effect_sentences(diagnosis, Use(use))
+    else:
+        sizes = [f"{t.candidate.name} ({_parameters_text(diagnosis, t.candidate)})" for t in diagnosis.accepted]
+        out.append(f"{' and '.join(sizes)} {'is' if len(sizes) == 1 else 'are'} missing.")
+        out += [
+            f"{m.candidate.name} acts by another law than that of the library: a curve over its variable lowers "
+            f"χ² by {2.0 * m.law_gain:.3g} more."
+            for m in diagnosis.members
+            if m.law_differs
+        ]
+    if len(diagnosis.answer.members) > 1:
+        parts = [f"{name} {diagnosis.answer.probabilities[name]:.2f}" for name in diagnosis.answer.members]
+        out.append(f"Not ruled out, with their probabilities: {', '.join(parts)}.")
+    for group in diagnosis.confounded_groups():
+        names = " and ".join(candidate.name for candidate in group)
+        out.append(f"These runs cannot distinguish {names}.")
+    out.append(
+        f"Residual over noise on {runs}: {rms[0]:.2f} as it was, {rms[1]:.2f} calibrated"
+        + ("." if diagnosis.verdict is Verdict.ADEQUATE else f", {rms[2]:.2f} with the accepted candidates.")
+    )
+    out += [diagnosis.holdout_split] if diagnosis.holdout_split else []
+    return out + uncertainty_sentences(diagnosis)
+
+
+def uncertainty_sentences(diagnosis: Diagnosis) -> list[str]:
+    """What the data do not determine, and what the standard errors take for granted."""
+    rms = diagnosis.errors()["after"]["fit"].get("overall", math.nan)
+    larger = model_error_sentence(rms)
+    combinations = [combination.sentence() for combination in weak_combinations(diagnosis.final)]
+    return [*([] if larger is None else [larger]), *combinations, *(a.sentence() for a in diagnosis.assumed)]
+
+
+def bench_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:
+    """What the bench did: the clear deviations as texts of what, run, size with standard error, and accuracy."""
+    rows = []
+    for row in diagnosis.bench_deviations():
+        deviation = row.deviation
+        unit = DEVIATION_UNITS.get(deviation.kind, "-")
+        unit = SIGNALS[deviation.name].unit if deviation.kind is DeviationKind.OFFSET else unit
+        what = " ".join(part for part in (deviation.kind.value, deviation.name.replace("_", " ")) if part)
+        size, error = row.value * deviation.std, row.std * deviation.std
+        texts = format_with_error(size, error, unit), format_quantity(deviation.std, unit)
+        if unit == "-":
+            texts = f"{100.0 * size:+.2g} ± {100.0 * error:.1g} %", f"{100.0 * deviation.std:.2g} %"
+        rows.append((what, row.run or "all", *texts))
+    return rows
+
+
+def _adequate_sentence(diagnosis: Diagnosis) -> str:
+    """To how many per cent of each signal the model is adequate."""
+    shares = {name: share for name, share in diagnosis.unexplained_shares().items() if share > MIN_NAMED_SHARE}
+    if diagnosis.left <= 0.0 or not shares:
+        return "Nothing is missing: with its uncertain parameters fitted, the model is as good as the sensors."
+    parts = [f"{100.0 * share:.2g} % of {name}" for name, share in sorted(shares.items(), key=lambda i: -i[1])]
+    return (
+        f"The model is adequate to {', '.join(parts)} (rms): with its uncertain parameters fitted, what is left "
+        "has no single cause that these runs show."
+    )
+
+
+def _unknown_effect_sentences(diagnosis: Diagnosis, use: Use) -> list[str]:
+    """Where an unknown effect acts, its best generic term, and accepted candidates at their prior bound."""
+    component = next(iter(diagnosis.location_probabilities()), "the machine").replace("_", " ")
+    out = [f"Something is missing that no effect of the library explains; most likely it acts on {component}."]
+    if (best := diagnosis.best_generic_trial) is not None:
+        kind = best.candidate.kind
+        value = best.evaluated.fit.values[f"{best.candidate.prefix}coefficient"]
+        term = f"{format_quantity(value, kind.slots[0].unit)} · {kind.text}"
+        out.append(
+            f"The generic term that explains most of it: {term}, added as {kind.slots[0].name}; "
+            f"residual over noise then {best.evaluated.rms_over_noise(use):.2f}."
+        )
+    for member in diagnosis.members:
+        for name in member.implausible:
+            u = member.candidate.own_unknowns(diagnosis.final.problem.unknowns)[name]
+            value = format_quantity(diagnosis.final.values[u.name], u.unit)
+            out.append(f"{member.candidate.name} only imitates it: its {name} would have to be {value} or beyond.")
+    return out
+
+
+def _parameters_text(diagnosis: Diagnosis, candidate: Candidate) -> str:
+    """The fitted parameters of a candidate with their standard errors."""
+    fit, own = diagnosis.final, candidate.own_unknowns(diagnosis.final.problem.unknowns)
+    return ", ".join(
+        f"{name} {format_with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit)}"
+        for name, u in own.items()
+    )
