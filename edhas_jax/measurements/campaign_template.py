@@ -42,7 +42,7 @@ signals:                 # unit in the files; `noise` (standard deviation in tha
 # accuracy:              # standard deviations, where they differ from these; 0 is exact
 #   trigger: 0.2 ms      # of the start of each record
 #   settings: {{load_orifice_area: 0.5 %, coil_resistance: 0.5 %}}                  # of each run
-#   signals: {{outlet_pressure: {{gain: 0.3 %, offset: 2 kPa, shift: 20 us}}}}      # of each sensor, the same in all runs
+#   signals: {{outlet_pressure: {{gain: 0.3 %, offset: 2 kPa, shift: 20 us}}}}      # of each sensor, for all runs
 runs:                    # fit: to estimate parameters; holdout: to validate. Conditions are parameters of the machine
   - {{file: run1.csv, use: fit, frequency: 10 Hz, amplitude: 3.5 mm, load_orifice_area: 4.2 mm^2}}
 # - {{file: run2.csv, use: holdout, frequency: 15 Hz, amplitude: 3.5 mm, load_orifice_area: 2 mm^2}}

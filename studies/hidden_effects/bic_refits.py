@@ -17,7 +17,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidate_unknowns
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, refine_fit, start_coordinates
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates, with_solver_error
 from edhas_jax.measurements.time_resolution import TimeResolution
 from studies.hidden_effects.answers import NOTHING, Answer
 from studies.hidden_effects.calibrated_case import CalibratedCase, exact_fit
@@ -138,7 +138,7 @@ def best_addition(starts: Sequence[Start], base: Model, resolution: TimeResoluti
             fits.append((found, start.candidate))
     models = []
     for found, candidate in sorted(fits, key=lambda fit: fit[0].cost)[:REFINED]:
-        refined = refine_fit(found, resolution, FIT_STEPS) if found.near_noise else found
+        refined = with_solver_error(found, resolution, FIT_STEPS)
         models.append(evaluated_model(refined, (*base.mounted, candidate)))
     return sorted(models, key=lambda model: model.bic)
 

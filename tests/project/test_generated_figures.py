@@ -31,6 +31,7 @@ DEFINITIONS = {
     "docs/clusters.md": {"Sweeps on clusters", "Costs"},
     "docs/configuration.md": {"Configurations and run folders", "Is the result valid?", "Limits"},
     "docs/controllers.md": {"Sampled control", "ANTSMC"},
+    "docs/diagnosis.md": {"Method"},
     "docs/fitting.md": {"Compare", "Fit"},
     "docs/fmu.md": {"Time"},
     "docs/hidden_effects.md": {

@@ -99,4 +99,4 @@ def with_predicted_signals(campaign: Campaign, per_sample: int) -> Campaign:
         dataclasses.replace(run, signals={n: outcomes[r].values[n] for n in run.signals or campaign.channels})
         for r, run in enumerate(campaign.runs)
     )
-    return dataclasses.replace(campaign, runs=runs)
+    return dataclasses.replace(campaign, runs=runs, is_checked=True)  # predictions have no noise to measure

@@ -42,7 +42,7 @@ class GapTest:
         inside = np.zeros(self._length, bool)
         inside[neighbours : neighbours + gap] = True
         powers = np.vander(np.linspace(-1.0, 1.0, self._length), DEGREE + 1)
-        from_neighbours = np.linalg.pinv(powers[~inside])
+        from_neighbours = np.linalg.lstsq(powers[~inside], np.eye(2 * neighbours), rcond=None)[0]
         unit = np.eye(self._length)
         self._deviation, self._line, self._residual = unit[inside], unit[inside], unit[~inside]
         self._deviation[:, ~inside] -= powers[inside] @ from_neighbours
@@ -52,7 +52,8 @@ class GapTest:
         self._line[:, neighbours + gap] -= share
         lags = np.abs(np.subtract.outer(np.arange(self._length), np.arange(self._length)))
         covariance = autocorrelation_of(correlation, self._length)[lags]
-        self._weight = np.linalg.inv(self._deviation @ covariance @ self._deviation.T)
+        spread = self._deviation @ covariance @ self._deviation.T
+        self._weight = np.linalg.lstsq(spread, np.eye(len(spread)), rcond=None)[0]
         self._freedom = float(np.trace(self._residual @ covariance @ self._residual.T))
 
     def peaks(self, values: np.ndarray) -> np.ndarray:

@@ -73,12 +73,13 @@ def restore(filtered: np.ndarray, autocorrelation: np.ndarray) -> np.ndarray:
         The autocovariance (LAGS + 1,); beyond these lags it goes on as an autoregressive model predicts.
     """
     short, long = filter_map(autocorrelation), filter_map(autocorrelation, LONG_LAGS)
-    found = np.linalg.solve(short, filtered)
+    found = np.linalg.lstsq(short, filtered, rcond=None)[0]
     for _ in range(MAX_CONTINUATIONS):
         if not found[0] > 0.0 or not is_stable(coefficients := yule_walker(found, MAX_ORDER)):
             break
         continued = found[0] * autocorrelation_of(coefficients, LONG_LAGS)
-        before, found = found, continued[: LAGS + 1] + np.linalg.solve(short, filtered - long @ continued)
+        change = np.linalg.lstsq(short, filtered - long @ continued, rcond=None)[0]
+        before, found = found, continued[: LAGS + 1] + change
         if np.abs(found - before).max() < MAX_CHANGE * before[0]:
             break
     return found

@@ -153,7 +153,7 @@ def _interpolation(shift: float) -> tuple[int, np.ndarray]:
 def _deviation_from_polynomial(half_width: int, degree: int) -> np.ndarray:
     """Coefficients (2 · half width + 1,) of the deviation of a sample from the polynomial fitted to those around it."""
     powers = np.vander(np.arange(-half_width, half_width + 1) / half_width, degree + 1)
-    coefficients = -np.linalg.pinv(powers)[-1]
+    coefficients = -np.linalg.lstsq(powers, np.eye(len(powers)), rcond=None)[0][-1]
     coefficients[half_width] += 1.0
     return coefficients
 
