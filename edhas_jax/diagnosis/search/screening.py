@@ -19,6 +19,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.least_squares import OVERFLOW_LIMIT
 from edhas_jax.diagnosis.likelihood.run_equations import run_columns
 from edhas_jax.diagnosis.likelihood.whitening import whiten
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidate_unknowns, screening_grid
@@ -151,7 +152,7 @@ class ScoreTest:
     def _projected(self, candidate: Candidate, points: np.ndarray) -> list[np.ndarray | None]:
         """The part of each signature orthogonal to the sensitivities; None where not finite or mere rounding."""
         signatures = np.array(self._signatures(candidate, points)).T
-        finite = np.isfinite(signatures).all(axis=0)
+        finite = (np.abs(signatures) < OVERFLOW_LIMIT).all(axis=0)
         signatures = np.where(finite, signatures, 0.0)
         basis = self._sensitivity_basis
         projected = signatures - basis @ (basis.T @ signatures)
