@@ -45,7 +45,9 @@ def test_the_benchmark_runs_its_methods_on_drawn_cases(small, tmp_path, capsys):
     line = dict(word.split("=") for word in capsys.readouterr().out.strip().splitlines()[-1].split())
     assert line["ours_in_set"] == line["ours_place"] == "1.000" and float(line["ours_median_s"]) > 0.0
     for method in ("ours", "bic", "subset", "correlation"):
-        assert line[f"{method}_top1"] == line[f"{method}_adequate_on_nulls"] == "1.000", method
+        assert line[f"{method}_top1"] == "1.000", method
+    for method in ("ours", "bic", "correlation"):  # the best subset names suspects in the noise of so few runs
+        assert line[f"{method}_adequate_on_nulls"] == "1.000", method
     stored = json.loads((tmp_path / "tuning" / "a00000" / "ours.json").read_text())
     assert stored["answer_set"] == stored["named"] and 0.5 < stored["probability"] <= 1.0
     (hidden,) = json.loads((tmp_path / "tuning" / "a00000" / "case.json").read_text())["hidden"]
