@@ -24,7 +24,7 @@ from edhas_jax.core.literal_text import one_line, yaml_text
 from edhas_jax.core.source_location import display_path
 from edhas_jax.core.units import display_unit, from_si
 from edhas_jax.machine.effects import EffectError
-from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS, LawTable
+from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS, LawPlace, LawTable, quotient_unit
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.interface.slots import SLOTS
 
@@ -90,9 +90,7 @@ def write_law_file(path: Path | str, table: LawTable) -> Path:
     """
     place = table.place
     variable_si, value_si = LAW_SIGNALS[place.variable], place.value_unit
-    signal = SIGNALS.get(place.variable)
-    node_unit = signal.display_unit if signal else display_unit(variable_si)
-    value_unit = display_unit(value_si, float(np.abs(table.values).max()) or None)
+    node_unit, value_unit = law_units(place, float(np.abs(table.values).max()))
 
     def numbers(values: np.ndarray, si: str, shown: str) -> str:
         return "[" + ", ".join(f"{float(v):.{DIGITS}g}" for v in from_si(np.asarray(values), si, shown)) + "]"
@@ -110,6 +108,23 @@ def write_law_file(path: Path | str, table: LawTable) -> Path:
     with atomic_write(path) as temporary:
         temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
     return path
+
+
+def law_units(place: LawPlace, largest: float) -> tuple[str, str]:
+    """Units of convenient size for the nodes and the values of a law, "" for a plain number.
+
+    Args:
+        place: where the law acts.
+        largest: magnitude of its values, SI.
+    """
+    node_unit, *divisors = (
+        SIGNALS[name].display_unit if name in SIGNALS else display_unit(LAW_SIGNALS[name])
+        for name in (place.variable, *place.factors)
+    )
+    slot_unit = SLOTS[place.slot].unit
+    if divisors:
+        return node_unit, quotient_unit(slot_unit, divisors)
+    return node_unit, display_unit(slot_unit, largest or None)
 
 
 def law_text(table: LawTable) -> str:

@@ -1,5 +1,7 @@
 """Writes a machine and the settings of its run as YAML text with every parameter."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from edhas_jax.config.code_not_run import require_code
@@ -17,7 +19,9 @@ from edhas_jax.machine.rigs import Rig, components_by_name
 from edhas_jax.simulation.run import Simulation
 
 
-def dump_config(config: Any, simulation: Simulation | None = None) -> str:
+def dump_config(
+    config: Any, simulation: Simulation | None = None, law_files: Mapping[str, str] = MappingProxyType({})
+) -> str:
     """Write a configuration as YAML text from which `read_config` makes the same machine and settings.
 
     Files of effects and recordings are named by their absolute paths. A recorded input whose file is not known (a
@@ -26,6 +30,8 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
     Args:
         config: a `Config` or a machine.
         simulation: settings of the run; by default those of the `Config`, or default settings for a machine.
+        law_files: files of tabulated laws by effect id, relative to where the configuration will be; a law without one
+            is written as its numbers.
 
     Returns:
         YAML text; every value carries its unit.
@@ -40,7 +46,7 @@ def dump_config(config: Any, simulation: Simulation | None = None) -> str:
         title, recordings = config.name, config.recordings
     require_code(m)
     lines = [f"name: {yaml_text(title)}"] if title else []
-    lines += [f"rig: {m.name}", f"effects: [{', '.join(_effect_text(e) for e in m.effects)}]"]
+    lines += [f"rig: {m.name}", f"effects: [{', '.join(_effect_text(e, law_files.get(e.id)) for e in m.effects)}]"]
     in_tables = {e.id for e in m.effects if table_of(e) is not None}
     rows = list_parameters(m)
     names = short_names(m)
@@ -74,9 +80,11 @@ def config_kind(section: str, component: Any) -> str:
     return built_in or class_spec(type(component))
 
 
-def _effect_text(effect: Effect) -> str:
-    """The entry of `effects` from which the effect is made again; a tabulated law stands there as a whole."""
+def _effect_text(effect: Effect, law_file: str | None) -> str:
+    """The entry of `effects` from which the effect is made again; a tabulated law without a file stands there whole."""
     table = table_of(effect)
+    if table is not None and law_file is not None:
+        return yaml_text(law_file)
     return yaml_text(effect_spec(type(effect))) if table is None else law_text(table)
 
 

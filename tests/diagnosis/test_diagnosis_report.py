@@ -10,13 +10,13 @@ import pytest
 
 from edhas_jax.core import structs
 from edhas_jax.core.units import format_with_error
+from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.diagnosis.report.machine_schematic import draw_schematic, probability_colour
-from edhas_jax.diagnosis.report.nonparametric_term import estimate_nonparametric_term
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
-from edhas_jax.diagnosis.report.report import explaining_candidates, write_report
+from edhas_jax.diagnosis.report.report import explaining_candidates, law_sentence, write_report
 from edhas_jax.diagnosis.report.residual_stages import draw_waterfall, residual_stages
 from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
-from edhas_jax.diagnosis.report.term_figures import draw_sensor_fault
+from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.conclusions import conclusions
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
@@ -89,15 +89,15 @@ def test_the_traces_are_those_measured_and_those_of_the_models(diagnosis, report
     assert diagnosis.campaign.runs[data["run"]].use is Use.HOLDOUT
 
 
-def test_the_missing_term_is_found_without_its_law(diagnosis):
+def test_the_missing_term_is_found_without_its_law(diagnosis, report):
     ((fitted, candidate),) = explaining_candidates(diagnosis)
-    term = estimate_nonparametric_term(fitted, candidate)
-    assert (term.slot.name, term.variable) == ("coil_voltage_change", "current")
-    truth = -LOST * np.tanh(term.nodes / 0.05)
-    steep = np.abs(term.nodes) < 0.1  # there a straight line from node to node is not the law
-    assert len(term.nodes) > 6 and (np.abs(term.values - truth) < 4.0 * term.std + 0.02 * LOST)[~steep].all()
-    assert np.median(term.std) < 0.1 * LOST
-    assert np.abs(term.law_samples + LOST * np.tanh(term.variable_samples / 0.05)).max() < 0.05 * LOST
+    curve = estimate_law_curve(fitted, candidate.id).curve
+    assert (curve.place.slot, curve.place.variable) == ("coil_voltage_change", "current")
+    truth = -LOST * np.tanh(curve.nodes / 0.05)
+    assert len(curve.nodes) > 6 and (np.abs(curve.total - truth) < 4.0 * curve.std + 0.02 * LOST).all()
+    assert np.median(curve.std) < 0.1 * LOST and curve.explained_share > 0.99
+    assert "Missing term: coil voltage change over current" in report and law_sentence(curve) in report
+    assert law_sentence(curve).endswith("need no other.")
 
 
 def test_the_waterfall_ends_at_the_noise(diagnosis):

@@ -101,7 +101,7 @@ def test_factors_multiply_the_curve():
         np.testing.assert_allclose(
             got.signals[name], expected.signals[name], atol=1e-9 * np.ptp(expected.signals[name])
         )
-    assert place.value_unit == "(N)/((m/s))" and place.neutral == 0.0
+    assert place.value_unit == "N/(m/s)" and place.neutral == 0.0
 
 
 def test_the_step_stays_of_second_order():

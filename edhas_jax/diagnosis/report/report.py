@@ -10,13 +10,15 @@ from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.optional_parts import OptionalParts
 from edhas_jax.core.units import format_with_error
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
+from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
+from edhas_jax.diagnosis.laws.law_curve import LawCurve
 from edhas_jax.diagnosis.planning.next_experiment import Experiment
 from edhas_jax.diagnosis.report.machine_schematic import draw_schematic
-from edhas_jax.diagnosis.report.nonparametric_term import estimate_nonparametric_term
 from edhas_jax.diagnosis.report.parameter_figure import draw_parameter_shifts
 from edhas_jax.diagnosis.report.residual_stages import draw_waterfall
 from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
-from edhas_jax.diagnosis.report.term_figures import draw_nonparametric_term, draw_sensor_fault
+from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions
@@ -28,10 +30,8 @@ from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 MAX_LISTED_CANDIDATES = 14
 MIN_SHOWN_PROBABILITY = 5e-4  # smaller ones are shown as 0
-NONPARAMETRIC_NOTE = (
-    "The points are a nonparametric estimate from the residuals, with all parameters as fitted; they assume no "
-    "functional form. The form of the candidate is correct where it passes through them."
-)
+CURVE_NOTE = "The curve assumes no formula: it is fitted to the runs together with all other unknowns."
+DIFFERENT_LAW = 12.0  # nats of log-evidence for a deviation from the library's law that chance does not give
 STYLE = """<style>
 .verdict { font-size: 1.25em; line-height: 1.4; border-left: 5px solid #de4a1c; padding: 0.2em 0 0.2em 0.9em }
 .verdict.fine { border-color: #1a7f4b } .verdict p { margin: 0.2em 0 } .verdict p + p { font-size: 0.8em }
@@ -168,14 +168,25 @@ def _term_sections(diagnosis: Diagnosis) -> list[str]:
                 html_page.heading(f"Sensor fault: {candidate.name}"),
                 html_page.image(figure, f"{candidate.name}: error of the sensor"),
             ]
-        elif (term := estimate_nonparametric_term(fitted, candidate)) is not None:
-            title = f"{term.slot.name.replace('_', ' ')} over {term.variable.replace('_', ' ')}"
+        elif (found := estimate_law_curve(fitted, candidate.id)) is not None:
+            curve = found.curve
+            title = f"{curve.place.slot.replace('_', ' ')} over {curve.place.variable.replace('_', ' ')}"
+            text = getattr(candidate.kind, "text", None)
+            name = candidate.name if text is None else f"c · {text}"
             out += [
                 html_page.heading(f"Missing term: {title}"),
-                html_page.paragraph(NONPARAMETRIC_NOTE),
-                html_page.image(draw_nonparametric_term(term), f"{candidate.name}: {title}"),
+                html_page.paragraph(f"{CURVE_NOTE} {law_sentence(curve)}"),
+                html_page.image(draw_law_curve(curve, name), f"{candidate.name}: {title}"),
             ]
     return out
+
+
+def law_sentence(curve: LawCurve) -> str:
+    """How the law of the library and the estimated curve agree, as a sentence."""
+    share = 100.0 * curve.explained_share
+    if curve.log_evidence_gain < DIFFERENT_LAW:
+        return f"The law of the library explains {share:.1f} % of it, and the runs need no other."
+    return f"The law of the library explains {share:.1f} % of it at its best size; the runs need another law."
 
 
 def _ambiguity_section(diagnosis: Diagnosis, experiment: Experiment | None) -> list[str]:

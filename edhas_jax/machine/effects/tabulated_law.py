@@ -7,6 +7,7 @@ node is that of the chord between the neighbouring nodes; outside the nodes it i
 import dataclasses
 import functools
 import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -49,16 +50,21 @@ class LawPlace(NamedTuple):
     @property
     def value_unit(self) -> str:
         """SI unit of the curve's values: that of the slot, divided by those of the factors."""
-        unit = SLOTS[self.slot].unit
-        if not self.factors:
-            return unit
-        divisor = "*".join(f"({LAW_SIGNALS[n]})" for n in self.factors)
-        return f"{'1' if unit == '-' else f'({unit})'}/({divisor})"
+        return quotient_unit(SLOTS[self.slot].unit, [LAW_SIGNALS[n] for n in self.factors])
 
     @property
     def neutral(self) -> float:
         """The value at which the law has no influence: 1 for a factor, 0 for a term that is added."""
         return 1.0 if SLOTS[self.slot].rule is Rule.SCALE else 0.0
+
+
+def quotient_unit(unit: str, divisors: Sequence[str]) -> str:
+    """A unit divided by others, as text: "N" and "Pa" give "N/Pa"."""
+    for divisor in divisors:
+        is_simple = divisor.isalpha()
+        numerator = "1" if unit == "-" else unit if is_simple or unit.isalpha() else f"({unit})"
+        unit = f"{numerator}/{divisor if is_simple else f'({divisor})'}"
+    return unit
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -1,0 +1,85 @@
+"""Values along the fitted runs of what a law at a slot depends on, and of what an effect contributes there."""
+
+import dataclasses
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from edhas_jax.core import structs
+from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
+from edhas_jax.machine.parameters import get_parameter
+from edhas_jax.measurements.measurement_model import PLACEHOLDER_PARAMETER
+from edhas_jax.simulation.batch_trajectories import simulate_batch
+
+LAW = "law"
+
+
+@dataclasses.dataclass(frozen=True)
+class LawSamples:
+    """Samples along the fitted runs at the places of one slot, all places of a valve or chamber together.
+
+    Args:
+        values: values (m,) of each signal that a law at the slot may depend on, SI.
+        law: contribution (m,) of an effect to the slot, SI; None without an effect.
+    """
+
+    values: dict[str, np.ndarray]
+    law: np.ndarray | None
+
+    def weight(self, place: LawPlace) -> np.ndarray:
+        """The product (m,) of the factors of a place; ones for a place without any."""
+        out = np.ones_like(self.values[place.variable])
+        for name in place.factors:
+            out = out * self.values[name]
+        return out
+
+
+class _Probe(NamedTuple):
+    """What is known at the places of a slot: the signals `names` and the contribution of an effect."""
+
+    slot: str
+    names: tuple[str, ...]
+    effect: str | None
+
+    def __call__(self, machine, y, t, h) -> dict[str, Any]:
+        """The values at one instant, named `signal.place`."""
+        probes = tuple(_probe(self.slot, name) for name in self.names)
+        s, _ = structs.replace(machine, effects=(*machine.effects, *probes)).evaluate(y, t, h, y)
+        made = s.record.contributions[self.slot]
+        rows = {name: made[probe.id] for name, probe in zip(self.names, probes, strict=True)}
+        rows |= {} if self.effect is None else {LAW: made[self.effect]}
+        return {f"{name}.{place}": value for name, row in rows.items() for place, value in enumerate(row)}
+
+
+def _probe(slot: str, name: str):
+    """An effect whose contribution to a slot is a signal."""
+    place = LawPlace(slot, "time", (name,))
+    return tabulated_class(f"probe_{name}", place, 2)(node_1=0.0, node_2=1.0, value_1=1.0, value_2=1.0)
+
+
+def law_samples(fit: Fit, places: tuple[LawPlace, ...], effect: str | None = None) -> LawSamples:
+    """Simulate the fitted runs and record what happens at a slot.
+
+    Args:
+        fit: the fit.
+        places: places at one slot, whose variables and factors are wanted.
+        effect: id of an effect at the slot whose contribution is wanted too.
+
+    Returns:
+        The samples of all runs, one after another.
+    """
+    names = tuple(dict.fromkeys(name for place in places for name in (place.variable, *place.factors)))
+    observer = _Probe(places[0].slot, names, effect)
+    columns: dict[str, list[np.ndarray]] = {}
+    for run in fit.problem.model().runs:
+        machine = fit.problem.campaign.machine_of(run, fit.machine)
+        samples = math.ceil(run.time[-1] / run.interval - 1e-4) + 1
+        values = {PLACEHOLDER_PARAMETER: np.array([float(get_parameter(machine, PLACEHOLDER_PARAMETER))])}
+        steps = fit.resolution.coarse
+        traces = simulate_batch(machine, values, None, run.interval / steps, steps, samples, observer).values
+        for key, column in traces.items():
+            columns.setdefault(key.rpartition(".")[0], []).append(column[:, 0])
+    joined = {name: np.concatenate(parts) for name, parts in columns.items()}
+    return LawSamples({name: joined[name] for name in names}, joined.get(LAW))

@@ -1,0 +1,200 @@
+"""Laws estimated as free curves: known laws are found again, and the files of the model with a curve can be used."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from edhas_jax.commands.cli import main
+from edhas_jax.config.law_file import read_law_file
+from edhas_jax.config.machine_config import read_config
+from edhas_jax.core import structs
+from edhas_jax.diagnosis.calibration.fit import fit
+from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
+from edhas_jax.diagnosis.calibration.result import campaign_residuals
+from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
+from edhas_jax.diagnosis.laws.curve_fit import estimate_free_curve, estimate_law_curve, exact_steps
+from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
+from edhas_jax.diagnosis.laws.deviation import curve_columns, deviation_columns
+from edhas_jax.diagnosis.laws.law_places import free_places, law_places
+from edhas_jax.diagnosis.laws.model_files import write_curve_model
+from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime, LugreFriction
+from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable, table_of
+from edhas_jax.machine.rigs import RIGS, PumpBench
+from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.campaign_writer import write_campaign
+from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.residuals import OVERALL, rms_by_signal
+from edhas_jax.measurements.unknown_parameters import UnknownParameter, uncertain_unknowns
+from tests.support.synthetic_campaign import bench, empty_campaign, measured
+
+POSITION = LawPlace("mover_force", "piston_position")
+NODES = 1e-3 * np.array([-3.2, -2.4, -1.6, -0.8, 0.0, 0.8, 1.6, 2.4, 3.2])
+FORCE = np.array([0.0, 0.6, -0.9, 1.2, 0.3, -1.0, 0.8, -0.4, 0.5])  # N
+LOST = 0.8  # V
+WIDTH = 0.15  # A
+
+
+def with_effect(machine, effect):
+    return structs.replace(machine, effects=(*machine.effects, effect))
+
+
+def fitted(campaign, machine=None, more=()):
+    machine = campaign.machine if machine is None else machine
+    problem = FitProblem(campaign, machine, (*uncertain_unknowns(campaign, machine), *more))
+    return fit(problem, np.zeros((1, len(problem.unknowns))), search=False)
+
+
+def held_out(campaign, found, use=Use.HOLDOUT):
+    """The rms residual over noise on the runs of a use."""
+    residuals = campaign_residuals(campaign, found.machine, found.instruments, exact_steps(found))
+    return rms_by_signal(campaign, residuals, use)[OVERALL]
+
+
+@pytest.fixture(scope="module")
+def bumps():
+    """A bench with a force over the position that nobody knows of, the fit without it, and the curve."""
+    truth = with_effect(bench(), LawTable("bumps", POSITION, NODES, FORCE).effect())
+    campaign = measured(empty_campaign(), truth)
+    without = fitted(campaign)
+    return campaign, without, estimate_free_curve(without, POSITION, NODES)
+
+
+@pytest.fixture(scope="module")
+def dead_time():
+    """A dead time by another law than the library's, the fit with the library's, and the curve."""
+    x = np.concatenate([-np.geomspace(6.0, 0.02, 15), [0.0], np.geomspace(0.02, 6.0, 15)])
+    voltage = -LOST * 2.0 / np.pi * np.arctan(x / WIDTH)
+    truth = with_effect(bench(), LawTable("lost", LawPlace("coil_voltage_change", "current"), x, voltage).effect())
+    campaign = measured(empty_campaign(), truth)
+    size = UnknownParameter("dead_time_voltage", 0.9, 0.5, "V", (0.1, 3.0))
+    with_law = fitted(campaign, with_effect(bench(), InverterDeadTime()), (size,))
+    return campaign, with_law, estimate_law_curve(with_law, "inverter_dead_time")
+
+
+def test_an_unknown_law_is_found_again(bumps):
+    campaign, without, (curve, found) = bumps
+    assert (curve.name, curve.place, curve.beside) == ("mover_force_curve", POSITION, "")
+    inside = slice(1, -1)  # the outermost nodes are hardly visited
+    error = curve.values - FORCE
+    assert (np.abs(error) < 4.0 * curve.std + 0.01)[inside].all()
+    assert np.sqrt(np.mean(error[inside] ** 2)) < 0.05 * np.ptp(FORCE) and curve.std[inside].max() < 0.1
+    assert curve.log_evidence_gain > 100.0 and curve.explained_share is None
+    assert held_out(campaign, without) > 1.5 and held_out(campaign, found) == pytest.approx(1.0, abs=0.06)
+    assert table_of(found.machine.effects[-1]).values == pytest.approx(curve.values)
+
+
+def test_nothing_is_found_where_nothing_is_missing():
+    campaign = measured(empty_campaign(), bench())
+    curve = estimate_free_curve(fitted(campaign), POSITION).curve
+    assert curve.log_evidence_gain < 3.0
+    assert (np.abs(curve.values) < 4.0 * curve.std + 1e-3).all() and np.abs(curve.values).max() < 0.1
+
+
+def test_a_law_that_differs_is_replaced(dead_time):
+    campaign, with_law, (curve, found) = dead_time
+    assert curve.place == LawPlace("coil_voltage_change", "current") and curve.beside == ""
+    assert [e.id for e in found.machine.effects] == ["lugre_friction", "inverter_dead_time_curve"]
+    assert "dead_time_voltage" not in found.values and "coil_resistance" in found.values
+    truth = -LOST * 2.0 / np.pi * np.arctan(curve.nodes / WIDTH)
+    assert (np.abs(curve.total - truth) < 4.0 * curve.std + 0.03 * LOST).all()
+    error, before = (np.sqrt(np.mean((v - truth) ** 2)) for v in (curve.total, curve.law_values))
+    assert error < 0.35 * before
+    assert 0.8 < curve.explained_share < 0.95  # the resistance reproduces the linear part of both laws
+    assert held_out(campaign, found) < held_out(campaign, with_law) - 0.05
+    assert held_out(campaign, found) == pytest.approx(1.0, abs=0.06)
+
+
+def test_columns_are_derivatives_of_the_signals(bumps):
+    campaign, without, _ = bumps
+    slopes = curve_columns(without, POSITION, NODES)
+    assert len(slopes) == len(campaign.runs_for(Use.FIT)) and slopes[0]["current"].shape == (401, len(NODES))
+    k, step = 5, 1e-3
+    ends = []
+    for sign in (1.0, -1.0):
+        machine = with_effect(without.machine, LawTable("x", POSITION, NODES, sign * step * np.eye(9)[k]).effect())
+        model = MeasurementModel(campaign, machine, (), campaign.runs_for(Use.FIT))
+        ends.append(model.predict_all_runs(np.zeros(0), without.resolution.coarse))
+    for r, run in enumerate(slopes):
+        for signal in ("voltage", "current", "piston_position"):
+            difference = (ends[0][r].values[signal] - ends[1][r].values[signal]) / (2.0 * step)
+            assert np.abs(run[signal][:, k] - difference).max() < 1e-3 * np.abs(difference).max()
+    prior = CurvePrior(0.5, 0.2)
+    (first, *_) = deviation_columns(without, POSITION, NODES, prior)
+    covariance = np.linalg.inv(prior.precision(NODES))
+    expected = slopes[0]["current"] @ covariance @ slopes[0]["current"].T
+    np.testing.assert_allclose(first["current"] @ first["current"].T, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_the_files_of_a_model_with_a_curve_are_used_by_the_commands(dead_time, tmp_path, monkeypatch, capsys):
+    campaign, _, found = dead_time
+    monkeypatch.chdir(tmp_path)
+    write_campaign(campaign, tmp_path / "bench")
+    files = write_curve_model(tmp_path / "model", found)
+    table = read_law_file(files.law)
+    assert table.place == found.curve.place and table.name == found.curve.name and "synthetic" in table.origin
+    for read, written in ((table.nodes, found.curve.nodes), (table.values, found.curve.values)):
+        np.testing.assert_allclose(read, written, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(table.std, found.curve.std, rtol=1e-8)
+    assert "effects: [lugre_friction, inverter_dead_time_curve.yaml]" in files.model.read_text()
+    machine = read_config(files.model).machine
+    assert table_of(machine.effects[-1]).values == pytest.approx(found.curve.values)
+    assert main(["compare", "bench", "--model", str(files.model), "--out", "out"]) == 0
+    figures = pd.read_csv(tmp_path / "out" / "figures.csv")
+    assert len(figures) and "inverter_dead_time_curve" in (tmp_path / "out" / "report.html").read_text()
+    quick = ["--set", "duration=0.05 s", "--no-figure", "--out", "run"]
+    assert main(["simulate", str(files.model), *quick]) == 0
+    assert "inverter_dead_time_curve" in capsys.readouterr().out
+    again = read_config(tmp_path / "run" / "config.yaml").machine  # holds the table itself
+    assert table_of(again.effects[-1]).values == pytest.approx(found.curve.values)
+
+
+def test_the_figure_shows_curve_and_law_in_units(dead_time):
+    figure = draw_law_curve(dead_time[2].curve, "inverter_dead_time")
+    upper, lower = figure.axes
+    assert upper.get_ylabel() == "coil voltage change, V" and lower.get_xlabel() == "current, A"
+    assert len(upper.lines) >= 3 and len(upper.collections) >= 1
+
+
+@pytest.fixture(scope="module")
+def drag():
+    """A bench with a drag that grows with the third power of the speed, of which nobody knows."""
+    x = np.linspace(-0.5, 0.5, 9)
+    law = LawTable("more", LawPlace("mover_friction", "piston_velocity"), x, 60.0 * x**3)
+    return measured(empty_campaign(), with_effect(bench(), law.effect()))
+
+
+def test_a_law_of_several_variables_stays_and_the_curve_is_added(drag):
+    """Bristle friction depends on its state: what is added is the deviation from it."""
+    curve, found = estimate_law_curve(fitted(drag), "lugre_friction")
+    assert curve.beside == "lugre_friction" and curve.place.variable == "piston_velocity"
+    assert [e.id for e in found.machine.effects] == ["lugre_friction", "lugre_friction_curve"]
+    assert held_out(drag, found) == pytest.approx(1.0, abs=0.08)
+    fast = np.abs(curve.nodes) > 0.1
+    assert (np.sign(curve.total) == np.sign(curve.nodes))[fast].all()
+
+
+def test_standard_errors_hold_what_the_other_unknowns_could_do(drag):
+    """A linear part of a curve over the speed cannot be told from the damping, unless that is known."""
+    place = LawPlace("mover_friction", "piston_velocity")
+    known = dataclasses.replace(drag, uncertain={"coil_resistance": 0.02})
+    free, alone = (estimate_free_curve(fitted(campaign), place).curve for campaign in (drag, known))
+    assert alone.std[[1, -2]].max() < 0.5 * free.std[[1, -2]].min()
+    assert (np.abs(alone.values - 60.0 * alone.nodes**3) < 4.0 * alone.std + 0.05)[1:-1].all()
+
+
+@pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
+def test_every_place_of_a_machine_can_have_a_curve(rig):
+    places = free_places(rig())
+    assert places and not any(place.factors for place in places)
+    slots = {place.slot for place in places}
+    assert slots <= {slot.name for slot in rig.slots} and {"mover_force", "coil_voltage_change"} <= slots
+    assert law_places(rig(), "no_slot") == () and law_places(rig(), "coupling_force") == ()
+
+
+def test_an_effect_without_a_law_over_a_signal_has_no_curve():
+    campaign = measured(empty_campaign(), bench())
+    machine = with_effect(bench(), ConstantBiasForce(bias_force=0.0))
+    assert estimate_law_curve(fitted(campaign, machine), "constant_bias_force") is None
+    assert {p.variable for p in law_places(PumpBench(effects=(LugreFriction(),)), "check_valve_force")} >= {"lift"}
