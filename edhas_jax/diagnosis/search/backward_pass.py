@@ -6,7 +6,7 @@ leaves much more than the model with it.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.decision_rules import strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
-from edhas_jax.diagnosis.search.law_deviation import law_deviation_columns
+from edhas_jax.diagnosis.search.law_deviation import deviation_cost, law_deviation_columns
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.result import MemberTest, Round, accepted_trials
 from edhas_jax.measurements.campaign import Campaign
@@ -23,7 +23,6 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 
 REFIT_STEPS = 6  # maximum number of Levenberg-Marquardt steps of a refit without a member
 MIN_LAW_STRENGTH = 1.0  # fall by a deviation of a law over what is left, from which the law differs
-NODE_COST = 2.0  # nats that each value of a deviation costs
 MIN_STRENGTH = 0.7  # of a member: gain over what is left; below it the member is removed
 
 
@@ -45,7 +44,7 @@ def take_back(
         members = [trial.candidate for trial in accepted_trials(rounds)]
         tests, without = [], []
         own = law_deviation_columns(final.fit, members) if members else None
-        left, values = final.excess_with(own), _values(own)
+        left = final.excess_with(own)
         for candidate in members:
             report(f"the model without {candidate.name}")
             others = [c for c in members if c is not candidate]
@@ -54,7 +53,7 @@ def take_back(
             before, after = refitted.excess_with(deviations), final.excess_with(deviations)
             penalty = (final.cost - refitted.cost) + (final.log_evidence - refitted.log_evidence)
             gain = before - after + penalty
-            gain = max(gain, before - left + penalty - NODE_COST * (values - _values(deviations)))
+            gain = max(gain, before - left + penalty - deviation_cost(own) + deviation_cost(deviations))
             tests.append(
                 MemberTest(
                     candidate, gain, float(np.sum(final.left_out - refitted.left_out)),
@@ -70,18 +69,13 @@ def take_back(
         rounds = _without_member(rounds, weakest, final)
 
 
-def _values(columns: Sequence[Mapping[str, np.ndarray]] | None) -> int:
-    """Number of columns."""
-    return 0 if columns is None else max((rows.shape[1] for run in columns for rows in run.values()), default=0)
-
-
 def _with_law(test: MemberTest, final: EvaluatedFit) -> MemberTest:
     """The test of a member that stays, with the plausibility of its parameters and of the library's law."""
     implausible = tuple(implausible_parameters(test.candidate, final.fit))
     columns = law_deviation_columns(final.fit, [test.candidate])
     after = final.excess_with(columns)
     gain = final.excess - after
-    differs = strength(gain - NODE_COST * _values(columns), after, final.samples) > MIN_LAW_STRENGTH
+    differs = strength(gain - deviation_cost(columns), after, final.samples) > MIN_LAW_STRENGTH
     return test._replace(implausible=implausible, law_gain=gain, law_differs=differs)
 
 

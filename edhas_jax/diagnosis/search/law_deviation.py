@@ -5,7 +5,7 @@ variable that the law follows. A piecewise linear function of it is therefore ad
 of the law's own magnitude. Whatever these columns reproduce is no reason to add another effect.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from edhas_jax.diagnosis.report.nonparametric_term import deviation_columns
 from edhas_jax.diagnosis.search.candidates import Candidate
 
 DEVIATION_SHARE = 0.5  # prior standard deviation of the deviation at a node, over the largest magnitude of the law
+NODE_COST = 2.0  # nats that each value of a deviation costs
 
 
 def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[str, np.ndarray]]:
@@ -36,3 +37,8 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
         }
         for r, run in enumerate(runs)
     ]
+
+
+def deviation_cost(columns: Sequence[Mapping[str, np.ndarray]] | None) -> float:
+    """What the values of some deviations cost in log-evidence [nats]; 0 for None."""
+    return NODE_COST * max((rows.shape[1] for run in columns or () for rows in run.values()), default=0)

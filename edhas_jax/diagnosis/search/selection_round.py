@@ -10,7 +10,7 @@ from edhas_jax.diagnosis.search.candidates import Candidate, can_mount
 from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, is_promising, remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, with_solver_error
 from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
-from edhas_jax.diagnosis.search.law_deviation import law_deviation_columns
+from edhas_jax.diagnosis.search.law_deviation import deviation_cost, law_deviation_columns
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.trial import (
@@ -28,7 +28,6 @@ REFRESHED, MIN_REFRESHED_FALL = 8, 10.0
 PROGRESSIVE_TRIALS = 3  # candidates that are fitted progressively where none explains nearly all
 REFINED, REFINEMENT_STEPS = 2, 6  # trials that are refined where they end near the noise, and the steps of the fit
 OWN_LAWS = 2  # trials whose own law may deviate
-NODE_COST = 2.0  # nats that each value of a deviation costs
 PROGRESSIVE_RMS = 3.0  # residual over noise below which a fit is not caught in a distant minimum
 
 
@@ -118,10 +117,10 @@ def _with_own_law(
     if not left or trial.gain_beyond_laws < MIN_GAIN:
         return trial
     columns = law_deviation_columns(found.fit, [*accepted, trial.candidate])
-    own = max((rows.shape[1] for run in columns for rows in run.values()), default=0)
-    before = max((rows.shape[1] for run in deviations or () for rows in run.values()), default=0)
     after = found.excess_with(columns)
-    gain = trial.gain_beyond_laws + trial.remaining_excess - after - NODE_COST * (own - before)
+    gain = (
+        trial.gain_beyond_laws + trial.remaining_excess - after - deviation_cost(columns) + deviation_cost(deviations)
+    )
     if gain < trial.gain_beyond_laws:
         return trial
     return dataclasses.replace(trial, own_law_excess=after, own_law_gain=gain)
