@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
+from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse, square_root
 from edhas_jax.diagnosis.laws.curve_basis import bends
 
 SIZES = 10.0 ** np.arange(-2.0, 1.01, 0.5)  # s over the size of the law
@@ -30,7 +30,7 @@ class CurvePrior(NamedTuple):
 
     def factor(self, nodes: np.ndarray) -> np.ndarray:
         """A matrix L (n, n) with covariance L Lᵀ: L times standard normal numbers are deviations at nodes (n,)."""
-        return np.linalg.cholesky(regularised_inverse(self.precision(nodes)))
+        return square_root(regularised_inverse(self.precision(nodes)))
 
 
 class PriorChoice(NamedTuple):
