@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import FitError
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidate_unknowns
+from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates, with_solver_error
 from edhas_jax.measurements.time_resolution import TimeResolution
 from studies.hidden_effects.answers import NOTHING, Answer
@@ -73,7 +73,7 @@ def _start(table: SignatureTable, suspect: Signatures, case: CalibratedCase) -> 
     falls = scales * (2.0 * overlaps - scales * squares)
     best = int(np.argmax(falls))
     x = np.array(suspect.points[best], float)
-    unknowns = candidate_unknowns(suspect.candidate, case.campaign)
+    unknowns = suspect.candidate.unknowns(case.campaign)
     if unknowns:  # the first is the size
         size = max(scales[best], MIN_SCALE) * float(unknowns[0].value(x[0]))
         x[0] = np.clip(unknowns[0].coordinate(size), *unknowns[0].bounds())
@@ -83,7 +83,7 @@ def _start(table: SignatureTable, suspect: Signatures, case: CalibratedCase) -> 
 def evaluated_model(evaluated: EvaluatedFit, mounted: tuple[Candidate, ...]) -> Model:
     """A model with its BIC."""
     table = signature_table(exact_fit(evaluated.fit)[0], ())
-    own = sum(len(candidate_unknowns(c, evaluated.fit.problem.campaign)) for c in mounted)
+    own = sum(len(c.unknowns(evaluated.fit.problem.campaign)) for c in mounted)
     left = table.unexplained
     total = sum(
         len(of) * math.log(float(np.mean(np.square(of))))

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from edhas_jax.core.structs import replace
-from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, SINGLE_EFFECT_SLOTS, Candidate, mount_candidate
+from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, SINGLE_EFFECT_SLOTS, Candidate
 from edhas_jax.machine.effects import LIBRARY, EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.machine.rigs import PumpBench, Rig
 from edhas_jax.measurements.campaign import Campaign, Channel, Use
@@ -218,7 +218,7 @@ def _with_hidden(
     """The machine with the effect added, or the measurement chain with the sensor fault."""
     if candidate.signal is not None:
         return machine, {candidate.signal: (candidate.kind(**values),)}
-    changed, _ = mount_candidate(candidate, machine, Instruments())
+    changed, _ = candidate.mounted(machine, Instruments())
     effect = replace(changed.effects[-1], **values)
     return replace(changed, effects=(*changed.effects[:-1], effect)), {}
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.search.candidates import Candidate, candidate_unknowns, mount_candidate, screening_grid
+from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid
 from edhas_jax.measurements.campaign import BenchRun
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
@@ -135,7 +135,7 @@ def signature_table(fitted: Fit, candidates: Sequence[Candidate]) -> SignatureTa
     start = stacked(without)
     suspects = []
     for candidate in candidates:
-        points = screening_grid(candidate_unknowns(candidate, fitted.problem.campaign))
+        points = screening_grid(candidate.unknowns(fitted.problem.campaign))
         rows = np.array([stacked(found) - start for found in _with(candidate, points, fitted, runs, without)])[:, valid]
         usable = np.isfinite(rows).all(axis=1) & rows.any(axis=1)
         if usable.any():
@@ -158,14 +158,14 @@ def _with(
 ) -> Iterator[list[dict[str, np.ndarray]]]:
     """The signals of every run with a suspect added, at each point of its grid."""
     campaign = fitted.problem.campaign
-    unknowns = candidate_unknowns(candidate, campaign)
+    unknowns = candidate.unknowns(campaign)
     if candidate.signal is not None:
         for x in points:
             values = {u.name.removeprefix(candidate.prefix): u.value(v) for u, v in zip(unknowns, x, strict=True)}
             faulty = Instruments({candidate.signal: (candidate.kind(**values),)})
             yield [faulty.record(run.time, of, None, (), ())[0] for run, of in zip(runs, without, strict=True)]
         return
-    machine, instruments = mount_candidate(candidate, fitted.machine, fitted.instruments)
+    machine, instruments = candidate.mounted(fitted.machine, fitted.instruments)
     model = MeasurementModel(campaign, machine, unknowns, runs, instruments)
     every_run = tuple(range(len(runs)))
     cases = [EvaluationPoint(x, every_run) for x in points]

@@ -20,7 +20,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.search.candidates import Candidate, candidate_unknowns, mount_candidate, screening_grid
+from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid
 from edhas_jax.machine.parameters import find_parameter, replace_value, set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
@@ -103,8 +103,8 @@ def _with_step(machine: Rig, unknown: UnknownParameter, x: float) -> Rig:
 
 def _on_grid(candidate: Candidate, fitted: Fit, campaign: Campaign) -> Iterable[Rig]:
     """The calibrated machine with an effect at each point of its grid."""
-    machine, _ = mount_candidate(candidate, fitted.machine, fitted.instruments)
-    unknowns = candidate_unknowns(candidate, campaign)
+    machine, _ = candidate.mounted(fitted.machine, fitted.instruments)
+    unknowns = candidate.unknowns(campaign)
     for x in screening_grid(unknowns):
         values = {
             f"{candidate.id}.{u.name.removeprefix(candidate.prefix)}": float(u.value(v))

@@ -15,7 +15,7 @@ from edhas_jax.diagnosis.planning.figures import draw_similarity, draw_threshold
 from edhas_jax.diagnosis.planning.next_experiment import _distance_after_refit, next_experiment
 from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign, with_predicted_signals
 from edhas_jax.diagnosis.planning.signatures import CandidatePoints, SignatureGram, cosines
-from edhas_jax.diagnosis.search.candidates import Candidate, candidate_unknowns
+from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.trial import try_candidate
 from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime, MagneticSaturation
@@ -66,7 +66,7 @@ def gram(campaign):
 @pytest.mark.parametrize("effect", ["inverter_dead_time", "constant_bias_force"])
 def test_an_effect_at_the_threshold_has_the_detection_norm(campaign, plan, effect):
     (s,) = (s for s in plan.candidates if s.candidate.id == effect)
-    (unknown,) = candidate_unknowns(s.candidate, campaign)
+    (unknown,) = s.candidate.unknowns(campaign)
 
     def norm(size):
         points = CandidatePoints(s.candidate, np.array([[unknown.coordinate(size)]]))

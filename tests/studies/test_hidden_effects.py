@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from edhas_jax.diagnosis.search.candidates import Candidate, candidate_unknowns, screening_grid
+from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid
 from edhas_jax.diagnosis.search.forward_selection import calibrate
 from edhas_jax.machine.effects import CoggingForce, ForceConstantDroop, InverterDeadTime
 from edhas_jax.measurements.sensor_models import SensorLag
@@ -67,7 +67,7 @@ def test_rivals_get_the_exact_residual_and_the_grid_of_the_diagnosis(small):
     candidates = [Candidate(CoggingForce), Candidate(SensorLag, "current")]
     table = signature_table(fitted, candidates)
     for suspect, candidate in zip(table.suspects, candidates, strict=True):
-        np.testing.assert_array_equal(suspect.points, screening_grid(candidate_unknowns(candidate, campaign)))
+        np.testing.assert_array_equal(suspect.points, screening_grid(candidate.unknowns(campaign)))
     assert [s.parameter_count for s in table.suspects] == [3, 1]
     # two parameters; gain, offset and shift of five sensors; trigger, orifice and coil of two runs
     assert table.slopes.shape[1] == 2 + 15 + 6

@@ -16,7 +16,7 @@ from edhas_jax.diagnosis.planning.detection_threshold import (
 )
 from edhas_jax.diagnosis.planning.planned_campaign import with_predicted_signals
 from edhas_jax.diagnosis.planning.signatures import CandidatePoints, SignatureGram, cosines
-from edhas_jax.diagnosis.search.candidates import build_problem, candidate_unknowns, candidates_for
+from edhas_jax.diagnosis.search.candidates import build_problem, candidates_for
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -120,7 +120,7 @@ def plan_detectability(
     if library is not None:
         allowed = {kind.id for kind in (*library, *more)}
         candidates = [c for c in candidates if c.signal is not None or c.id in allowed]
-    ladders = [CandidatePoints(c, strength_points(candidate_unknowns(c, campaign))) for c in candidates]
+    ladders = [CandidatePoints(c, strength_points(c.unknowns(campaign))) for c in candidates]
     gram = SignatureGram(campaign, runs, ladders, steps, lambda stage, share: report(stage, 0.7 * share))
     unexplained = gram.unexplained()
     norms = np.where(gram.failed, np.nan, np.sqrt(np.diag(unexplained)))

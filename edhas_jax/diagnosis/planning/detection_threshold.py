@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
-from edhas_jax.diagnosis.search.candidates import Candidate, candidate_unknowns
+from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
@@ -96,7 +96,7 @@ def detectability_of(candidate: Candidate, points: np.ndarray, norms: np.ndarray
     Returns:
         The threshold, interpolated in logarithms of strength and norm.
     """
-    unknowns = candidate_unknowns(candidate, campaign)
+    unknowns = candidate.unknowns(campaign)
     if not unknowns:
         share = DETECTION_NORM / norms[0] if norms[0] > 0.0 else math.inf
         return Detectability(candidate, None, 0.0, math.nan, float(share), points[0])

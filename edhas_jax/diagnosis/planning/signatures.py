@@ -17,7 +17,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.least_squares import OVERFLOW_LIMIT
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidate_unknowns
+from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
@@ -113,7 +113,7 @@ class SignatureGram:
     def _with_sensor_fault(self, one: CandidatePoints) -> list[list[dict[str, np.ndarray]]]:
         """The signals of every run with a fault of one sensor, for each of its points."""
         candidate, by_point = one.candidate, []
-        unknowns = candidate_unknowns(candidate, self._campaign)
+        unknowns = candidate.unknowns(self._campaign)
         for x in one.points:
             values = {u.name.removeprefix(candidate.prefix): u.value(v) for u, v in zip(unknowns, x, strict=True)}
             chain = Instruments({candidate.signal: (candidate.kind(**values),)})

@@ -14,15 +14,15 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.decision_rules import strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
-from edhas_jax.diagnosis.search.law_deviation import deviation_cost, law_deviation_columns
+from edhas_jax.diagnosis.search.free_law import MIN_LAW_STRENGTH
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
-from edhas_jax.diagnosis.search.result import MemberTest, Round, accepted_trials
+from edhas_jax.diagnosis.search.result import MemberTest, Round, mounted_candidates
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 REFIT_STEPS = 6  # maximum number of Levenberg-Marquardt steps of a refit without a member
-MIN_LAW_STRENGTH = 1.0  # fall by a deviation of a law over what is left, from which the law differs
 MIN_STRENGTH = 0.7  # of a member: gain over what is left; below it the member is removed
 
 
@@ -41,42 +41,65 @@ def take_back(
     """
     rounds, final = list(rounds), rounds[-1].baseline
     while True:
-        members = [trial.candidate for trial in accepted_trials(rounds)]
-        tests, without = [], []
-        own = law_deviation_columns(final.fit, members) if members else None
+        mounted = mounted_candidates(rounds)
+        own = law_deviation_columns(final.fit, mounted) if mounted else None
         left = final.excess_with(own)
-        for candidate in members:
+        tests, without = [], []
+        for candidate in mounted:
             report(f"the model without {candidate.name}")
-            others = [c for c in members if c is not candidate]
-            refitted = _refit(final, others, rounds[0].baseline, resolution)
-            deviations = law_deviation_columns(refitted.fit, others) if others else None
+            refitted = _refit(final, _others(mounted, candidate), rounds[0].baseline, resolution)
+            kept = [c for c in _others(mounted, candidate) if c.id != _law_of(candidate)]
+            deviations = law_deviation_columns(refitted.fit, kept) if kept else None
             before, after = refitted.excess_with(deviations), final.excess_with(deviations)
             penalty = (final.cost - refitted.cost) + (final.log_evidence - refitted.log_evidence)
             gain = before - after + penalty
-            gain = max(gain, before - left + penalty - deviation_cost(own) + deviation_cost(deviations))
-            tests.append(
-                MemberTest(
-                    candidate, gain, float(np.sum(final.left_out - refitted.left_out)),
-                    strength(gain, left, final.samples),
-                )
-            )  # fmt: skip
+            if _law_of(candidate) is None:
+                gain = max(gain, before - left + penalty - deviation_cost(own) + deviation_cost(deviations))
+            left_out_gain = float(np.sum(final.left_out - refitted.left_out))
+            tests.append(MemberTest(candidate, gain, left_out_gain, strength(gain, left, final.samples)))
             without.append(refitted)
-        weakest = min(range(len(tests)), key=lambda k: tests[k].strength, default=None)
-        if weakest is None or tests[weakest].strength >= MIN_STRENGTH:
-            return rounds, [_with_law(test, final) for test in tests]
-        report(f"{members[weakest].name} is not needed")
+        weakest = min(range(len(tests)), key=lambda k: _margin(tests[k]), default=None)
+        if weakest is None or _margin(tests[weakest]) >= 1.0:
+            return rounds, _with_laws(tests, final)
+        report(f"{mounted[weakest].name} is not needed")
         final = without[weakest]
-        rounds = _without_member(rounds, weakest, final)
+        rounds = _without(rounds, mounted[weakest], final)
 
 
-def _with_law(test: MemberTest, final: EvaluatedFit) -> MemberTest:
-    """The test of a member that stays, with the plausibility of its parameters and of the library's law."""
-    implausible = tuple(implausible_parameters(test.candidate, final.fit))
-    columns = law_deviation_columns(final.fit, [test.candidate])
-    after = final.excess_with(columns)
-    gain = final.excess - after
-    differs = strength(gain - deviation_cost(columns), after, final.samples) > MIN_LAW_STRENGTH
-    return test._replace(implausible=implausible, law_gain=gain, law_differs=differs)
+def _law_of(candidate: Candidate) -> str | None:
+    """The id of the effect whose law a candidate changes; None for an effect or sensor fault."""
+    return candidate.of if isinstance(candidate, LawDeviation) else None
+
+
+def _others(mounted: Sequence[Candidate], removed: Candidate) -> list[Candidate]:
+    """What stays mounted where one candidate is removed: without an effect there is no deviation of its law."""
+    return [c for c in mounted if c is not removed and _law_of(c) != removed.id]
+
+
+def _margin(test: MemberTest) -> float:
+    """The strength of a member over the least that keeps it."""
+    least = MIN_STRENGTH if _law_of(test.candidate) is None else MIN_LAW_STRENGTH
+    return test.strength / least
+
+
+def _with_laws(tests: Sequence[MemberTest], final: EvaluatedFit) -> list[MemberTest]:
+    """The tests of effects and sensor faults, with the plausibility of their parameters and of the library's law."""
+    laws = {_law_of(test.candidate): test for test in tests if _law_of(test.candidate) is not None}
+    out = []
+    for test in tests:
+        candidate = test.candidate
+        if _law_of(candidate) is not None:
+            continue
+        implausible = tuple(implausible_parameters(candidate, final.fit))
+        if candidate.id in laws and candidate.signal is None:
+            gain, differs = laws[candidate.id].gain, True
+        else:
+            columns = law_deviation_columns(final.fit, [candidate])
+            after = final.excess_with(columns)
+            gain = final.excess - after
+            differs = strength(gain - deviation_cost(columns), after, final.samples) > MIN_LAW_STRENGTH
+        out.append(test._replace(implausible=implausible, law_gain=gain, law_differs=differs))
+    return out
 
 
 def _refit(
@@ -96,12 +119,16 @@ def _refit(
     return calibrated if not others and calibrated.cost < refitted.cost else refitted
 
 
-def _without_member(rounds: Sequence[Round], index: int, final: EvaluatedFit) -> list[Round]:
-    """The rounds without an accepted candidate; the first keeps its baseline, the last one has the new final model."""
-    kept = [r for k, r in enumerate(rounds[:-1]) if k != index]
+def _without(rounds: Sequence[Round], removed: Candidate, final: EvaluatedFit) -> list[Round]:
+    """The rounds without one candidate; the first keeps its baseline, the last one has the new final model."""
+    kept = [
+        dataclasses.replace(r, law=None) if r.law is removed else r
+        for r in rounds[:-1]
+        if r.accepted.candidate is not removed
+    ]
     last = dataclasses.replace(rounds[-1], baseline=final)
     if kept:
         kept[0] = dataclasses.replace(kept[0], baseline=rounds[0].baseline)
         return [*kept, last]
     baseline = min(final, rounds[0].baseline, key=lambda evaluated: evaluated.excess)
-    return [dataclasses.replace(rounds[0], accepted=None, baseline=baseline)]
+    return [dataclasses.replace(rounds[0], accepted=None, law=None, baseline=baseline)]

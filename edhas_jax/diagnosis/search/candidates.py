@@ -72,6 +72,40 @@ class Candidate:
         """The parameters that a fit has to estimate: those with a plausible range, and offsets."""
         return [p for p in structs.parameters(self.kind) if p.plausible is not None or p.name == "offset"]
 
+    def mounted(self, machine: Rig, instruments: Instruments) -> tuple[Rig, Instruments]:
+        """The machine, or the chain of its signal, with this candidate added, its parameters at their defaults."""
+        if self.signal is None:
+            return structs.replace(machine, effects=(*machine.effects, self.kind())), instruments
+        chain = (*instruments.chains.get(self.signal, ()), self.kind())
+        return machine, Instruments({**instruments.chains, self.signal: chain})
+
+    def unknowns(self, campaign: Campaign) -> list[UnknownParameter]:
+        """The free parameters as unknowns of a fit, with their priors.
+
+        The plausible range of the library is taken as ±2 standard deviations of the prior: log-normal where the range
+        is positive, else normal. A standard deviation stated by the campaign takes precedence. A sensor offset has a
+        normal prior of `OFFSET_STD_SHARE` of the measured range. All are limited to the prior bound.
+        """
+        out = []
+        for p in self.free_parameters():
+            name = self.prefix + p.name
+            if self.signal is None and p.name in campaign.uncertain:
+                u = UnknownParameter(name, p.default, campaign.uncertain[p.name], p.unit, p.span)
+            elif p.plausible is None:
+                measured = [run.signals[self.signal] for run in campaign.runs if self.signal in run.signals]
+                spread = OFFSET_STD_SHARE * float(np.ptp(np.concatenate([v[np.isfinite(v)] for v in measured])))
+                u = UnknownParameter(name, 0.0, spread, p.unit, p.span, ParameterScale.LINEAR)
+            elif p.plausible[0] > 0.0:
+                low, high = p.plausible
+                spread = math.log(high / low) / PLAUSIBLE_RANGE_SIGMAS
+                u = UnknownParameter(name, math.sqrt(low * high), spread, p.unit, p.span)
+            else:
+                low, high = p.plausible
+                spread = (high - low) / PLAUSIBLE_RANGE_SIGMAS
+                u = UnknownParameter(name, 0.5 * (low + high), spread, p.unit, p.span, ParameterScale.LINEAR)
+            out.append(limit_to_prior_bound(u))
+        return out
+
 
 def candidates_for(
     campaign: Campaign, machine: Rig, instruments: Instruments, more: Iterable[type[Effect]] = ()
@@ -115,14 +149,6 @@ def _can_mount(rig, amplifier, controller, mounted, kind) -> bool:
     return set(kind.slots) <= set(rig.slots) and not any(is_used(slot, mounted) for slot in single)
 
 
-def mount_candidate(candidate: Candidate, machine: Rig, instruments: Instruments) -> tuple[Rig, Instruments]:
-    """Add a candidate, its parameters at their defaults, to the machine or to the chain of its signal."""
-    if candidate.signal is None:
-        return structs.replace(machine, effects=(*machine.effects, candidate.kind())), instruments
-    chain = (*instruments.chains.get(candidate.signal, ()), candidate.kind())
-    return machine, Instruments({**instruments.chains, candidate.signal: chain})
-
-
 def build_problem(
     campaign: Campaign, machine: Rig, instruments: Instruments, accepted: Iterable[Candidate],
     candidate: Candidate | None = None, solver_error: SolverError | None = None,
@@ -145,11 +171,11 @@ def build_problem(
     """
     accepted = list(accepted)
     if candidate is not None:
-        machine, instruments = mount_candidate(candidate, machine, instruments)
+        machine, instruments = candidate.mounted(machine, instruments)
         accepted.append(candidate)
-    own = [u for c in accepted for u in candidate_unknowns(c, campaign)]
+    own = [u for c in accepted for u in c.unknowns(campaign)]
     of_effects = {
-        u.name.removeprefix(c.prefix) for c in accepted if c.signal is None for u in candidate_unknowns(c, campaign)
+        u.name.removeprefix(c.prefix) for c in accepted if c.signal is None for u in c.unknowns(campaign)
     }
     uncertain = [
         limit_to_prior_bound(relative_unknown(machine, name, spread))
@@ -168,34 +194,6 @@ def limit_to_prior_bound(unknown: UnknownParameter) -> UnknownParameter:
     low, high = (float(unknown.value(x)) for x in (-PRIOR_BOUND, PRIOR_BOUND))
     span = max(unknown.span[0], low), min(unknown.span[1], high)
     return dataclasses.replace(unknown, span=span)
-
-
-def candidate_unknowns(candidate: Candidate, campaign: Campaign) -> list[UnknownParameter]:
-    """The free parameters of a candidate as unknowns of a fit, with their priors.
-
-    The plausible range of the library is taken as ±2 standard deviations of the prior: log-normal where the range is
-    positive, else normal. A standard deviation stated by the campaign takes precedence. A sensor offset has a normal
-    prior of `OFFSET_STD_SHARE` of the measured range. All are limited to the prior bound.
-    """
-    out = []
-    for p in candidate.free_parameters():
-        name = candidate.prefix + p.name
-        if candidate.signal is None and p.name in campaign.uncertain:
-            u = UnknownParameter(name, p.default, campaign.uncertain[p.name], p.unit, p.span)
-        elif p.plausible is None:
-            measured = [run.signals[candidate.signal] for run in campaign.runs if candidate.signal in run.signals]
-            spread = OFFSET_STD_SHARE * float(np.ptp(np.concatenate([v[np.isfinite(v)] for v in measured])))
-            u = UnknownParameter(name, 0.0, spread, p.unit, p.span, ParameterScale.LINEAR)
-        elif p.plausible[0] > 0.0:
-            low, high = p.plausible
-            spread = math.log(high / low) / PLAUSIBLE_RANGE_SIGMAS
-            u = UnknownParameter(name, math.sqrt(low * high), spread, p.unit, p.span)
-        else:
-            low, high = p.plausible
-            spread = (high - low) / PLAUSIBLE_RANGE_SIGMAS
-            u = UnknownParameter(name, 0.5 * (low + high), spread, p.unit, p.span, ParameterScale.LINEAR)
-        out.append(limit_to_prior_bound(u))
-    return out
 
 
 def at_prior_bound(candidate: Candidate, fit: Fit) -> list[str]:

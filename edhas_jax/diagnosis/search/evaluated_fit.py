@@ -25,6 +25,9 @@ COST_TOLERANCE, RELATIVE_COST_TOLERANCE = 0.5, 3e-5
 SOLVER_CORRECTIONS, MIN_SOLVER_CHANGE = 2, 10.0
 
 
+MAX_PRODUCT = 1e14  # square of a whitened column: above it rounding errors of ½χ² reach a nat
+
+
 @dataclasses.dataclass(frozen=True)
 class EvaluatedFit:
     """A fit with its residuals on all runs.
@@ -81,6 +84,8 @@ class EvaluatedFit:
 
         Args:
             columns: by fitted run and signal (samples, k) in SI, each with a standard normal prior; None for no column.
+
+        Where a column is so large that rounding errors would decide, none of them counts.
         """
         if columns is None:
             return self.excess
@@ -89,6 +94,8 @@ class EvaluatedFit:
         for run, outcome, further in zip(problem.model().runs, fit.outcomes, columns, strict=True):
             rows, _ = run_columns(problem.campaign, run, outcome, problem.unknowns, problem.bench, further)
             total = total + run_equations(rows, own).gram
+        if not np.diag(total).max() < MAX_PRODUCT:
+            return self.excess
         prior = np.array([float(u.has_prior) for u in problem.unknowns])
         weights = np.concatenate([prior, np.ones(len(total) - 1 - len(prior))])
         right = total[:-1, -1] - np.concatenate([prior * fit.x, np.zeros(len(weights) - len(prior))])

@@ -17,14 +17,15 @@ from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, cand
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.decision_rules import remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
+from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
-from edhas_jax.diagnosis.search.law_deviation import law_deviation_columns
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation, law_deviation_columns
 from edhas_jax.diagnosis.search.localisation import best_generic_scores, component_shares
-from edhas_jax.diagnosis.search.result import Diagnosis, Round
+from edhas_jax.diagnosis.search.result import Diagnosis, Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.selection_round import generic_candidates, refine_trial, search_round
 from edhas_jax.diagnosis.search.settled_fit import settle
-from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, StageEncoder, accepted_candidates
+from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, StageEncoder
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, Trial, try_best_candidates, try_candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
@@ -147,7 +148,7 @@ def _select_forward(
     """Add one candidate after another until none is promising."""
     baseline, rounds = calibrated, []
     while True:
-        mounted = accepted_candidates(rounds)
+        mounted = mounted_candidates(rounds)
         end = search.stage(
             f"round_{len(rounds) + 1}",
             lambda: _finish_round(search, baseline, mounted, resolution, first),  # noqa: B023 called at once
@@ -165,18 +166,20 @@ def _finish_round(
     search: _Search, baseline: EvaluatedFit, mounted: Sequence[Candidate], resolution: TimeResolution, first: ScoreTest
 ) -> RoundEnd:
     """One round, and the model with which the next one begins."""
-    if len(mounted) == MAX_EFFECTS:
+    if sum(not isinstance(candidate, LawDeviation) for candidate in mounted) == MAX_EFFECTS:
         return RoundEnd(Round(baseline, (), (), None), None)
     candidates = search.candidates(baseline.fit.problem)
     found = search_round(baseline, mounted, candidates, resolution, search.report, first)
     if found.accepted is None:
         return RoundEnd(found, None)
-    return RoundEnd(found, settle(found.accepted.evaluated, resolution, search.report))
+    settled = settle(found.accepted.evaluated, resolution, search.report)
+    law, model = free_law(settled, (*mounted, found.accepted.candidate), resolution, search.report)
+    return RoundEnd(dataclasses.replace(found, law=law), model)
 
 
 def _left(rounds: Sequence[Round]) -> float:
     """What the final model and deviations of its laws leave of ½χ², beyond the scatter of noise [nats]."""
-    final, accepted = rounds[-1].baseline, accepted_candidates(rounds)
+    final, accepted = rounds[-1].baseline, mounted_candidates(rounds)
     deviations = law_deviation_columns(final.fit, accepted) if accepted else None
     return remaining(final.excess_with(deviations), final.samples)
 

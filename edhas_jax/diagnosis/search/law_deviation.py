@@ -1,20 +1,108 @@
-"""Columns for a deviation of accepted laws from those of the library: what a mechanism explains with another law.
+"""Deviation of an accepted law from that of the library: what the same mechanism explains with another law.
 
 An effect of a bench seldom follows the law of the library to the letter. The difference acts at the same slot, over the
-variable that the law follows. A piecewise linear function of it is therefore added, linearly, with a prior of a share
-of the law's own magnitude. Whatever these columns reproduce is no reason to add another effect.
+variable that the law follows. A curve over this variable is therefore added, with a prior of a share of the law's own
+magnitude at each of its nodes. Whatever it reproduces is no reason to add another effect.
+
+Around a fit the curve is linear in its values, so that columns of its slopes tell what it would explain. Where that is
+clear the curve is mounted on the machine, and its values become unknowns of the fit as any other parameter.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from edhas_jax.core import structs
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.report.nonparametric_term import deviation_columns
-from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.laws.curve_basis import free_nodes
+from edhas_jax.diagnosis.laws.curve_start import start_beside_law
+from edhas_jax.diagnosis.laws.deviation import curve_columns
+from edhas_jax.diagnosis.laws.law_places import law_places
+from edhas_jax.diagnosis.search.candidates import Candidate, limit_to_prior_bound
+from edhas_jax.machine.effects import Effect
+from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable, tabulated_class
+from edhas_jax.machine.rigs import Rig
+from edhas_jax.measurements.campaign import Campaign
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
 DEVIATION_SHARE = 0.5  # prior standard deviation of the deviation at a node, over the largest magnitude of the law
 NODE_COST = 2.0  # nats that each value of a deviation costs
+MIN_VARIATION = 1e-3  # standard deviation of a law over its largest magnitude: below, it follows no one of several variables
+SUFFIX = "_deviation"  # of the name of an effect: the id of the deviation of its law
+
+
+@dataclasses.dataclass(frozen=True)
+class LawDeviation(Candidate):
+    """The deviation of a law as something that can be mounted on a machine; values in SI.
+
+    Args:
+        place: slot, variable and factors of the curve.
+        nodes: nodes of the curve.
+        spread: prior standard deviation of the curve at each node.
+    """
+
+    place: LawPlace = LawPlace("", "")
+    nodes: tuple[float, ...] = ()
+    spread: float = 1.0
+
+    @property
+    def of(self) -> str:
+        """The id of the effect whose law deviates."""
+        return self.id.removesuffix(SUFFIX)
+
+    def mounted(self, machine: Rig, instruments: Instruments) -> tuple[Rig, Instruments]:
+        """The machine with the curve, without influence at first."""
+        nodes = np.array(self.nodes)
+        effect = LawTable(self.id, self.place, nodes, np.full(len(nodes), self.place.neutral)).effect()
+        return structs.replace(machine, effects=(*machine.effects, effect)), instruments
+
+    def unknowns(self, campaign: Campaign) -> list[UnknownParameter]:
+        """The values of the curve as unknowns, with a normal prior each."""
+        place, limits = self.place, (-np.inf, np.inf)
+        return [
+            limit_to_prior_bound(
+                UnknownParameter(
+                    f"{self.prefix}value_{k}", place.neutral, self.spread, place.value_unit, limits,
+                    ParameterScale.LINEAR,
+                )
+            )
+            for k in range(1, len(self.nodes) + 1)
+        ]  # fmt: skip
+
+    def table(self, fit: Fit) -> LawTable:
+        """The curve as fitted, with its standard errors."""
+        names = [f"{self.prefix}value_{k}" for k in range(1, len(self.nodes) + 1)]
+        values, errors = fit.values, fit.standard_errors
+        return LawTable(
+            self.id, self.place, np.array(self.nodes), np.array([values[n] for n in names]),
+            np.array([errors[n] for n in names]), f"deviation of the law of {self.of} from that of the library",
+        )  # fmt: skip
+
+
+def law_deviation(fit: Fit, candidate: Candidate) -> LawDeviation | None:
+    """The deviation that the law of a candidate may have, over the variable that explains most of this law.
+
+    Args:
+        fit: a fit that contains the candidate.
+        candidate: the candidate; a sensor fault has no law that could deviate.
+
+    Returns:
+        The deviation; None where the law vanishes or its slot has no variable.
+    """
+    if candidate.signal is not None or isinstance(candidate, LawDeviation):
+        return None
+    start = start_beside_law(fit, _effect_of(fit, candidate))
+    if start is None:
+        return None
+    is_constant = np.std(start.law) <= MIN_VARIATION * start.size
+    if is_constant and len(law_places(fit.machine, start.place.slot)) > 1:
+        return None
+    low, high = float(start.nodes[0]), float(start.nodes[-1])
+    nodes = free_nodes(low, high)
+    kind = tabulated_class(candidate.id + SUFFIX, start.place, len(nodes))
+    return LawDeviation(kind, None, start.place, tuple(map(float, nodes)), DEVIATION_SHARE * start.size)
 
 
 def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[str, np.ndarray]]:
@@ -22,14 +110,11 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
 
     Args:
         fit: a fit that contains the accepted candidates.
-        accepted: these candidates; sensor faults have no law that could deviate.
+        accepted: these candidates; those whose deviation is mounted already have no columns.
     """
-    runs = fit.problem.model().runs
-    parts = [
-        found
-        for candidate in accepted
-        if candidate.signal is None and (found := deviation_columns(fit, candidate, DEVIATION_SHARE)) is not None
-    ]
+    runs, free = fit.problem.model().runs, {c.of for c in accepted if isinstance(c, LawDeviation)}
+    found = [law_deviation(fit, candidate) for candidate in accepted if candidate.id not in free]
+    parts = [columns for d in found if d is not None and (columns := _columns(fit, d)) is not None]
     return [
         {
             n: np.concatenate([np.zeros((len(run.time), 0)), *(part[r][n] for part in parts)], axis=1)
@@ -37,6 +122,17 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
         }
         for r, run in enumerate(runs)
     ]
+
+
+def _columns(fit: Fit, deviation: LawDeviation) -> list[dict[str, np.ndarray]] | None:
+    """The change of the signals by one prior standard deviation at each node; None where that is not finite."""
+    slopes = curve_columns(fit, deviation.place, np.array(deviation.nodes))
+    columns = [{n: deviation.spread * v for n, v in run.items()} for run in slopes]
+    return columns if all(np.isfinite(v).all() for run in columns for v in run.values()) else None
+
+
+def _effect_of(fit: Fit, candidate: Candidate) -> Effect:
+    return next(effect for effect in fit.machine.effects if effect.id == candidate.id)
 
 
 def deviation_cost(columns: Sequence[Mapping[str, np.ndarray]] | None) -> float:

@@ -17,6 +17,7 @@ from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Answer, Rivals, 
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.localisation import location_probabilities
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.diagnosis.search.trial import Trial
@@ -45,17 +46,25 @@ class Round:
         scores: score tests of all candidates (chi-square scale), the largest predicted fall first.
         trials: the candidates that were fitted.
         accepted: the trial that was accepted; None if none was confirmed.
+        law: the deviation of its law that the next round has mounted beside it; None where the law is the library's.
     """
 
     baseline: EvaluatedFit
     scores: tuple[Score, ...]
     trials: tuple[Trial, ...]
     accepted: Trial | None
+    law: LawDeviation | None = None
 
 
 def accepted_trials(rounds: Iterable[Round]) -> list[Trial]:
     """The accepted trials of some rounds, in their order."""
     return [r.accepted for r in rounds if r.accepted is not None]
+
+
+def mounted_candidates(rounds: Iterable[Round]) -> list[Candidate]:
+    """What some rounds have added to the model, in its order: accepted candidates and deviations of their laws."""
+    found = [c for r in rounds if r.accepted is not None for c in (r.accepted.candidate, r.law)]
+    return [candidate for candidate in found if candidate is not None]
 
 
 class MemberTest(NamedTuple):
@@ -182,6 +191,11 @@ class Diagnosis:
     def accepted(self) -> list[Trial]:
         """The accepted trials, in the order of their rounds."""
         return accepted_trials(self.rounds)
+
+    @property
+    def laws(self) -> list[LawDeviation]:
+        """The deviations of accepted laws that the final model has mounted."""
+        return [r.law for r in self.rounds if r.law is not None]
 
     @property
     def best_generic_trial(self) -> Trial | None:

@@ -22,7 +22,7 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.least_squares import OVERFLOW_LIMIT
 from edhas_jax.diagnosis.likelihood.run_equations import run_columns
 from edhas_jax.diagnosis.likelihood.whitening import whiten
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidate_unknowns, screening_grid
+from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, screening_grid
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
@@ -133,7 +133,7 @@ class ScoreTest:
 
     def _score_grid(self, candidate: Candidate) -> tuple[Score, list[np.ndarray]]:
         """The score of a candidate, and its projected signatures at all grid points that have one."""
-        unknowns = candidate_unknowns(candidate, self._campaign)
+        unknowns = candidate.unknowns(self._campaign)
         points = screening_grid(unknowns)
         best = Score(candidate, 0.0, points[0], np.zeros(len(self.residual)))
         all_projected = []
@@ -211,7 +211,7 @@ class ScoreTest:
 
     def _with_sensor_fault(self, candidate: Candidate, points: np.ndarray) -> Iterator[list[dict[str, np.ndarray]]]:
         """The signals of every run with a fault of one sensor added."""
-        unknowns, runs = candidate_unknowns(candidate, self._campaign), self._model.runs
+        unknowns, runs = candidate.unknowns(self._campaign), self._model.runs
         for x in points:
             values = {u.name.removeprefix(candidate.prefix): u.value(v) for u, v in zip(unknowns, x, strict=True)}
             faulty = Instruments({candidate.signal: (candidate.kind(**values),)})

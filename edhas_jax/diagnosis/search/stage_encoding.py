@@ -17,10 +17,12 @@ from edhas_jax.diagnosis.likelihood.trigger_correction import with_shifted_time
 from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
-from edhas_jax.diagnosis.search.result import Round, accepted_trials
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation
+from edhas_jax.diagnosis.search.result import Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.machine.effects import LIBRARY, Effect
+from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import PredictedSignals
@@ -62,6 +64,7 @@ class StageEncoder:
             "scores": [self.score(score) for score in r.scores],
             "trials": [self.trial(trial) for trial in r.trials],
             "accepted": None if r.accepted is None else [t is r.accepted for t in r.trials].index(True),
+            "law": None if r.law is None else _law_as_plain(r.law),
         }
 
     def trial(self, trial: Trial) -> Plain:
@@ -128,7 +131,7 @@ class StageDecoder:
     def round_end(self, plain: Plain, mounted: Sequence[Candidate]) -> RoundEnd:
         """A round whose baseline has the candidates `mounted`, and what the next one begins with."""
         r = self.round(plain["round"], mounted)
-        baseline = None if r.accepted is None else self.fit(plain["baseline"], (*mounted, r.accepted.candidate))
+        baseline = None if r.accepted is None else self.fit(plain["baseline"], (*mounted, *mounted_candidates([r])))
         return RoundEnd(r, baseline)
 
     def round(self, plain: Plain, mounted: Sequence[Candidate]) -> Round:
@@ -137,6 +140,7 @@ class StageDecoder:
         return Round(
             self.fit(plain["baseline"], mounted), tuple(self.score(s) for s in plain["scores"]), trials,
             None if plain["accepted"] is None else trials[plain["accepted"]],
+            None if plain["law"] is None else _law_from_plain(plain["law"]),
         )  # fmt: skip
 
     def trial(self, plain: Plain, mounted: Sequence[Candidate]) -> Trial:
@@ -173,14 +177,19 @@ class StageDecoder:
         return None if names is None else {name: self.arrays[key] for name, key in names.items()}
 
 
+def _law_as_plain(law: LawDeviation) -> Plain:
+    return {"name": law.id, "place": list(law.place), "nodes": list(law.nodes), "spread": law.spread}
+
+
+def _law_from_plain(plain: Plain) -> LawDeviation:
+    slot, variable, factors = plain["place"]
+    place, nodes = LawPlace(slot, variable, tuple(factors)), tuple(plain["nodes"])
+    return LawDeviation(tabulated_class(plain["name"], place, len(nodes)), None, place, nodes, plain["spread"])
+
+
 def mounted_problem(campaign: Campaign, mounted: Sequence[Candidate]) -> FitProblem:
     """The fit problem of a campaign's machine with candidates mounted one after another."""
     problem = build_problem(campaign, campaign.machine, Instruments(), ())
     for k, candidate in enumerate(mounted):
         problem = build_problem(campaign, problem.machine, problem.instruments, mounted[:k], candidate)
     return problem
-
-
-def accepted_candidates(rounds: Sequence[Round]) -> list[Candidate]:
-    """The candidates accepted in some rounds, in their order."""
-    return [trial.candidate for trial in accepted_trials(rounds)]

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from edhas_jax.core.structs import replace
-from edhas_jax.diagnosis.search.candidates import Candidate, can_mount, candidate_unknowns, screening_grid
+from edhas_jax.diagnosis.search.candidates import Candidate, can_mount, screening_grid
 from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
 from edhas_jax.machine.effects import LIBRARY, Effect
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
@@ -91,7 +91,7 @@ def shares_of_similar_effects(test: VisibilityTest, law: Law, change: np.ndarray
     for kind in LIBRARY:
         if kind.id not in law.kind.confused_with or not can_mount(test.machine, kind):
             continue
-        unknowns = candidate_unknowns(Candidate(kind), test.plan)
+        unknowns = Candidate(kind).unknowns(test.plan)
         machine = replace(test.machine, effects=(*test.machine.effects, kind()))
         model = MeasurementModel(test.plan, machine, unknowns, test.runs)
         after = _changes(test, model, list(screening_grid(unknowns)))
