@@ -11,6 +11,7 @@ MAX_COARSE_ERROR_OVER_NOISE = 1.0  # the same, small enough to locate a minimum
 # change of a signal over its range by one prior standard deviation of an unknown: derivatives beyond it grow from step
 # to step, as they do at a coarse step where friction sticks and valves bounce
 MAX_DERIVATIVE = 2.0
+MAX_HALVINGS = 3  # of the coarse step for the sake of derivatives: a motion may be chaotic at any step
 SMALLEST_STEP = 2.5e-6  # s; the step is not halved any further
 
 
@@ -41,20 +42,23 @@ def choose_time_resolution(
         The resolution; if even `SMALLEST_STEP` does not suffice, the finest one tried, with its error.
     """
     found = _accurate_resolution(model, x, share)
-    coarse = found.coarse
-    while model.longest_interval() / coarse > SMALLEST_STEP and not _derivatives_are_bounded(model, x, coarse):
+    coarse, largest = found.coarse, {}
+    while not any(value <= MAX_DERIVATIVE for value in largest.values()) and len(largest) <= MAX_HALVINGS:
+        largest[coarse] = _largest_derivative(model, x, coarse)
         coarse *= 2
+    coarse = min(largest, key=largest.get)
     return TimeResolution(coarse, max(coarse, found.fine), found.error)
 
 
-def _derivatives_are_bounded(model: MeasurementModel, x: np.ndarray, steps: int) -> bool:
-    """Whether no signal changes by more than `MAX_DERIVATIVE` of its range per prior standard deviation."""
+def _largest_derivative(model: MeasurementModel, x: np.ndarray, steps: int) -> float:
+    """The largest change of a signal over its range per prior standard deviation of an unknown; inf where it failed."""
+    largest = 0.0
     for predicted in model.predict_all_runs(x, steps, with_sensitivities=True).values():
         for name, values in predicted.values.items():
-            largest = np.abs(predicted.sensitivities[name]).max(initial=0.0)
-            if not largest <= MAX_DERIVATIVE * max(float(np.ptp(values)), model.campaign.channels[name].noise):
-                return False
-    return True
+            size = max(float(np.ptp(values)), model.campaign.channels[name].noise)
+            change = float(np.abs(predicted.sensitivities[name]).max(initial=0.0)) / size
+            largest = max(largest, change if np.isfinite(change) else np.inf)
+    return largest
 
 
 def _accurate_resolution(model: MeasurementModel, x: np.ndarray, share: float) -> TimeResolution:

@@ -5,6 +5,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 
+CLOSE_TO_ZERO = 0.02  # of the far end of a range: a range that begins nearer to zero includes it
 FREE_NODES = 11  # of a curve of which nothing is known
 MIN_NODES, MAX_NODES = 15, 33  # of a curve beside a known law
 CHANGE_PER_INTERVAL = 0.45  # of half the range of the law, from one node to the next
@@ -63,8 +64,8 @@ def explained_share(nodes: np.ndarray, values: np.ndarray, x: np.ndarray, y: np.
 
 
 def free_nodes(low: float, high: float, count: int = FREE_NODES) -> np.ndarray:
-    """Nodes (count,) over a range for an unknown law: equidistant, or denser around zero where it lies inside."""
-    if low * high >= 0.0:
+    """Nodes (count,) over a range for an unknown law: denser around zero where it lies inside or at an end."""
+    if low > CLOSE_TO_ZERO * high or high < CLOSE_TO_ZERO * low:
         return np.linspace(low, high, count)
     scale = np.sinh(NODE_CLUSTERING) / max(-low, high)
     return np.sinh(np.linspace(np.arcsinh(low * scale), np.arcsinh(high * scale), count)) / scale

@@ -7,7 +7,7 @@ zero, and smooth (`curve_prior`).
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +47,9 @@ class CurveFit(NamedTuple):
     fit: Fit
 
 
-def estimate_law_curve(fit: Fit, effect: str, on_progress: Callable[[str], None] | None = None) -> CurveFit | None:
+def estimate_law_curve(
+    fit: Fit, effect: str, on_progress: Callable[[str], None] | None = None, deviation: str | None = None
+) -> CurveFit | None:
     """Estimate the law of an effect as a free curve over the variable that explains most of it.
 
     A law that is a function of this variable is replaced by the curve; else (several variables, states, two slots) the
@@ -57,6 +59,7 @@ def estimate_law_curve(fit: Fit, effect: str, on_progress: Callable[[str], None]
         fit: a fit whose machine has the effect.
         effect: id of the effect.
         on_progress: called with a sentence on the progress.
+        deviation: id of a tabulated deviation of this law that the machine has; the curve takes its place too.
 
     Returns:
         The curve and the model with it; None where the law vanishes or its slot has no variable.
@@ -66,7 +69,8 @@ def estimate_law_curve(fit: Fit, effect: str, on_progress: Callable[[str], None]
     """
     mounted = next(e for e in fit.machine.effects if e.id == effect)
     start = start_beside_law(fit, mounted)
-    return None if start is None else _estimate(fit, start, effect, on_progress)
+    replaced = tuple(name for name in (effect if start and start.replaces else None, deviation) if name is not None)
+    return None if start is None else _estimate(fit, start, effect, replaced, on_progress)
 
 
 def estimate_free_curve(
@@ -87,12 +91,14 @@ def estimate_free_curve(
         FitError: the model with the curve fails.
     """
     start = start_from_nothing(fit, place, nodes)
-    return None if start is None else _estimate(fit, start, None, on_progress)
+    return None if start is None else _estimate(fit, start, None, (), on_progress)
 
 
-def _estimate(fit: Fit, start: CurveStart, effect: str | None, on_progress: Callable[[str], None] | None) -> CurveFit:
-    """The curve and the fit with it, from its start."""
-    replaced = effect if start.replaces else None
+def _estimate(
+    fit: Fit, start: CurveStart, effect: str | None, replaced: Sequence[str],
+    on_progress: Callable[[str], None] | None,
+) -> CurveFit:  # fmt: skip
+    """The curve and the fit with it in place of some effects, from its start."""
     name = _unused_name(fit.machine, curve_name(start.place, effect))
     problem, x = curve_problem(fit, start, name, replaced)
     n = len(start.nodes)
@@ -116,14 +122,14 @@ def _estimate(fit: Fit, start: CurveStart, effect: str | None, on_progress: Call
     return CurveFit(curve, fitted)
 
 
-def curve_problem(fit: Fit, start: CurveStart, name: str, replaced: str | None) -> tuple[FitProblem, np.ndarray]:
+def curve_problem(fit: Fit, start: CurveStart, name: str, replaced: Sequence[str]) -> tuple[FitProblem, np.ndarray]:
     """The fit problem of a model with a curve, and the coordinates at which it begins.
 
     Args:
         fit: the fit without the curve.
         start: place, nodes and first values of the curve.
         name: id of the curve as an effect.
-        replaced: id of the effect whose place the curve takes; None where it is added.
+        replaced: ids of the effects whose place the curve takes.
 
     Returns:
         The problem, whose last unknowns are the values at the nodes on a linear scale in units of `start.size`, without
@@ -131,11 +137,11 @@ def curve_problem(fit: Fit, start: CurveStart, name: str, replaced: str | None) 
     """
     known = fit.problem
     table = LawTable(name, start.place, start.nodes, start.centre)
-    effects = (*(e for e in known.machine.effects if e.id != replaced), table.effect())
+    effects = (*(e for e in known.machine.effects if e.id not in replaced), table.effect())
     machine = structs.replace(known.machine, effects=effects)
     kept = [
         k for k, u in enumerate(known.unknowns)
-        if known.instruments.find(u.name) or find_parameter(known.machine, u.name)[1] != replaced
+        if known.instruments.find(u.name) or find_parameter(known.machine, u.name)[1] not in replaced
     ]  # fmt: skip
     unit = start.place.value_unit
     values = tuple(

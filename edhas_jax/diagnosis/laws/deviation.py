@@ -12,27 +12,27 @@ from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
 Columns = tuple[dict[str, np.ndarray], ...]  # by fitted run and signal (samples, n) in SI
-_NAME = "free_curve"
 
 
-def curve_columns(fit: Fit, place: LawPlace, nodes: np.ndarray) -> Columns:
+def curve_columns(fit: Fit, place: LawPlace, nodes: np.ndarray, name: str = "free_curve") -> Columns:
     """The derivatives of all signals by the values of a curve that is added to the model of a fit.
 
     Args:
         fit: the fit; its model may have an effect at the place already, to which the curve is then a deviation.
         place: slot, variable and factors of the curve.
         nodes: nodes (n,) in SI.
+        name: id of the curve as an effect; programs are compiled for each name.
 
     Returns:
         By fitted run and signal (samples, n), in the unit of the signal per unit of the curve's values (SI), without
         the part that the other unknowns could reproduce being removed; NaN where the simulation failed.
     """
     count = len(nodes)
-    table = LawTable(_NAME, place, np.asarray(nodes, float), np.full(count, place.neutral))
+    table = LawTable(name, place, np.asarray(nodes, float), np.full(count, place.neutral))
     machine = structs.replace(fit.machine, effects=(*fit.machine.effects, table.effect()))
     unknowns = tuple(
         UnknownParameter(
-            f"{_NAME}.value_{k}", place.neutral, 1.0, place.value_unit, (-math.inf, math.inf), ParameterScale.LINEAR
+            f"{name}.value_{k}", place.neutral, 1.0, place.value_unit, (-math.inf, math.inf), ParameterScale.LINEAR
         )
         for k in range(1, count + 1)
     )

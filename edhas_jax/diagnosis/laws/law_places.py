@@ -27,7 +27,7 @@ _VARIABLES: dict[str, tuple[str, ...]] = {
         "piston_velocity", "piston_position", "current", "chamber_pressure_a", "piston_position:piston_velocity",
         "piston_velocity:outlet_pressure",
     ),
-    "check_valve_force": ("lift", "pressure_drop", "lift_velocity", "lift:pressure_drop"),
+    "check_valve_force": ("lift", "pressure_drop", "lift_velocity", "lift:pressure_drop", "lift:lift_velocity"),
     "suction_valve_area": _VALVE_AREA,
     "delivery_valve_area": _VALVE_AREA,
     "chamber_leakage": ("chamber_pressure", "plunger_velocity", "plunger_velocity:chamber_pressure"),

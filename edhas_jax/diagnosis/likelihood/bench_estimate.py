@@ -8,7 +8,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.diagnosis.likelihood.bench_deviations import BenchDeviations, Deviation, deviation_columns
-from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, run_columns
+from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, bounded, run_columns
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
@@ -82,7 +82,7 @@ def estimate_bench(
     own_estimates = {}
     residuals = {}
     for run in (*fitted, *others):
-        outcome = predicted[run.name]
+        outcome = bounded(run, predicted[run.name])
         columns, own = run_columns(campaign, run, outcome, unknowns, bench)
         shift = columns[:, own + len(unknowns) : -1] @ common
         with np.errstate(over="ignore", invalid="ignore"):

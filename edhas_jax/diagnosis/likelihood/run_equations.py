@@ -22,6 +22,8 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
+MAX_DERIVATIVE = 20.0  # change of a signal by one prior standard deviation of an unknown, over the range of the signal
+
 
 @dataclasses.dataclass(frozen=True)
 class RunEquations:
@@ -54,7 +56,7 @@ def run_columns(
         Columns (m, l + n + g + k + 1): the run's own deviations, unknowns, sensors' deviations, signatures, residual;
         and the number l of the first ones.
     """
-    rows = []
+    rows, predicted = [], bounded(run, predicted)
     for name, measured in run.signals.items():
         own = deviation_columns(bench.of_runs, run, name, predicted, unknowns)
         common = deviation_columns(bench.of_sensors, run, name, predicted, unknowns)
@@ -66,6 +68,22 @@ def run_columns(
         whitened = whiten(stacked, campaign.channels[name])
         rows.append(whitened[np.isfinite(whitened[:, -1])])
     return np.concatenate(rows), len(bench.of_runs)
+
+
+def bounded(run: BenchRun, predicted: PredictedSignals) -> PredictedSignals:
+    """Predicted signals whose derivatives are limited to `MAX_DERIVATIVE` times the range of each signal.
+
+    Where friction sticks or valves bounce, derivatives may grow without limit along a run. A linear prediction of a
+    change far beyond the range of a signal means nothing, but would hide all other columns by its size.
+    """
+    slopes = {}
+    for name, values in predicted.values.items():
+        measured = run.signals[name][np.isfinite(run.signals[name])] if name in run.signals else values
+        limit = MAX_DERIVATIVE * max(float(np.ptp(values[: len(run.time)])), float(np.ptp(measured)))
+        slopes[name] = predicted.sensitivities[name]
+        if np.isfinite(limit):
+            slopes[name] = np.clip(slopes[name], -limit, limit)
+    return PredictedSignals(predicted.values, slopes)
 
 
 def run_equations(columns: np.ndarray, own: int) -> RunEquations:

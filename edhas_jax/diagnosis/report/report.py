@@ -22,6 +22,7 @@ from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions
+from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_curve
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import Use
@@ -132,8 +133,8 @@ def _signals_section(diagnosis: Diagnosis) -> list[str]:
     states = {"before": diagnosis.before, "calibrated": diagnosis.calibrated.residuals}
     if diagnosis.accepted:
         states["after"] = diagnosis.after.residuals
-    if (best := diagnosis.best_generic_trial) is not None:
-        states["generic term"] = best.evaluated.residuals
+    if (best := diagnosis.best_curve_trial) is not None:
+        states["free curve"] = best.evaluated.residuals
     explanation = (
         "Click a model to switch it on or off; drag to zoom, double-click for the whole run. "
         "Band: two standard deviations of the sensor's noise."
@@ -152,8 +153,8 @@ def _parameter_section(diagnosis: Diagnosis) -> list[str]:
 
 
 def explaining_candidates(diagnosis: Diagnosis) -> list[tuple[Fit, Candidate]]:
-    """The accepted candidates, or for an unknown effect the best generic term, each with the fit that contains it."""
-    if (best := diagnosis.best_generic_trial) is not None:
+    """The accepted candidates, or for an unknown effect the best free curve, each with the fit that contains it."""
+    if (best := diagnosis.best_curve_trial) is not None:
         return [(best.evaluated.fit, best.candidate)]
     return [(diagnosis.final, trial.candidate) for trial in diagnosis.accepted]
 
@@ -168,17 +169,24 @@ def _term_sections(diagnosis: Diagnosis) -> list[str]:
                 html_page.heading(f"Sensor fault: {candidate.name}"),
                 html_page.image(figure, f"{candidate.name}: error of the sensor"),
             ]
-        elif (found := estimate_law_curve(fitted, candidate.id)) is not None:
-            curve = found.curve
+        elif (curve := _law_curve(diagnosis, fitted, candidate)) is not None:
             title = f"{curve.place.slot.replace('_', ' ')} over {curve.place.variable.replace('_', ' ')}"
-            text = getattr(candidate.kind, "text", None)
-            name = candidate.name if text is None else f"c · {text}"
+            sentence = "" if curve.law_values is None else f" {law_sentence(curve)}"
             out += [
                 html_page.heading(f"Missing term: {title}"),
-                html_page.paragraph(f"{CURVE_NOTE} {law_sentence(curve)}"),
-                html_page.image(draw_law_curve(curve, name), f"{candidate.name}: {title}"),
+                html_page.paragraph(f"{CURVE_NOTE}{sentence}"),
+                html_page.image(draw_law_curve(curve, candidate.name), f"{candidate.name}: {title}"),
             ]
     return out
+
+
+def _law_curve(diagnosis: Diagnosis, fitted: Fit, candidate: Candidate) -> LawCurve | None:
+    """The law of an accepted effect, or a free curve, as an estimated curve; None where it has no variable."""
+    if isinstance(candidate, CurveCandidate):
+        return fitted_curve(fitted, candidate)
+    deviation = next((d.id for d in diagnosis.laws if d.of == candidate.id), None)
+    found = estimate_law_curve(fitted, candidate.id, deviation=deviation)
+    return None if found is None else found.curve
 
 
 def law_sentence(curve: LawCurve) -> str:

@@ -4,14 +4,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from edhas_jax.config.law_file import write_law_file
 from edhas_jax.config.run_folder import replace_nonfinite, write_json
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
-from edhas_jax.core.literal_text import one_line
+from edhas_jax.core.literal_text import file_name, one_line
 from edhas_jax.diagnosis.calibration.confounding import confounding_as_json, weak_combinations
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
@@ -19,7 +22,7 @@ from edhas_jax.measurements.checks.data_summary import data_as_json
 from edhas_jax.measurements.residuals import rms_by_signal
 from edhas_jax.simulation.run import Simulation
 
-RESULT = "diagnosis.json"
+RESULT, CURVE_CONFIG_FILE = "diagnosis.json", "config_with_curve.yaml"
 VERSION = 2  # of the schema in docs/diagnosis.md
 MIN_LISTED_PROBABILITY = 0.001  # candidates without a trial are listed above it
 
@@ -27,7 +30,10 @@ MIN_LISTED_PROBABILITY = 0.001  # candidates without a trial are listed above it
 def save_diagnosis(
     diagnosis: Diagnosis, folder: Path, next_experiment: dict[str, Any] | None = None, failures: Sequence[str] = ()
 ) -> None:
-    """Write `diagnosis.json`, then the model with the accepted effects as `config.yaml`.
+    """Write `diagnosis.json`, and the model with the accepted effects as `config.yaml`.
+
+    Curves of the model (deviations of accepted laws) are written as files of tabulated laws, which `config.yaml` names.
+    For an unknown effect the calibrated model with the best free curve is written as `config_with_curve.yaml`.
 
     Args:
         diagnosis: the result to write.
@@ -43,9 +49,10 @@ def save_diagnosis(
         chains = final.instruments.chains.items()
         names = ", ".join(f"{link.id} on {signal}" for signal, chain in chains for link in chain)
         head += f"# sensor faults are not part of the machine: {names}\n"
-    text = head + dump_config(final.machine, Simulation(sample_rate=rate))
-    with atomic_write(folder / CONFIG_FILE) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    _write_model(folder / CONFIG_FILE, head, final, diagnosis.laws, rate)
+    if (best := diagnosis.best_curve_trial) is not None:
+        head = f"# {one_line(campaign.name)} with {best.candidate.text}; before the conditions of any run are set\n"
+        _write_model(folder / CURVE_CONFIG_FILE, head, best.evaluated.fit, [best.candidate], rate)
 
 
 def as_json(
@@ -70,12 +77,12 @@ def as_json(
             "set": list(diagnosis.answer.members),
             "probabilities": {n: p for n, p in diagnosis.answer.probabilities.items() if p > MIN_LISTED_PROBABILITY},
         },
-        "laws": [_law_data(member) for member in diagnosis.members],
+        "laws": [_law_data(member, diagnosis.laws) for member in diagnosis.members],
         "bench": _bench_data(diagnosis),
         "left_unexplained": diagnosis.unexplained_shares(),
         "groups": [[candidate.id for candidate in group] for group in diagnosis.confounded_groups()],
         "where": [{"slot": name, "probability": p} for name, p in diagnosis.location_probabilities().items()],
-        "form": _generic_term_data(diagnosis),
+        "form": _curve_data(diagnosis),
         "calibrated": {n: v for n, v in estimates_as_json(final).items() if n in uncertain},
         **confounding_as_json(weak_combinations(final), diagnosis.assumed),
         "error": diagnosis.errors(),
@@ -86,13 +93,15 @@ def as_json(
     }
 
 
-def _law_data(member: MemberTest) -> dict[str, Any]:
-    """Whether the law of an accepted effect differs from that of the library."""
+def _law_data(member: MemberTest, mounted: Sequence[LawDeviation]) -> dict[str, Any]:
+    """Whether the law of an accepted effect differs from that of the library, and the file with its deviation."""
+    deviation = next((d for d in mounted if d.of == member.candidate.id and member.candidate.signal is None), None)
     law = "differs" if member.law_differs else "as in the library"
     return {
         "effect": member.candidate.id, "signal": member.candidate.signal, "law": law,
         "gain_of_another": member.law_gain, "gain": member.gain, "gain_over_left": member.strength,
         "implausible": list(member.implausible),
+        "deviation_file": None if deviation is None else _law_file(deviation),
     }  # fmt: skip
 
 
@@ -132,18 +141,37 @@ def _own_estimates(fit: Fit, candidate: Candidate) -> dict[str, Any]:
     return {name: fitted[u.name] for name, u in candidate.own_unknowns(fit.problem.unknowns).items()}
 
 
-def _generic_term_data(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    """The generic term that explains most of an unknown effect; None for any other verdict."""
-    best = diagnosis.best_generic_trial
+def _curve_data(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """The free curve that explains most of an unknown effect; None for any other verdict."""
+    best = diagnosis.best_curve_trial
     if best is None:
         return None
-    slot = best.candidate.kind.slots[0]
+    place, table = best.candidate.place, best.candidate.table(best.evaluated.fit)
     return {
         "slot": best.candidate.location,
-        "enters": slot.name,
-        "unit": slot.unit,
-        "formula": f"c · {best.candidate.kind.text}",
-        "parameters": _own_estimates(best.evaluated.fit, best.candidate),
+        "enters": place.slot,
+        "variable": place.variable,
+        "factors": list(place.factors),
+        "unit": place.value_unit,
+        "formula": best.candidate.text,
+        "nodes": table.nodes.tolist(),
+        "values": table.values.tolist(),
+        "std": table.std.tolist(),
+        "files": [_law_file(best.candidate), CURVE_CONFIG_FILE],
         "holdout_error": best.evaluated.rms_over_noise(Use.HOLDOUT),
         "error": rms_by_signal(diagnosis.campaign, best.evaluated.residuals, Use.HOLDOUT),
     }
+
+
+def _law_file(curve: CurveCandidate) -> str:
+    """The name of the file with a curve as a tabulated law."""
+    return f"{file_name(curve.id)}.yaml"
+
+
+def _write_model(path: Path, head: str, fit: Fit, curves: Sequence[CurveCandidate], rate: float) -> None:
+    """Write the machine of a fit as a configuration, and its curves as files of tabulated laws beside it."""
+    for curve in curves:
+        write_law_file(path.parent / _law_file(curve), curve.table(fit, "estimated by `edhas diagnose`"))
+    text = head + dump_config(fit.machine, Simulation(sample_rate=rate), {c.id: _law_file(c) for c in curves})
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

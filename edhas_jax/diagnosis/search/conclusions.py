@@ -86,16 +86,13 @@ def _adequate_sentence(diagnosis: Diagnosis) -> str:
 
 
 def _unknown_effect_sentences(diagnosis: Diagnosis, use: Use) -> list[str]:
-    """Where an unknown effect acts, its best generic term, and accepted candidates at their prior bound."""
+    """Where an unknown effect acts, the best free curve there, and accepted candidates at their prior bound."""
     component = next(iter(diagnosis.location_probabilities()), "the machine").replace("_", " ")
     out = [f"Something is missing that no effect of the library explains; most likely it acts on {component}."]
-    if (best := diagnosis.best_generic_trial) is not None:
-        kind = best.candidate.kind
-        value = best.evaluated.fit.values[f"{best.candidate.prefix}coefficient"]
-        term = f"{format_quantity(value, kind.slots[0].unit)} · {kind.text}"
+    if (best := diagnosis.best_curve_trial) is not None:
         out.append(
-            f"The generic term that explains most of it: {term}, added as {kind.slots[0].name}; "
-            f"residual over noise then {best.evaluated.rms_over_noise(use):.2f}."
+            f"What explains most of it is {best.candidate.text}; residual over noise then "
+            f"{best.evaluated.rms_over_noise(use):.2f}."
         )
     for member in diagnosis.members:
         for name in member.implausible:

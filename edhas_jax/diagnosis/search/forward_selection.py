@@ -9,6 +9,8 @@ import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+import numpy as np
+
 from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
@@ -17,16 +19,18 @@ from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, cand
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.decision_rules import remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
+from edhas_jax.diagnosis.search.free_curves import score_free_curves
 from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, law_deviation_columns
-from edhas_jax.diagnosis.search.localisation import best_generic_scores, component_shares
+from edhas_jax.diagnosis.search.localisation import component_shares
+from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.result import Diagnosis, Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import ScoreTest
-from edhas_jax.diagnosis.search.selection_round import generic_candidates, refine_trial, search_round
+from edhas_jax.diagnosis.search.selection_round import refine_trial, search_round
 from edhas_jax.diagnosis.search.settled_fit import settle
 from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, StageEncoder
-from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, Trial, try_best_candidates, try_candidate
+from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, Trial, try_candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -35,8 +39,10 @@ from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_r
 
 MAX_EFFECTS = 3
 CALIBRATION_STEPS = 25  # maximum number of Levenberg-Marquardt steps
+PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growing parts of the runs are fitted
 UNEXPLAINED_SHARE = 0.02  # of the misfit of the calibrated model: if more is left, its place is sought
-GENERIC_TRIALS = 3
+# free curves that are fitted, their least predicted share of the misfit, and the largest number of steps
+CURVE_TRIALS, MIN_CURVE_SHARE, CURVE_STEPS = 2, 0.2, 8
 
 Report = Callable[[str], None]
 
@@ -102,7 +108,7 @@ def diagnose(
     rounds = _select_forward(search, calibrated, resolution, test)
     rounds, members = take_back(rounds, resolution, report)
     left = _left(rounds)
-    shares, generic = _localise(rounds, test, resolution, report) if _is_unexplained(rounds, left) else ({}, ())
+    shares, curves = _localise(rounds, test, resolution, report) if _is_unexplained(rounds, left) else ({}, ())
     after = rounds[-1].baseline
     campaign = after.fit.problem.campaign  # with the start of its records corrected
     before = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
@@ -110,7 +116,7 @@ def diagnose(
     assumed = tuple(assumed_parameters(after.fit, report))
     seconds = checkpoint.seconds
     return Diagnosis(
-        campaign, tuple(rounds), before, rounds[0].baseline, after, seconds, tuple(members), shares, tuple(generic),
+        campaign, tuple(rounds), before, rounds[0].baseline, after, seconds, tuple(members), shares, tuple(curves),
         left, holdout_sentence, assumed,
     )  # fmt: skip
 
@@ -139,6 +145,11 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     except FitError:  # derivatives need a finer step than signals where valves bounce
         resolution = TimeResolution(resolution.fine, resolution.fine, resolution.error)
         calibrated = fit_coarse(problem, centre, resolution.coarse, CALIBRATION_STEPS)
+    if calibrated.excess > PROGRESSIVE_EXCESS * 0.5 * calibrated.samples:
+        report("fitting growing parts of the runs")
+        starts = np.array([centre, calibrated.fit.x])
+        better = fit_progressively(problem, starts, 1, resolution.coarse, TRIAL_STEPS, calibrated)
+        calibrated = better or calibrated
     return settle(calibrated, resolution, report), resolution
 
 
@@ -192,17 +203,17 @@ def _is_unexplained(rounds: Sequence[Round], left: float) -> bool:
 def _localise(
     rounds: Sequence[Round], test: ScoreTest, resolution: TimeResolution, report: Report
 ) -> tuple[dict[str, float], list[Trial]]:
-    """The share of the misfit of each component, and trials of the generic terms that explain most of it."""
+    """The share of the misfit of each component, and fits of the free curves that explain most of it."""
     report("localising the discrepancy")
-    baseline = rounds[0].baseline
-    generic = generic_candidates(baseline.fit.problem.machine)
-    scores = best_generic_scores(test, generic)
+    baseline, trials = rounds[0].baseline, []
+    curves = score_free_curves(test, baseline.fit, report)
+    for score in curves[:CURVE_TRIALS]:
+        if score.predicted_gain > MIN_CURVE_SHARE * baseline.excess:
+            report(f"fitting {score.candidate.text}")
+            trial = try_candidate(baseline, (), score, resolution, CURVE_STEPS)
+            trials.append(refine_trial(baseline, trial, resolution))
     effects = [score.candidate for score in rounds[0].scores]
-    shares = component_shares(test, baseline, [*effects, *generic], rounds[0].trials)
-    place = next(iter(shares), "")
-    scores = [score for score in scores if score.candidate.location == place]
-    trials = try_best_candidates(baseline, (), scores, resolution, report, max_trials=GENERIC_TRIALS)
-    trials = [refine_trial(baseline, trial, resolution) for trial in trials]
+    shares = component_shares(test, baseline, effects, [*rounds[0].trials, *trials], curves)
     return shares, sorted(trials, key=lambda trial: -trial.log_evidence_gain)
 
 

@@ -8,77 +8,33 @@ Around a fit the curve is linear in its values, so that columns of its slopes te
 clear the curve is mounted on the machine, and its values become unknowns of the fit as any other parameter.
 """
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from edhas_jax.core import structs
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.curve_basis import free_nodes
 from edhas_jax.diagnosis.laws.curve_start import start_beside_law
 from edhas_jax.diagnosis.laws.deviation import curve_columns
 from edhas_jax.diagnosis.laws.law_places import law_places
-from edhas_jax.diagnosis.search.candidates import Candidate, limit_to_prior_bound
+from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.machine.effects import Effect
-from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable, tabulated_class
-from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Campaign
-from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
+from edhas_jax.machine.effects.tabulated_law import tabulated_class
 
 DEVIATION_SHARE = 0.5  # prior standard deviation of the deviation at a node, over the largest magnitude of the law
 NODE_COST = 2.0  # nats that each value of a deviation costs
-MIN_VARIATION = 1e-3  # standard deviation of a law over its largest magnitude: below, it follows no one of several variables
+MIN_VARIATION = 1e-3  # standard deviation of a law over its largest magnitude, below which it is constant
 SUFFIX = "_deviation"  # of the name of an effect: the id of the deviation of its law
 
 
-@dataclasses.dataclass(frozen=True)
-class LawDeviation(Candidate):
-    """The deviation of a law as something that can be mounted on a machine; values in SI.
-
-    Args:
-        place: slot, variable and factors of the curve.
-        nodes: nodes of the curve.
-        spread: prior standard deviation of the curve at each node.
-    """
-
-    place: LawPlace = LawPlace("", "")
-    nodes: tuple[float, ...] = ()
-    spread: float = 1.0
+class LawDeviation(CurveCandidate):
+    """The deviation of the law of an effect from that of the library as a curve that is added at the same place."""
 
     @property
     def of(self) -> str:
         """The id of the effect whose law deviates."""
         return self.id.removesuffix(SUFFIX)
-
-    def mounted(self, machine: Rig, instruments: Instruments) -> tuple[Rig, Instruments]:
-        """The machine with the curve, without influence at first."""
-        nodes = np.array(self.nodes)
-        effect = LawTable(self.id, self.place, nodes, np.full(len(nodes), self.place.neutral)).effect()
-        return structs.replace(machine, effects=(*machine.effects, effect)), instruments
-
-    def unknowns(self, campaign: Campaign) -> list[UnknownParameter]:
-        """The values of the curve as unknowns, with a normal prior each."""
-        place, limits = self.place, (-np.inf, np.inf)
-        return [
-            limit_to_prior_bound(
-                UnknownParameter(
-                    f"{self.prefix}value_{k}", place.neutral, self.spread, place.value_unit, limits,
-                    ParameterScale.LINEAR,
-                )
-            )
-            for k in range(1, len(self.nodes) + 1)
-        ]  # fmt: skip
-
-    def table(self, fit: Fit) -> LawTable:
-        """The curve as fitted, with its standard errors."""
-        names = [f"{self.prefix}value_{k}" for k in range(1, len(self.nodes) + 1)]
-        values, errors = fit.values, fit.standard_errors
-        return LawTable(
-            self.id, self.place, np.array(self.nodes), np.array([values[n] for n in names]),
-            np.array([errors[n] for n in names]), f"deviation of the law of {self.of} from that of the library",
-        )  # fmt: skip
 
 
 def law_deviation(fit: Fit, candidate: Candidate) -> LawDeviation | None:
@@ -126,7 +82,7 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
 
 def _columns(fit: Fit, deviation: LawDeviation) -> list[dict[str, np.ndarray]] | None:
     """The change of the signals by one prior standard deviation at each node; None where that is not finite."""
-    slopes = curve_columns(fit, deviation.place, np.array(deviation.nodes))
+    slopes = curve_columns(fit, deviation.place, np.array(deviation.nodes), deviation.id)
     columns = [{n: deviation.spread * v for n, v in run.items()} for run in slopes]
     return columns if all(np.isfinite(v).all() for run in columns for v in run.values()) else None
 

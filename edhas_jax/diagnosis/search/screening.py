@@ -20,6 +20,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.least_squares import OVERFLOW_LIMIT
+from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.diagnosis.likelihood.run_equations import run_columns
 from edhas_jax.diagnosis.likelihood.whitening import whiten
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, screening_grid
@@ -101,6 +102,25 @@ class ScoreTest:
     def score(self, candidate: Candidate) -> Score:
         """The score at the best grid point; its fall of χ² is 0 where the model fails or no fall is predicted."""
         return self._score_grid(candidate)[0]
+
+    def score_columns(self, candidate: Candidate, columns: Sequence[Mapping[str, np.ndarray]]) -> Score:
+        """The score of a candidate that is linear in its unknowns, each with a standard normal prior.
+
+        Args:
+            candidate: the candidate.
+            columns: by fitted run and signal (samples, k) in SI, the change by a unit of each of its k coordinates.
+        """
+        count = next(iter(columns[0].values())).shape[1]
+        rows = [self._whitened_run(r, run)[self._valid[r]] for r, run in enumerate(columns)]
+        stacked = np.concatenate([*rows, np.zeros((self._prior_rows, count))])
+        if not (np.abs(stacked) < OVERFLOW_LIMIT).all():
+            return Score(candidate, 0.0, np.zeros(count), np.zeros(len(self.residual)))
+        projected = stacked - self._sensitivity_basis @ (self._sensitivity_basis.T @ stacked)
+        overlap = projected.T @ self.residual
+        x = regularised_inverse(projected.T @ projected + np.eye(count)) @ overlap
+        change = projected @ x
+        direction = change / max(float(np.linalg.norm(change)), np.finfo(float).tiny)
+        return Score(candidate, float(overlap @ x), x, direction)
 
     def projected_residual(self) -> np.ndarray:
         """The residual (m,) without the part that the fitted parameters can still reproduce."""

@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.search.candidates import Candidate, can_mount
+from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, is_promising, remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, with_solver_error
-from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
 from edhas_jax.diagnosis.search.law_deviation import deviation_cost, law_deviation_columns
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
@@ -20,7 +19,6 @@ from edhas_jax.diagnosis.search.trial import (
     retry_progressively,
     try_best_candidates,
 )
-from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 # candidates whose signatures are simulated again in later rounds: how many, and from which fall of χ² on
@@ -130,11 +128,6 @@ def _penalty(baseline: EvaluatedFit, trial: Trial) -> float:
     """The part of the log-evidence that the parameters of a candidate cost [nats]."""
     fall = baseline.cost - trial.evaluated.cost
     return fall - trial.log_evidence_gain if math.isfinite(trial.log_evidence_gain) else math.inf
-
-
-def generic_candidates(machine: Rig) -> list[Candidate]:
-    """The generic terms that can be added to a machine."""
-    return [Candidate(kind) for kind in GENERIC_TERMS if can_mount(machine, kind)]
 
 
 def score_all(test: ScoreTest, candidates: Sequence[Candidate], report: Callable[[str], None]) -> list[Score]:

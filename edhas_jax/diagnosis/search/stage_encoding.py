@@ -16,7 +16,6 @@ from edhas_jax.diagnosis.likelihood.bench_estimate import BenchEstimate
 from edhas_jax.diagnosis.likelihood.trigger_correction import with_shifted_time
 from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
-from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.result import Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import Score
@@ -152,7 +151,7 @@ class StageDecoder:
     def score(self, plain: Plain) -> Score:
         """A score, its direction empty."""
         kind_id, signal = plain["candidate"]
-        known = SENSOR_FAULTS if signal is not None else (*LIBRARY, *self.kinds, *GENERIC_TERMS)
+        known = SENSOR_FAULTS if signal is not None else (*LIBRARY, *self.kinds)
         candidate = Candidate(next(kind for kind in known if kind.id == kind_id), signal)
         return Score(candidate, plain["chi_square_fall"], self.arrays[plain["x"]], np.zeros(0))
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from edhas_jax.core.structs import replace
 from edhas_jax.diagnosis.search.candidates import Candidate, can_mount, screening_grid
-from edhas_jax.diagnosis.search.generic_terms import GENERIC_TERMS
 from edhas_jax.machine.effects import LIBRARY, Effect
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
+from studies.hidden_effects.generators.generic_terms import GENERIC_TERMS
 from studies.hidden_effects.generators.laws import Law
 from studies.hidden_effects.generators.visibility import VisibilityTest
 

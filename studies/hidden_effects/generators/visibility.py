@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_toeplitz, solve_triangular
 from scipy.signal import lfilter
 
+from edhas_jax.diagnosis.likelihood.run_equations import bounded
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use
@@ -59,6 +60,7 @@ class VisibilityTest:
         unknowns = uncertain_unknowns(plan, machine)
         model = MeasurementModel(plan, machine, unknowns, self.runs)
         found = model.predict_all_runs(np.zeros(len(unknowns)), STEPS_PER_SAMPLE, with_sensitivities=True)
+        found = {r: bounded(run, found[r]) for r, run in enumerate(self.runs)}  # a motion that sticks may be chaotic
         self.before = [found[r].values for r in range(len(self.runs))]
         sensitivities = self.stacked([found[r].sensitivities for r in range(len(self.runs))])
         self.parameters = _Projection(sensitivities)

@@ -1,7 +1,6 @@
-"""Generic terms: single algebraic terms in the variables of an equation, for what no effect of the library explains.
+"""Generic terms: single algebraic terms in the variables of an equation, each an effect with one coefficient c.
 
-Each is an effect with one coefficient c, so that it is tried like any other candidate: added to the model, fitted
-together with all uncertain parameters, and checked on the held-out runs.
+A law that one of them nearly equals is too simple to be withheld as something that the library never had.
 """
 
 from collections.abc import Callable
