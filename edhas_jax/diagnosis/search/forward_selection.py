@@ -25,7 +25,7 @@ from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, law_deviation_columns
 from edhas_jax.diagnosis.search.localisation import component_shares
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
-from edhas_jax.diagnosis.search.result import Diagnosis, Round, mounted_candidates
+from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest, Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.selection_round import refine_trial, search_round
 from edhas_jax.diagnosis.search.settled_fit import settle
@@ -40,7 +40,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_r
 MAX_EFFECTS = 3
 CALIBRATION_STEPS = 25  # maximum number of Levenberg-Marquardt steps
 PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growing parts of the runs are fitted
-UNEXPLAINED_SHARE = 0.02  # of the misfit of the calibrated model: if more is left, its place is sought
+UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects leave more, its place is sought
 # free curves that are fitted, their least predicted share of the misfit, and the largest number of steps
 CURVE_TRIALS, MIN_CURVE_SHARE, CURVE_STEPS = 2, 0.2, 8
 
@@ -108,7 +108,9 @@ def diagnose(
     rounds = _select_forward(search, calibrated, resolution, test)
     rounds, members = take_back(rounds, resolution, report)
     left = _left(rounds)
-    shares, curves = _localise(rounds, test, resolution, report) if _is_unexplained(rounds, left) else ({}, ())
+    shares, curves = {}, ()
+    if _is_unexplained(rounds, members, left):
+        shares, curves = _localise(rounds, test, resolution, report)
     after = rounds[-1].baseline
     campaign = after.fit.problem.campaign  # with the start of its records corrected
     before = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
@@ -195,9 +197,12 @@ def _left(rounds: Sequence[Round]) -> float:
     return remaining(final.excess_with(deviations), final.samples)
 
 
-def _is_unexplained(rounds: Sequence[Round], left: float) -> bool:
-    """Whether so much is left that its place is sought."""
-    return left > UNEXPLAINED_SHARE * remaining(rounds[0].baseline.excess, rounds[0].baseline.samples)
+def _is_unexplained(rounds: Sequence[Round], members: Sequence[MemberTest], left: float) -> bool:
+    """Whether so much is left, or so doubtfully explained, that its place is sought."""
+    if members and any(member.implausible for member in members):
+        return True
+    share = UNEXPLAINED_SHARE if members else 0.0
+    return left > share * remaining(rounds[0].baseline.excess, rounds[0].baseline.samples)
 
 
 def _localise(

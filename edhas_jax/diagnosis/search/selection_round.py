@@ -23,7 +23,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 
 # candidates whose signatures are simulated again in later rounds: how many, and from which fall of χ² on
 REFRESHED, MIN_REFRESHED_FALL = 8, 10.0
-PROGRESSIVE_TRIALS = 3  # candidates that are fitted progressively where none explains nearly all
+PROGRESSIVE_TRIALS = 6  # candidates that are fitted progressively where none explains nearly all
 REFINED, REFINEMENT_STEPS = 2, 6  # trials that are refined where they end near the noise, and the steps of the fit
 OWN_LAWS = 2  # trials whose own law may deviate
 PROGRESSIVE_RMS = 3.0  # residual over noise below which a fit is not caught in a distant minimum

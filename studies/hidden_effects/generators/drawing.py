@@ -94,6 +94,8 @@ class _Draw:
         machine = bench.machine(*(law.mechanism for law in laws))
         name = f"{self.family.name.lower()}_{self.split.value}_{self.number:04d}"
         plan = planned_campaign(name, machine, bench.uncertain, bench.channels, bench.runs, bench.interval)
+        # of an effect that the engineer's model lacks he knows nothing
+        plan = dataclasses.replace(plan, uncertain=plan.uncertain_in(machine))
         sheet, drifts, factors = "", (), {}
         deviations = usual_deviations(rng, len(plan.uncertain_in(machine)))
         if self.difficulty is Family.SETTINGS:
