@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 import edhas_jax as edhas
+from edhas_jax.config.machine_config import read_config
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
+from edhas_jax.diagnosis.laws.curve_basis import basis
+from edhas_jax.diagnosis.report.result_file import save_diagnosis
 from edhas_jax.diagnosis.search.backward_pass import take_back
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
@@ -27,6 +30,7 @@ from edhas_jax.machine.effects import (
     MagneticSaturation,
     ParasiticSpring,
 )
+from edhas_jax.machine.effects.tabulated_law import LawPlace, table_of
 from edhas_jax.measurements.campaign import Channel, Use
 from edhas_jax.measurements.sensor_models import SensorLag
 from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
@@ -53,6 +57,15 @@ class Windage(Effect):
 
     def mover_force(self, s, z):
         return -self.windage * s.piston_velocity * jnp.abs(s.piston_velocity)
+
+
+class SoftDeadTime(Effect):
+    """A dead time that grows more slowly with the current than that of the library."""
+
+    voltage: float = par(0.6, "V", (0.0, 5.0), "lost voltage")
+
+    def coil_voltage_change(self, s, z):
+        return -self.voltage * s.current / (jnp.abs(s.current) + 0.4)
 
 
 def diagnosed(*hidden: Effect, chains=None, seed: int, on_progress=None) -> Diagnosis:
@@ -146,6 +159,27 @@ def test_two_effects():
     assert lead(found, 0) > DECISIVE and lead(found, 1) > DECISIVE
 
 
+def test_a_law_that_differs_is_mounted_as_a_curve(tmp_path):
+    found = diagnosed(SoftDeadTime(), seed=5)
+    assert [t.candidate.id for t in found.accepted] == ["inverter_dead_time"], evidence(found)
+    assert found.members[0].law_differs
+    (law,) = found.laws
+    assert law.of == "inverter_dead_time" and law.place == LawPlace("coil_voltage_change", "current")
+    assert errors(found)[2] == pytest.approx(1.0, abs=0.05)
+    fit, table = found.final, law.table(found.final)
+    current = np.array([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0])
+    library = -fit.values["inverter_dead_time.dead_time_voltage"] * np.tanh(current / 0.05)
+    true = -0.6 * current / (np.abs(current) + 0.4)
+    # a part in proportion to the current is that of the resistance
+    resistance = np.column_stack([current, library + basis(table.nodes, current) @ table.values - true])
+    slope = resistance[:, 0] @ resistance[:, 1] / (current @ current)
+    assert resistance[:, 1] - slope * current == pytest.approx(0.0, abs=0.03)
+    save_diagnosis(found, tmp_path)
+    written = read_config(tmp_path / "config.yaml").machine
+    assert {effect.id for effect in written.effects} == {effect.id for effect in fit.machine.effects}
+    assert table_of(written.effects[-1]).values == pytest.approx(table.values, rel=1e-6)
+
+
 def test_an_effect_outside_the_library(of_windage):
     found = of_windage
     before, calibrated, after = errors(found)
@@ -153,11 +187,17 @@ def test_an_effect_outside_the_library(of_windage):
     assert before > calibrated > 1.1
     where = found.location_probabilities()
     assert next(iter(where)) == "mover" and "sensor" not in where and where["mover"] > 0.5
-    form = found.generic_trials[0]
-    assert form.candidate.kind.text.startswith("(v/0.2 m/s)·|v/0.2 m/s|")
-    assert form.evaluated.fit.values[f"{form.candidate.prefix}coefficient"] == pytest.approx(-40.0 * 0.2**2, rel=0.1)
-    assert form.evaluated.rms_over_noise(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
-    assert form.log_evidence_gain - max((t.log_evidence_gain for t in found.rounds[-1].trials), default=0.0) > DECISIVE
+    best = found.best_curve_trial
+    assert best.candidate.place == LawPlace("mover_force", "piston_velocity")
+    table = best.candidate.table(best.evaluated.fit)
+    # parts that are constant in size, or in proportion to the speed, are also those of uncertain parameters
+    speed, drag = table.nodes, -40.0 * table.nodes * np.abs(table.nodes)
+    columns = np.column_stack([speed, np.sign(speed)])
+    difference = table.values - drag
+    difference = difference - columns @ np.linalg.lstsq(columns, difference)[0]
+    assert np.abs(difference).max() < 0.1 * np.abs(drag).max()
+    assert best.evaluated.rms_over_noise(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
+    assert best.log_evidence_gain - max((t.log_evidence_gain for t in found.rounds[-1].trials), default=0.0) > DECISIVE
 
 
 def test_the_share_of_a_component_is_what_its_candidates_explain_together(of_windage):

@@ -5,7 +5,8 @@ Around a fit the signals are linear in its values, so that one simulation with d
 the best curve explains. A single cause is a curve at one place; many small causes leave much with any curve.
 """
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -16,6 +17,10 @@ from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
+
+USUAL_COORDINATE = 1.5  # prior standard deviations
+# slots at which a curve is the same term of the same equation, but for its sign
+SAME_TERMS = {"mover_friction": "mover_force", "cylinder_friction_force": "cylinder_force"}
 
 
 def free_curve(fit: Fit, place: LawPlace) -> CurveCandidate | None:
@@ -36,14 +41,24 @@ def score_free_curves(test: ScoreTest, fit: Fit, report: Callable[[str], None]) 
         fit: the fit of this model.
         report: called with a sentence on the progress.
     """
-    machine, scores = fit.machine, []
+    machine, scores, taken = fit.machine, [], set()
     for slot in machine.slots:
         for place in law_places(machine, slot.name):
-            curve = free_curve(fit, place)
+            acts = (SAME_TERMS.get(slot.name, slot.name), place.variable, place.factors)
+            curve = None if acts in taken else free_curve(fit, place)
+            taken.add(acts)
             if curve is None:
                 continue
             report(f"looking for {curve.text}")
             columns = curve_columns(fit, place, np.array(curve.nodes), curve.id)
-            scaled = [{n: curve.spread * v for n, v in run.items()} for run in columns]
-            scores.append(test.score_columns(curve, scaled))
+            score = _score(test, curve, columns)
+            size = float(np.abs(score.x).max(initial=0.0))
+            if size > USUAL_COORDINATE:  # larger than usual: with a prior of this size
+                curve = dataclasses.replace(curve, spread=size / USUAL_COORDINATE * curve.spread)
+                score = _score(test, curve, columns)
+            scores.append(score)
     return sorted(scores, key=lambda score: -score.chi_square_fall)
+
+
+def _score(test: ScoreTest, curve: CurveCandidate, columns: Sequence[Mapping[str, np.ndarray]]) -> Score:
+    return test.score_columns(curve, [{n: curve.spread * values for n, values in run.items()} for run in columns])

@@ -1,6 +1,8 @@
 """Mount a curve beside an accepted effect whose law clearly differs from that of the library, and fit it."""
 
-from collections.abc import Callable, Sequence
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -8,16 +10,12 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.decision_rules import strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
-from edhas_jax.diagnosis.search.law_deviation import (
-    LawDeviation,
-    deviation_cost,
-    law_deviation,
-    law_deviation_columns,
-)
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_columns, deviation_cost, law_deviation
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 MIN_LAW_STRENGTH = 1.0  # gain by a deviation of a law over what is left with it, from which the law differs
-FIT_STEPS = 8  # maximum number of Levenberg-Marquardt steps of the fit with the curve
+SPREADS = (1.0, 4.0, 16.0, 64.0)  # prior standard deviations that are compared, over the usual one
+FIT_STEPS = 10  # maximum number of Levenberg-Marquardt steps of the fit with the curve
 
 
 def free_law(
@@ -35,12 +33,16 @@ def free_law(
         The deviation and the fit with it; None and the given fit where the law is as in the library.
     """
     candidate, unchanged = mounted[-1], (None, evaluated)
-    columns = law_deviation_columns(evaluated.fit, [candidate])
-    after = evaluated.excess_with(columns)
-    gain = evaluated.excess - after - deviation_cost(columns)
     deviation = law_deviation(evaluated.fit, candidate)
-    if deviation is None or strength(gain, after, evaluated.samples) <= MIN_LAW_STRENGTH:
+    columns = None if deviation is None else deviation_columns(evaluated.fit, deviation)
+    if columns is None:
         return unchanged
+    after = {factor: evaluated.excess_with(_scaled(columns, factor)) for factor in SPREADS}
+    cost = deviation_cost(columns)
+    factor = min(SPREADS, key=lambda f: after[f] + len(deviation.nodes) * math.log(f))
+    if strength(evaluated.excess - after[factor] - cost, after[factor], evaluated.samples) <= MIN_LAW_STRENGTH:
+        return unchanged
+    deviation = dataclasses.replace(deviation, spread=factor * deviation.spread)
     report(f"{candidate.name}: fitting its law as a curve")
     fitted, known = evaluated.fit, evaluated.fit.problem
     problem = build_problem(
@@ -53,3 +55,7 @@ def free_law(
         return unchanged
     gain = freed.log_evidence - evaluated.log_evidence
     return (deviation, freed) if strength(gain, freed.excess, freed.samples) > MIN_LAW_STRENGTH else unchanged
+
+
+def _scaled(columns: Sequence[Mapping[str, np.ndarray]], factor: float) -> list[dict[str, np.ndarray]]:
+    return [{name: factor * values for name, values in run.items()} for run in columns]

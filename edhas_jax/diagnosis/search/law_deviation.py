@@ -70,7 +70,7 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
     """
     runs, free = fit.problem.model().runs, {c.of for c in accepted if isinstance(c, LawDeviation)}
     found = [law_deviation(fit, candidate) for candidate in accepted if candidate.id not in free]
-    parts = [columns for d in found if d is not None and (columns := _columns(fit, d)) is not None]
+    parts = [columns for d in found if d is not None and (columns := deviation_columns(fit, d)) is not None]
     return [
         {
             n: np.concatenate([np.zeros((len(run.time), 0)), *(part[r][n] for part in parts)], axis=1)
@@ -80,7 +80,7 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
     ]
 
 
-def _columns(fit: Fit, deviation: LawDeviation) -> list[dict[str, np.ndarray]] | None:
+def deviation_columns(fit: Fit, deviation: LawDeviation) -> list[dict[str, np.ndarray]] | None:
     """The change of the signals by one prior standard deviation at each node; None where that is not finite."""
     slopes = curve_columns(fit, deviation.place, np.array(deviation.nodes), deviation.id)
     columns = [{n: deviation.spread * v for n, v in run.items()} for run in slopes]
