@@ -121,6 +121,7 @@ class Answer:
         seconds: computing time, what several methods share included.
         failed: the error in which the method ended.
         details: sentences for a reader.
+        evidence: what the probabilities of `edhas diagnose` follow from, to calibrate them; empty for other methods.
     """
 
     verdict: Verdict | None
@@ -134,6 +135,7 @@ class Answer:
     seconds: float = 0.0
     failed: str = ""
     details: tuple[str, ...] = ()
+    evidence: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def first(self) -> str:

@@ -3,6 +3,8 @@
 The only module of the benchmark that reads a `Diagnosis`.
 """
 
+import dataclasses
+
 from edhas_jax.diagnosis.search.conclusions import conclusions
 from edhas_jax.diagnosis.search.result import Diagnosis
 from studies.hidden_effects.answers import Answer, Law, Verdict
@@ -31,5 +33,5 @@ def answer_of(diagnosis: Diagnosis) -> Answer:
     return Answer(
         verdict, named, answer.members, place, float(next(iter(answer.probabilities.values()))),
         {name: laws[name] for name in named}, tuple(answer.probabilities)[:MAX_RANKED], parameters, diagnosis.seconds,
-        details=tuple(conclusions(diagnosis)),
+        details=tuple(conclusions(diagnosis)), evidence=dataclasses.asdict(diagnosis.evidence),
     )  # fmt: skip

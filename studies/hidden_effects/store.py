@@ -76,8 +76,8 @@ class ResultFolder:
             folder = self.of(key)
             if (folder / CASE_FILE).exists():
                 found = {m: folder / f"{m}.json" for m in methods if (folder / f"{m}.json").exists()}
-                answers = {m: answer_from_json(_read(path)) for m, path in found.items()}
-                out.append(Record(truth_from_json(_read(folder / CASE_FILE)), answers))
+                answers = {m: answer_from_json(read_json(path)) for m, path in found.items()}
+                out.append(Record(truth_from_json(read_json(folder / CASE_FILE)), answers))
         return out
 
     def not_drawn(self, keys: Iterable[CaseKey]) -> dict[str, str]:
@@ -86,7 +86,8 @@ class ResultFolder:
         return {str(key): path.read_text(encoding="utf-8").strip() for key, path in paths.items() if path.exists()}
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
+    """The plain data of a file."""
     return json.loads(path.read_text(encoding="utf-8"))
 
 

@@ -1,23 +1,48 @@
 """The answer of a diagnosis: probabilities of nothing, of each name and of an unknown cause, and a set of them.
 
 The evidence of a model is only as good as the model: where it leaves a misfit, differences of evidence below a share of
-that misfit say nothing. All comparisons are therefore relative to what is left. The constants were chosen by hand on
-about fifty campaigns of the tuning families of `studies.hidden_effects`, whose laws and disturbances judge nothing.
+that misfit say nothing. All comparisons are therefore relative to what is left. The constants are those that make the
+right answers of the tuning families most probable; `python -m studies.hidden_effects.calibration` finds them, from
+campaigns whose laws, disturbances and benches judge nothing.
 """
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 NOTHING, UNKNOWN = "nothing", "unknown"
-COVERAGE = 0.95  # probability that the set holds the truth
-TEMPERATURE, TEMPERATURE_SHARE = 4.0, 0.1  # nats, and of what is left: scale on which evidences are compared
-# logit of a member to be real, over the logarithm of its strength; the largest probability, as others may imitate it
-REAL_OFFSET, REAL_SLOPE, MAX_REAL = -1.2, 3.0, 0.96
-IMPLAUSIBLE_SHARE = 0.4  # probability that a candidate which needs an implausible parameter only imitates another cause
-# logit of one unknown cause against many small ones: over the logarithm of the misfit, its reference, over the share of
-# the misfit that one component explains, and the share at which both are equally probable
-UNKNOWN_SLOPE, UNKNOWN_MISFIT, UNKNOWN_PLACE_SLOPE, UNKNOWN_PLACE = 0.5, 0.3, 12.0, 0.62
+
+
+@dataclasses.dataclass(frozen=True)
+class Constants:
+    """The constants of the probabilities.
+
+    Args:
+        temperature: scale [nats] on which the evidences of rivals are compared,
+        temperature_share: and what is added to it for each nat that is left.
+        real_offset: logit of a member to be real at a strength of 1,
+        real_slope: and its growth with the logarithm of the strength.
+        max_real: the largest probability to be real, as an unknown cause may be imitated well.
+        implausible_share: probability that a candidate with an implausible parameter only imitates another cause.
+        unknown_offset: logit of one unknown cause against many small ones at a misfit as large as the noise,
+        unknown_misfit_slope: its growth with the logarithm of the misfit,
+        unknown_place_slope: and with the share of the misfit that one component explains, 0 … 1.
+        coverage: probability that the members of a set have together.
+    """
+
+    temperature: float = 4.0
+    temperature_share: float = 0.1
+    real_offset: float = -1.2
+    real_slope: float = 3.0
+    max_real: float = 0.96
+    implausible_share: float = 0.4
+    unknown_offset: float = -6.8
+    unknown_misfit_slope: float = 0.5
+    unknown_place_slope: float = 12.0
+    coverage: float = 0.95
+
+
+CONSTANTS = Constants()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,20 +63,43 @@ class Rivals:
     left: float
     is_implausible: bool = False
 
-    def probability_real(self) -> float:
+    def probability_real(self, constants: Constants = CONSTANTS) -> float:
         """The probability that something is missing that this candidate, or a rival of it, describes."""
-        return MAX_REAL * _logistic(REAL_OFFSET + REAL_SLOPE * math.log(max(self.strength, 1e-9)))
+        logit = constants.real_offset + constants.real_slope * math.log(max(self.strength, 1e-9))
+        return constants.max_real * _logistic(logit)
 
-    def names(self) -> dict[str, float]:
+    def names(self, constants: Constants = CONSTANTS) -> dict[str, float]:
         """The probability of each name, given that one of them is right."""
-        scale = TEMPERATURE + TEMPERATURE_SHARE * self.left
+        scale = constants.temperature + constants.temperature_share * self.left
         own = self.gains[self.name]
         weights = {name: math.exp(min(gain - own, 0.0) / scale) for name, gain in self.gains.items()}
         total = sum(weights.values())
         names = {name: weight / total for name, weight in weights.items()}
         if self.is_implausible:
-            names[self.name] *= 1.0 - IMPLAUSIBLE_SHARE
+            names[self.name] *= 1.0 - constants.implausible_share
         return names
+
+
+@dataclasses.dataclass(frozen=True)
+class Evidence:
+    """What an answer follows from.
+
+    Args:
+        members: the accepted candidates, the most important first.
+        misfit: excess of χ² of the calibrated model over the number of samples, beyond the scatter of noise.
+        place_share: largest share of this misfit that the laws of one component, or one free curve there, explain.
+    """
+
+    members: tuple[Rivals, ...]
+    misfit: float
+    place_share: float
+
+    def probability_unknown(self, constants: Constants = CONSTANTS) -> float:
+        """The probability that a misfit without a candidate has one cause, rather than many small ones."""
+        if self.misfit <= 0.0:
+            return 0.0
+        by_misfit = constants.unknown_misfit_slope * math.log(self.misfit)
+        return _logistic(constants.unknown_offset + by_misfit + constants.unknown_place_slope * self.place_share)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +109,7 @@ class Answer:
     Args:
         probabilities: of each name, of `NOTHING` and of `UNKNOWN`, the largest first; for several missing effects the
             probability of each to be among them, so that they may sum to more than 1.
-        members: the set that holds the truth with a probability of `COVERAGE`: the first names first.
+        members: the set that holds the truth with a probability of `Constants.coverage`: the first names first.
     """
 
     probabilities: dict[str, float]
@@ -73,42 +121,23 @@ class Answer:
         return next(iter(self.probabilities))
 
 
-def unknown_probability(left: float, samples: int, place_share: float) -> float:
-    """The probability that a misfit without a candidate has one cause, rather than many small ones.
-
-    Args:
-        left: excess of ½χ² beyond the scatter of noise [nats].
-        samples: number of samples.
-        place_share: largest share of the misfit that the laws of one component explain together, 0 … 1.
-    """
-    relative = 2.0 * left / max(samples, 1)
-    if relative <= 0.0:
-        return 0.0
-    misfit = UNKNOWN_SLOPE * math.log(relative / UNKNOWN_MISFIT)
-    return _logistic(misfit + UNKNOWN_PLACE_SLOPE * (place_share - UNKNOWN_PLACE))
-
-
-def combine(members: Sequence[Rivals], unknown: float) -> Answer:
-    """The answer from the accepted candidates and the probability of an unknown cause of what they leave.
-
-    Args:
-        members: the accepted candidates, the most important first.
-        unknown: probability that a misfit without an accepted candidate has one cause.
-    """
+def answer_from(evidence: Evidence, constants: Constants = CONSTANTS) -> Answer:
+    """The answer that follows from the evidence."""
     found: dict[str, float] = {}
-    for member in members:
-        real = member.probability_real()
-        for name, p in member.names().items():
+    reals = [member.probability_real(constants) for member in evidence.members]
+    names = [member.names(constants) for member in evidence.members]
+    for real, of in zip(reals, names, strict=True):
+        for name, p in of.items():
             found[name] = max(found.get(name, 0.0), real * p)
     # without any real member the misfit has one cause that no name describes, or many small ones
-    none_real = 1.0 - max((member.probability_real() for member in members), default=0.0)
-    imitated = max((m.probability_real() * (1.0 - sum(m.names().values())) for m in members), default=0.0)
+    none_real, unknown = 1.0 - max(reals, default=0.0), evidence.probability_unknown(constants)
+    imitated = max((real * (1.0 - sum(of.values())) for real, of in zip(reals, names, strict=True)), default=0.0)
     found |= {NOTHING: none_real * (1.0 - unknown), UNKNOWN: none_real * unknown + imitated}
     found = dict(sorted(found.items(), key=lambda item: -item[1]))
     chosen, covered = [], 0.0
-    target = COVERAGE * max(len(members), 1)
+    target = constants.coverage * max(len(evidence.members), 1)
     for name, p in found.items():
-        if covered >= target and len(chosen) >= len(members):
+        if covered >= target and len(chosen) >= len(evidence.members):
             break
         chosen.append(name)
         covered += p

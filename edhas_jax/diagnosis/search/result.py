@@ -13,7 +13,7 @@ from edhas_jax.diagnosis.calibration.confounding import AssumedParameter
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
-from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Answer, Rivals, combine, unknown_probability
+from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Answer, Evidence, Rivals, answer_from
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
@@ -123,12 +123,12 @@ class Diagnosis:
     assumed: tuple[AssumedParameter, ...] = ()
 
     @functools.cached_property
-    def answer(self) -> Answer:
-        """Probabilities of all names, of nothing and of an unknown cause, and the set that holds the truth."""
-        strengths = {member.candidate: (member.strength, bool(member.implausible)) for member in self.members}
+    def evidence(self) -> Evidence:
+        """What the answer follows from."""
+        tests = {member.candidate: member for member in self.members}
         rivals = []
         for r in self.rounds:
-            if r.accepted is None or r.accepted.candidate not in strengths:
+            if r.accepted is None or r.accepted.candidate not in tests:
                 continue
             taken = {t.candidate for t in self.accepted if t is not r.accepted}
             gains = {
@@ -138,11 +138,15 @@ class Diagnosis:
             }
             gains[r.accepted.candidate.name] = 0.5 * (r.accepted.gain_beyond_laws + r.accepted.own_law_gain)
             left = remaining(r.accepted.own_law_excess, self.after.samples)
-            strength, is_implausible = strengths[r.accepted.candidate]
-            rivals.append(Rivals(r.accepted.candidate.name, strength, gains, left, is_implausible))
-        share = max(self.location_shares.values(), default=0.0)
-        misfit = remaining(self.calibrated.excess, self.calibrated.samples)
-        return combine(rivals, unknown_probability(misfit, self.calibrated.samples, share))
+            test = tests[r.accepted.candidate]
+            rivals.append(Rivals(test.candidate.name, test.strength, gains, left, bool(test.implausible)))
+        misfit = 2.0 * remaining(self.calibrated.excess, self.calibrated.samples) / max(self.calibrated.samples, 1)
+        return Evidence(tuple(rivals), misfit, max(self.location_shares.values(), default=0.0))
+
+    @functools.cached_property
+    def answer(self) -> Answer:
+        """Probabilities of all names, of nothing and of an unknown cause, and the set that holds the truth."""
+        return answer_from(self.evidence)
 
     @functools.cached_property
     def verdict(self) -> Verdict:

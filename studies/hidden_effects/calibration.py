@@ -1,0 +1,187 @@
+"""Find the constants of the diagnosis's probabilities that make the right answers of tuning cases most probable.
+
+    python -m studies.hidden_effects.calibration [--out DIR] [--families b c …]
+
+The cases are those of the split "tuning" in DIR that `edhas diagnose` has answered (`python -m studies.hidden_effects
+--split tuning --methods ours --out DIR`). Their evidence is stored with the answers, so that no diagnosis is repeated.
+
+The constants are found by maximum likelihood with a weak prior around those of the package. Whether they hold for other
+generators is tested by leaving out one family after the other: the constants are found without it, and its cases are
+answered with them. The nominal coverage of the sets is that with which 95 % of these left-out cases have the truth in
+their set (split conformal prediction: Vovk, Gammerman, Shafer, Algorithmic Learning in a Random World, 2005).
+
+The last line: `cases=… loss=… loss_left_out=… first=… in_set=… set_size=… ece=…`, all of left-out families.
+"""
+
+import argparse
+import dataclasses
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from edhas_jax.diagnosis.search.answer import CONSTANTS, Constants, Evidence, Rivals, answer_from
+from studies.hidden_effects.answers import (
+    NOTHING,
+    UNKNOWN,
+    Answer,
+    Truth,
+    Verdict,
+    answer_from_json,
+    same_names,
+    truth_from_json,
+)
+from studies.hidden_effects.generators.hidden_case import Split
+from studies.hidden_effects.rates import Answered, first_is_right, mean_set_size, rate, set_is_right
+from studies.hidden_effects.reliability import reliability
+from studies.hidden_effects.store import CASE_FILE, ResultFolder, read_json
+
+TARGET = 0.95  # share of cases whose set holds the truth
+COVERAGES = np.concatenate([np.linspace(0.5, 0.95, 19), np.linspace(0.955, 0.999, 12)])
+SMALLEST_PROBABILITY = 1e-3  # of a right answer, in the loss
+PRIOR_SPREAD = 0.7  # of the transformed constants around those of the package
+# constants that are positive are searched on a logarithmic scale, shares on a logistic one
+POSITIVE = ("temperature", "temperature_share", "real_slope", "unknown_misfit_slope", "unknown_place_slope")
+SHARES = ("max_real", "implausible_share")
+FREE = ("real_offset", "unknown_offset")
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A tuning case and the evidence that the diagnosis found in it."""
+
+    truth: Truth
+    evidence: Evidence
+
+
+def read_cases(folder: ResultFolder, families: Sequence[str] = ()) -> list[Case]:
+    """The tuning cases of a folder that the diagnosis has answered, of all families or of some."""
+    cases = []
+    for path in sorted((folder.folder / Split.TUNING.value).glob(f"*/{CASE_FILE}")):
+        answer_file = path.parent / "ours.json"
+        truth = truth_from_json(read_json(path))
+        if not answer_file.exists() or (families and truth.family not in families):
+            continue
+        answer = answer_from_json(read_json(answer_file))
+        if answer.evidence:
+            cases.append(Case(truth, evidence_from(answer.evidence)))
+    return cases
+
+
+def evidence_from(plain: dict[str, Any]) -> Evidence:
+    """The evidence of plain data."""
+    return Evidence(tuple(Rivals(**member) for member in plain["members"]), plain["misfit"], plain["place_share"])
+
+
+def right_probability(case: Case, constants: Constants) -> float:
+    """The probability that an answer gives to what is right, the mean of several hidden effects."""
+    found = answer_from(case.evidence, constants).probabilities
+    if not case.truth.hidden or case.truth.withheld:
+        return max(found.get(name, 0.0) for name in case.truth.right_answers)
+    return float(np.mean([max(found.get(n, 0.0) for n in same_names(name)) for name in case.truth.names]))
+
+
+def loss(cases: Sequence[Case], constants: Constants) -> float:
+    """The mean of −ln of the probabilities of what is right."""
+    right = [right_probability(case, constants) for case in cases]
+    return float(-np.mean(np.log(np.maximum(right, SMALLEST_PROBABILITY))))
+
+
+def best_constants(cases: Sequence[Case], start: Constants = CONSTANTS) -> Constants:
+    """The constants with the smallest loss and prior."""
+    centre = _transformed(start)
+
+    def objective(x: np.ndarray) -> float:
+        prior = 0.5 * float(np.sum(np.square((x - centre) / PRIOR_SPREAD)))
+        return len(cases) * loss(cases, _constants(x, start)) + prior
+
+    found = minimize(objective, centre, method="Powell", options={"maxiter": 30, "xtol": 1e-3, "ftol": 1e-4})
+    return _constants(found.x, start)
+
+
+def _transformed(constants: Constants) -> np.ndarray:
+    rows = [math.log(getattr(constants, name)) for name in POSITIVE]
+    rows += [math.log(p / (1.0 - p)) for p in (getattr(constants, name) for name in SHARES)]
+    return np.array(rows + [getattr(constants, name) for name in FREE])
+
+
+def _constants(x: np.ndarray, start: Constants) -> Constants:
+    names = (*POSITIVE, *SHARES, *FREE)
+    values = dict(zip(names, map(float, x), strict=True))
+    values |= {name: math.exp(min(values[name], 50.0)) for name in POSITIVE}
+    values |= {name: 1.0 / (1.0 + math.exp(-values[name])) for name in SHARES}
+    return dataclasses.replace(start, **values)
+
+
+def best_coverage(pairs: Sequence[tuple[Case, Constants]]) -> float:
+    """The smallest nominal coverage with which the target share of cases have the truth in their set.
+
+    The share is that of (n + 1) cases, the unseen one counting as wrong, as split conformal prediction demands.
+    """
+    for coverage in COVERAGES:
+        held = [set_is_right(*answered_with(c, dataclasses.replace(k, coverage=float(coverage)))) for c, k in pairs]
+        if sum(held) >= TARGET * (len(held) + 1):
+            return float(coverage)
+    return float(COVERAGES[-1])
+
+
+def answered_with(case: Case, constants: Constants) -> Answered:
+    """The case with the answer that follows from other constants."""
+    found = answer_from(case.evidence, constants)
+    p = found.probabilities[found.first]
+    if found.first == NOTHING:
+        return case.truth, Answer(Verdict.ADEQUATE, (), found.members, probability=p)
+    if found.first == UNKNOWN:
+        return case.truth, Answer(Verdict.UNKNOWN_EFFECT, (), found.members, probability=p)
+    return case.truth, Answer(Verdict.MISSING_EFFECT, (found.first,), found.members, probability=p)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Find the constants from the command line; the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"))
+    parser.add_argument("--families", nargs="+", default=[], help="families of the cases; all by default")
+    options = parser.parse_args(arguments)
+    cases = read_cases(ResultFolder(options.out), options.families)
+    families = sorted({case.truth.family for case in cases})
+    if len(families) < 2:
+        print(f"{options.out}: tuning cases of at least two families are needed, with answers of `ours`",
+              file=sys.stderr)  # fmt: skip
+        return 1
+    left_out: list[tuple[Case, Constants]] = []
+    for family in families:
+        found = best_constants([case for case in cases if case.truth.family != family])
+        own = [case for case in cases if case.truth.family == family]
+        left_out += [(case, found) for case in own]
+        before, after = loss(own, CONSTANTS), loss(own, found)
+        print(f"without family {family}: loss {before:.3f} → {after:.3f} on its {len(own)} cases")
+    coverage = best_coverage(left_out)
+    best = dataclasses.replace(best_constants(cases), coverage=coverage)
+    print("\nconstants of all families")
+    for field in dataclasses.fields(best):
+        print(f"  {field.name} = {getattr(best, field.name):.4g}  (now {getattr(CONSTANTS, field.name):.4g})")
+    print(_last_line(cases, left_out, coverage))
+    return 0
+
+
+def _last_line(cases: Sequence[Case], left_out: Sequence[tuple[Case, Constants]], coverage: float) -> str:
+    pairs = [(case, dataclasses.replace(k, coverage=coverage)) for case, k in left_out]
+    answered = [answered_with(case, k) for case, k in pairs]
+    figures = {
+        "cases": len(cases),
+        "loss": loss(cases, CONSTANTS),
+        "loss_left_out": float(np.mean([loss([case], k) for case, k in left_out])),
+        "first": rate(answered, first_is_right).share,
+        "in_set": rate(answered, set_is_right).share,
+        "set_size": mean_set_size(answered),
+        "ece": reliability(answered).error,
+    }
+    return " ".join(f"{name}={value:.4g}" for name, value in figures.items())
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

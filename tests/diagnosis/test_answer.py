@@ -1,0 +1,65 @@
+"""Probabilities and sets of a diagnosis from its evidence."""
+
+import dataclasses
+
+import pytest
+
+from edhas_jax.diagnosis.search.answer import CONSTANTS, NOTHING, UNKNOWN, Evidence, Rivals, answer_from
+
+
+def rivals(strength: float, left: float = 0.0, is_implausible: bool = False, **gains: float) -> Rivals:
+    """Candidates with log-evidence gains, the first of which was accepted."""
+    return Rivals(next(iter(gains)), strength, gains, left, is_implausible)
+
+
+def test_without_a_misfit_nothing_is_missing():
+    answer = answer_from(Evidence((), 0.0, 0.0))
+    assert answer.first == NOTHING and answer.members == (NOTHING,)
+    assert answer.probabilities == {NOTHING: 1.0, UNKNOWN: 0.0}
+
+
+def test_probabilities_of_single_causes_sum_to_one():
+    for strength in (0.1, 1.0, 30.0):
+        for is_implausible in (False, True):
+            member = rivals(strength, 50.0, is_implausible, cogging_force=500.0, parasitic_spring=480.0)
+            answer = answer_from(Evidence((member,), 0.5, 0.4))
+            assert sum(answer.probabilities.values()) == pytest.approx(1.0)
+            assert answer.probabilities["cogging_force"] > answer.probabilities["parasitic_spring"]
+
+
+def test_a_strong_candidate_is_named_and_a_weak_one_is_not():
+    strong = answer_from(Evidence((rivals(100.0, cogging_force=1000.0, seal_friction=10.0),), 0.5, 0.0))
+    assert strong.first == "cogging_force"
+    weak = answer_from(Evidence((rivals(0.05, 1e4, cogging_force=500.0),), 0.5, 0.0))
+    assert weak.first == NOTHING
+
+
+def test_rivals_are_compared_on_the_scale_of_what_is_left():
+    gains = {"cogging_force": 1000.0, "parasitic_spring": 960.0}
+    sharp, blurred = (
+        answer_from(Evidence((rivals(9.0, left, **gains),), 0.5, 0.0)).probabilities for left in (0.0, 5000.0)
+    )
+    assert sharp["parasitic_spring"] < 0.01 < 0.2 < blurred["parasitic_spring"]
+
+
+def test_one_place_that_explains_a_misfit_speaks_for_one_unknown_cause():
+    scattered, placed = (answer_from(Evidence((), 0.5, share)).probabilities[UNKNOWN] for share in (0.1, 0.95))
+    assert scattered < 0.2 and placed > 0.8
+
+
+def test_an_implausible_value_speaks_for_an_unknown_cause():
+    usual, implausible = (
+        answer_from(Evidence((rivals(50.0, 0.0, flag, cogging_force=900.0),), 0.5, 0.0)).probabilities[UNKNOWN]
+        for flag in (False, True)
+    )
+    assert implausible > usual + 0.2
+
+
+def test_a_set_holds_the_nominal_probability():
+    member = rivals(3.0, 1000.0, cogging_force=500.0, parasitic_spring=480.0, seal_friction=300.0)
+    sizes = []
+    for coverage in (0.5, 0.9, 0.99):
+        answer = answer_from(Evidence((member,), 0.5, 0.4), dataclasses.replace(CONSTANTS, coverage=coverage))
+        assert sum(answer.probabilities[name] for name in answer.members) >= coverage
+        sizes.append(len(answer.members))
+    assert sizes == sorted(sizes) and sizes[0] < sizes[-1]
