@@ -27,6 +27,7 @@ _VARIABLES: dict[str, tuple[str, ...]] = {
         "piston_velocity", "piston_position", "current", "chamber_pressure_a", "piston_position:piston_velocity",
         "piston_velocity:outlet_pressure",
     ),
+    "coupling_force": ("coupling_deflection", "coupling_velocity"),
     "check_valve_force": ("lift", "pressure_drop", "lift_velocity", "lift:pressure_drop", "lift:lift_velocity"),
     "suction_valve_area": _VALVE_AREA,
     "delivery_valve_area": _VALVE_AREA,
@@ -50,8 +51,8 @@ STRUCTURAL_SLOTS = ("coupling_force", "suction_line_resistance", "suction_line_f
 _TYPICAL_SIZES = {
     "supply_voltage_change": 1.0, "coil_voltage_change": 0.3, "coil_resistance_factor": 0.1,
     "coil_inductance_factor": 0.1, "force_constant_factor": 0.1, "motor_force_factor": 0.1, "mover_force": 1.0,
-    "mover_friction": 1.0, "check_valve_force": 0.05, "suction_valve_area": 1e-7, "delivery_valve_area": 1e-7,
-    "chamber_leakage": 2e-7, "gap_viscosity_factor": 0.1, "suction_line_resistance": 3e8,
+    "mover_friction": 1.0, "coupling_force": 10.0, "check_valve_force": 0.05, "suction_valve_area": 1e-7,
+    "delivery_valve_area": 1e-7, "chamber_leakage": 2e-7, "gap_viscosity_factor": 0.1, "suction_line_resistance": 3e8,
     "outlet_line_resistance": 3e8, "outlet_capacity": 1e-12, "oil_compressibility": 1e-10,
     "oil_viscosity_factor": 0.1, "cylinder_force": 10.0, "cylinder_friction_force": 10.0,
     "cylinder_friction_level": 10.0, "cylinder_leakage_change": 1e-13,

@@ -14,7 +14,7 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.decision_rules import strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
-from edhas_jax.diagnosis.search.free_law import MIN_LAW_STRENGTH
+from edhas_jax.diagnosis.search.free_law import MIN_LAW_STRENGTH, MIN_MOUNTED_STRENGTH
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.result import MemberTest, Round, mounted_candidates
@@ -78,7 +78,7 @@ def _others(mounted: Sequence[Candidate], removed: Candidate) -> list[Candidate]
 
 def _margin(test: MemberTest) -> float:
     """The strength of a member over the least that keeps it."""
-    least = MIN_STRENGTH if _law_of(test.candidate) is None else MIN_LAW_STRENGTH
+    least = MIN_STRENGTH if _law_of(test.candidate) is None else MIN_MOUNTED_STRENGTH
     return test.strength / least
 
 
@@ -92,7 +92,8 @@ def _with_laws(tests: Sequence[MemberTest], final: EvaluatedFit) -> list[MemberT
             continue
         implausible = tuple(implausible_parameters(candidate, final.fit))
         if candidate.id in laws and candidate.signal is None:
-            gain, differs = laws[candidate.id].gain, True
+            law = laws[candidate.id]
+            gain, differs = law.gain, law.strength > MIN_LAW_STRENGTH
         else:
             columns = law_deviation_columns(final.fit, [candidate])
             after = final.excess_with(columns)

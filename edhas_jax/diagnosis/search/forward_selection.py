@@ -17,7 +17,7 @@ from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.diagnosis.search.backward_pass import take_back
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidates_for
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
-from edhas_jax.diagnosis.search.decision_rules import remaining
+from edhas_jax.diagnosis.search.decision_rules import is_promising, remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_curves import score_free_curves
 from edhas_jax.diagnosis.search.free_law import free_law
@@ -41,6 +41,9 @@ MAX_EFFECTS = 3
 CALIBRATION_STEPS = 25  # maximum number of Levenberg-Marquardt steps
 PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growing parts of the runs are fitted
 UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects leave more, its place is sought
+# a second search begins with a candidate that gains more than a share of the gain of the best, where the first search
+# leaves more than a share of the misfit
+RUNNER_UP_SHARE, MISFIT_SHARE = 0.5, 0.1
 # free curves that are fitted, their least predicted share of the misfit, and the largest number of steps
 CURVE_TRIALS, MIN_CURVE_SHARE, CURVE_STEPS = 2, 0.2, 8
 
@@ -105,9 +108,15 @@ def diagnose(
         "calibration", lambda: calibrate(campaign, report), StageEncoder.start, StageDecoder.start
     )
     test = ScoreTest(calibrated.fit, ())
-    rounds = _select_forward(search, calibrated, resolution, test)
-    rounds, members = take_back(rounds, resolution, report)
+    forward = _select_forward(search, calibrated, resolution, test)
+    rounds, members = take_back(forward, resolution, report)
     left = _left(rounds)
+    if (other := _other_beginning(forward[0])) is not None and left > MISFIT_SHARE * _misfit(rounds[0].baseline):
+        report(f"once more, beginning with {other.accepted.candidate.name}")
+        again = _select_forward(search, calibrated, resolution, test, other)
+        again, other_members = take_back(again, resolution, report)
+        if (other_left := _left(again)) < left:
+            rounds, members, left = again, other_members, other_left
     shares, curves = {}, ()
     if _is_unexplained(rounds, members, left):
         shares, curves = _localise(rounds, test, resolution, report)
@@ -156,15 +165,18 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
 
 
 def _select_forward(
-    search: _Search, calibrated: EvaluatedFit, resolution: TimeResolution, first: ScoreTest
-) -> list[Round]:
-    """Add one candidate after another until none is promising."""
+    search: _Search, calibrated: EvaluatedFit, resolution: TimeResolution, first: ScoreTest,
+    beginning: Round | None = None,
+) -> list[Round]:  # fmt: skip
+    """Add one candidate after another until none is promising; begin with a given round, if any."""
     baseline, rounds = calibrated, []
+    name = "round" if beginning is None else "again"
     while True:
         mounted = mounted_candidates(rounds)
+        known = None if rounds else beginning
         end = search.stage(
-            f"round_{len(rounds) + 1}",
-            lambda: _finish_round(search, baseline, mounted, resolution, first),  # noqa: B023 called at once
+            f"{name}_{len(rounds) + 1}",
+            lambda: _finish_round(search, baseline, mounted, resolution, first, known),  # noqa: B023 called at once
             StageEncoder.round_end,
             lambda decoder, plain: decoder.round_end(plain, mounted),  # noqa: B023
         )
@@ -175,14 +187,28 @@ def _select_forward(
         baseline = end.baseline
 
 
+def _other_beginning(first: Round) -> Round | None:
+    """The first round with the second best trial accepted; None where that is far behind.
+
+    A law that differs much from that of the library may explain less at first than a wrong effect.
+    """
+    if first.accepted is None:
+        return None
+    others = [t for t in first.trials if t is not first.accepted and is_promising(t)]
+    best = max(others, key=lambda trial: trial.own_law_gain, default=None)
+    is_near = best is not None and best.own_law_gain > RUNNER_UP_SHARE * first.accepted.own_law_gain
+    return dataclasses.replace(first, accepted=best, law=None) if is_near else None
+
+
 def _finish_round(
-    search: _Search, baseline: EvaluatedFit, mounted: Sequence[Candidate], resolution: TimeResolution, first: ScoreTest
-) -> RoundEnd:
-    """One round, and the model with which the next one begins."""
+    search: _Search, baseline: EvaluatedFit, mounted: Sequence[Candidate], resolution: TimeResolution, first: ScoreTest,
+    known: Round | None = None,
+) -> RoundEnd:  # fmt: skip
+    """One round, or a known one, and the model with which the next one begins."""
     if sum(not isinstance(candidate, LawDeviation) for candidate in mounted) == MAX_EFFECTS:
         return RoundEnd(Round(baseline, (), (), None), None)
     candidates = search.candidates(baseline.fit.problem)
-    found = search_round(baseline, mounted, candidates, resolution, search.report, first)
+    found = known or search_round(baseline, mounted, candidates, resolution, search.report, first)
     if found.accepted is None:
         return RoundEnd(found, None)
     settled = settle(found.accepted.evaluated, resolution, search.report)
@@ -202,7 +228,12 @@ def _is_unexplained(rounds: Sequence[Round], members: Sequence[MemberTest], left
     if members and any(member.implausible for member in members):
         return True
     share = UNEXPLAINED_SHARE if members else 0.0
-    return left > share * remaining(rounds[0].baseline.excess, rounds[0].baseline.samples)
+    return left > share * _misfit(rounds[0].baseline)
+
+
+def _misfit(calibrated: EvaluatedFit) -> float:
+    """The excess of ½χ² of the calibrated model beyond the scatter of noise [nats]."""
+    return remaining(calibrated.excess, calibrated.samples)
 
 
 def _localise(

@@ -13,7 +13,8 @@ from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_columns, deviation_cost, law_deviation
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-MIN_LAW_STRENGTH = 1.0  # gain by a deviation of a law over what is left with it, from which the law differs
+# gain by a deviation of a law over what is left with it: from which it is mounted, and from which the law differs
+MIN_MOUNTED_STRENGTH, MIN_LAW_STRENGTH = 0.3, 1.0
 SPREADS = (1.0, 4.0, 16.0, 64.0)  # prior standard deviations that are compared, over the usual one
 FIT_STEPS = 10  # maximum number of Levenberg-Marquardt steps of the fit with the curve
 
@@ -40,7 +41,7 @@ def free_law(
     after = {factor: evaluated.excess_with(_scaled(columns, factor)) for factor in SPREADS}
     cost = deviation_cost(columns)
     factor = min(SPREADS, key=lambda f: after[f] + len(deviation.nodes) * math.log(f))
-    if strength(evaluated.excess - after[factor] - cost, after[factor], evaluated.samples) <= MIN_LAW_STRENGTH:
+    if strength(evaluated.excess - after[factor] - cost, after[factor], evaluated.samples) <= MIN_MOUNTED_STRENGTH:
         return unchanged
     deviation = dataclasses.replace(deviation, spread=factor * deviation.spread)
     report(f"{candidate.name}: fitting its law as a curve")
@@ -54,7 +55,7 @@ def free_law(
     except FitError:
         return unchanged
     gain = freed.log_evidence - evaluated.log_evidence
-    return (deviation, freed) if strength(gain, freed.excess, freed.samples) > MIN_LAW_STRENGTH else unchanged
+    return (deviation, freed) if strength(gain, freed.excess, freed.samples) > MIN_MOUNTED_STRENGTH else unchanged
 
 
 def _scaled(columns: Sequence[Mapping[str, np.ndarray]], factor: float) -> list[dict[str, np.ndarray]]:

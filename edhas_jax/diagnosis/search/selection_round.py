@@ -13,6 +13,7 @@ from edhas_jax.diagnosis.search.law_deviation import deviation_cost, law_deviati
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.trial import (
+    MAX_TRIALS,
     NEAR_EXCESS,
     NEARLY_ALL_SHARE,
     Trial,
@@ -27,6 +28,7 @@ PROGRESSIVE_TRIALS = 6  # candidates that are fitted progressively where none ex
 REFINED, REFINEMENT_STEPS = 2, 6  # trials that are refined where they end near the noise, and the steps of the fit
 OWN_LAWS = 2  # trials whose own law may deviate
 PROGRESSIVE_RMS = 3.0  # residual over noise below which a fit is not caught in a distant minimum
+FAR_TRIALS = 8  # largest number of trials above it
 
 
 def search_round(
@@ -52,8 +54,12 @@ def search_round(
             test.refresh(candidate)
         scores = [score for score in scores if score.candidate not in again]
         scores = sorted([*scores, *score_all(test, again, report)], key=lambda score: -score.chi_square_fall)
-    trials = try_best_candidates(baseline, accepted, scores, resolution, report)
-    if baseline.excess > PROGRESSIVE_RMS**2 * 0.5 * baseline.samples:
+    is_far = baseline.excess > PROGRESSIVE_RMS**2 * 0.5 * baseline.samples
+    if is_far:
+        scores = _with_scores_at_prior(baseline, accepted, scores, report)
+    most = FAR_TRIALS if is_far else MAX_TRIALS
+    trials = try_best_candidates(baseline, accepted, scores, resolution, report, max_trials=most)
+    if is_far:
         trials = _retry_distant_minima(baseline, accepted, trials, resolution, report)
     trials = sorted(trials, key=lambda trial: -trial.log_evidence_gain)
     trials = [refine_trial(baseline, trial, resolution) if k < REFINED else trial for k, trial in enumerate(trials)]
@@ -65,6 +71,33 @@ def search_round(
     trials.sort(key=lambda trial: -(trial.gain_beyond_laws + trial.own_law_gain))
     best = trials[0] if trials and is_promising(trials[0]) else None
     return Round(baseline, tuple(scores), tuple(trials), best)
+
+
+def _with_scores_at_prior(
+    baseline: EvaluatedFit, accepted: Sequence[Candidate], scores: Sequence[Score], report: Callable[[str], None]
+) -> list[Score]:
+    """The scores, each the better one of that at the fit and that at the prior means of the uncertain parameters.
+
+    A model that lacks something large is calibrated to parameters far from the true ones, where the right candidate may
+    explain little. Falls of χ² at the prior means are scaled to the misfit of the fit.
+    """
+    fitted, problem = baseline.fit, baseline.fit.problem
+    own = [any(u.name.startswith(candidate.prefix) for candidate in accepted) for u in problem.unknowns]
+    x = np.where(own, fitted.x, 0.0)
+    predicted = problem.model().predict_all_runs(x, fitted.resolution.coarse, with_sensitivities=True)
+    runs = problem.model().runs
+    outcomes = tuple(problem.corrected(run, predicted[r]) for r, run in enumerate(runs))
+    test = ScoreTest(dataclasses.replace(fitted, x=x, uncorrected=x, outcomes=outcomes), accepted)
+    residual = test.projected_residual()
+    scale = 2.0 * baseline.excess / max(float(residual @ residual), np.finfo(float).tiny)
+    there = {s.candidate: s for s in score_all(test, [s.candidate for s in scores], report)}
+    found = [
+        dataclasses.replace(there[s.candidate], chi_square_fall=scale * there[s.candidate].chi_square_fall)
+        if scale * there[s.candidate].chi_square_fall > s.chi_square_fall
+        else s
+        for s in scores
+    ]
+    return sorted(found, key=lambda score: -score.chi_square_fall)
 
 
 def _retry_distant_minima(
