@@ -11,16 +11,20 @@ from edhas_jax.config.machine_config import read_config
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.laws.curve_basis import basis
+from edhas_jax.diagnosis.laws.deviation import curve_columns
 from edhas_jax.diagnosis.report.result_file import save_diagnosis
 from edhas_jax.diagnosis.search.backward_pass import take_back
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
+from edhas_jax.diagnosis.search.free_curves import free_curve
 from edhas_jax.diagnosis.search.localisation import component_shares
+from edhas_jax.diagnosis.search.memory_term import MemoryTerm
 from edhas_jax.diagnosis.search.result import Diagnosis, Round, Verdict
 from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.trial import Trial, try_candidate
 from edhas_jax.machine.effects import (
+    AmplifierLag,
     AsymmetricFriction,
     CoggingForce,
     Effect,
@@ -187,7 +191,7 @@ def test_an_effect_outside_the_library(of_windage):
     assert before > calibrated > 1.1
     where = found.location_probabilities()
     assert next(iter(where)) == "mover" and "sensor" not in where and where["mover"] > 0.5
-    best = found.best_curve_trial
+    best = found.best_free_trial
     assert best.candidate.place == LawPlace("mover_force", "piston_velocity")
     table = best.candidate.table(best.evaluated.fit)
     # parts that are constant in size, or in proportion to the speed, are also those of uncertain parameters
@@ -198,6 +202,26 @@ def test_an_effect_outside_the_library(of_windage):
     assert np.abs(difference).max() < 0.1 * np.abs(drag).max()
     assert best.evaluated.rms_over_noise(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
     assert best.log_evidence_gain - max((t.log_evidence_gain for t in found.rounds[-1].trials), default=0.0) > DECISIVE
+
+
+def test_a_lag_outside_the_library():
+    found = diagnosed(AmplifierLag(amplifier_time=0.6e-3), seed=6)
+    assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
+    assert next(iter(found.location_probabilities())) == "coil"
+    best = found.best_free_trial
+    assert isinstance(best.candidate, MemoryTerm) and best.candidate.place.slot == "coil_voltage_change"
+    assert best.explained_share > 0.8
+
+
+def test_the_score_of_a_curve_is_the_fall_with_its_columns(of_windage):
+    calibrated = of_windage.calibrated
+    curve = free_curve(calibrated.fit, LawPlace("mover_force", "piston_velocity"))
+    columns = curve_columns(calibrated.fit, curve.place, np.array(curve.nodes))
+    scaled = [{n: curve.spread * v for n, v in run.items()} for run in columns]
+    score = ScoreTest(calibrated.fit, ()).score_columns(curve, scaled)
+    with_best_parameters = calibrated.excess_with([{n: v[:, :0] for n, v in run.items()} for run in scaled])
+    fall = with_best_parameters - calibrated.excess_with(scaled)
+    assert 0.5 * score.chi_square_fall == pytest.approx(fall, rel=1e-6)
 
 
 def test_the_share_of_a_component_is_what_its_candidates_explain_together(of_windage):

@@ -106,7 +106,7 @@ def next_experiment(diagnosis: Diagnosis) -> Experiment | None:
 def _rivals(diagnosis: Diagnosis) -> list[Trial]:
     """The trials that a new run should discriminate, the most probable first."""
     if diagnosis.verdict is Verdict.UNKNOWN_EFFECT:
-        return [t for t in diagnosis.curve_trials if t.evaluated is not None][:2]
+        return [t for t in diagnosis.free_trials if t.evaluated is not None][:2]
     groups = diagnosis.confounded_groups()
     if groups:
         of_round = next(r for r in diagnosis.rounds if r.accepted is not None and r.accepted.candidate is groups[0][0])

@@ -23,6 +23,7 @@ from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_curve
+from edhas_jax.diagnosis.search.memory_term import MemoryTerm
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import Use
@@ -133,8 +134,8 @@ def _signals_section(diagnosis: Diagnosis) -> list[str]:
     states = {"before": diagnosis.before, "calibrated": diagnosis.calibrated.residuals}
     if diagnosis.accepted:
         states["after"] = diagnosis.after.residuals
-    if (best := diagnosis.best_curve_trial) is not None:
-        states["free curve"] = best.evaluated.residuals
+    if (best := diagnosis.best_free_trial) is not None:
+        states["free term"] = best.evaluated.residuals
     explanation = (
         "Click a model to switch it on or off; drag to zoom, double-click for the whole run. "
         "Band: two standard deviations of the sensor's noise."
@@ -153,8 +154,8 @@ def _parameter_section(diagnosis: Diagnosis) -> list[str]:
 
 
 def explaining_candidates(diagnosis: Diagnosis) -> list[tuple[Fit, Candidate]]:
-    """The accepted candidates, or for an unknown effect the best free curve, each with the fit that contains it."""
-    if (best := diagnosis.best_curve_trial) is not None:
+    """The accepted candidates, or for an unknown effect the best free term, each with the fit that contains it."""
+    if (best := diagnosis.best_free_trial) is not None:
         return [(best.evaluated.fit, best.candidate)]
     return [(diagnosis.final, trial.candidate) for trial in diagnosis.accepted]
 
@@ -184,6 +185,8 @@ def _law_curve(diagnosis: Diagnosis, fitted: Fit, candidate: Candidate) -> LawCu
     """The law of an accepted effect, or a free curve, as an estimated curve; None where it has no variable."""
     if isinstance(candidate, CurveCandidate):
         return fitted_curve(fitted, candidate)
+    if isinstance(candidate, MemoryTerm):
+        return None
     deviation = next((d.id for d in diagnosis.laws if d.of == candidate.id), None)
     found = estimate_law_curve(fitted, candidate.id, deviation=deviation)
     return None if found is None else found.curve

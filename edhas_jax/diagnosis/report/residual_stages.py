@@ -13,14 +13,14 @@ USE_TITLES = {Use.FIT: "fitted runs", Use.HOLDOUT: "held-out runs"}
 AXIS_START = 0.7  # lower end of the logarithmic axis
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 REMAINING_COLOUR, FALL_COLOUR, RISE_COLOUR = "#aab4be", COLOURS[2], COLOURS[1]
-CURVE_STAGE = "free curve alone"
+FREE_STAGE = "free term alone"
 
 
 def residual_stages(diagnosis: Diagnosis) -> dict[str, dict[Use, float]]:
     """Rms residual over noise after each stage, by use of the runs.
 
     The stages are the model as given, the calibrated model, and each accepted candidate. For an unknown effect the
-    last stage is the best free curve in place of all accepted candidates.
+    last stage is the best free term in place of all accepted candidates.
     """
     campaign = diagnosis.campaign
     out = {
@@ -31,8 +31,8 @@ def residual_stages(diagnosis: Diagnosis) -> dict[str, dict[Use, float]]:
     for r, after in zip(diagnosis.rounds, later, strict=True):
         if r.accepted is not None:
             out[f"+ {r.accepted.candidate.name}"] = _overall_rms(campaign, after.residuals)
-    if (best := diagnosis.best_curve_trial) is not None:
-        out[CURVE_STAGE] = _overall_rms(campaign, best.evaluated.residuals)
+    if (best := diagnosis.best_free_trial) is not None:
+        out[FREE_STAGE] = _overall_rms(campaign, best.evaluated.residuals)
     return out
 
 
@@ -66,8 +66,8 @@ def draw_stages(axes, diagnosis: Diagnosis, use: Use) -> None:
     names, values = list(table), [min(row[use], TICKS[-1]) for row in table.values()]
     largest = min(max(value for row in table.values() for value in row.values()), TICKS[-1])
     for k, value in enumerate(values):
-        # a free curve replaces all candidates, so its fall begins at the calibrated model
-        before = value if k == 0 else values[1] if names[k] == CURVE_STAGE else values[k - 1]
+        # a free term replaces all candidates, so its fall begins at the calibrated model
+        before = value if k == 0 else values[1] if names[k] == FREE_STAGE else values[k - 1]
         axes.barh(k, value - AXIS_START, left=AXIS_START, height=0.6, color=REMAINING_COLOUR)
         colour = FALL_COLOUR if before >= value else RISE_COLOUR
         axes.barh(k, abs(before - value), left=min(before, value), height=0.6, color=colour)

@@ -15,6 +15,7 @@ from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_jso
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
+from edhas_jax.diagnosis.search.memory_term import TIMES
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
@@ -33,7 +34,7 @@ def save_diagnosis(
     """Write `diagnosis.json`, and the model with the accepted effects as `config.yaml`.
 
     Curves of the model (deviations of accepted laws) are written as files of tabulated laws, which `config.yaml` names.
-    For an unknown effect the calibrated model with the best free curve is written as `config_with_curve.yaml`.
+    For an unknown effect that a free curve explains best, the calibrated model with it is `config_with_curve.yaml`.
 
     Args:
         diagnosis: the result to write.
@@ -50,7 +51,8 @@ def save_diagnosis(
         names = ", ".join(f"{link.id} on {signal}" for signal, chain in chains for link in chain)
         head += f"# sensor faults are not part of the machine: {names}\n"
     _write_model(folder / CONFIG_FILE, head, final, diagnosis.laws, rate)
-    if (best := diagnosis.best_curve_trial) is not None:
+    best = diagnosis.best_free_trial
+    if best is not None and isinstance(best.candidate, CurveCandidate):
         head = f"# {one_line(campaign.name)} with {best.candidate.text}; before the conditions of any run are set\n"
         _write_model(folder / CURVE_CONFIG_FILE, head, best.evaluated.fit, [best.candidate], rate)
 
@@ -82,7 +84,7 @@ def as_json(
         "left_unexplained": diagnosis.unexplained_shares(),
         "groups": [[candidate.id for candidate in group] for group in diagnosis.confounded_groups()],
         "where": [{"slot": name, "probability": p} for name, p in diagnosis.location_probabilities().items()],
-        "form": _curve_data(diagnosis),
+        "form": _form_data(diagnosis),
         "calibrated": {n: v for n, v in estimates_as_json(final).items() if n in uncertain},
         **confounding_as_json(weak_combinations(final), diagnosis.assumed),
         "error": diagnosis.errors(),
@@ -141,26 +143,25 @@ def _own_estimates(fit: Fit, candidate: Candidate) -> dict[str, Any]:
     return {name: fitted[u.name] for name, u in candidate.own_unknowns(fit.problem.unknowns).items()}
 
 
-def _curve_data(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    """The free curve that explains most of an unknown effect; None for any other verdict."""
-    best = diagnosis.best_curve_trial
+def _form_data(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """The free term that explains most of an unknown effect; None for any other verdict."""
+    best = diagnosis.best_free_trial
     if best is None:
         return None
-    place, table = best.candidate.place, best.candidate.table(best.evaluated.fit)
-    return {
-        "slot": best.candidate.location,
-        "enters": place.slot,
-        "variable": place.variable,
-        "factors": list(place.factors),
-        "unit": place.value_unit,
-        "formula": best.candidate.text,
-        "nodes": table.nodes.tolist(),
-        "values": table.values.tolist(),
-        "std": table.std.tolist(),
-        "files": [_law_file(best.candidate), CURVE_CONFIG_FILE],
+    place, fitted = best.candidate.place, best.evaluated.fit
+    out = {
+        "slot": best.candidate.location, "enters": place.slot, "variable": place.variable,
+        "factors": list(place.factors), "formula": best.candidate.text,
         "holdout_error": best.evaluated.rms_over_noise(Use.HOLDOUT),
         "error": rms_by_signal(diagnosis.campaign, best.evaluated.residuals, Use.HOLDOUT),
-    }
+    }  # fmt: skip
+    if not isinstance(best.candidate, CurveCandidate):
+        return out | {"times": list(TIMES), "parameters": _own_estimates(fitted, best.candidate)}
+    table = best.candidate.table(fitted)
+    return out | {
+        "unit": place.value_unit, "nodes": table.nodes.tolist(), "values": table.values.tolist(),
+        "std": table.std.tolist(), "files": [_law_file(best.candidate), CURVE_CONFIG_FILE],
+    }  # fmt: skip
 
 
 def _law_file(curve: CurveCandidate) -> str:

@@ -89,7 +89,7 @@ def _unknown_effect_sentences(diagnosis: Diagnosis, use: Use) -> list[str]:
     """Where an unknown effect acts, the best free curve there, and accepted candidates at their prior bound."""
     component = next(iter(diagnosis.location_probabilities()), "the machine").replace("_", " ")
     out = [f"Something is missing that no effect of the library explains; most likely it acts on {component}."]
-    if (best := diagnosis.best_curve_trial) is not None:
+    if (best := diagnosis.best_free_trial) is not None:
         out.append(
             f"What explains most of it is {best.candidate.text}; residual over noise then "
             f"{best.evaluated.rms_over_noise(use):.2f}."

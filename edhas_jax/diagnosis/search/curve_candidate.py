@@ -9,8 +9,8 @@ from edhas_jax.core import structs
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.law_curve import LawCurve
 from edhas_jax.diagnosis.laws.law_samples import law_samples
-from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable
+from edhas_jax.diagnosis.search.free_term import FreeTerm
+from edhas_jax.machine.effects.tabulated_law import LawTable
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
@@ -18,18 +18,14 @@ from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownPar
 
 
 @dataclasses.dataclass(frozen=True)
-class CurveCandidate(Candidate):
+class CurveCandidate(FreeTerm):
     """A curve at a place of the machine; values in SI.
 
     Args:
-        place: slot, variable and factors of the curve.
-        nodes: nodes of the curve.
-        spread: prior standard deviation of the curve at each node.
+        nodes: nodes of the curve, whose values at them are its numbers.
     """
 
-    place: LawPlace = LawPlace("", "")
     nodes: tuple[float, ...] = ()
-    spread: float = 1.0
 
     @property
     def text(self) -> str:

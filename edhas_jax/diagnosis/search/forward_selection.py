@@ -24,6 +24,7 @@ from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, law_deviation_columns
 from edhas_jax.diagnosis.search.localisation import component_shares
+from edhas_jax.diagnosis.search.memory_term import score_memory_terms
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest, Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import ScoreTest
@@ -44,8 +45,8 @@ UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects lea
 # a second search begins with a candidate that gains more than a share of the gain of the best, where the first search
 # leaves more than a share of the misfit
 RUNNER_UP_SHARE, MISFIT_SHARE = 0.5, 0.1
-# free curves that are fitted, their least predicted share of the misfit, and the largest number of steps
-CURVE_TRIALS, MIN_CURVE_SHARE, CURVE_STEPS = 2, 0.2, 8
+# free terms that are fitted, their least predicted share of the misfit, and the largest number of steps
+FREE_TRIALS, MIN_FREE_SHARE, FREE_STEPS = 2, 0.2, 12
 
 Report = Callable[[str], None]
 
@@ -117,9 +118,9 @@ def diagnose(
         again, other_members = take_back(again, resolution, report)
         if (other_left := _left(again)) < left:
             rounds, members, left = again, other_members, other_left
-    shares, curves = {}, ()
+    shares, free = {}, ()
     if _is_unexplained(rounds, members, left):
-        shares, curves = _localise(rounds, test, resolution, report)
+        shares, free = _localise(rounds, test, resolution, report)
     after = rounds[-1].baseline
     campaign = after.fit.problem.campaign  # with the start of its records corrected
     before = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
@@ -127,7 +128,7 @@ def diagnose(
     assumed = tuple(assumed_parameters(after.fit, report))
     seconds = checkpoint.seconds
     return Diagnosis(
-        campaign, tuple(rounds), before, rounds[0].baseline, after, seconds, tuple(members), shares, tuple(curves),
+        campaign, tuple(rounds), before, rounds[0].baseline, after, seconds, tuple(members), shares, tuple(free),
         left, holdout_sentence, assumed,
     )  # fmt: skip
 
@@ -239,17 +240,18 @@ def _misfit(calibrated: EvaluatedFit) -> float:
 def _localise(
     rounds: Sequence[Round], test: ScoreTest, resolution: TimeResolution, report: Report
 ) -> tuple[dict[str, float], list[Trial]]:
-    """The share of the misfit of each component, and fits of the free curves that explain most of it."""
+    """The share of the misfit of each component, and fits of the free terms that explain most of it."""
     report("localising the discrepancy")
     baseline, trials = rounds[0].baseline, []
-    curves = score_free_curves(test, baseline.fit, report)
-    for score in curves[:CURVE_TRIALS]:
-        if score.predicted_gain > MIN_CURVE_SHARE * baseline.excess:
+    terms = [*score_free_curves(test, baseline.fit, report), *score_memory_terms(test, baseline.fit, report)]
+    terms.sort(key=lambda score: -score.chi_square_fall)
+    for score in terms[:FREE_TRIALS]:
+        if score.predicted_gain > MIN_FREE_SHARE * baseline.excess:
             report(f"fitting {score.candidate.text}")
-            trial = try_candidate(baseline, (), score, resolution, CURVE_STEPS)
+            trial = try_candidate(baseline, (), score, resolution, FREE_STEPS)
             trials.append(refine_trial(baseline, trial, resolution))
     effects = [score.candidate for score in rounds[0].scores]
-    shares = component_shares(test, baseline, effects, [*rounds[0].trials, *trials], curves)
+    shares = component_shares(test, baseline, effects, [*rounds[0].trials, *trials], terms)
     return shares, sorted(trials, key=lambda trial: -trial.log_evidence_gain)
 
 

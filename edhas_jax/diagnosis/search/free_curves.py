@@ -5,8 +5,7 @@ Around a fit the signals are linear in its values, so that one simulation with d
 the best curve explains. A single cause is a curve at one place; many small causes leave much with any curve.
 """
 
-import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -15,10 +14,10 @@ from edhas_jax.diagnosis.laws.curve_start import start_from_nothing
 from edhas_jax.diagnosis.laws.deviation import curve_columns
 from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
+from edhas_jax.diagnosis.search.free_term import score_free_term
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 
-USUAL_COORDINATE = 1.5  # prior standard deviations
 # slots at which a curve is the same term of the same equation, but for its sign
 SAME_TERMS = {"mover_friction": "mover_force", "cylinder_friction_force": "cylinder_force"}
 
@@ -30,7 +29,7 @@ def free_curve(fit: Fit, place: LawPlace) -> CurveCandidate | None:
         return None
     words = (place.slot, "curve_over", place.variable, *place.factors)
     kind = tabulated_class("_".join(words), place, len(start.nodes))
-    return CurveCandidate(kind, None, place, tuple(map(float, start.nodes)), start.size)
+    return CurveCandidate(kind, None, place, start.size, tuple(map(float, start.nodes)))
 
 
 def score_free_curves(test: ScoreTest, fit: Fit, report: Callable[[str], None]) -> list[Score]:
@@ -51,14 +50,5 @@ def score_free_curves(test: ScoreTest, fit: Fit, report: Callable[[str], None]) 
                 continue
             report(f"looking for {curve.text}")
             columns = curve_columns(fit, place, np.array(curve.nodes), curve.id)
-            score = _score(test, curve, columns)
-            size = float(np.abs(score.x).max(initial=0.0))
-            if size > USUAL_COORDINATE:  # larger than usual: with a prior of this size
-                curve = dataclasses.replace(curve, spread=size / USUAL_COORDINATE * curve.spread)
-                score = _score(test, curve, columns)
-            scores.append(score)
+            scores.append(score_free_term(test, curve, columns))
     return sorted(scores, key=lambda score: -score.chi_square_fall)
-
-
-def _score(test: ScoreTest, curve: CurveCandidate, columns: Sequence[Mapping[str, np.ndarray]]) -> Score:
-    return test.score_columns(curve, [{n: curve.spread * values for n, values in run.items()} for run in columns])

@@ -58,7 +58,7 @@ def law_deviation(fit: Fit, candidate: Candidate) -> LawDeviation | None:
     low, high = float(start.nodes[0]), float(start.nodes[-1])
     nodes = free_nodes(low, high)
     kind = tabulated_class(candidate.id + SUFFIX, start.place, len(nodes))
-    return LawDeviation(kind, None, start.place, tuple(map(float, nodes)), DEVIATION_SHARE * start.size)
+    return LawDeviation(kind, None, start.place, DEVIATION_SHARE * start.size, tuple(map(float, nodes)))
 
 
 def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[str, np.ndarray]]:

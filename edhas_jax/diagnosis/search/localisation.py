@@ -7,7 +7,7 @@ the share is
     share = |P r|²/|r|²,   P the orthogonal projector onto the span of E,
 
 the fraction of χ² of the projected residual r that the best combination removes. It is at least the share that one
-free curve at the component explains (see `free_curves`). Signatures are linear, so a fit may
+free term at the component explains (see `free_curves`, `memory_term`). Signatures are linear, so a fit may
 achieve less than they predict: far from the noise the share is reduced by the ratio of achieved to predicted fall of
 χ². It is at least what a trial of a candidate there has achieved.
 
@@ -31,7 +31,7 @@ NEAR_EXCESS = 1.0  # excess over half the number of samples below which signatur
 
 def component_shares(
     test: ScoreTest, baseline: EvaluatedFit, candidates: Iterable[Candidate], trials: Sequence[Trial],
-    curves: Sequence[Score] = (),
+    free: Sequence[Score] = (),
 ) -> dict[str, float]:  # fmt: skip
     """The share of the misfit of a model that each component accounts for, 0 … 1, the largest first.
 
@@ -40,23 +40,23 @@ def component_shares(
         baseline: the model.
         candidates: effects to consider.
         trials: trials with that model as baseline.
-        curves: scores of free curves with that model.
+        free: scores of free terms with that model.
     """
     excess = max(2.0 * baseline.excess, 1.0)
     by_location: dict[str, list[Candidate]] = {}
     for candidate in candidates:
         if candidate.location != SENSOR_LOCATION:
             by_location.setdefault(candidate.location, []).append(candidate)
-    best_curves: dict[str, float] = {}
-    for score in curves:
+    best_free: dict[str, float] = {}
+    for score in free:
         location = score.candidate.location
-        best_curves[location] = max(best_curves.get(location, 0.0), score.chi_square_fall)
+        best_free[location] = max(best_free.get(location, 0.0), score.chi_square_fall)
     far = baseline.excess > NEAR_EXCESS * 0.5 * baseline.samples
     overall = _achieved_share(trials)
     shares = {}
-    for location in {**by_location, **best_curves}:
+    for location in {**by_location, **best_free}:
         _, fall = test.joint_scores(by_location.get(location, []))
-        fall = max(fall, best_curves.get(location, 0.0))
+        fall = max(fall, best_free.get(location, 0.0))
         found = [t for t in trials if t.candidate.location == location]
         achieved = (_achieved_share(found) if found else overall) if far else 1.0
         shares[location] = min(max([achieved * fall / excess, *(_share(t) for t in found)]), 1.0)

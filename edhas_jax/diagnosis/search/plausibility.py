@@ -5,7 +5,7 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.fit_problem import gauss_newton_model
 from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound
-from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
+from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.measurements.measurement_model import EvaluationPoint
 
 PLAUSIBLE_COORDINATE = 2.0  # prior standard deviations: the end of the plausible range
@@ -28,7 +28,7 @@ def implausible_parameters(candidate: Candidate, fit: Fit) -> list[str]:
         fit: a fit with it.
     """
     names = at_prior_bound(candidate, fit)
-    if not names or isinstance(candidate, CurveCandidate):  # a curve has no plausible range
+    if not names or isinstance(candidate, FreeTerm):  # free terms have no plausible range
         return []
     low_high = np.array([u.bounds() for u in fit.problem.unknowns]).T
     own, order = candidate.own_unknowns(fit.problem.unknowns), [u.name for u in fit.problem.unknowns]

@@ -103,7 +103,7 @@ class Diagnosis:
         members: the tests of the accepted candidates in the backward pass.
         location_shares: share of the calibrated model's misfit by component, the largest first; empty where nothing is
             left unexplained.
-        curve_trials: fits of free curves for what is left unexplained, the largest gain first.
+        free_trials: fits of free terms (curves, memories) for what is left unexplained, the largest gain first.
         left: excess of ½χ² that the final model and deviations of its laws leave, beyond the scatter of noise [nats].
         holdout_split: a sentence on how runs were divided for want of hold-out runs; empty where there are such runs.
         assumed: parameters taken as known whose error the unknowns of the final model would hide.
@@ -117,7 +117,7 @@ class Diagnosis:
     seconds: float
     members: tuple[MemberTest, ...]
     location_shares: dict[str, float]
-    curve_trials: tuple[Trial, ...]
+    free_trials: tuple[Trial, ...]
     left: float
     holdout_split: str = ""
     assumed: tuple[AssumedParameter, ...] = ()
@@ -202,11 +202,11 @@ class Diagnosis:
         return [r.law for r in self.rounds if r.law is not None]
 
     @property
-    def best_curve_trial(self) -> Trial | None:
-        """The free curve that explains most of an unknown effect; None for any other verdict, or without a fit."""
-        if self.verdict is not Verdict.UNKNOWN_EFFECT or not self.curve_trials:
+    def best_free_trial(self) -> Trial | None:
+        """The free term that explains most of an unknown effect; None for any other verdict, or without a fit."""
+        if self.verdict is not Verdict.UNKNOWN_EFFECT or not self.free_trials:
             return None
-        return self.curve_trials[0] if self.curve_trials[0].evaluated is not None else None
+        return self.free_trials[0] if self.free_trials[0].evaluated is not None else None
 
     def confounded_groups(self) -> list[list[Candidate]]:
         """The groups of candidates that these measurements do not distinguish, the accepted one first."""

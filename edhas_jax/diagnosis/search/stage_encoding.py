@@ -183,7 +183,7 @@ def _law_as_plain(law: LawDeviation) -> Plain:
 def _law_from_plain(plain: Plain) -> LawDeviation:
     slot, variable, factors = plain["place"]
     place, nodes = LawPlace(slot, variable, tuple(factors)), tuple(plain["nodes"])
-    return LawDeviation(tabulated_class(plain["name"], place, len(nodes)), None, place, nodes, plain["spread"])
+    return LawDeviation(tabulated_class(plain["name"], place, len(nodes)), None, place, plain["spread"], nodes)
 
 
 def mounted_problem(campaign: Campaign, mounted: Sequence[Candidate]) -> FitProblem:
