@@ -42,6 +42,8 @@ def choose_time_resolution(
         The resolution; if even `SMALLEST_STEP` does not suffice, the finest one tried, with its error.
     """
     found = _accurate_resolution(model, x, share)
+    if not len(x):  # nothing is differentiated
+        return found
     coarse, largest = found.coarse, {}
     while not any(value <= MAX_DERIVATIVE for value in largest.values()) and len(largest) <= MAX_HALVINGS:
         largest[coarse] = _largest_derivative(model, x, coarse)
