@@ -9,9 +9,9 @@ import time
 from pathlib import Path
 
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.search.calibrated_model import calibrate
 from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
-from edhas_jax.diagnosis.search.forward_selection import calibrate
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign

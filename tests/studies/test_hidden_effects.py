@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from edhas_jax.diagnosis.search.calibrated_model import calibrate
 from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid
-from edhas_jax.diagnosis.search.forward_selection import calibrate
 from edhas_jax.machine.effects import CoggingForce, ForceConstantDroop, InverterDeadTime
 from edhas_jax.measurements.sensor_models import SensorLag
 from edhas_jax.measurements.synthetic_campaign import PlannedRun

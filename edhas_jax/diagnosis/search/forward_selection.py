@@ -9,23 +9,21 @@ import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-import numpy as np
-
 from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.diagnosis.search.backward_pass import take_back
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, candidates_for
+from edhas_jax.diagnosis.search.calibrated_model import calibrate, misfit
+from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.decision_rules import is_promising, remaining
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.free_curves import score_free_curves
 from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, law_deviation_columns
 from edhas_jax.diagnosis.search.localisation import component_shares
 from edhas_jax.diagnosis.search.memory_term import score_memory_terms
-from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest, Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.selection_round import refine_trial, search_round
@@ -36,11 +34,9 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
+from edhas_jax.measurements.time_resolution import TimeResolution
 
 MAX_EFFECTS = 3
-CALIBRATION_STEPS = 25  # maximum number of Levenberg-Marquardt steps
-PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growing parts of the runs are fitted
 UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects leave more, its place is sought
 # a second search begins with a candidate that gains more than a share of the gain of the best, where the first search
 # leaves more than a share of the misfit
@@ -112,7 +108,7 @@ def diagnose(
     forward = _select_forward(search, calibrated, resolution, test)
     rounds, members = take_back(forward, resolution, report)
     left = _left(rounds)
-    if (other := _other_beginning(forward[0])) is not None and left > MISFIT_SHARE * _misfit(rounds[0].baseline):
+    if (other := _other_beginning(forward[0])) is not None and left > MISFIT_SHARE * misfit(rounds[0].baseline):
         report(f"once more, beginning with {other.accepted.candidate.name}")
         again = _select_forward(search, calibrated, resolution, test, other)
         again, other_members = take_back(again, resolution, report)
@@ -131,38 +127,6 @@ def diagnose(
         campaign, tuple(rounds), before, rounds[0].baseline, after, seconds, tuple(members), shares, tuple(free),
         left, holdout_sentence, assumed,
     )  # fmt: skip
-
-
-def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[EvaluatedFit, TimeResolution]:
-    """Fit the uncertain parameters before any effect is added: the fit from which the search begins.
-
-    Args:
-        campaign: measurements, model, prior of the uncertain parameters, and noise of the sensors.
-        on_progress: called with a sentence on the progress.
-
-    Returns:
-        The fit, the solver's error removed, and the time steps per sample.
-
-    Raises:
-        FitError: there is nothing to fit, or the model cannot be fitted.
-    """
-    report = on_progress or (lambda sentence: None)
-    problem = build_problem(campaign, campaign.machine, Instruments(), ())
-    centre = start_coordinates(problem, {})
-    report("choosing the time step")
-    resolution = choose_time_resolution(problem.model(), centre)
-    report("fitting the uncertain parameters")
-    try:
-        calibrated = fit_coarse(problem, centre, resolution.coarse, CALIBRATION_STEPS)
-    except FitError:  # derivatives need a finer step than signals where valves bounce
-        resolution = TimeResolution(resolution.fine, resolution.fine, resolution.error)
-        calibrated = fit_coarse(problem, centre, resolution.coarse, CALIBRATION_STEPS)
-    if calibrated.excess > PROGRESSIVE_EXCESS * 0.5 * calibrated.samples:
-        report("fitting growing parts of the runs")
-        starts = np.array([centre, calibrated.fit.x])
-        better = fit_progressively(problem, starts, 1, resolution.coarse, TRIAL_STEPS, calibrated)
-        calibrated = better or calibrated
-    return settle(calibrated, resolution, report), resolution
 
 
 def _select_forward(
@@ -229,12 +193,7 @@ def _is_unexplained(rounds: Sequence[Round], members: Sequence[MemberTest], left
     if members and any(member.implausible for member in members):
         return True
     share = UNEXPLAINED_SHARE if members else 0.0
-    return left > share * _misfit(rounds[0].baseline)
-
-
-def _misfit(calibrated: EvaluatedFit) -> float:
-    """The excess of ½χ² of the calibrated model beyond the scatter of noise [nats]."""
-    return remaining(calibrated.excess, calibrated.samples)
+    return left > share * misfit(rounds[0].baseline)
 
 
 def _localise(
