@@ -45,7 +45,8 @@ COVERAGES = np.concatenate([np.linspace(0.5, 0.95, 19), np.linspace(0.955, 0.999
 SMALLEST_PROBABILITY = 1e-3  # of a right answer, in the loss
 PRIOR_SPREAD = 0.7  # of the transformed constants around those of the package
 # constants that are positive are searched on a logarithmic scale, shares on a logistic one
-POSITIVE = ("temperature", "temperature_share", "real_slope", "unknown_misfit_slope", "unknown_place_slope")
+POSITIVE = ("temperature", "temperature_share", "real_slope", "unknown_misfit_slope", "unknown_place_slope",
+            "unknown_signal_slope")  # fmt: skip
 SHARES = ("max_real", "implausible_share")
 FREE = ("real_offset", "unknown_offset")
 
@@ -74,7 +75,7 @@ def read_cases(folder: ResultFolder, families: Sequence[str] = ()) -> list[Case]
 
 def evidence_from(plain: dict[str, Any]) -> Evidence:
     """The evidence of plain data."""
-    return Evidence(tuple(Rivals(**member) for member in plain["members"]), plain["misfit"], plain["place_share"])
+    return Evidence(**plain | {"members": tuple(Rivals(**member) for member in plain["members"])})
 
 
 def right_probability(case: Case, constants: Constants) -> float:

@@ -47,6 +47,11 @@ def test_one_place_that_explains_a_misfit_speaks_for_one_unknown_cause():
     assert scattered < 0.2 and placed > 0.8
 
 
+def test_many_small_causes_leave_little_of_a_signal():
+    small, large = (answer_from(Evidence((), 5.0, 0.1, left)).first for left in (0.01, 0.3))
+    assert (small, large) == (NOTHING, UNKNOWN)
+
+
 def test_an_implausible_value_speaks_for_an_unknown_cause():
     usual, implausible = (
         answer_from(Evidence((rivals(50.0, 0.0, flag, cogging_force=900.0),), 0.5, 0.0)).probabilities[UNKNOWN]

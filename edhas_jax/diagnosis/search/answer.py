@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 
 NOTHING, UNKNOWN = "nothing", "unknown"
+SMALL_SHARE = 0.05  # of a signal's rms: more is not left by many small causes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +27,8 @@ class Constants:
         implausible_share: probability that a candidate with an implausible parameter only imitates another cause.
         unknown_offset: logit of one unknown cause against many small ones at a misfit as large as the noise,
         unknown_misfit_slope: its growth with the logarithm of the misfit,
-        unknown_place_slope: and with the share of the misfit that one component explains, 0 … 1.
+        unknown_place_slope: with the share of the misfit that one component explains, 0 … 1,
+        unknown_signal_slope: and with the logarithm of the share of a signal that is left, above `SMALL_SHARE`.
         coverage: probability that the members of a set have together.
     """
 
@@ -39,6 +41,7 @@ class Constants:
     unknown_offset: float = -6.8
     unknown_misfit_slope: float = 0.5
     unknown_place_slope: float = 12.0
+    unknown_signal_slope: float = 5.0
     coverage: float = 0.95
 
 
@@ -87,19 +90,23 @@ class Evidence:
     Args:
         members: the accepted candidates, the most important first.
         misfit: excess of χ² of the calibrated model over the number of samples, beyond the scatter of noise.
-        place_share: largest share of this misfit that the laws of one component, or one free curve there, explain.
+        place_share: largest share of this misfit that the laws of one component, or one free term there, explain.
+        unexplained: largest share of a signal's rms that the calibrated model leaves beyond the noise.
     """
 
     members: tuple[Rivals, ...]
     misfit: float
     place_share: float
+    unexplained: float = 0.0
 
     def probability_unknown(self, constants: Constants = CONSTANTS) -> float:
         """The probability that a misfit without a candidate has one cause, rather than many small ones."""
         if self.misfit <= 0.0:
             return 0.0
-        by_misfit = constants.unknown_misfit_slope * math.log(self.misfit)
-        return _logistic(constants.unknown_offset + by_misfit + constants.unknown_place_slope * self.place_share)
+        logit = constants.unknown_offset + constants.unknown_misfit_slope * math.log(self.misfit)
+        logit += constants.unknown_place_slope * self.place_share
+        logit += constants.unknown_signal_slope * math.log(max(self.unexplained, SMALL_SHARE) / SMALL_SHARE)
+        return _logistic(logit)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -141,7 +141,9 @@ class Diagnosis:
             test = tests[r.accepted.candidate]
             rivals.append(Rivals(test.candidate.name, test.strength, gains, left, bool(test.implausible)))
         misfit = 2.0 * remaining(self.calibrated.excess, self.calibrated.samples) / max(self.calibrated.samples, 1)
-        return Evidence(tuple(rivals), misfit, max(self.location_shares.values(), default=0.0))
+        share = max(self.location_shares.values(), default=0.0)
+        unexplained = max(self._unexplained_shares(self.calibrated, Use.FIT).values(), default=0.0)
+        return Evidence(tuple(rivals), misfit, share, unexplained)
 
     @functools.cached_property
     def answer(self) -> Answer:
@@ -174,13 +176,16 @@ class Diagnosis:
 
         The held-out runs, or all of them where none is held out. 0 for a signal whose residual is noise.
         """
-        runs = self.campaign.runs_for(Use.HOLDOUT) or self.campaign.runs
+        return self._unexplained_shares(self.after, Use.HOLDOUT)
+
+    def _unexplained_shares(self, model: EvaluatedFit, use: Use) -> dict[str, float]:
+        runs = self.campaign.runs_for(use) or self.campaign.runs
         shares = {}
         for name, channel in self.campaign.channels.items():
             rows = [run for run in runs if name in run.signals]
             if not rows:
                 continue
-            residual = np.concatenate([self.after.residuals[run.name][name] for run in rows])
+            residual = np.concatenate([model.residuals[run.name][name] for run in rows])
             measured = np.concatenate([run.signals[name] for run in rows])
             excess = max(float(np.nanmean(np.square(residual))) - 1.0, 0.0)
             shares[name] = channel.noise * math.sqrt(excess) / max(float(np.nanstd(measured)), np.finfo(float).tiny)
