@@ -1,0 +1,45 @@
+"""Campaigns of the tuning families on which a fit at too coarse a step goes wrong."""
+
+import numpy as np
+
+from edhas_jax.diagnosis.search.calibrated_model import CALIBRATION_STEPS, calibrate, misfit
+from edhas_jax.diagnosis.search.candidates import build_problem
+from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
+from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
+from edhas_jax.diagnosis.search.settled_fit import settle
+from edhas_jax.measurements.campaign import Campaign
+from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.time_resolution import MAX_DERIVATIVE, choose_time_resolution
+from studies.hidden_effects.drawing import CaseKey, draw
+from studies.hidden_effects.generators.hidden_case import Split
+
+
+def campaign_of(family: str, number: int) -> Campaign:
+    """The checked campaign of a tuning case, some of its runs or of their ends held out."""
+    return split_for_holdout(checked_campaign(draw(CaseKey(family, Split.TUNING, number)).campaign))[0]
+
+
+def test_too_coarse_a_step_has_false_minima():
+    """Three runs of the pump in which nothing is missing, and whose valves bounce."""
+    campaign = campaign_of("f", 205)
+    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    resolution = choose_time_resolution(problem.model(), np.zeros(len(problem.unknowns)))
+    coarse = fit_coarse(problem, np.zeros(len(problem.unknowns)), resolution.coarse, CALIBRATION_STEPS)
+    assert misfit(settle(coarse, resolution, lambda sentence: None)) > 300.0
+    calibrated, chosen = calibrate(campaign)
+    assert misfit(calibrated) == 0.0
+    assert resolution.coarse < chosen.coarse <= chosen.fine
+
+
+def test_derivatives_of_a_cylinder_that_sticks_are_bounded():
+    campaign = campaign_of("f", 200)
+    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    model, x = problem.model(), np.zeros(len(problem.unknowns))
+    resolution = choose_time_resolution(model, x)
+
+    def largest(steps: int) -> float:
+        found = model.predict_all_runs(x, steps, with_sensitivities=True)
+        return max(np.abs(p.sensitivities[n]).max() / np.ptp(v) for p in found.values() for n, v in p.values.items())
+
+    assert largest(resolution.coarse) < MAX_DERIVATIVE < 1e6 < largest(model.min_steps_per_sample())
