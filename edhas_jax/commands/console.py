@@ -47,9 +47,19 @@ def progress_bar(out, time_remaining: bool = False):
     """A rich progress bar with a description, removed when it is done."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+    from edhas_jax.commands.progress_file import ProgressFile
+
+    file = ProgressFile()
+
+    class ReportedProgress(Progress):
+        def update(self, task_id, *, total=None, completed=None, description=None, **options) -> None:
+            super().update(task_id, total=total, completed=completed, description=description, **options)
+            if completed is not None:
+                file.report(description or self.tasks[task_id].description, completed)
+
     columns = [TextColumn("{task.description}", markup=False), BarColumn()]
     columns += [TimeRemainingColumn()] if time_remaining else []
-    return Progress(*columns, transient=True, console=out)
+    return ReportedProgress(*columns, transient=True, console=out)
 
 
 def print_data_check(out, campaign, more=()) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from edhas_jax.commands.arguments import add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, headed, table
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED
+from edhas_jax.commands.progress_file import ProgressFile
 
 LOG_INTERVAL = 10.0  # s, between lines of progress where there is no terminal
 
@@ -72,6 +73,7 @@ class _SweepProgress:
         from rich.progress import BarColumn, Progress, TextColumn
 
         self.initially_done, self.done, self._rate_start_count = None, 0, None
+        self._file = ProgressFile()
         self._out, self._name = out, name
         self._bar = Progress(
             TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[status]}"),
@@ -102,6 +104,7 @@ class _SweepProgress:
         elif self.initially_done == done < total:
             status += ", compiling"
         self._bar.update(self._task, completed=done, total=total, status=status)
+        self._file.report(status, done / max(total, 1))
         if not self._out.is_terminal and now - self._last_line_time > LOG_INTERVAL:
             self._last_line_time = now
             self._out.print(f"{self._name}: {status}", soft_wrap=True)

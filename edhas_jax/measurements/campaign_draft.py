@@ -1,0 +1,92 @@
+"""A campaign file that is being made from the columns of a logger's files, as text."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+from edhas_jax.core.literal_text import one_line, yaml_text
+from edhas_jax.machine.rigs import RIGS
+from edhas_jax.measurements.campaign import has_parameter
+from edhas_jax.measurements.column_guess import GuessedColumn, Role
+
+# relative standard deviations that are usual for a machine that is known from drawings and data sheets
+USUAL_UNCERTAINTY = {
+    "coil_resistance": 0.02, "force_constant": 0.02, "mover_damping": 0.25, "piston_clearance": 0.1,
+    "load_orifice_area": 0.03,
+}  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class DraftRun:
+    """A run of a draft: its file, its use ("fit" or "holdout"), and what else its entry says, as text by key."""
+
+    file: str
+    use: str = "fit"
+    entries: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True)
+class CampaignDraft:
+    """A campaign that is being made.
+
+    Attributes:
+        name: name of the campaign.
+        rig: the rig.
+        columns: what the columns of the files are.
+        runs: the runs.
+    """
+
+    name: str
+    rig: str
+    columns: Sequence[GuessedColumn]
+    runs: Sequence[DraftRun]
+
+    def problems(self) -> list[str]:
+        """What is still missing, all at once, each with what to do."""
+        out = []
+        if not any(c.role is Role.TIME for c in self.columns):
+            out.append("No column is the time: choose “time” for one of them.")
+        signals = [c for c in self.columns if c.role is Role.SIGNAL]
+        if not signals:
+            out.append("No column is a signal of the model: choose a signal for at least one of them.")
+        names = [c.signal for c in signals]
+        for name in dict.fromkeys(n for n in names if names.count(n) > 1):
+            out.append(f"{name} has {names.count(name)} columns: keep one of them.")
+        out += [f"Column {c.column} has no unit: write the unit it is recorded in."
+                for c in self.columns if c.role in (Role.TIME, Role.SIGNAL) and not c.unit]  # fmt: skip
+        if sum(c.role is Role.SET_POINT for c in self.columns) > 1:
+            out.append("Several columns are the set point: keep one of them.")
+        if not self.runs:
+            out.append("There is no run: drop a file.")
+        elif all(run.use == "holdout" for run in self.runs):
+            out.append("All runs are held out: choose “fit” for at least one of them.")
+        return out
+
+    def text(self) -> str:
+        """The text of `campaign.yaml`."""
+        lines = [f"name: {yaml_text(self.name)}", f"rig: {self.rig}"]
+        machine = RIGS[self.rig]()
+        uncertain = {n: s for n, s in USUAL_UNCERTAINTY.items() if has_parameter(machine, n)}
+        lines.append("uncertain:   # relative standard deviation of the true value; adapt to what you know")
+        lines += [f"  {name}: {spread:g}" for name, spread in uncertain.items()]
+        time = next((c for c in self.columns if c.role is Role.TIME), None)
+        if time is not None:
+            lines.append(f"time: {{column: {yaml_text(time.column)}, unit: {yaml_text(time.unit)}}}")
+        set_point = next((c for c in self.columns if c.role is Role.SET_POINT), None)
+        if set_point is not None:
+            lines.append(f"reference: {yaml_text(set_point.column)}   # the recorded set point")
+        lines.append("signals:   # the noise of each is measured in the records")
+        for c in self.columns:
+            if c.role is Role.SIGNAL:
+                lines.append(f"  {c.signal}: {{column: {yaml_text(c.column)}, unit: {yaml_text(c.unit)}}}")
+        lines.append("runs:")
+        for run in self.runs:
+            words = [f"file: {yaml_text(run.file)}", f"use: {run.use}"]
+            words += [f"{name}: {_entry(text)}" for name, text in run.entries.items() if text.strip()]
+            lines.append(f"  - {{{', '.join(words)}}}")
+        return "\n".join([*lines, ""])
+
+
+def _entry(text: str) -> str:
+    """A quantity, or a mapping such as a window, as it is typed."""
+    text = one_line(text).strip()
+    return text if text.startswith("{") and text.endswith("}") else yaml_text(text)

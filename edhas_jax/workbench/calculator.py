@@ -1,0 +1,137 @@
+"""The process that calculates for the page: it keeps the campaign and fitted models in memory, so that answers are quick.
+
+It is started by spawn and ends with the server. A calculation that is cancelled, or that ends the process, costs only
+what was kept in memory.
+"""
+
+import asyncio
+import contextlib
+import multiprocessing
+import signal
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+PROGRESS, RESULT, USER_ERROR, DEFECT = "progress", "result", "user error", "defect"
+POLL = 0.02  # s, between two looks for an answer
+
+
+class CalculationError(ValueError):
+    """A calculation was not possible; the text says why, one line per problem."""
+
+
+class CalculationCancelled(Exception):
+    """A calculation was cancelled by the user."""
+
+
+class Calculator:
+    """Hands calculations to the process, one after the other.
+
+    Args:
+        folder: the folder that the process works on.
+    """
+
+    def __init__(self, folder: Path):
+        self._folder = folder
+        self._context = multiprocessing.get_context("spawn")
+        self._process: multiprocessing.Process | None = None
+        self._connection = None
+        self._lock = asyncio.Lock()
+        self._cancelled = False
+        self.busy_with = ""
+        self.progress = ""
+
+    async def call(self, name: str, *arguments: Any, say: Callable[[str], None] | None = None) -> Any:
+        """The answer to a question, see `Calculations`.
+
+        Args:
+            name: of the question, such as "campaign.compare".
+            arguments: plain data.
+            say: called with a sentence on the progress.
+
+        Raises:
+            CalculationError: the input is wrong, or the process has ended.
+            CalculationCancelled: `cancel` was called.
+        """
+        async with self._lock:
+            self.busy_with, self.progress, self._cancelled = name, "", False
+            try:
+                self._start()
+                self._connection.send((name, arguments))
+                return await self._answer(say)
+            except (EOFError, OSError) as error:
+                self.stop()
+                if self._cancelled:
+                    raise CalculationCancelled from None
+                raise CalculationError(f"the calculating process has ended ({type(error).__name__})") from None
+            finally:
+                self.busy_with = self.progress = ""
+
+    async def _answer(self, say: Callable[[str], None] | None) -> Any:
+        while True:
+            while not self._connection.poll():
+                await asyncio.sleep(POLL)
+                if not self._process.is_alive() and not self._connection.poll():
+                    raise EOFError
+            kind, value = await asyncio.to_thread(self._connection.recv)
+            if kind == PROGRESS:
+                self.progress = value
+                if say is not None:
+                    say(value)
+            elif kind == RESULT:
+                return value
+            else:
+                raise CalculationError(value)
+
+    def warm_up(self) -> None:
+        """Start the process, so that it has imported what it needs when the first calculation comes."""
+        self._start()
+
+    def cancel(self) -> None:
+        """End the present calculation, and the process with it."""
+        self._cancelled = True
+        self.stop()
+
+    def stop(self) -> None:
+        """End the process."""
+        process, connection, self._process, self._connection = self._process, self._connection, None, None
+        if process is not None:
+            process.kill()
+            process.join(5.0)
+        if connection is not None:
+            connection.close()
+
+    def _start(self) -> None:
+        if self._process is not None and self._process.is_alive():
+            return
+        ours, theirs = self._context.Pipe()
+        self._process = self._context.Process(target=serve, args=(theirs, str(self._folder)), daemon=True)
+        self._process.start()
+        theirs.close()
+        self._connection = ours
+
+
+def serve(connection, folder: str) -> None:
+    """Calculate what comes through a connection until it is closed: the process itself.
+
+    Args:
+        connection: end of a pipe; receives (name, arguments), sends (kind, value).
+        folder: the folder to work on.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal ends the server, and that ends this process
+    from edhas_jax.workbench.calculations import Calculations, is_user_error
+
+    calculations = Calculations(Path(folder), lambda sentence: connection.send((PROGRESS, sentence)))
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        while True:
+            name, arguments = connection.recv()
+            try:
+                answer = RESULT, calculations.answer(name, arguments)
+            except Exception as error:
+                if is_user_error(error):
+                    answer = USER_ERROR, str(error)
+                else:
+                    traceback.print_exc()
+                    answer = DEFECT, f"A defect of the program: {type(error).__name__}: {error}"
+            connection.send(answer)

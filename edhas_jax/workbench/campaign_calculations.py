@@ -1,0 +1,213 @@
+"""Comparison of models with a campaign, and trials of effects, for the page."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edhas_jax.config.machine_config import read_config
+from edhas_jax.core.literal_text import file_name
+from edhas_jax.core.units import from_si
+from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
+from edhas_jax.machine.effects.loading import load_effect
+from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.measurements.campaign import Campaign, Severity
+from edhas_jax.measurements.campaign_reader import read_campaign
+from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.checks.data_summary import data_sentences
+from edhas_jax.measurements.checks.noise_measurement import noise_as_json
+from edhas_jax.measurements.comparison import Comparison, RunComparison, compare
+from edhas_jax.measurements.comparison_report import sentences
+from edhas_jax.measurements.replay import Replay
+from edhas_jax.measurements.residual_matrix import run_descriptions
+from edhas_jax.measurements.residual_patterns import Pattern, find_patterns
+from edhas_jax.workbench.thinning import thinned
+from edhas_jax.workbench.workspace import RESULTS, TRIED, Workspace, WorkspaceError
+
+KEPT_COMPARISONS = 6
+BINS, MAX_POINTS = 40, 3000  # of a residual over a variable
+CYCLES_SHOWN, SHARE_SHOWN = 2.0, 0.1  # of a run, around the place that a sentence speaks of
+
+
+class CampaignCalculations:
+    """Keeps the checked campaign, the last comparisons and the fitted models in memory.
+
+    Args:
+        workspace: the folder.
+        say: called with a sentence on the progress.
+    """
+
+    def __init__(self, workspace: Workspace, say: Callable[[str], None]):
+        self._workspace, self._say = workspace, say
+        self._campaign: Campaign | None = None
+        self._read_as: tuple = ()
+        self._comparisons: dict[tuple, tuple[Comparison, list[Pattern]]] = {}
+        self._chosen: dict[tuple[str, ...], ChosenModel] = {}
+
+    def open(self) -> dict[str, Any]:
+        """The campaign in brief: runs, signals, noise, and what the check of the data found."""
+        campaign = self._checked()
+        order = list(Severity)
+        remarks = sorted(campaign.remarks, key=lambda remark: order.index(remark.severity))
+        return {
+            "name": campaign.name,
+            "rig": campaign.machine.name,
+            "effects": [effect.id for effect in campaign.machine.effects],
+            "signals": {name: SIGNALS[name].display_unit for name in campaign.channels},
+            "noise": {name: self._difference(name, c.noise) for name, c in campaign.channels.items()},
+            "noise_table": noise_as_json(campaign),
+            "runs": {run.name: {"use": run.use.value, "samples": len(run.time)} for run in campaign.runs},
+            "conditions": run_descriptions(campaign),
+            "uncertain": list(campaign.uncertain),
+            "sentences": data_sentences(campaign),
+            "remarks": [(r.severity.value, r.file.name, r.line, r.sentence) for r in remarks],
+        }
+
+    def compare(self, model: str, replay: str, trust: list[str]) -> dict[str, Any]:
+        """Errors of a model by run and signal, and the patterns of the residuals as sentences with their places."""
+        comparison, patterns = self._comparison(model, replay, trust)
+        return {
+            "matrix": comparison.rms_over_noise(),
+            "signals": {name: SIGNALS[name].display_unit for name in comparison.signals},
+            "sentences": [
+                self._place(comparison, pattern) | {"text": text}
+                for pattern, text in zip(patterns, sentences(patterns), strict=True)
+            ],
+            "remarks": [str(remark) for remark in comparison.remarks],
+            "variables": ["time", *comparison.runs[0].model],
+        }
+
+    def traces(
+        self, model: str, replay: str, trust: list[str], panels: list[tuple[str, str]], first: float, last: float,
+        width: int,
+    ) -> list[dict[str, Any]]:  # fmt: skip
+        """Measured and modelled signal and residual over noise of some panels, thinned to the width of the plot.
+
+        Args:
+            model: name of the model.
+            replay: the input that drives it.
+            trust: files of the user that may run.
+            panels: run and signal of each panel.
+            first: first time shown [s].
+            last: last time shown [s].
+            width: of the plot, in pixels.
+        """
+        comparison, _ = self._comparison(model, replay, trust)
+        runs = {compared.run.name: compared for compared in comparison.runs}
+        out = []
+        for run, signal in panels:
+            compared = runs.get(run)
+            if compared is None or signal not in compared.residuals:
+                continue
+            time, residual = compared.run.time, compared.residuals[signal]
+            rows = {
+                "measured": self._shown(signal, compared.run.signals[signal]),
+                "model": self._shown(signal, compared.model[signal]),
+                "residual": residual,
+            }
+            panel: dict[str, Any] = {
+                "run": run, "signal": signal, "unit": SIGNALS[signal].display_unit,
+                "noise": self._difference(signal, comparison.campaign.channels[signal].noise),
+                "rms": compared.rms_over_noise[signal], "range": [float(time[0]), float(time[-1])],
+                "samples": len(time),
+            }  # fmt: skip
+            for name, values in rows.items():
+                index = thinned(time, values, first, last, width)
+                panel[name] = {"x": time[index], "y": values[index]}
+            out.append(panel)
+        return out
+
+    def residual_over(self, model: str, replay: str, trust: list[str], signal: str, variable: str) -> dict[str, Any]:
+        """The residual of a signal over a variable: points of each run, and the mean in bins of all runs together."""
+        comparison, _ = self._comparison(model, replay, trust)
+        runs = [compared for compared in comparison.runs if signal in compared.residuals]
+        x = [self._variable(compared, variable) for compared in runs]
+        y = [compared.residuals[signal] for compared in runs]
+        step = max(1, sum(map(len, x)) // MAX_POINTS)
+        all_x, all_y = np.concatenate(x), np.concatenate(y)
+        valid = np.isfinite(all_x) & np.isfinite(all_y)
+        edges = np.linspace(*np.quantile(all_x[valid], [0.0, 1.0]), BINS + 1) if valid.any() else np.zeros(2)
+        of_bin = np.clip(np.searchsorted(edges, all_x[valid], side="right") - 1, 0, len(edges) - 2)
+        count = np.bincount(of_bin, minlength=len(edges) - 1)
+        mean = np.bincount(of_bin, all_y[valid], minlength=len(edges) - 1) / np.maximum(count, 1)
+        used = count > 0
+        unit = "s" if variable == "time" else SIGNALS[variable].display_unit
+        return {
+            "unit": unit,
+            "runs": [(c.run.name, a[::step], b[::step]) for c, a, b in zip(runs, x, y, strict=True)],
+            "bins": (0.5 * (edges[1:] + edges[:-1])[used], mean[used]),
+        }
+
+    def try_effects(self, names: list[str]) -> dict[str, Any]:
+        """Fit the model with effects, one after the other, write its configuration, and say what falls where.
+
+        Args:
+            names: ids of effects, or FILE.py:Class, in the order in which they are added.
+        """
+        campaign = self._checked()
+        kinds = [load_effect(name, trust=[name]) for name in names]
+        chain: tuple[str, ...] = ()
+        if chain not in self._chosen:
+            self._chosen[chain] = calibrated_model(campaign, self._say)
+        for kind, name in zip(kinds, names, strict=True):
+            before, chain = self._chosen[chain], (*chain, name)
+            if chain not in self._chosen:
+                self._chosen[chain] = with_effect(campaign, before, kind, self._say)
+        model, before = self._chosen[chain], self._chosen[chain[:-1]]
+        folder = self._workspace.inside(Path(RESULTS, TRIED))
+        folder.mkdir(parents=True, exist_ok=True)
+        name = file_name(model.name)
+        save_model(campaign, model, self._workspace.inside(Path(RESULTS, TRIED, f"{name}.yaml")))
+        summary = model.as_json() | {"before": before.as_json(), "named": list(names)}
+        self._workspace.save_tried(name, summary)
+        return summary | {"name": name}
+
+    def _checked(self) -> Campaign:
+        self._workspace.require_files_inside()
+        if not self._workspace.has_campaign:
+            raise WorkspaceError("There is no campaign.yaml in this folder yet: bring data first")
+        files = [path for path in sorted(self._workspace.folder.iterdir()) if path.is_file()]
+        read_as = tuple((path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in files)
+        if self._campaign is None or read_as != self._read_as:
+            self._say("reading and checking the data")
+            self._campaign, self._read_as = checked_campaign(read_campaign(self._workspace.folder)), read_as
+            self._comparisons.clear()
+            self._chosen.clear()
+        return self._campaign
+
+    def _comparison(self, model: str, replay: str, trust: list[str]) -> tuple[Comparison, list[Pattern]]:
+        campaign, models = self._checked(), self._workspace.models()
+        if model not in models:
+            raise WorkspaceError(f"there is no model “{model}”; there are: {', '.join(models)}")
+        path = models[model]
+        key = model, replay, None if path is None else path.stat().st_mtime_ns
+        if key not in self._comparisons:
+            machine = None if path is None else read_config(path, trust=trust).machine
+            comparison = compare(campaign, machine, replay=Replay(replay), on_progress=self._say)
+            while len(self._comparisons) >= KEPT_COMPARISONS:
+                self._comparisons.pop(next(iter(self._comparisons)))
+            self._comparisons[key] = comparison, find_patterns(comparison)
+        return self._comparisons[key]
+
+    def _place(self, comparison: Comparison, pattern: Pattern) -> dict[str, Any]:
+        """Where a pattern is seen best: the run with the largest error of its signal, around its largest residual."""
+        runs = [c for c in comparison.runs if pattern.signal in c.residuals]
+        worst = max(runs, key=lambda c: np.nan_to_num(c.rms_over_noise[pattern.signal], nan=-1.0))
+        time, residual = worst.run.time, np.abs(np.nan_to_num(worst.residuals[pattern.signal]))
+        settled = np.where(time >= worst.ramp_time, residual, 0.0)
+        at = float(time[int(np.argmax(settled))])
+        length = CYCLES_SHOWN / worst.frequency if worst.frequency > 0.0 else SHARE_SHOWN * float(time[-1] - time[0])
+        first = min(max(at - 0.5 * length, float(time[0])), max(float(time[-1]) - length, float(time[0])))
+        axis = pattern.axis if pattern.axis in worst.model else "time"
+        return {"signal": pattern.signal, "run": worst.run.name, "axis": axis, "range": [first, first + length]}
+
+    def _variable(self, compared: RunComparison, variable: str) -> np.ndarray:
+        return compared.run.time if variable == "time" else self._shown(variable, compared.model[variable])
+
+    @staticmethod
+    def _shown(signal: str, values):
+        return from_si(values, SIGNALS[signal].unit, SIGNALS[signal].display_unit)
+
+    def _difference(self, signal: str, value: float) -> float:
+        return float(self._shown(signal, value) - self._shown(signal, 0.0))

@@ -1,0 +1,121 @@
+"""Files that were dropped, and the check of a campaign's data, for the page."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edhas_jax.core import runtime
+from edhas_jax.core.units import from_si
+from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.rigs import RIGS
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
+from edhas_jax.measurements.campaign_reader import read_campaign
+from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.column_guess import guess_columns
+from edhas_jax.measurements.tables.table import TableError
+from edhas_jax.measurements.tables.table_reader import read_table
+from edhas_jax.simulation.integrator import evaluate_signals
+from edhas_jax.workbench.thinning import thinned
+from edhas_jax.workbench.workspace import Workspace, WorkspaceError
+
+GAP = 2.5  # sample intervals, from which a hole in the time is marked
+MAX_MARKS = 200
+
+
+class DataCalculations:
+    """Reads tables and checks them.
+
+    Args:
+        workspace: the folder.
+        say: called with a sentence on the progress.
+    """
+
+    def __init__(self, workspace: Workspace, say: Callable[[str], None]):
+        self._workspace, self._say = workspace, say
+        self._records: tuple[tuple, Campaign, Campaign] | None = None
+
+    def table(self, name: str, rig: str, width: int) -> dict[str, Any]:
+        """The columns of a file with what they seem to be, what is wrong with the file, and its curves.
+
+        Raises:
+            WorkspaceError: the file holds no table that can be used.
+        """
+        remarks: list[Remark] = []
+        try:
+            table = read_table(self._workspace.inside(name), remarks.append)
+        except TableError as error:
+            where = f"{name}:{error.line}" if error.line else name
+            raise WorkspaceError("\n".join([f"{where}: {error}", *(r.sentence for r in remarks)])) from None
+        guesses = guess_columns(table, signals_of(rig))
+        index = np.arange(len(table.lines), dtype=float)
+        curves = {}
+        for column_name, column in table.columns.items():
+            chosen = thinned(index, column.values, 0.0, float(len(index)), width)
+            curves[column_name] = {"x": chosen, "y": column.values[chosen]}
+        columns = []
+        for guess in guesses:
+            values = table.columns[guess.column].values
+            valid = values[np.isfinite(values)]
+            span = (float(valid.min()), float(valid.max())) if len(valid) else (np.nan, np.nan)
+            columns.append(guess._asdict() | {"role": guess.role.value, "span": span, "missing": int(np.isnan(values).sum())})
+        return {
+            "columns": columns, "samples": len(table.lines), "curves": curves,
+            "remarks": [(r.line, r.sentence) for r in remarks],
+        }  # fmt: skip
+
+    def record(self, run: str, signal: str, width: int) -> dict[str, Any]:
+        """A signal of a run as recorded, with the samples that are left out and the gaps of its time."""
+        raw, checked = self._campaigns()
+        recorded = next((r for r in raw.runs if r.name == run), None)
+        if recorded is None or signal not in recorded.signals:
+            raise WorkspaceError(f"{run} has no {signal}")
+        values = self._shown(signal, recorded.signals[signal])
+        used = next((r for r in checked.runs if r.name == run), None)
+        kept = used.signals.get(signal) if used is not None else None
+        left_out = np.isfinite(values) if kept is None else np.isfinite(values) & ~np.isfinite(kept)
+        index = thinned(recorded.time, values, -np.inf, np.inf, width)
+        bad = np.flatnonzero(left_out)[:MAX_MARKS]
+        return {
+            "x": recorded.time[index], "y": values[index], "unit": SIGNALS[signal].display_unit,
+            "left_out": (recorded.time[bad], values[bad]),
+            "gaps": self._gaps(recorded), "whole": kept is None,
+            "limits": self._limits(values),
+        }  # fmt: skip
+
+    def _campaigns(self) -> tuple[Campaign, Campaign]:
+        """The campaign as read, and after the check."""
+        self._workspace.require_files_inside()
+        key = self._workspace.mark()
+        if self._records is None or self._records[0] != key:
+            self._say("reading and checking the data")
+            raw = read_campaign(self._workspace.folder)
+            self._records = key, raw, checked_campaign(raw)
+        return self._records[1], self._records[2]
+
+    @staticmethod
+    def _gaps(run: BenchRun) -> list[tuple[float, float]]:
+        steps = np.diff(run.time)
+        at = np.flatnonzero(steps > GAP * run.interval)[:MAX_MARKS]
+        return [(float(run.time[k]), float(run.time[k + 1])) for k in at]
+
+    @staticmethod
+    def _limits(values: np.ndarray) -> list[float]:
+        """The ends of the range at which the signal stays for several samples, as one that is cut off does."""
+        valid = values[np.isfinite(values)]
+        if len(valid) < 10:
+            return []
+        ends = (float(valid.min()), float(valid.max()))
+        return [end for end in ends if np.mean(valid == end) > 0.01 and ends[0] < ends[1]]
+
+    @staticmethod
+    def _shown(signal: str, values: np.ndarray) -> np.ndarray:
+        return from_si(values, SIGNALS[signal].unit, SIGNALS[signal].display_unit)
+
+
+def signals_of(rig: str) -> tuple[str, ...]:
+    """The signals of a rig."""
+    machine = RIGS[rig]()
+    found = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
+    return tuple(name for name in SIGNALS if name in found and name != "time")

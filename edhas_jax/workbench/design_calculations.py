@@ -1,0 +1,130 @@
+"""Runs of a machine with changed parameters, and results of sweeps, for the page."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edhas_jax.config.machine_config import Config, read_config
+from edhas_jax.config.writer import dump_config
+from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.units import display_unit, from_si
+from edhas_jax.design.sweep.pareto_front import non_dominated
+from edhas_jax.design.sweep.run import open_sweep
+from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.parameters import list_parameters, set_parameters, short_names
+from edhas_jax.machine.rigs import ActuatorSystem, Sine
+from edhas_jax.measurements.campaign_reader import read_campaign
+from edhas_jax.simulation.metrics import METRICS, RunTooShortError
+from edhas_jax.simulation.run import Simulation, simulate
+from edhas_jax.workbench.workspace import DESIGNS, RESULTS, Workspace, WorkspaceError
+
+AS_GIVEN_FILE = "as_given.yaml"
+CYCLES_SHOWN = 1.0
+SLIDER_FACTOR = 2.0  # a slider goes from half to twice the value where no plausible range is known
+
+
+class DesignCalculations:
+    """Keeps the configuration that is being changed.
+
+    Args:
+        workspace: the folder.
+        say: called with a sentence on the progress.
+    """
+
+    def __init__(self, workspace: Workspace, say: Callable[[str], None]):
+        self._workspace, self._say = workspace, say
+        self._config: tuple[tuple, Config] | None = None
+
+    def campaign_machine(self) -> str:
+        """Write the campaign's own model, under the conditions of its first run, as a configuration; its path."""
+        self._workspace.require_files_inside()
+        campaign = read_campaign(self._workspace.folder)
+        machine = campaign.machine_of(campaign.runs[0])
+        name = Path(RESULTS, DESIGNS, AS_GIVEN_FILE)
+        path = self._workspace.inside(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        head = f"# the model of the campaign under the conditions of {campaign.runs[0].name}\n"
+        with atomic_write(path) as temporary:
+            temporary.write_text(head + dump_config(machine, Simulation()), encoding="utf-8")
+        return str(name)
+
+    def open(self, name: str, trust: list[str]) -> dict[str, Any]:
+        """The parameters of a configuration with their ranges, and the metrics that its runs have."""
+        config = self._read(name, trust)
+        machine, names = config.machine, short_names(config.machine)
+        parameters = []
+        for p, value, path in list_parameters(machine):
+            value = float(value)
+            low, high = p.plausible or sorted((value / SLIDER_FACTOR, value * SLIDER_FACTOR))
+            low, high = max(min(low, value), p.span[0]), min(max(high, value), p.span[1])
+            shown = display_unit(p.unit, value) or "-"
+            parameters.append({
+                "name": names[path, p.name], "value": value, "unit": p.unit, "shown": shown, "doc": p.doc,
+                "owner": path, "range": (low, high) if high > low else None,
+            })  # fmt: skip
+        return {
+            "name": config.name or config.path.stem, "rig": machine.name, "parameters": parameters,
+            "effects": [effect.id for effect in machine.effects],
+            "sweepable": not isinstance(machine, ActuatorSystem) and isinstance(machine.reference, Sine),
+        }  # fmt: skip
+
+    def simulate(self, name: str, trust: list[str], values: Mapping[str, float]) -> dict[str, Any]:
+        """Run a machine with some parameters changed: its last cycle, its metrics, its status.
+
+        Args:
+            name: the configuration below the folder.
+            trust: files of the user that may run.
+            values: changed parameters by name (SI).
+        """
+        config = self._read(name, trust)
+        machine = set_parameters(config.machine, dict(values))
+        run = simulate(machine, config.simulation)
+        time = run.signals["time"]
+        is_cycle = isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem)
+        first = time[-1] - CYCLES_SHOWN / float(machine.reference.frequency) if is_cycle else 0.0
+        inside = time >= max(first, 0.0) - 1e-12
+        signals = {
+            n: from_si(v[inside], SIGNALS[n].unit, SIGNALS[n].display_unit)
+            for n, v in run.signals.items()
+            if n in SIGNALS and n != "time"
+        }
+        try:
+            metrics = {n: float(from_si(m.value, m.unit, m.display_unit)) for n, m in run.metrics.items()}
+        except RunTooShortError:
+            metrics = {}
+        return {
+            "time": 1e3 * (time[inside] - time[inside][0]), "signals": signals, "metrics": metrics,
+            "units": {n: SIGNALS[n].display_unit for n in signals},
+            "metric_units": {n: METRICS[n][1] for n in metrics if n in METRICS},
+            "status": run.status.name.lower(), "reason": run.reason, "valid": run.valid, "step": run.step_note,
+        }  # fmt: skip
+
+    def sweep(self, folder: str) -> dict[str, Any]:
+        """The designs of a sweep with their metrics, in the units in which they are shown, and in SI."""
+        result = open_sweep(self._workspace.inside(folder))
+        columns = (*result.parameters, *result.metrics)
+        return {
+            "parameters": list(result.parameters), "metrics": list(result.metrics),
+            "shown": {n: result.shown(n) for n in columns},
+            "si": {n: result.frame[n].to_numpy(float) for n in result.parameters},
+            "units": {n: result.fields[n][1] for n in columns},
+            "status": list(result.frame["status"]), "done": result.done,
+        }  # fmt: skip
+
+    def pareto_front(self, folder: str, first: str, second: str, signs: tuple[float, float]) -> np.ndarray:
+        """Rows of the designs of a sweep that no other dominates in two metrics; sign +1 where more is better."""
+        result = open_sweep(self._workspace.inside(folder))
+        x, y = signs[0] * result.shown(first), signs[1] * result.shown(second)
+        good = np.flatnonzero((result.frame["status"] == "ok").to_numpy() & np.isfinite(x) & np.isfinite(y))
+        if not len(good):
+            raise WorkspaceError("every design has failed")
+        return good[non_dominated(x[good], y[good])]
+
+    def _read(self, name: str, trust: list[str]) -> Config:
+        path = self._workspace.inside(name)
+        key = str(path), path.stat().st_mtime_ns if path.is_file() else 0, tuple(trust)
+        if self._config is None or self._config[0] != key:
+            self._config = key, read_config(path, trust=trust)
+        return self._config[1]

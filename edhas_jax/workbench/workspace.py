@@ -1,0 +1,232 @@
+"""The folder that the workbench is opened on: its campaign, its models, its results, and what was decided.
+
+Everything that the page shows comes from here, so that a second window and a restarted workbench show the same.
+"""
+
+import dataclasses
+import json
+import os
+import shlex
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from edhas_jax.config.yaml_with_lines import YamlError, parse_yaml
+from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.literal_text import file_name
+from edhas_jax.core.regular_file import read_regular_file
+
+CAMPAIGN_FILE = "campaign.yaml"
+RESULTS = "workbench"  # folder of everything that the workbench writes, besides the campaign itself
+CALIBRATED, DIAGNOSED, TRIED, JOBS, DESIGNS = "calibrated", "diagnosed", "tried", "jobs", "designs"
+DECISIONS_FILE, STEPS_FILE = "decisions.json", "steps.jsonl"
+MAX_JSON_BYTES, MAX_STEPS = 100_000_000, 200
+MAX_YAML_BYTES = 10_000_000
+
+
+class WorkspaceError(ValueError):
+    """Something lies outside the folder, or a file in it cannot be used."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Decisions:
+    """What the engineer has decided on the suspects.
+
+    Attributes:
+        added: ids of the effects that were added, in their order.
+        rejected: reason by id of the effect, or by "fault on signal".
+    """
+
+    added: tuple[str, ...] = ()
+    rejected: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """One thing that was done: when [s since 1970], what, and the command and the Python line that do the same."""
+
+    at: float
+    what: str
+    command: str
+    python: str
+
+
+class Workspace:
+    """A folder and what the workbench finds in it.
+
+    Args:
+        folder: the folder; nothing outside it is read or written.
+        config: a configuration below it, where the workbench was opened on one.
+    """
+
+    def __init__(self, folder: Path, config: Path | None = None):
+        self.folder = Path(os.path.realpath(folder))
+        self.shown = folder  # as the user has written it, for commands
+        self.config = None if config is None else self.inside(config.name)
+
+    @property
+    def campaign_file(self) -> Path:
+        """The file that describes the campaign; it need not exist yet."""
+        return self.inside(CAMPAIGN_FILE)
+
+    @property
+    def results(self) -> Path:
+        """The folder of the results."""
+        return self.inside(RESULTS)
+
+    @property
+    def has_campaign(self) -> bool:
+        """Whether there is a campaign."""
+        return self.campaign_file.is_file()
+
+    def inside(self, name: str | Path) -> Path:
+        """The path of a file below the folder.
+
+        Raises:
+            WorkspaceError: it lies elsewhere, perhaps by a link.
+        """
+        path = Path(os.path.realpath(self.folder / name))
+        if path != self.folder and self.folder not in path.parents:
+            raise WorkspaceError(f"{name}: lies outside {self.folder.name}, the folder that the workbench is opened on")
+        return path
+
+    def written(self, name: str | Path) -> str:
+        """A path below the folder as a word of a command."""
+        return shlex.quote(str(self.shown / name))
+
+    def require_files_inside(self) -> None:
+        """Refuse a campaign that names files outside the folder.
+
+        Raises:
+            WorkspaceError: a file lies outside, or `campaign.yaml` cannot be read.
+        """
+        try:
+            text = read_regular_file(self.campaign_file, MAX_YAML_BYTES).decode("utf-8")
+            data, _, _ = parse_yaml(text)
+        except (OSError, UnicodeDecodeError) as error:
+            raise WorkspaceError(f"{CAMPAIGN_FILE}: cannot be read: {error}") from None
+        except YamlError:
+            return  # the reader of campaigns reports it
+        for name in _named_files(data):
+            self.inside(name)
+
+    def models(self) -> dict[str, Path | None]:
+        """The models that exist: path of the configuration by name; None for the campaign's own, "as given"."""
+        found: dict[str, Path | None] = {"as given": None}
+        for name in (CALIBRATED, DIAGNOSED):
+            path = self.inside(Path(RESULTS, name, "config.yaml"))
+            if path.is_file():
+                found[name] = path
+        for path in sorted(self.inside(Path(RESULTS, TRIED)).glob("*.yaml")):
+            found[f"with {path.stem}"] = self.inside(Path(RESULTS, TRIED, path.name))
+        return found
+
+    def result(self, name: str) -> dict[str, Any] | None:
+        """`fit.json` of the calibration or `diagnosis.json` of the diagnosis; None where there is none."""
+        file = {CALIBRATED: "fit.json", DIAGNOSED: "diagnosis.json"}[name]
+        return self._read_json(Path(RESULTS, name, file))
+
+    def tried(self) -> dict[str, dict[str, Any]]:
+        """What was tried: effects, sizes and errors by name, such as "coil_heating+cogging_force"."""
+        folder = self.inside(Path(RESULTS, TRIED))
+        rows = {p.stem: self._read_json(Path(RESULTS, TRIED, p.name)) for p in sorted(folder.glob("*.json"))}
+        return {name: row for name, row in rows.items() if row is not None and "error_by_run" in row}
+
+    def save_tried(self, name: str, data: Mapping[str, Any]) -> None:
+        """Keep the errors of a model that was tried."""
+        self._write_json(Path(RESULTS, TRIED, f"{file_name(name)}.json"), data)
+
+    def decisions(self) -> Decisions:
+        """What was decided so far."""
+        data = self._read_json(Path(RESULTS, DECISIONS_FILE)) or {}
+        added, rejected = data.get("added", []), data.get("rejected", {})
+        if not (isinstance(added, list) and isinstance(rejected, dict)):
+            return Decisions()
+        return Decisions(tuple(map(str, added)), {str(k): str(v) for k, v in rejected.items()})
+
+    def decide(self, decisions: Decisions) -> None:
+        """Keep decisions."""
+        self._write_json(Path(RESULTS, DECISIONS_FILE), dataclasses.asdict(decisions))
+
+    def steps(self) -> list[Step]:
+        """What was done so far, the first step first."""
+        try:
+            lines = self.inside(Path(RESULTS, STEPS_FILE)).read_text(encoding="utf-8").splitlines()
+        except OSError:
+            return []
+        steps = []
+        for line in lines[-MAX_STEPS:]:
+            try:
+                steps.append(Step(**json.loads(line)))
+            except (ValueError, TypeError):
+                continue
+        return steps
+
+    def add_step(self, what: str, command: str, python: str) -> None:
+        """Note what was done, and the command and the Python line for it."""
+        steps = self.steps()
+        if steps and (steps[-1].what, steps[-1].command) == (what, command):
+            return
+        path = self.inside(Path(RESULTS, STEPS_FILE))
+        path.parent.mkdir(exist_ok=True)
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(dataclasses.asdict(Step(time.time(), what, command, python))) + "\n")
+
+    def mark(self) -> tuple:
+        """Changes as soon as a file changes that the page shows."""
+        watched = [self.campaign_file, *self._watched_results()]
+        rows = []
+        for path in watched:
+            try:
+                state = path.stat()
+            except OSError:
+                continue
+            rows.append((path.name, state.st_mtime_ns, state.st_size))
+        return tuple(rows)
+
+    def _watched_results(self) -> Iterator[Path]:
+        for name in (CALIBRATED, DIAGNOSED, TRIED, JOBS):
+            yield from sorted(self.inside(Path(RESULTS, name)).glob("*.json"))
+        yield from (self.inside(Path(RESULTS, name)) for name in (DECISIONS_FILE, STEPS_FILE))
+
+    def _read_json(self, name: Path) -> dict[str, Any] | None:
+        try:
+            data = json.loads(read_regular_file(self.inside(name), MAX_JSON_BYTES))
+        except (OSError, ValueError, RecursionError):
+            return None
+        return data if isinstance(data, dict) else None
+
+    def _write_json(self, name: Path, data: Mapping[str, Any]) -> None:
+        path = self.inside(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(path) as temporary:
+            temporary.write_text(json.dumps(data, indent=1, ensure_ascii=False), encoding="utf-8")
+
+
+def open_workspace(path: Path) -> Workspace:
+    """Open a folder, or the folder of a configuration.
+
+    Raises:
+        WorkspaceError: there is nothing of that name.
+    """
+    if path.is_dir():
+        return Workspace(path)
+    if path.is_file() and path.name == CAMPAIGN_FILE:
+        return Workspace(path.parent)
+    if path.is_file():
+        return Workspace(path.parent, path)
+    raise WorkspaceError(f"{path}: no such folder or configuration; `edhas campaign new {path}` begins a campaign")
+
+
+def _named_files(data: Any) -> Iterator[str]:
+    """The values of every key `file` in plain data."""
+    if isinstance(data, Mapping):
+        for key, value in data.items():
+            if key == "file" and isinstance(value, str):
+                yield value
+            else:
+                yield from _named_files(value)
+    elif isinstance(data, list):
+        for value in data:
+            yield from _named_files(value)
