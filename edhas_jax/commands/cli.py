@@ -29,6 +29,7 @@ from edhas_jax.commands import (
     size,
     sweep,
     trust,
+    workbench,
 )
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED
 from edhas_jax.commands.terminal import plain_characters
@@ -36,7 +37,7 @@ from edhas_jax.core.literal_text import terminal_text
 
 COMMANDS = (
     simulate, sweep, compare, fit, plan, sensitivity, campaign, size, diagnose, add, export, plot, parameters, effects,
-    schema, device, trust,
+    schema, device, trust, workbench,
 )  # fmt: skip
 STATUS_USER_ERROR = 2
 MAX_QUOTED = 200  # characters of a name in a message
@@ -137,10 +138,11 @@ def user_errors() -> tuple[type[Exception], ...]:
     from edhas_jax.machine.parameters import ParameterError
     from edhas_jax.measurements.campaign import CampaignError
     from edhas_jax.simulation.run import SimulationError
+    from edhas_jax.workbench.workspace import WorkspaceError
 
     return (
         CampaignError, ConfigError, CoresError, EffectError, EngineError, FmuError, ParameterError, ResultFileError,
-        SimulationError, TrustError, UnitError,
+        SimulationError, TrustError, UnitError, WorkspaceError,
     )  # fmt: skip
 
 

@@ -7,11 +7,16 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.config.machine_config import read_config
+from edhas_jax.config.law_file import law_units
 from edhas_jax.core.literal_text import file_name
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
+from edhas_jax.diagnosis.laws.curve_figure import Z_95
+from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.machine.effects.loading import load_effect
+from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS
 from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.interface.slots import SLOTS, Rule
 from edhas_jax.measurements.campaign import Campaign, Severity
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -162,6 +167,36 @@ class CampaignCalculations:
         summary = model.as_json() | {"before": before.as_json(), "named": list(names)}
         self._workspace.save_tried(name, summary)
         return summary | {"name": name}
+
+    def law_curve(self, names: list[str]) -> dict[str, Any]:
+        """The law of the last of some effects as a curve estimated from the runs, in the units in which it is shown.
+
+        Args:
+            names: the effects of a model that was tried.
+        """
+        if tuple(names) not in self._chosen:
+            self.try_effects(names)
+        model = self._chosen[tuple(names)]
+        self._say(f"the law of {model.effects[-1].id} as a curve")
+        found = estimate_law_curve(model.evaluated.fit, model.effects[-1].id, self._say)
+        if found is None:
+            raise WorkspaceError(f"the law of {model.effects[-1].id} is no function of a signal of these runs")
+        curve = found.curve
+        place = curve.place
+        x_unit, y_unit = law_units(place, float(np.abs(curve.total).max()))
+        is_factor = SLOTS[place.slot].rule is Rule.SCALE
+
+        def shown(values):
+            return values if is_factor or values is None else from_si(values, place.value_unit, y_unit)
+
+        over = "".join(f" / {name.replace('_', ' ')}" for name in place.factors)
+        return {
+            "effect": model.effects[-1].id, "explained_share": curve.explained_share,
+            "x": from_si(curve.nodes, LAW_SIGNALS[place.variable], x_unit), "total": shown(curve.total),
+            "half": Z_95 * (shown(curve.std) - shown(np.zeros_like(curve.std))), "law": shown(curve.law_values),
+            "x_title": f"{place.variable.replace('_', ' ')}, {x_unit}",
+            "y_title": f"{place.slot.replace('_', ' ')}{over}" + (f", {y_unit}" if y_unit else ""),
+        }  # fmt: skip
 
     def _checked(self) -> Campaign:
         self._workspace.require_files_inside()

@@ -230,3 +230,11 @@ def _named_files(data: Any) -> Iterator[str]:
     elif isinstance(data, list):
         for value in data:
             yield from _named_files(value)
+
+
+def effect_id(name: str) -> str:
+    """The id of an effect from what names it: `my_effects.py:SealDrag` is seal_drag."""
+    source, _, cls = name.rpartition(":")
+    if not source:
+        return name
+    return "".join("_" + c.lower() if c.isupper() and i else c.lower() for i, c in enumerate(cls))

@@ -114,7 +114,7 @@ class _Drawing:
     def sensors(self, measured: tuple[str, ...]) -> None:
         """One gauge for all sensors, and the names of the measured signals."""
         self.parts.append(
-            f'<circle cx="80" cy="312" r="18" fill="{self._colour("sensor")}" stroke="{INK}" stroke-width="1.3"/>'
+            f'<circle data-part="sensor" cx="80" cy="312" r="18" fill="{self._colour("sensor")}" stroke="{INK}" stroke-width="1.3"/>'
             f'<path d="M80 312 L90 301" stroke="{INK}" stroke-width="1.6"/>'
         )
         self._label("sensor", 108, 308, "start")
@@ -126,12 +126,13 @@ class _Drawing:
         return probability_colour(self._probabilities.get(component, 0.0))
 
     def _box(self, component: str, x: float, y: float, width: float, height: float, radius: float) -> None:
-        self.parts.append(f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="{radius}" '
+        self.parts.append(f'<rect data-part="{component}" x="{x}" y="{y}" width="{width}" height="{height}" rx="{radius}" '
                           f'fill="{self._colour(component)}" stroke="{INK}" stroke-width="1.3"/>')  # fmt: skip
 
     def _valve(self, x: float, y: float) -> None:
         fill = self._colour("check_valves")
-        self.parts.append(f'<circle cx="{x}" cy="{y - 4}" r="8" fill="{fill}" stroke="{INK}" stroke-width="1.3"/>'
+        self.parts.append(f'<circle data-part="check_valves" cx="{x}" cy="{y - 4}" r="8" fill="{fill}" '
+                          f'stroke="{INK}" stroke-width="1.3"/>'
                           f'<path d="M{x - 12} {y - 2} L{x - 5} {y + 10} M{x + 12} {y - 2} L{x + 5} {y + 10}" '
                           f'stroke="{INK}" stroke-width="1.6"/>')  # fmt: skip
 
@@ -142,7 +143,7 @@ class _Drawing:
         p = self._probabilities.get(component, 0.0)
         number = f' <tspan font-weight="700">{p:.0%}</tspan>' if p >= MIN_LABELLED_PROBABILITY else ""
         name = component.replace("_", " ")
-        self.parts.append(f'<text x="{x}" y="{y}" text-anchor="{anchor}">{name}{number}</text>')
+        self.parts.append(f'<text data-part="{component}" x="{x}" y="{y}" text-anchor="{anchor}">{name}{number}</text>')
 
     def _text(self, text: str, x: float, y: float, colour: str, size: int, anchor: str = "middle") -> None:
         attributes = f'text-anchor="{anchor}" fill="{colour}" font-size="{size}"'

@@ -1,0 +1,290 @@
+"""The plots of the page, as figures of Plotly in plain data."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from edhas_jax.core.plot_style import COLOURS
+from edhas_jax.measurements.residual_matrix import COLOUR_RANGE, COLOUR_STOPS
+
+PANEL, BELOW, BETWEEN = 150.0, 62.0, 26.0  # px: a signal, its residual, the space after them
+TOP, BOTTOM = 26.0, 46.0  # px
+RUN_COLOURS = (*COLOURS, "#bf3989", "#57606a", "#0a7ea4")
+CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d", "toImage"]}
+
+
+@dataclasses.dataclass(frozen=True)
+class Theme:
+    """Colours of plots on a light or a dark page."""
+
+    ink: str
+    grey: str
+    grid: str
+    measured: str
+    model: str
+    residual: str
+    good: str
+
+
+LIGHT = Theme("#1b1f24", "#59636e", "#e4e7eb", COLOURS[0], COLOURS[1], "#6e7781", COLOURS[2])
+DARK = Theme("#e6edf3", "#9aa4af", "#30363d", "#6cb6ff", "#ff9a5c", "#9aa4af", "#57c78b")
+
+
+def theme(dark: bool) -> Theme:
+    """The theme of a page."""
+    return DARK if dark else LIGHT
+
+
+def error_colour(value: float | None) -> tuple[str, str]:
+    """Background and text colour of a residual over noise, those of the matrix in the reports."""
+    if value is None or math.isnan(value):
+        return "transparent", "inherit"
+    low, high = map(math.log, COLOUR_RANGE)
+    clipped = min(max(value, COLOUR_RANGE[0]), COLOUR_RANGE[1])
+    at = (math.log(clipped) - low) / (high - low) * (len(COLOUR_STOPS) - 1)
+    k = min(int(at), len(COLOUR_STOPS) - 2)
+    mixed = [round(a + (at - k) * (b - a)) for a, b in zip(_rgb(COLOUR_STOPS[k]), _rgb(COLOUR_STOPS[k + 1]), strict=True)]
+    luminance = 0.299 * mixed[0] + 0.587 * mixed[1] + 0.114 * mixed[2]
+    return "#{:02x}{:02x}{:02x}".format(*mixed), "#1b1f24" if luminance > 140 else "#ffffff"
+
+
+def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequence[float] | None) -> dict[str, Any]:
+    """Measured over modelled for each panel, the residual beneath in multiples of the noise; one time axis for all.
+
+    Args:
+        panels: from `CampaignCalculations.traces`.
+        dark: whether the page is dark.
+        shown: first and last time shown [s]; all of it by default.
+    """
+    colours = theme(dark)
+    height = TOP + BOTTOM + len(panels) * (PANEL + BELOW + BETWEEN)
+    whole = height - TOP - BOTTOM
+    layout = _layout(colours, height)
+    data: list[dict] = []
+    for k, panel in enumerate(panels):
+        upper, lower = _axis(2 * k), _axis(2 * k + 1)
+        start = 1.0 - (k * (PANEL + BELOW + BETWEEN) + BETWEEN) / whole
+        layout[f"yaxis{upper}"] = _y_axis(colours, [start - PANEL / whole, start], panel["unit"] or "–")
+        end = start - PANEL / whole - 4.0 / whole
+        layout[f"yaxis{lower}"] = _y_axis(colours, [max(end - BELOW / whole, 0.0), end], "× noise") | {"nticks": 4}
+        layout["annotations"].append({
+            "text": f"<b>{_plain(panel['run'])} · {panel['signal'].replace('_', ' ')}</b>   {panel['rms']:.2f} × noise",
+            "xref": "paper", "yref": "paper", "x": 0.0, "y": start, "xanchor": "left", "yanchor": "bottom",
+            "showarrow": False, "font": {"size": 12.5, "color": colours.ink},
+        })  # fmt: skip
+        layout["shapes"] += [
+            {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "yref": f"y{lower}", "y0": -2, "y1": 2,
+             "fillcolor": colours.good, "opacity": 0.13, "line": {"width": 0}, "layer": "below"}
+        ]  # fmt: skip
+        styles = (("measured", upper, colours.measured, 1.6), ("model", upper, colours.model, 1.4),
+                  ("residual", lower, colours.residual, 1.0))  # fmt: skip
+        for name, axis, colour, width in styles:
+            data.append({
+                "type": "scatter", "mode": "lines", "name": name, "x": panel[name]["x"].tolist(),
+                "y": _numbers(panel[name]["y"]), "yaxis": f"y{axis}", "line": {"color": colour, "width": width},
+                "legendgroup": name, "showlegend": k == 0, "hovertemplate": "%{y:.4g}<extra>" + name + "</extra>",
+            })  # fmt: skip
+    layout["xaxis"] = _x_axis(colours, "time, s") | {"anchor": f"y{_axis(2 * len(panels) - 1)}"}
+    if shown is not None:
+        layout["xaxis"]["range"] = list(shown)
+    layout["hovermode"] = "x"
+    return {"data": data, "layout": layout, "config": CONFIG}
+
+
+def residual_figure(found: Mapping[str, Any], signal: str, variable: str, dark: bool) -> dict[str, Any]:
+    """The residual of a signal over a variable: points by run, and the mean in bins."""
+    colours = theme(dark)
+    layout = _layout(colours, 330.0)
+    data = [
+        {"type": "scatter", "mode": "markers", "name": _plain(run), "x": x.tolist(),
+         "y": _numbers(y), "marker": {"size": 3.2, "opacity": 0.45, "color": RUN_COLOURS[k % len(RUN_COLOURS)]},
+         "hoverinfo": "skip"}
+        for k, (run, x, y) in enumerate(found["runs"])
+    ]  # fmt: skip
+    x, y = found["bins"]
+    data.append({"type": "scatter", "mode": "lines+markers", "name": "mean", "x": x.tolist(), "y": _numbers(y),
+                 "line": {"color": colours.ink, "width": 2}, "marker": {"size": 4},
+                 "hovertemplate": "%{x:.4g}: %{y:.3g} × noise<extra></extra>"})  # fmt: skip
+    unit = f", {found['unit']}" if found["unit"] not in ("", "-") else ""
+    layout["xaxis"] = _x_axis(colours, f"{variable.replace('_', ' ')} of the model{unit}")
+    layout["yaxis"] = _y_axis(colours, [0.0, 1.0], f"residual of {signal.replace('_', ' ')}, × noise")
+    return {"data": data, "layout": layout, "config": CONFIG}
+
+
+def waterfall_figure(stages: Mapping[str, Mapping[str, float]], dark: bool) -> dict[str, Any]:
+    """Residual over noise after each stage, for the runs used and not used, on a logarithmic axis."""
+    colours = theme(dark)
+    names = list(stages)
+    layout = _layout(colours, 120.0 + 46.0 * len(names)) | {"barmode": "group", "bargap": 0.25}
+    data = []
+    for use, title, colour in (("fit", "runs used", colours.residual), ("holdout", "runs not used", colours.measured)):
+        values = [stages[name].get(use) for name in names]
+        if not any(v is not None for v in values):
+            continue
+        data.append({
+            "type": "bar", "orientation": "h", "name": title, "y": names, "x": values, "marker": {"color": colour},
+            "text": ["" if v is None else f"{v:.2f}" for v in values], "textposition": "outside", "cliponaxis": False,
+            "hovertemplate": "%{y}: %{x:.3g} × noise<extra>" + title + "</extra>",
+        })  # fmt: skip
+    largest = max((v for row in stages.values() for v in row.values() if v is not None), default=1.0)
+    layout["xaxis"] = _x_axis(colours, "residual over noise") | {
+        "type": "log", "range": [math.log10(0.7), math.log10(2.2 * max(largest, 1.5))], "dtick": "D2",
+    }  # fmt: skip
+    layout["yaxis"] = {"autorange": "reversed", "automargin": True, "tickfont": {"color": colours.ink, "size": 12.5}}
+    layout["shapes"] = [{"type": "line", "x0": 1, "x1": 1, "yref": "paper", "y0": 0, "y1": 1,
+                         "line": {"color": colours.good, "dash": "dash", "width": 1.4}}]  # fmt: skip
+    return {"data": data, "layout": layout, "config": CONFIG | {"displayModeBar": False}}
+
+
+def lines_figure(
+    panels: Sequence[tuple[str, str, Sequence[tuple[str, np.ndarray, np.ndarray]]]], x_title: str, dark: bool
+) -> dict[str, Any]:
+    """Curves in panels above each other over one axis.
+
+    Args:
+        panels: title, unit and curves (name, x, y) of each panel.
+        x_title: title of the axis.
+        dark: whether the page is dark.
+    """
+    colours = theme(dark)
+    height = TOP + BOTTOM + len(panels) * (PANEL + BETWEEN)
+    whole = height - TOP - BOTTOM
+    layout, data = _layout(colours, height), []
+    for k, (title, unit, curves) in enumerate(panels):
+        axis = _axis(k)
+        start = 1.0 - (k * (PANEL + BETWEEN) + BETWEEN) / whole
+        layout[f"yaxis{axis}"] = _y_axis(colours, [max(start - PANEL / whole, 0.0), start], unit or "–")
+        layout["annotations"].append({
+            "text": f"<b>{_plain(title)}</b>", "xref": "paper", "yref": "paper", "x": 0.0, "y": start,
+            "xanchor": "left", "yanchor": "bottom", "showarrow": False, "font": {"size": 12.5, "color": colours.ink},
+        })  # fmt: skip
+        for n, (name, x, y) in enumerate(curves):
+            line = {"color": (colours.measured, colours.model, colours.good, colours.grey)[n % 4], "width": 1.6}
+            data.append({"type": "scatter", "mode": "lines", "name": _plain(name), "x": np.asarray(x).tolist(),
+                         "y": _numbers(y), "yaxis": f"y{axis}", "line": line, "showlegend": len(curves) > 1})  # fmt: skip
+    layout["xaxis"] = _x_axis(colours, x_title) | {"anchor": f"y{_axis(len(panels) - 1)}"}
+    return {"data": data, "layout": layout, "config": CONFIG}
+
+
+def heat_map_figure(
+    x: np.ndarray, y: np.ndarray, z: np.ndarray, labels: tuple[str, str, str], dark: bool
+) -> dict[str, Any]:
+    """A metric over two parameters of a grid.
+
+    Args:
+        x: values of the horizontal parameter (m,).
+        y: values of the vertical parameter (n,).
+        z: the metric (n, m); NaN where a design has failed.
+        labels: titles of x, y and z with units.
+        dark: whether the page is dark.
+    """
+    colours = theme(dark)
+    layout = _layout(colours, 430.0)
+    layout["xaxis"], layout["yaxis"] = _x_axis(colours, labels[0]), _y_axis(colours, [0.0, 1.0], labels[1])
+    bar = {"title": {"text": labels[2], "side": "right"}, "outlinewidth": 0, "thickness": 14}
+    data = [{"type": "heatmap", "x": x.tolist(), "y": y.tolist(), "z": [_numbers(row) for row in z],
+             "colorscale": "Viridis", "colorbar": bar, "hoverongaps": False,
+             "hovertemplate": "%{x:.4g}, %{y:.4g}: %{z:.4g}<extra></extra>"}]  # fmt: skip
+    return {"data": data, "layout": layout, "config": CONFIG}
+
+
+def points_figure(
+    x: np.ndarray, y: np.ndarray, front: np.ndarray, labels: tuple[str, str], dark: bool
+) -> dict[str, Any]:
+    """Two metrics of all designs, with those that no other dominates joined by a line."""
+    colours = theme(dark)
+    layout = _layout(colours, 380.0)
+    layout["xaxis"], layout["yaxis"] = _x_axis(colours, labels[0]), _y_axis(colours, [0.0, 1.0], labels[1])
+    data = [
+        {"type": "scatter", "mode": "markers", "name": "designs", "x": _numbers(x), "y": _numbers(y),
+         "marker": {"color": colours.residual, "size": 5, "opacity": 0.6}},
+        {"type": "scatter", "mode": "lines+markers", "name": "front", "x": _numbers(x[front]), "y": _numbers(y[front]),
+         "line": {"color": colours.model, "width": 1.6}, "marker": {"size": 6}},
+    ]  # fmt: skip
+    return {"data": data, "layout": layout, "config": CONFIG}
+
+
+def _layout(colours: Theme, height: float) -> dict[str, Any]:
+    return {
+        "height": height, "margin": {"l": 62, "r": 16, "t": TOP, "b": BOTTOM}, "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)", "font": {"family": "system-ui, sans-serif", "size": 12, "color": colours.grey},
+        "legend": {"orientation": "h", "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom",
+                   "font": {"color": colours.ink}},
+        "annotations": [], "shapes": [], "dragmode": "zoom",
+        "hoverlabel": {"font": {"family": "system-ui, sans-serif"}},
+    }  # fmt: skip
+
+
+def _x_axis(colours: Theme, title: str) -> dict[str, Any]:
+    return {"title": {"text": title, "font": {"color": colours.ink}, "standoff": 8}, "gridcolor": colours.grid,
+            "zeroline": False, "linecolor": colours.grid}  # fmt: skip
+
+
+def _y_axis(colours: Theme, domain: list[float], title: str) -> dict[str, Any]:
+    return {"domain": domain, "title": {"text": title, "font": {"size": 11.5, "color": colours.ink}, "standoff": 4},
+            "gridcolor": colours.grid, "zeroline": False, "fixedrange": False, "nticks": 6}  # fmt: skip
+
+
+def _axis(k: int) -> str:
+    """The number of an axis as Plotly writes it: the first one has none."""
+    return "" if k == 0 else str(k + 1)
+
+
+def _numbers(values) -> list[float | None]:
+    """Numbers for JSON, which has no NaN."""
+    return [float(v) if math.isfinite(v) else None for v in np.asarray(values, float)]
+
+
+def _plain(text: str) -> str:
+    """A text that Plotly does not take for markup."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def _rgb(colour: str) -> tuple[int, ...]:
+    return tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5))
+
+
+def law_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:
+    """The curve of a law with its 95 % band, and the law of the library, see `CampaignCalculations.law_curve`."""
+    colours = theme(dark)
+    layout = _layout(colours, 380.0)
+    layout["xaxis"], layout["yaxis"] = _x_axis(colours, found["x_title"]), _y_axis(colours, [0.0, 1.0], found["y_title"])
+    x, total, half = (np.asarray(found[key], float) for key in ("x", "total", "half"))
+    line = {"width": 0}
+    data = [
+        {"type": "scatter", "mode": "lines", "x": _numbers(x), "y": _numbers(total - half), "line": line,
+         "showlegend": False, "hoverinfo": "skip"},
+        {"type": "scatter", "mode": "lines", "x": _numbers(x), "y": _numbers(total + half), "line": line, "fill": "tonexty",
+         "fillcolor": "rgba(70,140,220,0.22)", "name": "95 %", "hoverinfo": "skip"},
+        {"type": "scatter", "mode": "lines+markers", "x": _numbers(x), "y": _numbers(total), "name": "estimated",
+         "line": {"color": colours.measured}},
+    ]  # fmt: skip
+    if found["law"] is not None:
+        data.append({"type": "scatter", "mode": "lines", "x": _numbers(x), "y": _numbers(found["law"]),
+                     "name": "law of the library", "line": {"color": colours.model, "dash": "dash"}})  # fmt: skip
+    return {"data": data, "layout": layout, "config": CONFIG}
+
+
+def record_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:
+    """A record with what is left out of it, see `DataCalculations.record`."""
+    colours = theme(dark)
+    layout = _layout(colours, 280.0)
+    layout["xaxis"], layout["yaxis"] = _x_axis(colours, "time, s"), _y_axis(colours, [0.0, 1.0], found["unit"] or "–")
+    layout["shapes"] = [
+        {"type": "rect", "x0": first, "x1": last, "yref": "paper", "y0": 0, "y1": 1, "fillcolor": colours.grey,
+         "opacity": 0.3, "line": {"width": 0}} for first, last in found["gaps"]
+    ] + [
+        {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": level, "y1": level,
+         "line": {"color": colours.grey, "dash": "dash", "width": 1}} for level in found["limits"]
+    ]  # fmt: skip
+    x, y = found["left_out"]
+    data = [
+        {"type": "scatter", "mode": "lines", "name": "recorded", "x": found["x"].tolist(), "y": _numbers(found["y"]),
+         "line": {"color": colours.measured, "width": 1.2}, "showlegend": False},
+        {"type": "scatter", "mode": "markers", "name": "left out", "x": x.tolist(), "y": _numbers(y),
+         "marker": {"color": "#de4a1c", "size": 7, "symbol": "x"}, "showlegend": len(x) > 0},
+    ]  # fmt: skip
+    return {"data": data, "layout": layout, "config": CONFIG}

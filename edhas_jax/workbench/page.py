@@ -1,0 +1,234 @@
+"""The page: one window on the workbench, with a view for each part of the loop."""
+
+import html
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import ui
+
+from edhas_jax.workbench.calculator import CalculationCancelled, CalculationError
+from edhas_jax.workbench.jobs import RUNNING
+from edhas_jax.workbench.session import Session
+from edhas_jax.workbench.style import CSS, PRIMARY
+from edhas_jax.workbench.views.compare import CompareView
+from edhas_jax.workbench.views.data import DataView
+from edhas_jax.workbench.views.design import DesignView
+from edhas_jax.workbench.views.diagnose import DiagnoseView
+from edhas_jax.workbench.views.machine import MachineView
+from edhas_jax.workbench.views.report import ReportView
+from edhas_jax.workbench.views.steps import StepsView
+from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, WorkspaceError, effect_id
+
+POLL = 1.0  # s, between two looks whether the folder has changed
+MAX_LISTED_PROBLEMS = 40
+VIEWS: dict[str, tuple[type, str]] = {
+    "Data": (DataView, "upload_file"), "Compare": (CompareView, "show_chart"),
+    "Diagnose": (DiagnoseView, "troubleshoot"), "Machine": (MachineView, "precision_manufacturing"),
+    "Report": (ReportView, "description"), "Design": (DesignView, "tune"), "Steps": (StepsView, "terminal"),
+}  # fmt: skip
+
+
+class Page:
+    """One window.
+
+    Args:
+        session: what all windows share.
+
+    Attributes:
+        dark: whether the page is dark.
+        summary: the campaign in brief, see `CampaignCalculations.open`; None where it could not be read.
+    """
+
+    def __init__(self, session: Session):
+        self.session, self.workspace = session, session.workspace
+        self.dark, self.summary, self.width = False, None, 900
+        self._views: dict[str, Any] = {}
+        self._mark: tuple = ()
+        self._built: set[str] = set()
+        self.problems: list[str] = []
+
+    async def build(self) -> None:
+        """Build the page; what needs a calculation follows when the browser is connected."""
+        ui.colors(primary=PRIMARY)
+        ui.add_css(CSS)
+        mode = ui.dark_mode()
+        with ui.header(elevated=False).classes("wb-header"), ui.row().classes("w-full items-center no-wrap wb-title"):
+            ui.icon("monitor_heart").classes("text-xl")
+            self._title = ui.label(self.workspace.folder.name).classes("text-base font-semibold ellipsis")
+            self._errors = ui.row().classes("items-center no-wrap wb-errors gt-xs")
+            ui.space()
+            self._busy = ui.label("").classes("wb-busy ellipsis").props("data-mark=busy")
+            self._cancel = ui.button("Cancel", on_click=self._cancel_running).props("flat dense no-caps color=white")
+            button = ui.button(icon="dark_mode").props("flat round dense color=white aria-label='Light or dark page'")
+        with ui.tabs(on_change=lambda event: self._open(event.value)).classes("wb-tabs w-full") as self._tabs:
+            for name, (_, icon) in VIEWS.items():
+                ui.tab(name, icon=icon).props("no-caps")
+        with ui.tab_panels(self._tabs, animated=False).classes("w-full wb-panels") as panels:
+            for name, (view, _) in VIEWS.items():
+                with ui.tab_panel(name):
+                    self._views[name] = view(self)
+        del panels
+        with ui.footer().classes("wb-footer"), ui.row().classes("w-full items-center no-wrap gap-2"):
+            ui.icon("terminal")
+            self._command = ui.label("").classes("wb-code ellipsis").props("data-mark=command")
+            ui.space()
+            copy = ui.button(icon="content_copy", on_click=lambda: ui.clipboard.write(self._command.text))
+            copy.props("flat dense round size=sm aria-label='Copy the command'")
+        await ui.context.client.connected(timeout=30.0)
+        self.dark, self.width = await ui.run_javascript(
+            "[matchMedia('(prefers-color-scheme: dark)').matches, innerWidth]", timeout=30.0
+        )
+        mode.set_value(self.dark)
+
+        async def turn() -> None:
+            self.dark = not self.dark
+            mode.set_value(self.dark)
+            for name in self._built:
+                await self._views[name].redraw()
+
+        button.on_click(turn)
+        first = "Data" if not self.workspace.has_campaign else "Compare"
+        if self.workspace.config is not None and not self.workspace.has_campaign:
+            first = "Design"
+        await self.read_campaign()
+        self._mark = self.workspace.mark()
+        self.show_state()
+        self._tabs.set_value(first)
+        ui.timer(POLL, self._look)
+
+    async def read_campaign(self) -> None:
+        """Read the campaign anew; what is wrong with it stands in `problems`."""
+        self.summary, self.problems = None, []
+        if not self.workspace.has_campaign:
+            return
+        try:
+            self.summary = await self.session.calculator.call("campaign.open", say=self.say)
+            self._title.set_text(self.summary["name"])
+        except CalculationError as error:
+            self.problems = str(error).splitlines()
+        self.say("")
+
+    async def ask(self, name: str, *arguments: Any) -> Any:
+        """The answer of the calculating process; None where there is none, which the user was told.
+
+        Args:
+            name: of the question, such as "campaign.compare".
+            arguments: plain data.
+        """
+        try:
+            return await self.session.calculator.call(name, *arguments, say=self.say)
+        except CalculationCancelled:
+            ui.notify("Cancelled; nothing was changed.")
+        except CalculationError as error:
+            self.tell(str(error))
+        finally:
+            self.say("")
+        return None
+
+    def attempt(self, action: Callable[[], Any]) -> Any:
+        """The result of an action on the folder; None where it was refused, which the user was told."""
+        try:
+            return action()
+        except (WorkspaceError, OSError) as error:
+            self.tell(str(error))
+        return None
+
+    def tell(self, text: str) -> None:
+        """Show what is wrong, every problem in a line of its own, until it is closed."""
+        lines = text.splitlines() or ["unknown"]
+        with ui.dialog().props("aria-label='What is wrong'") as dialog, ui.card().classes("wb-problems"):
+            ui.label("This does not work yet").classes("text-base font-semibold")
+            with ui.element("ul").classes("wb-list"):
+                for line in lines[:MAX_LISTED_PROBLEMS]:
+                    with ui.element("li"):
+                        ui.label(line)
+            if len(lines) > MAX_LISTED_PROBLEMS:
+                ui.label(f"and {len(lines) - MAX_LISTED_PROBLEMS} more")
+            ui.button("Close", on_click=dialog.close).props("flat no-caps")
+        dialog.on("hide", dialog.delete)
+        dialog.open()
+
+    def did(self, what: str, command: str, python: str) -> None:
+        """Note what was done, with the command and the Python line that do the same."""
+        self.attempt(lambda: self.workspace.add_step(what, command, python))
+        self._command.set_text(command)
+
+    def say(self, sentence: str) -> None:
+        """Show what is being calculated."""
+        self._busy.set_text(sentence)
+        self._cancel.set_visibility(bool(sentence) or self.session.jobs.running() is not None)
+
+    def show_tab(self, name: str) -> None:
+        """Bring a view to the front."""
+        self._tabs.set_value(name)
+
+    def view(self, name: str) -> Any:
+        """A view by the name of its tab."""
+        return self._views[name]
+
+    def stages(self) -> dict[str, dict[str, float]]:
+        """Residual over noise of the stages so far, by use of the runs: as given, calibrated, after each effect."""
+        diagnosis, fit = self.workspace.result(DIAGNOSED), self.workspace.result(CALIBRATED)
+        tried, added = self.workspace.tried(), self.workspace.decisions().added
+        errors = (diagnosis or fit or {}).get("error", {})
+        out = {"as given": errors.get("before"), "calibrated": errors.get("calibrated")}
+        stages = {name: {use: v.get("overall") for use, v in row.items()} for name, row in out.items() if row}
+        for k, name in enumerate(added):
+            row = tried.get("+".join(map(effect_id, added[: k + 1])))
+            if row is not None:
+                stages.setdefault("calibrated", row["before"]["error"])
+                stages[f"+ {effect_id(name)}"] = row["error"]
+        return stages
+
+    def show_state(self) -> None:
+        """Show what stands above every view: the errors so far, the job that runs, the last command."""
+        stages = self.stages()
+        self._errors.clear()
+        with self._errors:
+            for k, (name, row) in enumerate(stages.items()):
+                use = "holdout" if row.get("holdout") is not None else "fit"
+                value = row.get(use)
+                if value is not None:
+                    mark = "error-before" if k == 0 else "error-" + name.strip("+ ")
+                    what = "runs not used" if use == "holdout" else "runs used"
+                    shown = ui.html(f"{'→ ' if k else ''}{html.escape(name)} <b>{value:.2f}</b>", sanitize=False)
+                    shown.props(f"data-mark={mark}").tooltip(f"residual over noise on the {what}; 1 is the noise of the sensors")
+        steps = self.workspace.steps()
+        if steps:
+            self._command.set_text(steps[-1].command)
+        job = self.session.jobs.running()
+        if job is not None and not self.session.calculator.busy_with:
+            rows = self.session.jobs.progress(job)
+            self.say(f"{job.title}: {rows[-1]['what'] if rows else 'starting'}")
+        elif not self.session.calculator.busy_with:
+            self.say("")
+
+    def _cancel_running(self) -> None:
+        if self.session.calculator.busy_with:
+            self.session.calculator.cancel()
+        elif (job := self.session.jobs.running()) is not None:
+            self.session.jobs.cancel(job)
+            ui.notify(f"“{job.title}” is being interrupted; what is finished is kept.")
+
+    async def _open(self, name: str) -> None:
+        if name in self._views and name not in self._built:
+            self._built.add(name)
+            await self._views[name].build()
+        elif name in self._views:
+            await self._views[name].refresh()
+
+    async def _look(self) -> None:
+        """Follow what other windows, jobs and commands do to the folder."""
+        self.show_state()
+        if any(job.status == RUNNING for job in self.session.jobs.all()) and "Diagnose" in self._built:
+            self._views["Diagnose"].show_progress()
+        mark = self.workspace.mark()
+        if mark == self._mark or self.session.calculator.busy_with:
+            return
+        campaign_changed = next(iter(mark), None) != next(iter(self._mark), None)
+        self._mark = mark
+        if campaign_changed:
+            await self.read_campaign()
+        for name in self._built:
+            await self._views[name].refresh()
+

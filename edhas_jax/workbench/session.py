@@ -1,0 +1,144 @@
+"""What all windows of one workbench share: the folder, the calculating process, the jobs, the code that may run."""
+
+import dataclasses
+import shlex
+
+from edhas_jax.workbench.calculator import Calculator
+from edhas_jax.workbench.jobs import Job, JobList
+from edhas_jax.workbench.workspace import (
+    CALIBRATED,
+    DIAGNOSED,
+    RESULTS,
+    TRIED,
+    Decisions,
+    Workspace,
+)
+
+
+class Session:
+    """One workbench that is open.
+
+    Args:
+        workspace: its folder.
+
+    Attributes:
+        calculator: answers the questions of all windows.
+        jobs: the long commands.
+        allowed: effects of files that a click has allowed to run, as FILE.py:Class; forgotten when the server ends.
+    """
+
+    def __init__(self, workspace: Workspace):
+        self.workspace = workspace
+        self.calculator = Calculator(workspace.folder)
+        self.jobs = JobList(workspace)
+        self.allowed: list[str] = []
+
+    def calibrate(self) -> Job:
+        """Start `edhas fit`."""
+        out = self._out(CALIBRATED)
+        arguments = ["fit", str(self.workspace.shown), "--out", out, "--overwrite"]
+        lines = (
+            f'campaign = edhas.read_campaign("{self.workspace.shown}")\n'
+            "edhas.calibrate(edhas.FitProblem(campaign, campaign.machine, edhas.uncertain_unknowns(campaign)))"
+        )
+        return self._start("calibrate", arguments, lines)
+
+    def diagnose(self) -> Job:
+        """Start `edhas diagnose`; the same command goes on from finished rounds."""
+        arguments = ["diagnose", str(self.workspace.shown), "--out", self._out(DIAGNOSED), "--overwrite"]
+        for spec in self.allowed:
+            arguments += ["--effect", spec]
+        line = f'diagnosis = edhas.diagnose_campaign(edhas.read_campaign("{self.workspace.shown}"))'
+        return self._start("diagnose", arguments, line)
+
+    def report_comparison(self, model: str) -> Job:
+        """Start `edhas compare`, which writes the report of a comparison."""
+        path = self.workspace.models()[model]
+        arguments = ["compare", str(self.workspace.shown), "--out", self._out("compared"), "--overwrite"]
+        if path is not None:
+            arguments += ["--model", str(self.workspace.shown / path.relative_to(self.workspace.folder))]
+        return self._start("report the comparison", arguments, self.python_compare(model))
+
+    def run_design_task(self, command: str, file: str, out: str) -> Job:
+        """Start `edhas sweep`, `edhas size` or `edhas sensitivity` on a file below the folder."""
+        shown = self.workspace.shown
+        arguments = [command, str(shown / file), "--out", str(shown / out)]
+        arguments += [] if command == "sweep" else ["--overwrite"]
+        lines = {
+            "sweep": f'edhas.run_sweep(edhas.load_sweep("{shown / file}"), "{shown / out}")',
+            "size": f'size(load_sizing("{shown / file}"))   # edhas_jax.design.sizing',
+            "sensitivity": f'analyse(load_sensitivity("{shown / file}"))   # edhas_jax.design.sensitivity',
+        }
+        return self._start(command, arguments, lines[command])
+
+    def command_compare(self, model: str, replay: str = "set_point") -> str:
+        """The command that compares a model with the measurements."""
+        path = self.workspace.models().get(model)
+        words = ["edhas", "compare", str(self.workspace.shown)]
+        if path is not None:
+            words += ["--model", str(self.workspace.shown / path.relative_to(self.workspace.folder))]
+        return shlex.join(words + ([] if replay == "set_point" else ["--replay", replay]))
+
+    def python_compare(self, model: str) -> str:
+        """The Python line that does the same."""
+        path = self.workspace.models().get(model)
+        campaign = f'edhas.read_campaign("{self.workspace.shown}")'
+        if path is None:
+            return f"comparison = edhas.compare({campaign})"
+        shown = self.workspace.shown / path.relative_to(self.workspace.folder)
+        return f'comparison = edhas.compare({campaign}, edhas.load("{shown}").machine)'
+
+    def command_try(self, names: list[str]) -> str:
+        """The command that fits the model with effects."""
+        out = self.workspace.shown / RESULTS / TRIED / f"{'+'.join(n.rpartition(':')[2] for n in names)}.yaml"
+        return shlex.join(["edhas", "add", *names, "--campaign", str(self.workspace.shown), "--out", str(out)])
+
+    def python_try(self, names: list[str]) -> str:
+        """The Python lines that do the same."""
+        kinds = ", ".join(f'load_effect("{name}")' for name in names)
+        return f'models = fit_with_effects(edhas.read_campaign("{self.workspace.shown}"), [{kinds}])'
+
+    def add(self, name: str) -> None:
+        """Keep an effect in the model."""
+        old = self.workspace.decisions()
+        added = (*(n for n in old.added if n != name), name)
+        rejected = {n: reason for n, reason in old.rejected.items() if n != name}
+        self.workspace.decide(Decisions(added, rejected))
+
+    def remove(self, name: str) -> None:
+        """Take an effect out of the model again."""
+        old = self.workspace.decisions()
+        self.workspace.decide(dataclasses.replace(old, added=tuple(n for n in old.added if n != name)))
+
+    def reject(self, name: str, reason: str) -> None:
+        """Set a suspect aside, with the reason."""
+        old = self.workspace.decisions()
+        added = tuple(n for n in old.added if n != name)
+        self.workspace.decide(Decisions(added, {**old.rejected, name: reason}))
+
+    def reconsider(self, name: str) -> None:
+        """Take back a rejection."""
+        old = self.workspace.decisions()
+        rejected = {n: reason for n, reason in old.rejected.items() if n != name}
+        self.workspace.decide(dataclasses.replace(old, rejected=rejected))
+
+    def allow(self, spec: str) -> None:
+        """Let an effect of a file run until the workbench ends.
+
+        Raises:
+            WorkspaceError: the file lies outside the folder.
+        """
+        source, _, name = spec.rpartition(":")
+        spec = f"{self.workspace.inside(source)}:{name}"
+        if spec not in self.allowed:
+            self.allowed.append(spec)
+
+    def _start(self, title: str, arguments: list[str], python: str) -> Job:
+        self.workspace.require_files_inside() if title in ("calibrate", "diagnose") else None
+        job = self.jobs.start(title, arguments)
+        self.workspace.add_step(title, job.command, python)
+        return job
+
+    def _out(self, name: str) -> str:
+        self.workspace.inside(f"{RESULTS}/{name}").parent.mkdir(exist_ok=True)
+        return str(self.workspace.shown / RESULTS / name)

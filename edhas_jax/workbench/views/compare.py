@@ -1,0 +1,228 @@
+"""Compare: where a model deviates from the measurements."""
+
+from typing import Any
+
+from nicegui import ui
+
+from edhas_jax.workbench.figures import residual_figure, traces_figure
+from edhas_jax.workbench.views.matrix import error_matrix
+from edhas_jax.workbench.workspace import CALIBRATED
+
+REPLAYS = {
+    "set_point": "set point", "voltage": "measured voltage", "current": "measured current",
+    "piston_position": "measured position",
+}  # fmt: skip
+ONE_RUN, ONE_SIGNAL = "signals of one run", "runs of one signal"
+INTERVALS = 500  # into which a plot is divided when a record is thinned
+MAX_PANELS = 10
+MAX_REMARKS = 12
+
+
+class CompareView:
+    """Matrix of errors, sentences, measured over modelled, residual over any variable."""
+
+    def __init__(self, page):
+        self._page = page
+        self._model, self._replay = "as given", "set_point"
+        self._run, self._signal, self._mode = "", "", ONE_RUN
+        self._found: dict[str, Any] | None = None
+        self._panels: list[dict] = []
+        self._shown: list[float] | None = None
+        self._variable = "time"
+
+    async def build(self) -> None:
+        """Build the view."""
+        page = self._page
+        if page.workspace.models().get(CALIBRATED) is not None:
+            self._model = CALIBRATED
+        with ui.row().classes("items-end gap-4"):
+            self._models = ui.select(list(page.workspace.models()), value=self._model, label="model")
+            self._models.classes("min-w-48").props("dense options-dense outlined").on_value_change(self._choose_model)
+            replays = ui.select(REPLAYS, value=self._replay, label="driven by").classes("min-w-40")
+            replays.props("dense options-dense outlined").on_value_change(self._choose_replay)
+            ui.button("Report of this comparison", on_click=self._report).props("flat no-caps dense icon=description")
+        self._body = ui.column().classes("w-full gap-3 mt-3")
+        await self._compare()
+
+    async def refresh(self) -> None:
+        """Follow the folder: new models, a changed campaign."""
+        models = list(self._page.workspace.models())
+        if self._models.options != models:
+            self._models.set_options(models, value=self._model if self._model in models else "as given")
+        if self._found is None or self._found.get("of") != self._identity():
+            await self._compare()
+
+    async def redraw(self) -> None:
+        """Draw the plots again, in the colours of the page."""
+        if self._found is not None:
+            await self._draw()
+            await self._draw_residual()
+
+    async def show(self, model: str) -> None:
+        """Compare a model."""
+        self._models.set_options(list(self._page.workspace.models()), value=model)
+
+    def _identity(self) -> tuple:
+        path = self._page.workspace.models().get(self._model)
+        changed = path.stat().st_mtime_ns if path is not None and path.is_file() else 0
+        file = self._page.workspace.campaign_file
+        return self._model, self._replay, changed, file.stat().st_mtime_ns if file.is_file() else 0
+
+    async def _choose_model(self, event) -> None:
+        if event.value != self._model:
+            self._model = event.value
+            await self._compare()
+
+    async def _choose_replay(self, event) -> None:
+        self._replay = event.value
+        await self._compare()
+
+    def _report(self) -> None:
+        self._page.attempt(lambda: self._page.session.report_comparison(self._model))
+        ui.notify("The report is being written; the view “Report” shows it.")
+
+    async def _compare(self) -> None:
+        page = self._page
+        self._body.clear()
+        if page.summary is None:
+            with self._body:
+                for line in page.problems or ["There is no campaign in this folder yet. Begin in the view “Data”."]:
+                    ui.label(line)
+            return
+        found = await page.ask("campaign.compare", self._model, self._replay, page.session.allowed)
+        if found is None:
+            self._found = None
+            return
+        self._found = found | {"of": self._identity()}
+        page.did("compare", page.session.command_compare(self._model, self._replay),
+                 page.session.python_compare(self._model))  # fmt: skip
+        signals, matrix = list(found["signals"]), found["matrix"]
+        self._run = self._run if self._run in matrix else next(iter(matrix))
+        self._signal = self._signal if self._signal in signals else self._worst_signal()
+        self._variable = self._variable if self._variable in found["variables"] else "time"
+        with self._body:
+            self._build_body()
+        await self._draw()
+        await self._draw_residual()
+
+    def _worst_signal(self) -> str:
+        rows = [(value, name) for row in self._found["matrix"].values() for name, value in row.items()]
+        return max(rows)[1]
+
+    def _build_body(self) -> None:
+        found, page = self._found, self._page
+        with ui.element("div").classes("wb-two"):
+            with ui.column().classes("gap-1"):
+                ui.label("Residual over noise").classes("wb-h")
+                ui.label("1 is the noise of the sensors. Click a cell to see the signal.").classes("wb-quiet")
+                error_matrix(found["matrix"], list(found["signals"]), page.summary["conditions"], self._click_cell)
+            with ui.column().classes("gap-1"):
+                ui.label("Where the model deviates").classes("wb-h")
+                if not found["sentences"]:
+                    ui.label("Nowhere: the residuals hold nothing but the noise of the sensors.")
+                with ui.element("ol").classes("wb-list"):
+                    for row in found["sentences"]:
+                        with ui.element("li"):
+                            link = ui.element("button").classes("wb-sentence").props("type=button")
+                            with link:
+                                ui.label(row["text"])
+                            link.on("click", lambda _, row=row: self._show_place(row))
+                remarks = [*page.summary["sentences"], *found["remarks"]][:MAX_REMARKS]
+                for remark in remarks:
+                    ui.label(remark).classes("wb-quiet")
+        with ui.row().classes("items-center gap-4 w-full"):
+            ui.label("Measured and model").classes("wb-h")
+            mode = ui.toggle([ONE_RUN, ONE_SIGNAL], value=self._mode).props("no-caps dense unelevated size=sm")
+            mode.on_value_change(self._choose_mode)
+            self._which = ui.select([], label="").props("dense options-dense outlined").classes("min-w-40")
+            self._which.on_value_change(self._choose_which)
+            ui.button("Whole record", on_click=self._whole).props("flat dense no-caps icon=zoom_out_map size=sm")
+            ui.label("Drag to zoom; all panels follow. Green band: ± 2 × noise.").classes("wb-quiet gt-sm")
+        self._plot = ui.plotly({"data": [], "layout": {"height": 300}}).classes("w-full").props("data-mark=traces")
+        self._plot.on("plotly_relayout", self._zoomed)
+        with ui.row().classes("items-center gap-4 w-full"):
+            ui.label("Residual over").classes("wb-h")
+            self._variables = ui.select(found["variables"], value=self._variable)
+            self._variables.props("dense options-dense outlined").on_value_change(self._choose_variable)
+        self._over = ui.plotly({"data": [], "layout": {"height": 330}}).classes("w-full").props("data-mark=over")
+
+    async def _click_cell(self, run: str, signal: str) -> None:
+        self._run, self._signal, self._shown = run, signal, None
+        await self._draw()
+        await self._draw_residual()
+
+    async def _show_place(self, row: dict[str, Any]) -> None:
+        self._signal, self._run, self._shown = row["signal"], row["run"], list(row["range"])
+        if row["axis"] in self._found["variables"]:
+            self._variable = row["axis"]
+            self._variables.set_value(self._variable)
+        await self._draw()
+        await self._draw_residual()
+        ui.run_javascript(f"getHtmlElement({self._plot.id})?.scrollIntoView({{behavior: 'smooth', block: 'center'}})")
+
+    async def _choose_mode(self, event) -> None:
+        self._mode, self._shown = event.value, None
+        await self._draw()
+
+    async def _choose_which(self, event) -> None:
+        if self._mode == ONE_RUN and event.value != self._run:
+            self._run, self._shown = event.value, None
+            await self._draw()
+        elif self._mode == ONE_SIGNAL and event.value != self._signal:
+            self._signal, self._shown = event.value, None
+            await self._draw()
+            await self._draw_residual()
+
+    async def _choose_variable(self, event) -> None:
+        if event.value != self._variable:
+            self._variable = event.value
+            await self._draw_residual()
+
+    async def _whole(self) -> None:
+        self._shown = None
+        await self._draw()
+
+    def _panel_names(self) -> list[tuple[str, str]]:
+        matrix = self._found["matrix"]
+        if self._mode == ONE_SIGNAL:
+            return [(run, self._signal) for run, row in matrix.items() if self._signal in row][:MAX_PANELS]
+        names = sorted(matrix[self._run], key=lambda name: name != self._signal)  # the chosen one on top
+        return [(self._run, name) for name in names][:MAX_PANELS]
+
+    async def _draw(self) -> None:
+        options = list(self._found["matrix"]) if self._mode == ONE_RUN else list(self._found["signals"])
+        self._which.set_options(options, value=self._run if self._mode == ONE_RUN else self._signal)
+        first, last = self._shown or (float("-inf"), float("inf"))
+        panels = await self._traces(first, last)
+        if panels:
+            self._panels = panels
+            self._plot.update_figure(traces_figure(panels, self._page.dark, self._shown))
+
+    async def _traces(self, first: float, last: float) -> list[dict] | None:
+        arguments = self._panel_names(), first, last, INTERVALS
+        return await self._page.ask("campaign.traces", self._model, self._replay, self._page.session.allowed, *arguments)
+
+    async def _zoomed(self, event) -> None:
+        """Fetch the samples of a part of a long record; short ones are complete in the plot already."""
+        args = event.args if isinstance(event.args, dict) else {}
+        if args.get("xaxis.autorange"):
+            self._shown = None
+        elif "xaxis.range[0]" in args:
+            self._shown = [float(args["xaxis.range[0]"]), float(args["xaxis.range[1]"])]
+        else:
+            return
+        if all(panel["samples"] <= 2 * INTERVALS for panel in self._panels):
+            return
+        first, last = self._shown or (float("-inf"), float("inf"))
+        panels = await self._traces(first, last)
+        if panels:
+            rows = [panel[name] for panel in panels for name in ("measured", "model", "residual")]
+            figure = traces_figure(panels, self._page.dark, self._shown)
+            values = {"x": [row["x"] for row in figure["data"]], "y": [row["y"] for row in figure["data"]]}
+            self._plot.run_plot_method("restyle", values, list(range(len(rows))))
+
+    async def _draw_residual(self) -> None:
+        found = await self._page.ask("campaign.residual_over", self._model, self._replay, self._page.session.allowed,
+                                     self._signal, self._variable)  # fmt: skip
+        if found is not None:
+            self._over.update_figure(residual_figure(found, self._signal, self._variable, self._page.dark))

@@ -1,0 +1,28 @@
+"""The law of an effect as a curve estimated from the runs, with the law of the library over it."""
+
+from nicegui import ui
+
+from edhas_jax.workbench.figures import law_figure
+
+
+async def show_law_curve(page, names: list[str]) -> None:
+    """Estimate the curve of the last of some effects, and show it in a dialog.
+
+    Args:
+        page: the window.
+        names: the effects of the model, the last of which is drawn.
+    """
+    found = await page.ask("campaign.law_curve", names)
+    if found is None:
+        return
+    effect = found["effect"].replace("_", " ")
+    with ui.dialog() as dialog, ui.card().classes("wb-problems").props("data-mark=law"):
+        ui.label(f"{effect}: estimated curve and law of the library").classes("font-semibold")
+        ui.plotly(law_figure(found, page.dark)).classes("w-full")
+        if found["explained_share"] is not None:
+            ui.label(f"The law of the library explains {found['explained_share']:.1%} of the curve.")
+        ui.label("The curve assumes no formula: it is fitted to the runs together with all other unknowns. "
+                 "Band: 95 %.").classes("wb-quiet")  # fmt: skip
+        ui.button("Close", on_click=dialog.close).props("flat no-caps")
+    dialog.on("hide", dialog.delete)
+    dialog.open()

@@ -1,0 +1,79 @@
+"""Report: the next experiment, and the HTML files that one sends."""
+
+import urllib.parse
+from pathlib import Path
+
+from nicegui import ui
+
+from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, RESULTS
+
+REPORTS = {"diagnosis": DIAGNOSED, "calibration": CALIBRATED, "comparison": "compared"}
+
+
+class ReportView:
+    """Next experiment and reports."""
+
+    def __init__(self, page):
+        self._page, self._shown = page, ""
+
+    async def build(self) -> None:
+        """Build the view."""
+        ui.label("Next experiment").classes("wb-h")
+        self._next = ui.column().classes("gap-1")
+        ui.label("Reports").classes("wb-h mt-4")
+        ui.label("One HTML file each, with its figures in it: send the file.").classes("wb-quiet")
+        self._list = ui.column().classes("gap-1 w-full")
+        self._frame = ui.column().classes("w-full mt-3")
+        await self.refresh()
+
+    async def refresh(self) -> None:
+        """Follow the folder."""
+        self._show_next()
+        self._list.clear()
+        found = {}
+        for name, folder in REPORTS.items():
+            path = self._page.workspace.inside(Path(RESULTS, folder, "report.html"))
+            if path.is_file():
+                found[name] = path
+        with self._list:
+            if not found:
+                ui.label("None yet: calibrate, diagnose, or let “Compare” write one.")
+            for name, path in found.items():
+                with ui.row().classes("items-center gap-3"):
+                    ui.label(name).classes("font-semibold min-w-28")
+                    ui.label(f"{RESULTS}/{REPORTS[name]}/report.html").classes("wb-quiet")
+                    ui.label(f"{path.stat().st_size / 1e6:.2f} MB").classes("wb-quiet gt-xs")
+                    ui.button("Show", on_click=lambda _, name=name: self._show(name)).props("no-caps flat dense")
+                    ui.link("Open", self._address(name), new_tab=True)
+        if found and self._shown not in found:
+            self._show(next(iter(found)))
+
+    async def redraw(self) -> None:
+        """A report is on white paper on any page."""
+
+    def _show_next(self) -> None:
+        diagnosis = self._page.workspace.result(DIAGNOSED)
+        experiment = None if diagnosis is None else diagnosis.get("next_experiment")
+        self._next.clear()
+        with self._next.props("data-mark=next"):
+            if diagnosis is None:
+                ui.label("A diagnosis says which run would decide between the suspects that remain.").classes("wb-quiet")
+            elif experiment is None:
+                ui.label("No run is needed: there are no rivals that a run would have to distinguish.")
+            else:
+                ui.label(experiment["sentence"])
+                words = [f"{name}: {text}" for name, text in experiment["conditions"].items()]
+                words = ["file: next_run.csv", "use: fit", *words]
+                ui.label("Its entry in campaign.yaml, once it is measured:").classes("wb-quiet")
+                ui.label(f"  - {{{', '.join(words)}}}").classes("wb-block")
+
+    def _address(self, name: str) -> str:
+        return f"/results/{urllib.parse.quote(REPORTS[name])}/report.html"
+
+    def _show(self, name: str) -> None:
+        self._shown = name
+        self._frame.clear()
+        with self._frame:
+            frame = ui.element("iframe").classes("wb-report").props("sandbox=allow-scripts")
+            frame.props["src"] = self._address(name)
+            frame.props["title"] = f"report of the {name}"
