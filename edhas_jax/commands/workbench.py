@@ -32,6 +32,8 @@ def run(options) -> None:
     from edhas_jax.workbench.server import serve
 
     def say(address: str) -> None:
-        print(f"edhas workbench on {workspace.folder}\nopen {address}\nCtrl-C ends it; jobs that run go on.", flush=True)
+        print(
+            f"edhas workbench on {workspace.folder}\nopen {address}\nCtrl-C ends it; jobs that run go on.", flush=True
+        )
 
     serve(workspace, options.port, not options.no_browser, say)

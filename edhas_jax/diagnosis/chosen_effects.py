@@ -42,7 +42,7 @@ class ChosenModel:
 
     @property
     def name(self) -> str:
-        """"calibrated", or the ids of the effects with "+" between them."""
+        """The ids of the effects with "+" between them; "calibrated" without any."""
         return "+".join(candidate.id for candidate in self.effects) or "calibrated"
 
     def rms_over_noise(self) -> dict[str, dict[str, float]]:

@@ -1,4 +1,4 @@
-"""The process that calculates for the page: it keeps the campaign and fitted models in memory, so that answers are quick.
+"""The process that calculates for the page; it keeps the campaign and fitted models in memory, to answer quickly.
 
 It is started by spawn and ends with the server. A calculation that is cancelled, or that ends the process, costs only
 what was kept in memory.

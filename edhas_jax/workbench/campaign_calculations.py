@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.config.machine_config import read_config
 from edhas_jax.config.law_file import law_units
+from edhas_jax.config.machine_config import read_config
 from edhas_jax.core.literal_text import file_name
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect

@@ -1,7 +1,6 @@
 """Files that were dropped, and the check of a campaign's data, for the page."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -59,7 +58,9 @@ class DataCalculations:
             values = table.columns[guess.column].values
             valid = values[np.isfinite(values)]
             span = (float(valid.min()), float(valid.max())) if len(valid) else (np.nan, np.nan)
-            columns.append(guess._asdict() | {"role": guess.role.value, "span": span, "missing": int(np.isnan(values).sum())})
+            columns.append(
+                guess._asdict() | {"role": guess.role.value, "span": span, "missing": int(np.isnan(values).sum())}
+            )
         return {
             "columns": columns, "samples": len(table.lines), "curves": curves,
             "remarks": [(r.line, r.sentence) for r in remarks],

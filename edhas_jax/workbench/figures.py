@@ -46,7 +46,9 @@ def error_colour(value: float | None) -> tuple[str, str]:
     clipped = min(max(value, COLOUR_RANGE[0]), COLOUR_RANGE[1])
     at = (math.log(clipped) - low) / (high - low) * (len(COLOUR_STOPS) - 1)
     k = min(int(at), len(COLOUR_STOPS) - 2)
-    mixed = [round(a + (at - k) * (b - a)) for a, b in zip(_rgb(COLOUR_STOPS[k]), _rgb(COLOUR_STOPS[k + 1]), strict=True)]
+    mixed = [
+        round(a + (at - k) * (b - a)) for a, b in zip(_rgb(COLOUR_STOPS[k]), _rgb(COLOUR_STOPS[k + 1]), strict=True)
+    ]
     luminance = 0.299 * mixed[0] + 0.587 * mixed[1] + 0.114 * mixed[2]
     return "#{:02x}{:02x}{:02x}".format(*mixed), "#1b1f24" if luminance > 140 else "#ffffff"
 
@@ -163,8 +165,10 @@ def lines_figure(
         })  # fmt: skip
         for n, (name, x, y) in enumerate(curves):
             line = {"color": (colours.measured, colours.model, colours.good, colours.grey)[n % 4], "width": 1.6}
-            data.append({"type": "scatter", "mode": "lines", "name": _plain(name), "x": np.asarray(x).tolist(),
-                         "y": _numbers(y), "yaxis": f"y{axis}", "line": line, "showlegend": len(curves) > 1})  # fmt: skip
+            data.append({
+                "type": "scatter", "mode": "lines", "name": _plain(name), "x": np.asarray(x).tolist(),
+                "y": _numbers(y), "yaxis": f"y{axis}", "line": line, "showlegend": len(curves) > 1,
+            })  # fmt: skip
     layout["xaxis"] = _x_axis(colours, x_title) | {"anchor": f"y{_axis(len(panels) - 1)}"}
     return {"data": data, "layout": layout, "config": CONFIG}
 
@@ -251,14 +255,17 @@ def law_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:
     """The curve of a law with its 95 % band, and the law of the library, see `CampaignCalculations.law_curve`."""
     colours = theme(dark)
     layout = _layout(colours, 380.0)
-    layout["xaxis"], layout["yaxis"] = _x_axis(colours, found["x_title"]), _y_axis(colours, [0.0, 1.0], found["y_title"])
+    layout["xaxis"], layout["yaxis"] = (
+        _x_axis(colours, found["x_title"]),
+        _y_axis(colours, [0.0, 1.0], found["y_title"]),
+    )
     x, total, half = (np.asarray(found[key], float) for key in ("x", "total", "half"))
     line = {"width": 0}
     data = [
         {"type": "scatter", "mode": "lines", "x": _numbers(x), "y": _numbers(total - half), "line": line,
          "showlegend": False, "hoverinfo": "skip"},
-        {"type": "scatter", "mode": "lines", "x": _numbers(x), "y": _numbers(total + half), "line": line, "fill": "tonexty",
-         "fillcolor": "rgba(70,140,220,0.22)", "name": "95 %", "hoverinfo": "skip"},
+        {"type": "scatter", "mode": "lines", "x": _numbers(x), "y": _numbers(total + half), "line": line,
+         "fill": "tonexty", "fillcolor": "rgba(70,140,220,0.22)", "name": "95 %", "hoverinfo": "skip"},
         {"type": "scatter", "mode": "lines+markers", "x": _numbers(x), "y": _numbers(total), "name": "estimated",
          "line": {"color": colours.measured}},
     ]  # fmt: skip

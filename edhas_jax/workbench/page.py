@@ -42,7 +42,10 @@ class Page:
     def __init__(self, session: Session):
         self.session, self.workspace = session, session.workspace
         self.dark, self.summary, self.width = False, None, 900
+        self.floor: Any = None
         self._views: dict[str, Any] = {}
+        self._places: dict[str, Any] = {}
+        self._is_ready = False
         self._mark: tuple = ()
         self._built: set[str] = set()
         self.problems: list[str] = []
@@ -50,6 +53,7 @@ class Page:
     async def build(self) -> None:
         """Build the page; what needs a calculation follows when the browser is connected."""
         ui.colors(primary=PRIMARY)
+        self.floor = ui.element("div")  # of dialogs, which outlive what was clicked
         ui.add_css(CSS)
         mode = ui.dark_mode()
         with ui.header(elevated=False).classes("wb-header"), ui.row().classes("w-full items-center no-wrap wb-title"):
@@ -59,15 +63,15 @@ class Page:
             ui.space()
             self._busy = ui.label("").classes("wb-busy ellipsis").props("data-mark=busy")
             self._cancel = ui.button("Cancel", on_click=self._cancel_running).props("flat dense no-caps color=white")
-            button = ui.button(icon="dark_mode").props("flat round dense color=white aria-label='Light or dark page'")
+            turn = ui.button(icon="dark_mode", on_click=lambda: self._turn(mode))
+            turn.props("flat round dense color=white aria-label='Light or dark page'")
         with ui.tabs(on_change=lambda event: self._open(event.value)).classes("wb-tabs w-full") as self._tabs:
             for name, (_, icon) in VIEWS.items():
                 ui.tab(name, icon=icon).props("no-caps")
-        with ui.tab_panels(self._tabs, animated=False).classes("w-full wb-panels") as panels:
+        with ui.tab_panels(self._tabs, animated=False, keep_alive=False).classes("w-full wb-panels"):
             for name, (view, _) in VIEWS.items():
-                with ui.tab_panel(name):
-                    self._views[name] = view(self)
-        del panels
+                with ui.tab_panel(name), ui.column().classes("w-full gap-2") as place:
+                    self._views[name], self._places[name] = view(self), place
         with ui.footer().classes("wb-footer"), ui.row().classes("w-full items-center no-wrap gap-2"):
             ui.icon("terminal")
             self._command = ui.label("").classes("wb-code ellipsis").props("data-mark=command")
@@ -80,20 +84,17 @@ class Page:
         )
         mode.set_value(self.dark)
 
-        async def turn() -> None:
-            self.dark = not self.dark
-            mode.set_value(self.dark)
-            for name in self._built:
-                await self._views[name].redraw()
-
-        button.on_click(turn)
         first = "Data" if not self.workspace.has_campaign else "Compare"
         if self.workspace.config is not None and not self.workspace.has_campaign:
             first = "Design"
         await self.read_campaign()
         self._mark = self.workspace.mark()
         self.show_state()
-        self._tabs.set_value(first)
+        self._is_ready = True
+        if self._tabs.value in self._views:  # one was clicked meanwhile
+            await self._open(self._tabs.value)
+        else:
+            self._tabs.set_value(first)
         ui.timer(POLL, self._look)
 
     async def read_campaign(self) -> None:
@@ -118,7 +119,7 @@ class Page:
         try:
             return await self.session.calculator.call(name, *arguments, say=self.say)
         except CalculationCancelled:
-            ui.notify("Cancelled; nothing was changed.")
+            self.note("Cancelled; nothing was changed.")
         except CalculationError as error:
             self.tell(str(error))
         finally:
@@ -136,7 +137,7 @@ class Page:
     def tell(self, text: str) -> None:
         """Show what is wrong, every problem in a line of its own, until it is closed."""
         lines = text.splitlines() or ["unknown"]
-        with ui.dialog().props("aria-label='What is wrong'") as dialog, ui.card().classes("wb-problems"):
+        with self.floor, ui.dialog().props("aria-label='What is wrong'") as dialog, ui.card().classes("wb-problems"):
             ui.label("This does not work yet").classes("text-base font-semibold")
             with ui.element("ul").classes("wb-list"):
                 for line in lines[:MAX_LISTED_PROBLEMS]:
@@ -147,6 +148,11 @@ class Page:
             ui.button("Close", on_click=dialog.close).props("flat no-caps")
         dialog.on("hide", dialog.delete)
         dialog.open()
+
+    def note(self, text: str) -> None:
+        """Show a sentence for a few seconds."""
+        with self.floor:
+            ui.notify(text)
 
     def did(self, what: str, command: str, python: str) -> None:
         """Note what was done, with the command and the Python line that do the same."""
@@ -192,7 +198,9 @@ class Page:
                     mark = "error-before" if k == 0 else "error-" + name.strip("+ ")
                     what = "runs not used" if use == "holdout" else "runs used"
                     shown = ui.html(f"{'→ ' if k else ''}{html.escape(name)} <b>{value:.2f}</b>", sanitize=False)
-                    shown.props(f"data-mark={mark}").tooltip(f"residual over noise on the {what}; 1 is the noise of the sensors")
+                    shown.props(f"data-mark={mark}").tooltip(
+                        f"residual over noise on the {what}; 1 is the noise of the sensors"
+                    )
         steps = self.workspace.steps()
         if steps:
             self._command.set_text(steps[-1].command)
@@ -208,12 +216,22 @@ class Page:
             self.session.calculator.cancel()
         elif (job := self.session.jobs.running()) is not None:
             self.session.jobs.cancel(job)
-            ui.notify(f"“{job.title}” is being interrupted; what is finished is kept.")
+            self.note(f"“{job.title}” is being interrupted; what is finished is kept.")
+
+    async def _turn(self, mode) -> None:
+        """Turn the page from light to dark, or back."""
+        self.dark = not self.dark
+        mode.set_value(self.dark)
+        for name in self._built:
+            await self._views[name].redraw()
 
     async def _open(self, name: str) -> None:
+        if not self._is_ready:
+            return
         if name in self._views and name not in self._built:
             self._built.add(name)
-            await self._views[name].build()
+            with self._places[name]:
+                await self._views[name].build()
         elif name in self._views:
             await self._views[name].refresh()
 
@@ -231,4 +249,3 @@ class Page:
             await self.read_campaign()
         for name in self._built:
             await self._views[name].refresh()
-

@@ -20,7 +20,9 @@ from edhas_jax.workbench.workspace import RESULTS, Workspace, WorkspaceError
 
 REPORTS, PICTURES = (".html",), (".png", ".svg")
 # a report may come from a stranger: its scripts run, but in a place of their own, without access to the workbench
-REPORT_POLICY = "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
+REPORT_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
+)
 RECONNECT = 30.0  # s, that a page waits for a busy server
 
 

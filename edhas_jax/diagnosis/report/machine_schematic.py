@@ -114,7 +114,8 @@ class _Drawing:
     def sensors(self, measured: tuple[str, ...]) -> None:
         """One gauge for all sensors, and the names of the measured signals."""
         self.parts.append(
-            f'<circle data-part="sensor" cx="80" cy="312" r="18" fill="{self._colour("sensor")}" stroke="{INK}" stroke-width="1.3"/>'
+            f'<circle data-part="sensor" cx="80" cy="312" r="18" fill="{self._colour("sensor")}" stroke="{INK}" '
+            f'stroke-width="1.3"/>'
             f'<path d="M80 312 L90 301" stroke="{INK}" stroke-width="1.6"/>'
         )
         self._label("sensor", 108, 308, "start")
@@ -126,8 +127,9 @@ class _Drawing:
         return probability_colour(self._probabilities.get(component, 0.0))
 
     def _box(self, component: str, x: float, y: float, width: float, height: float, radius: float) -> None:
-        self.parts.append(f'<rect data-part="{component}" x="{x}" y="{y}" width="{width}" height="{height}" rx="{radius}" '
-                          f'fill="{self._colour(component)}" stroke="{INK}" stroke-width="1.3"/>')  # fmt: skip
+        self.parts.append(f'<rect data-part="{component}" x="{x}" y="{y}" width="{width}" height="{height}" '
+                          f'rx="{radius}" fill="{self._colour(component)}" '
+                          f'stroke="{INK}" stroke-width="1.3"/>')  # fmt: skip
 
     def _valve(self, x: float, y: float) -> None:
         fill = self._colour("check_valves")

@@ -6,6 +6,7 @@ from nicegui import ui
 
 from edhas_jax.workbench.figures import residual_figure, traces_figure
 from edhas_jax.workbench.views.matrix import error_matrix
+from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.workspace import CALIBRATED
 
 REPLAYS = {
@@ -79,7 +80,7 @@ class CompareView:
 
     def _report(self) -> None:
         self._page.attempt(lambda: self._page.session.report_comparison(self._model))
-        ui.notify("The report is being written; the view “Report” shows it.")
+        self._page.note("The report is being written; the view “Report” shows it.")
 
     async def _compare(self) -> None:
         page = self._page
@@ -134,17 +135,16 @@ class CompareView:
             ui.label("Measured and model").classes("wb-h")
             mode = ui.toggle([ONE_RUN, ONE_SIGNAL], value=self._mode).props("no-caps dense unelevated size=sm")
             mode.on_value_change(self._choose_mode)
-            self._which = ui.select([], label="").props("dense options-dense outlined").classes("min-w-40")
+            self._which = ui.select([]).props("dense options-dense outlined").classes("min-w-40")
             self._which.on_value_change(self._choose_which)
             ui.button("Whole record", on_click=self._whole).props("flat dense no-caps icon=zoom_out_map size=sm")
             ui.label("Drag to zoom; all panels follow. Green band: ± 2 × noise.").classes("wb-quiet gt-sm")
-        self._plot = ui.plotly({"data": [], "layout": {"height": 300}}).classes("w-full").props("data-mark=traces")
-        self._plot.on("plotly_relayout", self._zoomed)
+        self._plot = Plot("traces", {"plotly_relayout": self._zoomed})
         with ui.row().classes("items-center gap-4 w-full"):
             ui.label("Residual over").classes("wb-h")
             self._variables = ui.select(found["variables"], value=self._variable)
             self._variables.props("dense options-dense outlined").on_value_change(self._choose_variable)
-        self._over = ui.plotly({"data": [], "layout": {"height": 330}}).classes("w-full").props("data-mark=over")
+        self._over = Plot("over")
 
     async def _click_cell(self, run: str, signal: str) -> None:
         self._run, self._signal, self._shown = run, signal, None
@@ -158,7 +158,7 @@ class CompareView:
             self._variables.set_value(self._variable)
         await self._draw()
         await self._draw_residual()
-        ui.run_javascript(f"getHtmlElement({self._plot.id})?.scrollIntoView({{behavior: 'smooth', block: 'center'}})")
+        ui.run_javascript(f"getHtmlElement({self._plot.element.id})?.scrollIntoView({{behavior: 'smooth', block: 'center'}})")
 
     async def _choose_mode(self, event) -> None:
         self._mode, self._shown = event.value, None
@@ -196,11 +196,13 @@ class CompareView:
         panels = await self._traces(first, last)
         if panels:
             self._panels = panels
-            self._plot.update_figure(traces_figure(panels, self._page.dark, self._shown))
+            self._plot.show(traces_figure(panels, self._page.dark, self._shown))
 
     async def _traces(self, first: float, last: float) -> list[dict] | None:
         arguments = self._panel_names(), first, last, INTERVALS
-        return await self._page.ask("campaign.traces", self._model, self._replay, self._page.session.allowed, *arguments)
+        return await self._page.ask(
+            "campaign.traces", self._model, self._replay, self._page.session.allowed, *arguments
+        )
 
     async def _zoomed(self, event) -> None:
         """Fetch the samples of a part of a long record; short ones are complete in the plot already."""
@@ -219,10 +221,10 @@ class CompareView:
             rows = [panel[name] for panel in panels for name in ("measured", "model", "residual")]
             figure = traces_figure(panels, self._page.dark, self._shown)
             values = {"x": [row["x"] for row in figure["data"]], "y": [row["y"] for row in figure["data"]]}
-            self._plot.run_plot_method("restyle", values, list(range(len(rows))))
+            self._plot.element.run_plot_method("restyle", values, list(range(len(rows))))
 
     async def _draw_residual(self) -> None:
         found = await self._page.ask("campaign.residual_over", self._model, self._replay, self._page.session.allowed,
                                      self._signal, self._variable)  # fmt: skip
         if found is not None:
-            self._over.update_figure(residual_figure(found, self._signal, self._variable, self._page.dark))
+            self._over.show(residual_figure(found, self._signal, self._variable, self._page.dark))

@@ -7,23 +7,21 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from edhas_jax.core.atomic_file import atomic_write
-from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity, format_quantity
 from edhas_jax.workbench.calculator import CalculationCancelled, CalculationError
-from edhas_jax.workbench.figures import heat_map_figure, lines_figure, points_figure
-from edhas_jax.workbench.jobs import RUNNING
+from edhas_jax.workbench.figures import lines_figure
+from edhas_jax.workbench.views.plot import Plot
+from edhas_jax.workbench.views.sweep import SweepPanel
 from edhas_jax.workbench.workspace import CALIBRATED, DESIGNS, DIAGNOSED, RESULTS
 
 AS_GIVEN = "the campaign's model"
 FIRST_SLIDERS = ("frequency", "amplitude", "piston_clearance", "load_orifice_area", "coil_resistance", "force_constant")
 FIRST_SIGNALS = ("voltage", "current", "piston_position", "outlet_pressure", "outlet_flow")
 SHOWN_METRICS = (
-    "mean_flow", "outlet_pressure", "mean_electrical_power", "overall_efficiency", "volumetric_efficiency",
-    "amplitude_ratio", "tracking_error", "peak_current", "pressure_ripple",
+    "mean_flow", "peak_outlet_pressure", "mean_electrical_power", "overall_efficiency", "volumetric_efficiency",
+    "amplitude_ratio", "tracking_error", "peak_current", "copper_loss", "pressure_ripple",
 )  # fmt: skip
 STEPS = 60  # of a slider
-GRID = 9  # values of each parameter of a sweep
 TASKS = {"sizing": "size", "size": "size", "sensitivity": "sensitivity", "sweep": "sweep"}
 
 
@@ -37,8 +35,7 @@ class DesignView:
         self._sliders: list[str] = []
         self._wanted, self._is_running = False, False
         self._run: dict[str, Any] | None = None
-        self._sweep: dict[str, Any] | None = None
-        self._sweep_job = 0
+        self._sweep: SweepPanel | None = None
 
     async def build(self) -> None:
         """Build the view."""
@@ -55,24 +52,24 @@ class DesignView:
             self._sources.set_value(config.name if config is not None else names[0])
         else:
             with self._body:
-                ui.label("There is no configuration in this folder: open the workbench on one, such as configs/paper.yaml.")
+                ui.label(
+                    "There is no configuration in this folder: open the workbench on one, such as configs/paper.yaml."
+                )
 
     async def refresh(self) -> None:
         """Follow the folder: a sweep that has ended."""
         names = self._source_names()
         if self._sources.options != names:
             self._sources.set_options(names, value=self._source if self._source in names else None)
-        job = self._page.session.jobs.last("sweep")
-        if job is not None and job.status != RUNNING and job.number != self._sweep_job and self._opened is not None:
-            self._sweep_job = job.number
-            await self._show_sweep()
+        if self._sweep is not None:
+            await self._sweep.refresh()
 
     async def redraw(self) -> None:
         """Draw the plots again, in the colours of the page."""
         if self._run is not None:
             self._draw_cycle()
         if self._sweep is not None:
-            self._draw_heat_map()
+            self._sweep.redraw()
 
     def _source_names(self) -> list[str]:
         workspace = self._page.workspace
@@ -112,7 +109,11 @@ class DesignView:
 
     def _build_body(self) -> None:
         self._body.clear()
-        ranged = {row["name"]: f"{row['name'].replace('_', ' ')} – {row['doc']}" for row in self._opened["parameters"] if row["range"]}
+        ranged = {
+            row["name"]: row["name"].replace("_", " ")
+            for row in self._opened["parameters"]
+            if row["range"]
+        }
         self._more.set_options({n: t for n, t in ranged.items() if n not in self._sliders}, value=None)
         with self._body:
             with ui.element("div").classes("wb-split"):
@@ -120,10 +121,11 @@ class DesignView:
                 with ui.column().classes("gap-1 w-full"):
                     self._status = ui.label("").classes("wb-quiet").props("data-mark=cycle-status")
                     self._metrics = ui.row().classes("gap-x-5 gap-y-1")
-                    self._cycle = ui.plotly({"data": [], "layout": {"height": 300}}).classes("w-full").props("data-mark=cycle")
+                    self._cycle = Plot("cycle")
             self._fill_panel()
             if self._opened["sweepable"]:
-                self._build_sweep(ranged)
+                self._sweep = SweepPanel(self._page, self._opened, self._values, self._show_design)
+                self._sweep.build(ranged, self._sliders)
             self._build_tasks()
 
     def _fill_panel(self) -> None:
@@ -165,7 +167,7 @@ class DesignView:
 
     async def _reset(self) -> None:
         if self._opened is not None:
-            self._values = {}
+            self._values.clear()
             self._fill_panel()
             await self._simulate()
 
@@ -193,10 +195,14 @@ class DesignView:
 
     def _note_step(self) -> None:
         shown = self._page.workspace.shown
-        words = [f"{name}={exact_quantity(value, self._parameter(name)['unit']).replace(' ', '')}" for name, value in self._values.items()]
+        words = [
+            f"{name}={exact_quantity(value, self._parameter(name)['unit']).replace(' ', '')}"
+            for name, value in self._values.items()
+        ]
         command = f"edhas simulate {shown / self._opened['file']}" + "".join(f" --set {word}" for word in words)
         values = ", ".join(f"{name}={value!r}" for name, value in self._values.items())
-        python = f'config = edhas.load("{shown / self._opened["file"]}"); edhas.simulate(edhas.change(config.machine, {values}), config.simulation)'
+        python = f'config = edhas.load("{shown / self._opened["file"]}")\n'
+        python += f"edhas.simulate(edhas.change(config.machine, {values}), config.simulation)"
         self._page.did("simulate", command, python)
 
     def _draw_cycle(self, seconds: float | None = None) -> None:
@@ -208,7 +214,7 @@ class DesignView:
             if name == "piston_position" and "reference" in run["signals"]:
                 curves.append(("set point", run["time"], run["signals"]["reference"]))
             panels.append((name.replace("_", " "), run["units"][name], curves))
-        self._cycle.update_figure(lines_figure(panels, "time within the last cycle, ms", self._page.dark))
+        self._cycle.show(lines_figure(panels, "time within the last cycle, ms", self._page.dark))
         state = f"{run['status']}: {run['reason']}" if run["reason"] else run["status"]
         took = "" if seconds is None else f" · {seconds:.2f} s"
         self._status.set_text(f"{state} · {run['step']}{took}")
@@ -221,114 +227,10 @@ class DesignView:
                         ui.label(name.replace("_", " ")).classes("wb-quiet")
                         ui.label(f"{run['metrics'][name]:.4g} {unit if unit != '-' else ''}").classes("font-semibold")
 
-    def _build_sweep(self, ranged: dict[str, str]) -> None:
-        defaults = [*self._sliders, *ranged]
-        ui.label("A metric over two parameters").classes("wb-h")
-        with ui.row().classes("items-end gap-3"):
-            self._x = ui.select(ranged, value=defaults[0], label="horizontal", with_input=True).classes("min-w-48")
-            self._y = ui.select(ranged, value=defaults[2 if len(defaults) > 2 else 1], label="vertical", with_input=True)
-            self._y.classes("min-w-48")
-            self._metric = ui.select(list(SHOWN_METRICS), value="mean_flow", label="metric").classes("min-w-44")
-            for field in (self._x, self._y, self._metric):
-                field.props("dense options-dense outlined")
-            self._metric.on_value_change(lambda _: self._draw_heat_map())
-            ui.button(f"Sweep {GRID} × {GRID}", on_click=self._start_sweep).props("no-caps unelevated")
-        with ui.element("div").classes("wb-two"):
-            self._heat = ui.plotly({"data": [], "layout": {"height": 80}}).classes("w-full").props("data-mark=heat")
-            self._heat.on("plotly_click", self._click_cell)
-            self._front = ui.plotly({"data": [], "layout": {"height": 80}}).classes("w-full").props("data-mark=front")
-        self._heat.set_visibility(False)
-        self._front.set_visibility(False)
-
-    def _start_sweep(self) -> None:
-        if self._x.value == self._y.value:
-            self._page.tell("Choose two different parameters.")
-            return
-        workspace = self._page.workspace
-        lines = [f"base: {yaml_text(str(workspace.inside(self._opened['file'])))}"]
-        if self._values:
-            lines.append("parameters:")
-            lines += [f"  {n}: {exact_quantity(v, self._parameter(n)['unit'])}" for n, v in self._values.items()
-                      if n not in (self._x.value, self._y.value)]  # fmt: skip
-            lines = lines[:-1] if lines[-1] == "parameters:" else lines
-        lines += ["sweep:", "  kind: grid", "  parameters:"]
-        for name in (self._x.value, self._y.value):
-            row = self._parameter(name)
-            low, high = (exact_quantity(v, row["unit"]) for v in row["range"])
-            lines.append(f"    {name}: {{from: {low}, to: {high}, count: {GRID}}}")
-        stem = f"{Path(self._opened['file']).stem}_{self._x.value}_{self._y.value}".replace(".", "_")
-        number = 1
-        while workspace.inside(Path(RESULTS, DESIGNS, f"{stem}-{number}")).exists():
-            number += 1
-        file, folder = Path(RESULTS, DESIGNS, f"{stem}-{number}.yaml"), Path(RESULTS, DESIGNS, f"{stem}-{number}")
-        path = workspace.inside(file)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(path) as temporary:
-            temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
-        job = self._page.attempt(lambda: self._page.session.run_design_task("sweep", str(file), str(folder)))
-        if job is not None:
-            self._page.show_state()
-
-    async def _show_sweep(self) -> None:
-        job = self._page.session.jobs.last("sweep")
-        folder = Path(job.arguments[job.arguments.index("--out") + 1]).name
-        if job.status != "done":
-            self._page.tell(self._page.session.jobs.output(job)[-2000:] or "The sweep was cancelled.")
-            return
-        found = await self._page.ask("design.sweep", str(Path(RESULTS, DESIGNS, folder)))
-        if found is None or not self._opened["sweepable"]:
-            return
-        self._sweep = found | {"folder": str(Path(RESULTS, DESIGNS, folder))}
-        metrics = list(found["metrics"])
-        chosen = self._metric.value if self._metric.value in metrics else metrics[0]
-        self._metric.set_options(metrics, value=chosen)
-        self._draw_heat_map()
-        await self._draw_front()
-
-    def _draw_heat_map(self) -> None:
-        sweep = self._sweep
-        if sweep is None or self._metric.value not in sweep["metrics"]:
-            return
-        first, second = sweep["parameters"][:2]
-        x, y = np.unique(sweep["shown"][first]), np.unique(sweep["shown"][second])
-        z = np.full((len(y), len(x)), np.nan)
-        at = np.searchsorted(y, sweep["shown"][second]), np.searchsorted(x, sweep["shown"][first])
-        z[at] = sweep["shown"][self._metric.value]
-        labels = tuple(self._label(name) for name in (first, second, self._metric.value))
-        self._heat.set_visibility(True)
-        self._heat.update_figure(heat_map_figure(x, y, z, labels, self._page.dark))
-
-    async def _draw_front(self) -> None:
-        metrics = self._sweep["metrics"]
-        pump = "mean_flow" in metrics
-        first, second = ("mean_flow" if pump else "tracking_error"), "mean_electrical_power"
-        if first not in metrics or second not in metrics:
-            return
-        signs = (1.0 if pump else -1.0, -1.0)
-        front = await self._page.ask("design.pareto_front", self._sweep["folder"], first, second, signs)
-        if front is None:
-            return
-        shown = self._sweep["shown"]
-        self._front.set_visibility(True)
-        labels = self._label(first), self._label(second)
-        self._front.update_figure(points_figure(shown[first], shown[second], front, labels, self._page.dark))
-
-    def _label(self, name: str) -> str:
-        unit = self._sweep["units"][name]
-        return name.replace("_", " ") + (f", {unit}" if unit not in ("", "-") else "")
-
-    async def _click_cell(self, event) -> None:
-        """Show the cycle of the design that was clicked."""
-        points = (event.args or {}).get("points") or []
-        if not points or self._sweep is None:
-            return
-        first, second = self._sweep["parameters"][:2]
-        distance = [np.abs(self._sweep["shown"][n] - points[0][axis]) for n, axis in ((first, "x"), (second, "y"))]
-        row = int(np.argmin(distance[0] / np.ptp(self._sweep["shown"][first]) + distance[1] / np.ptp(self._sweep["shown"][second])))
-        for name in (first, second):
-            self._values[name] = float(self._sweep["si"][name][row])
-            if name not in self._sliders:
-                self._sliders.append(name)
+    async def _show_design(self, values: dict[str, float]) -> None:
+        """Show the cycle of a design of a sweep."""
+        self._values.update(values)
+        self._sliders += [name for name in values if name not in self._sliders]
         self._fill_panel()
         await self._simulate()
 
@@ -346,7 +248,9 @@ class DesignView:
             out = Path(RESULTS, DESIGNS, Path(name).stem)
             with ui.row().classes("items-center gap-3"):
                 ui.label(name).classes("font-semibold")
-                ui.button(f"edhas {command}", on_click=lambda _, n=name, c=command, o=out: self._run_task(n, c, o)).props("no-caps flat dense")
+                ui.button(
+                    f"edhas {command}", on_click=lambda _, n=name, c=command, o=out: self._run_task(n, c, o)
+                ).props("no-caps flat dense")
                 pictures = sorted(workspace.inside(out).glob("*.png"))
                 for picture in pictures:
                     ui.link(picture.name, f"/results/{DESIGNS}/{out.name}/{picture.name}", new_tab=True)
@@ -354,4 +258,3 @@ class DesignView:
     def _run_task(self, name: str, command: str, out: Path) -> None:
         self._page.attempt(lambda: self._page.session.run_design_task(command, name, str(out)))
         self._page.show_state()
-

@@ -16,7 +16,7 @@ async def show_law_curve(page, names: list[str]) -> None:
     if found is None:
         return
     effect = found["effect"].replace("_", " ")
-    with ui.dialog() as dialog, ui.card().classes("wb-problems").props("data-mark=law"):
+    with page.floor, ui.dialog() as dialog, ui.card().classes("wb-problems").props("data-mark=law"):
         ui.label(f"{effect}: estimated curve and law of the library").classes("font-semibold")
         ui.plotly(law_figure(found, page.dark)).classes("w-full")
         if found["explained_share"] is not None:

@@ -99,5 +99,3 @@ class MachineView:
             for kind in kinds:
                 with ui.element("li"):
                     ui.label(f"{kind.id}: {(kind.__doc__ or '').strip().splitlines()[0]}")
-
-

@@ -57,7 +57,9 @@ class ReportView:
         self._next.clear()
         with self._next.props("data-mark=next"):
             if diagnosis is None:
-                ui.label("A diagnosis says which run would decide between the suspects that remain.").classes("wb-quiet")
+                ui.label("A diagnosis says which run would decide between the suspects that remain.").classes(
+                    "wb-quiet"
+                )
             elif experiment is None:
                 ui.label("No run is needed: there are no rivals that a run would have to distinguish.")
             else:

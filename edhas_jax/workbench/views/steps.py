@@ -14,7 +14,9 @@ class StepsView:
     async def build(self) -> None:
         """Build the view."""
         ui.label("What was done here").classes("wb-h")
-        ui.label("Each step can be done again in a terminal, or in Python after `import edhas_jax as edhas`.").classes("wb-quiet")
+        ui.label("Each step can be done again in a terminal, or in Python after `import edhas_jax as edhas`.").classes(
+            "wb-quiet"
+        )
         self._body = ui.column().classes("w-full gap-4 mt-3")
         await self.refresh()
 

@@ -1,0 +1,194 @@
+"""The mapper: what the columns of dropped files are, and the campaign file that grows from it."""
+
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from nicegui import ui
+
+from edhas_jax.machine.rigs import RIGS
+from edhas_jax.measurements.campaign_draft import CampaignDraft, DraftRun
+from edhas_jax.measurements.column_guess import GuessedColumn, Role
+from edhas_jax.workbench.data_calculations import signals_of
+from edhas_jax.workbench.figures import lines_figure
+from edhas_jax.workbench.views.plot import Plot
+
+ROLES = [role.value for role in Role]
+USES = {"fit": "fit", "holdout": "hold out"}
+CONDITIONS = {
+    "actuator_bench": ("frequency", "amplitude"), "pump_bench": ("frequency", "amplitude", "load_orifice_area"),
+    "actuator_system": ("target", "load_force"),
+}  # fmt: skip
+EXAMPLES = {
+    "frequency": "10 Hz", "amplitude": "3.5 mm", "load_orifice_area": "4.2 mm^2", "target": "10 mm",
+    "load_force": "0 N", "start": "12.4 s", "window": "{from: 0.2 s, to: 1.5 s}",
+}  # fmt: skip
+MAX_FILE_PLOTS, WIDTH, MAX_REMARKS = 6, 700, 200
+
+
+class Mapper:
+    """Files that were dropped, their columns and their runs.
+
+    Args:
+        page: the window.
+        on_write: called with the text of the campaign file.
+    """
+
+    def __init__(self, page, on_write: Callable[[str], Awaitable[None]]):
+        self._page, self._on_write = page, on_write
+        self._rig = "pump_bench"
+        self._files: dict[str, dict[str, Any]] = {}  # tables of the files, by name
+        self._runs: dict[str, dict[str, str]] = {}  # their entries
+        self._columns: list[dict[str, Any]] = []
+        self._mapper = ui.column().classes("w-full gap-3 mt-3")
+
+    async def add(self, name: str) -> None:
+        """Add a file of the folder.
+
+        Raises:
+            CalculationError: it holds no table that can be used.
+        """
+        table = await self._page.session.calculator.call("data.table", name, self._rig, WIDTH)
+        self._files[name] = table
+        self._runs.setdefault(name, {"use": "fit"})
+        self._columns = self._columns or table["columns"]
+        self._build_mapper()
+
+    def _build_mapper(self) -> None:
+        self._mapper.clear()
+        with self._mapper:
+            with ui.row().classes("items-end gap-4"):
+                ui.label("What the columns are").classes("wb-h")
+                rig = ui.select(list(RIGS), value=self._rig, label="machine").props("dense outlined options-dense")
+                rig.classes("min-w-44").on_value_change(self._choose_rig)
+            with (
+                ui.element("div").classes("wb-scroll"),
+                ui.element("table").classes("wb-table").props("data-mark=mapper"),
+            ):
+                with ui.element("tr"):
+                    for head in ("column", "is", "signal of the model", "unit", "from … to", "missing"):
+                        with ui.element("th"):
+                            ui.label(head)
+                for row in self._columns:
+                    self._column_row(row)
+            self._draft_problems = ui.column().classes("gap-0")
+            with ui.element("div").classes("wb-two"):
+                with ui.column().classes("gap-2 w-full"):
+                    ui.label("Runs").classes("wb-h")
+                    for name in self._files:
+                        self._run_row(name)
+                with ui.column().classes("gap-1 w-full"):
+                    ui.label("campaign.yaml, as it will be").classes("wb-h")
+                    self._text = ui.label("").classes("wb-block").props("data-mark=draft")
+                    self._write_button = ui.button("Write campaign.yaml", on_click=self._write).props(
+                        "no-caps unelevated"
+                    )
+            ui.label("The records").classes("wb-h")
+            self._curves = Plot("curves")
+        self._update_draft()
+        self.draw_curves()
+
+    def _column_row(self, row: dict[str, Any]) -> None:
+        with ui.element("tr"):
+            with ui.element("td"):
+                ui.label(row["column"]).classes("font-semibold")
+            with ui.element("td"):
+                role = ui.select(ROLES, value=row["role"]).props("dense borderless options-dense").classes("min-w-28")
+            with ui.element("td"):
+                options = {"": "–"} | {name: name.replace("_", " ") for name in signals_of(self._rig)}
+                signal = ui.select(options, value=row["signal"] if row["signal"] in options else "")
+                signal.props("dense borderless options-dense").classes("min-w-44")
+            with ui.element("td"):
+                unit = ui.input(value=row["unit"]).props("dense borderless").classes("w-20")
+                unit.props["aria-label"] = f"unit of {row['column']}"
+                if not row["unit_stated"] and row["unit"]:
+                    unit.props("hint=assumed hide-bottom-space")
+            with ui.element("td").classes("n"):
+                ui.label(f"{row['span'][0]:.5g} … {row['span'][1]:.5g}")
+            with ui.element("td").classes("n"):
+                ui.label(str(row["missing"] or ""))
+
+        def change(key: str, value: str) -> None:
+            row[key] = value or ""
+            if key == "signal" and value:
+                row["role"] = Role.SIGNAL.value
+                role.set_value(row["role"])
+            self._update_draft()
+
+        role.on_value_change(lambda e: change("role", e.value))
+        signal.on_value_change(lambda e: change("signal", e.value))
+        unit.on_value_change(lambda e: change("unit", e.value))
+
+    def _run_row(self, name: str) -> None:
+        entries = self._runs[name]
+
+        def change(key: str, value: str) -> None:
+            entries[key] = value or ""
+            self._update_draft()
+
+        with ui.element("div").classes("wb-card w-full"):
+            with ui.row().classes("items-center gap-3 w-full"):
+                ui.label(name).classes("font-semibold")
+                ui.label(f"{self._files[name]['samples']:,} samples").classes("wb-quiet")
+                use = ui.toggle(USES, value=entries["use"]).props("dense no-caps unelevated size=sm")
+                use.on_value_change(lambda e: change("use", e.value))
+            with ui.row().classes("gap-2"):
+                for key in (*CONDITIONS[self._rig], "start", "window"):
+                    field = ui.input(key.replace("_", " "), value=entries.get(key, ""), placeholder=EXAMPLES[key])
+                    field.props("dense outlined stack-label").classes("w-36")
+                    field.on_value_change(lambda e, key=key: change(key, e.value))
+            for line, sentence in self._files[name]["remarks"][:MAX_REMARKS]:
+                ui.label(f"line {line}: {sentence}" if line else sentence).classes("wb-quiet")
+
+    def _draft(self) -> CampaignDraft:
+        columns = [
+            GuessedColumn(row["column"], Role(row["role"]), row["signal"] if row["role"] == Role.SIGNAL.value else "",
+                          row["unit"].strip(), row["unit_stated"])
+            for row in self._columns
+        ]  # fmt: skip
+        runs = [
+            DraftRun(name, entries["use"], {k: v for k, v in entries.items() if k != "use" and v.strip()})
+            for name, entries in self._runs.items()
+        ]
+        return CampaignDraft(self._page.workspace.folder.name, self._rig, columns, runs)
+
+    def _update_draft(self) -> None:
+        draft = self._draft()
+        self._text.set_text(draft.text())
+        problems = draft.problems()
+        problems += [f"Column {row['column']} is a signal: choose which one." for row in self._columns
+                     if row["role"] == Role.SIGNAL.value and not row["signal"]]  # fmt: skip
+        self._draft_problems.clear()
+        with self._draft_problems:
+            for problem in problems:
+                ui.label(problem)
+        self._write_button.set_enabled(not problems)
+
+    async def _choose_rig(self, event) -> None:
+        self._rig = event.value
+        for name in self._files:
+            found = await self._page.ask("data.table", name, self._rig, WIDTH)
+            if found is not None:
+                self._files[name] = found
+        self._columns = next(iter(self._files.values()))["columns"]
+        self._build_mapper()
+
+    def draw_curves(self) -> None:
+        """Draw the records of the columns that are used."""
+        if not self._files:
+            return
+        used = [row["column"] for row in self._columns if row["role"] not in (Role.TIME.value, Role.UNUSED.value)]
+        panels = []
+        for column in used[:MAX_FILE_PLOTS]:
+            curves = [(name, t["curves"][column]["x"], t["curves"][column]["y"])
+                      for name, t in self._files.items() if column in t["curves"]]  # fmt: skip
+            unit = next(row["unit"] for row in self._columns if row["column"] == column)
+            panels.append((column, unit, curves))
+        if panels:
+            self._curves.show(lines_figure(panels, "sample", self._page.dark))
+
+    async def _write(self) -> None:
+        workspace = self._page.workspace
+        if workspace.has_campaign:
+            self._page.tell("campaign.yaml exists in this folder already: copy the entries of the runs into it, below")
+            return
+        await self._on_write(self._draft().text())

@@ -1,0 +1,244 @@
+"""Suspects as cards: what each is, how certain, what it would change; one tries, adds or rejects them."""
+
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from nicegui import ui
+
+from edhas_jax.core.units import format_quantity, format_with_error
+from edhas_jax.machine.effects import LIBRARY
+from edhas_jax.machine.interface.slots import SLOTS
+from edhas_jax.machine.rigs import RIGS
+from edhas_jax.workbench.views.law_curve import show_law_curve
+from edhas_jax.workbench.views.matrix import error_matrix
+from edhas_jax.workbench.workspace import DIAGNOSED, effect_id
+
+MAX_CARDS = 12
+KINDS = {kind.id: kind for kind in LIBRARY}
+
+
+class Suspects:
+    """The cards, and the fields to try any effect of the library or of one's own.
+
+    Args:
+        page: the window.
+        on_change: called after something was tried or decided.
+    """
+
+    def __init__(self, page, on_change: Callable[[], Awaitable[None]]):
+        self._page, self._on_change = page, on_change
+        ui.label("Suspects").classes("wb-h mt-4")
+        with ui.row().classes("items-end gap-3"):
+            self._effect = ui.select({}, label="any effect of the library", with_input=True).classes("min-w-64")
+            self._effect.props("dense options-dense outlined")
+            ui.button("Try it", on_click=lambda: self._try(self._effect.value)).props("no-caps flat dense icon=science")
+            self._own = ui.input("an effect of your own, FILE.py:Class").props("dense outlined").classes("min-w-64")
+            ui.button("Try your own", on_click=self._try_own).props("no-caps flat dense icon=science")
+        self._cards = ui.element("div").classes("wb-cards mt-3")
+
+    def refresh(self) -> None:
+        """Follow the folder."""
+        diagnosis, workspace = self._page.workspace.result(DIAGNOSED) or {}, self._page.workspace
+        decisions, summary = workspace.decisions(), self._page.summary
+        rows = {candidate_name(row): row for row in diagnosis.get("candidates", [])[:MAX_CARDS]}
+        for name in (*decisions.added, *decisions.rejected, *self._tried_alone()):
+            rows.setdefault(name, {"effect": name})
+        if summary is not None:
+            rig = RIGS[summary["rig"]]
+            free = [k.id for k in LIBRARY if set(k.slots) <= set(rig.slots) and k.id not in summary["effects"]]
+            self._effect.set_options({name: name.replace("_", " ") for name in free}, value=self._effect.value)
+        self._cards.clear()
+        with self._cards:
+            for name, row in rows.items():
+                self._card(name, row, decisions)
+            if not rows:
+                ui.label("None yet: diagnose, or try any effect.").classes("wb-quiet")
+
+    def _tried_alone(self) -> list[str]:
+        """The names of effects that were tried in addition to those that are in the model."""
+        added = set(self._page.workspace.decisions().added)
+        return [data["named"][-1] for data in self._page.workspace.tried().values() if data["named"][-1] not in added]
+
+    def _card(self, name: str, row: dict[str, Any], decisions) -> None:
+        kind = KINDS.get(row["effect"])
+        is_sensor = bool(row.get("signal"))
+        with ui.card().classes("wb-card").props(f"data-mark='card-{name.replace(chr(39), '')}'"):
+            with ui.row().classes("items-center w-full no-wrap"):
+                ui.label(name.replace("_", " ")).classes("font-semibold")
+                ui.space()
+                if name in decisions.added:
+                    ui.label("in the model").classes("wb-chip wb-good")
+                elif name in decisions.rejected:
+                    ui.label("rejected").classes("wb-chip wb-bad")
+                elif row.get("probability") is not None:
+                    ui.label(f"probability {row['probability']:.2f}").classes("wb-chip")
+            place = "sensor" if is_sensor else row.get("slot") or (kind.slots[0].location if kind else "")
+            summary = f"a fault of the sensor of {row['signal'].replace('_', ' ')}" if is_sensor else _summary(kind)
+            ui.label(f"{place.replace('_', ' ')} · {summary}" if place else summary).classes("wb-quiet")
+            if row.get("parameters"):
+                ui.label(sizes_text(row["parameters"]))
+            evidence = []
+            if row.get("gain") is not None:
+                evidence.append(f"evidence {row['gain']:+.0f} nats")
+            if row.get("holdout_error") is not None:
+                evidence.append(f"residual over noise with it {row['holdout_error']:.2f} on runs not used")
+            if evidence:
+                ui.label("; ".join(evidence))
+            if kind is not None and kind.looks_like:
+                ui.label(f"Looks like: {kind.looks_like}").classes("wb-quiet")
+            if name in decisions.rejected:
+                ui.label(f"Rejected: {decisions.rejected[name]}")
+            self._tried_matrix(name, decisions)
+            self._buttons(name, is_sensor, decisions)
+
+    def _tried_matrix(self, name: str, decisions) -> None:
+        """What falls where, if the effect was tried on the present model."""
+        found = self._page.workspace.tried().get(self._chain_name(name, decisions))
+        if found is None or self._page.summary is None:
+            return
+        old, new = found["before"]["error"], found["error"]
+        for use, title in (("fit", "runs used"), ("holdout", "runs not used")):
+            if new.get(use) is not None:
+                ui.label(f"{title}: {old[use]:.2f} → {new[use]:.2f}").classes("font-semibold").props(
+                    f"data-mark=tried-{use}"
+                )
+        ui.label(sizes_text(found["parameters"])).classes("wb-quiet")
+        notes = {
+            run: "not used" if row["use"] == "holdout" else "used" for run, row in self._page.summary["runs"].items()
+        }
+        with ui.expansion("what falls where").classes("w-full").props("dense"):
+            error_matrix(found["error_by_run"], list(self._page.summary["signals"]), notes,
+                         before=found["before"]["error_by_run"])  # fmt: skip
+
+    def _buttons(self, name: str, is_sensor: bool, decisions) -> None:
+        with ui.row().classes("gap-1 mt-auto"):
+            if is_sensor:
+                ui.label("Not a part of the machine: correct the sensor or its column.").classes("wb-quiet")
+            elif name in decisions.added:
+                ui.button("Take out", on_click=lambda: self._change(self._page.session.remove, name)).props(
+                    "no-caps flat dense"
+                )
+                ui.button("Compare", on_click=lambda: self._compare(name)).props("no-caps flat dense icon=show_chart")
+            else:
+                ui.button("Try", on_click=lambda: self._try(name)).props("no-caps flat dense icon=science")
+                ui.button("Add", on_click=lambda: self._add(name)).props("no-caps flat dense icon=add")
+            tried = self._page.workspace.tried().get(self._chain_name(name, decisions))
+            if tried is not None and not is_sensor:
+                ui.button("Law", on_click=lambda: show_law_curve(self._page, tried["named"])).props(
+                    "no-caps flat dense"
+                )
+            if name in decisions.rejected:
+                ui.button("Reconsider", on_click=lambda: self._change(self._page.session.reconsider, name)).props(
+                    "no-caps flat dense"
+                )
+            elif name not in decisions.added:
+                ui.button("Reject", on_click=lambda: self._ask_reason(name)).props("no-caps flat dense icon=block")
+
+    def _chain(self, name: str, decisions) -> list[str]:
+        added = [n for n in decisions.added if n != name]
+        if name in decisions.added:
+            added = list(decisions.added[: decisions.added.index(name)])
+        return [*added, name]
+
+    def _chain_name(self, name: str, decisions) -> str:
+        return "+".join(map(effect_id, self._chain(name, decisions)))
+
+    async def _try(self, name: str | None) -> bool:
+        """Fit the model with one more effect; whether that was possible."""
+        if not name:
+            self._page.tell("Choose an effect first.")
+            return False
+        if self._page.summary is None:
+            self._page.tell("There is no campaign in this folder yet: bring data first.")
+            return False
+        chain = self._chain(name, self._page.workspace.decisions())
+        began = time.perf_counter()
+        found = await self._page.ask("campaign.try_effects", chain)
+        if found is None:
+            return False
+        session = self._page.session
+        self._page.did(f"try {name}", session.command_try(chain), session.python_try(chain))
+        self._page.note(f"{name.replace('_', ' ')} tried in {time.perf_counter() - began:.1f} s")
+        await self._on_change()
+        return True
+
+    async def _add(self, name: str) -> None:
+        decisions = self._page.workspace.decisions()
+        if self._chain_name(name, decisions) not in self._page.workspace.tried() and not await self._try(name):
+            return
+        await self._change(self._page.session.add, name)
+
+    async def _change(self, change, *arguments) -> None:
+        self._page.attempt(lambda: change(*arguments))
+        self._page.show_state()
+        await self._on_change()
+
+    async def _compare(self, name: str) -> None:
+        model = f"with {self._chain_name(name, self._page.workspace.decisions())}"
+        self._page.show_tab("Compare")
+        await self._page.view("Compare").show(model)
+
+    def _ask_reason(self, name: str) -> None:
+        with self._page.floor, ui.dialog() as dialog, ui.card():
+            ui.label(f"Why is it not {name.replace('_', ' ')}?").classes("font-semibold")
+            reason = ui.input("reason, which is remembered").classes("w-80")
+
+            async def reject() -> None:
+                dialog.close()
+                await self._change(self._page.session.reject, name, reason.value.strip() or "no reason given")
+
+            with ui.row():
+                ui.button("Reject", on_click=reject).props("no-caps unelevated")
+                ui.button("Keep", on_click=dialog.close).props("no-caps flat")
+        dialog.on("hide", dialog.delete)
+        dialog.open()
+
+    def _try_own(self) -> None:
+        """Ask before code of a file runs; the click names the file."""
+        spec = (self._own.value or "").strip()
+        source, colon, name = spec.rpartition(":")
+        if not colon or not source.endswith(".py") or not name.isidentifier():
+            self._page.tell(
+                "Write the file and the class of the effect, such as my_effects.py:SealDrag; slots: " + ", ".join(SLOTS)
+            )
+            return
+        path = self._page.attempt(lambda: self._page.workspace.inside(source))
+        if path is None:
+            return
+        if not path.is_file():
+            self._page.tell(f"{source}: no such file in {self._page.workspace.folder.name}")
+            return
+        with self._page.floor, ui.dialog() as dialog, ui.card():
+            ui.label(f"{source} is Python code that will run on this computer.").classes("font-semibold")
+            ui.label("Read it first. It may run until the workbench ends.").classes("wb-quiet")
+
+            async def run() -> None:
+                dialog.close()
+                self._page.attempt(lambda: self._page.session.allow(spec))
+                await self._try(f"{path}:{name}")
+
+            with ui.row():
+                ui.button(f"Run {source}", on_click=run).props("no-caps unelevated")
+                ui.button("Do not run it", on_click=dialog.close).props("no-caps flat")
+        dialog.on("hide", dialog.delete)
+        dialog.open()
+
+
+def candidate_name(row: dict[str, Any]) -> str:
+    """The name of a candidate of `diagnosis.json`."""
+    return f"{row['effect']} on {row['signal']}" if row.get("signal") else str(row["effect"])
+
+
+def _summary(kind) -> str:
+    return "" if kind is None else (kind.__doc__ or "").strip().splitlines()[0]
+
+
+def sizes_text(parameters: dict[str, Any]) -> str:
+    """Sizes with their standard errors."""
+    parts = []
+    for name, row in parameters.items():
+        value, std, unit = row["value"], row.get("std"), row["unit"]
+        text = format_quantity(value, unit) if std is None else format_with_error(value, std, unit)
+        parts.append(f"{name.rpartition('.')[2].replace('_', ' ')} {text}")
+    return ", ".join(parts)

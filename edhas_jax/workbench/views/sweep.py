@@ -1,0 +1,167 @@
+"""A sweep over two parameters of a design: heat map of a metric, Pareto front, a click on a cell shows its cycle."""
+
+from collections.abc import Awaitable, Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+
+from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.literal_text import yaml_text
+from edhas_jax.core.units import exact_quantity
+from edhas_jax.workbench.figures import heat_map_figure, points_figure
+from edhas_jax.workbench.jobs import RUNNING
+from edhas_jax.workbench.views.plot import Plot
+from edhas_jax.workbench.workspace import DESIGNS, RESULTS
+
+METRICS = "mean_electrical_power", "amplitude_ratio", "tracking_error", "peak_current", "copper_loss", "peak_stroke"
+PUMP_METRICS = "mean_flow", "overall_efficiency", "volumetric_efficiency", "pressure_ripple", "mean_leakage"
+GRID = 9  # values of each parameter
+
+
+class SweepPanel:
+    """The choice of two parameters and a metric, and the result of the last sweep.
+
+    Args:
+        page: the window.
+        opened: the machine, see `DesignCalculations.open`, with its `file`.
+        values: the values of the sliders (SI); the sweep holds the others.
+        on_design: called with the parameters (SI) of a design that was clicked.
+    """
+
+    def __init__(
+        self, page, opened: Mapping[str, Any], values: Mapping[str, float],
+        on_design: Callable[[dict[str, float]], Awaitable[None]],
+    ):  # fmt: skip
+        self._page, self._opened, self._values, self._on_design = page, opened, values, on_design
+        self._sweep: dict[str, Any] | None = None
+        last = page.session.jobs.last("sweep")
+        self._seen = 0 if last is None else last.number
+
+    def _parameter(self, name: str) -> dict[str, Any]:
+        return next(row for row in self._opened["parameters"] if row["name"] == name)
+
+    async def refresh(self) -> None:
+        """Show the result of a sweep that has ended."""
+        job = self._page.session.jobs.last("sweep")
+        if job is not None and job.status != RUNNING and job.number != self._seen:
+            self._seen = job.number
+            await self._show_sweep()
+
+    def redraw(self) -> None:
+        """Draw the plots again, in the colours of the page."""
+        self._draw_heat_map()
+
+    def build(self, ranged: Mapping[str, str], first: list[str]) -> None:
+        """Build the panel.
+
+        Args:
+            ranged: description of each parameter that has a range.
+            first: parameters that are proposed.
+        """
+        defaults = [*first, *ranged]
+        ui.label("A metric over two parameters").classes("wb-h")
+        with ui.row().classes("items-end gap-3"):
+            self._x = ui.select(ranged, value=defaults[0], label="horizontal", with_input=True).classes("min-w-48")
+            self._y = ui.select(
+                ranged, value=defaults[2 if len(defaults) > 2 else 1], label="vertical", with_input=True
+            )
+            self._y.classes("min-w-48")
+            metrics = [*(() if self._opened["rig"] == "actuator_bench" else PUMP_METRICS), *METRICS]
+            self._metric = ui.select(metrics, value=metrics[0], label="metric").classes("min-w-44")
+            for field in (self._x, self._y, self._metric):
+                field.props("dense options-dense outlined")
+            self._metric.on_value_change(lambda _: self._draw_heat_map())
+            ui.button(f"Sweep {GRID} × {GRID}", on_click=self._start_sweep).props("no-caps unelevated")
+        with ui.element("div").classes("wb-two"):
+            self._heat, self._front = Plot("heat", {"plotly_click": self._click_cell}), Plot("front")
+
+    def _start_sweep(self) -> None:
+        if self._x.value == self._y.value:
+            self._page.tell("Choose two different parameters.")
+            return
+        workspace = self._page.workspace
+        lines = [f"base: {yaml_text(str(workspace.inside(self._opened['file'])))}"]
+        if self._values:
+            lines.append("parameters:")
+            lines += [f"  {n}: {exact_quantity(v, self._parameter(n)['unit'])}" for n, v in self._values.items()
+                      if n not in (self._x.value, self._y.value)]  # fmt: skip
+            lines = lines[:-1] if lines[-1] == "parameters:" else lines
+        lines += ["sweep:", "  kind: grid", "  parameters:"]
+        for name in (self._x.value, self._y.value):
+            row = self._parameter(name)
+            low, high = (exact_quantity(v, row["unit"]) for v in row["range"])
+            lines.append(f"    {name}: {{from: {low}, to: {high}, count: {GRID}}}")
+        stem = f"{Path(self._opened['file']).stem}_{self._x.value}_{self._y.value}".replace(".", "_")
+        number = 1
+        while workspace.inside(Path(RESULTS, DESIGNS, f"{stem}-{number}")).exists():
+            number += 1
+        file, folder = Path(RESULTS, DESIGNS, f"{stem}-{number}.yaml"), Path(RESULTS, DESIGNS, f"{stem}-{number}")
+        path = workspace.inside(file)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(path) as temporary:
+            temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
+        job = self._page.attempt(lambda: self._page.session.run_design_task("sweep", str(file), str(folder)))
+        if job is not None:
+            self._page.show_state()
+
+    async def _show_sweep(self) -> None:
+        job = self._page.session.jobs.last("sweep")
+        folder = Path(job.arguments[job.arguments.index("--out") + 1]).name
+        if job.status != "done":
+            self._page.tell(self._page.session.jobs.output(job)[-2000:] or "The sweep was cancelled.")
+            return
+        found = await self._page.ask("design.sweep", str(Path(RESULTS, DESIGNS, folder)))
+        if found is None:
+            return
+        self._sweep = found | {"folder": str(Path(RESULTS, DESIGNS, folder))}
+        metrics = list(found["metrics"])
+        chosen = self._metric.value if self._metric.value in metrics else metrics[0]
+        self._metric.set_options(metrics, value=chosen)
+        self._draw_heat_map()
+        await self._draw_front()
+
+    def _draw_heat_map(self) -> None:
+        sweep = self._sweep
+        if sweep is None or self._metric.value not in sweep["metrics"]:
+            return
+        first, second = sweep["parameters"][:2]
+        x, y = np.unique(sweep["shown"][first]), np.unique(sweep["shown"][second])
+        z = np.full((len(y), len(x)), np.nan)
+        at = np.searchsorted(y, sweep["shown"][second]), np.searchsorted(x, sweep["shown"][first])
+        z[at] = sweep["shown"][self._metric.value]
+        labels = tuple(self._label(name) for name in (first, second, self._metric.value))
+        self._heat.show(heat_map_figure(x, y, z, labels, self._page.dark))
+
+    async def _draw_front(self) -> None:
+        metrics = self._sweep["metrics"]
+        pump = "mean_flow" in metrics
+        first, second = ("mean_flow" if pump else "tracking_error"), "mean_electrical_power"
+        if first not in metrics or second not in metrics:
+            return
+        signs = (1.0 if pump else -1.0, -1.0)
+        front = await self._page.ask("design.pareto_front", self._sweep["folder"], first, second, signs)
+        if front is None:
+            return
+        shown = self._sweep["shown"]
+        labels = self._label(first), self._label(second)
+        self._front.show(points_figure(shown[first], shown[second], front, labels, self._page.dark))
+
+    def _label(self, name: str) -> str:
+        unit = self._sweep["units"][name]
+        return name.replace("_", " ") + (f", {unit}" if unit not in ("", "-") else "")
+
+    async def _click_cell(self, event) -> None:
+        """Show the cycle of the design that was clicked."""
+        points = (event.args or {}).get("points") or []
+        if not points or self._sweep is None:
+            return
+        first, second = self._sweep["parameters"][:2]
+        distance = [np.abs(self._sweep["shown"][n] - points[0][axis]) for n, axis in ((first, "x"), (second, "y"))]
+        row = int(
+            np.argmin(
+                distance[0] / np.ptp(self._sweep["shown"][first]) + distance[1] / np.ptp(self._sweep["shown"][second])
+            )
+        )
+        await self._on_design({name: float(self._sweep["si"][name][row]) for name in (first, second)})
