@@ -44,17 +44,20 @@ def test_german_names_semicolons_and_decimal_commas(tmp_path):
 
 
 def test_a_unit_decides_where_the_name_says_nothing(tmp_path):
-    text = "time [s],channel 1 [A],channel 2 [bar],channel 3 [V]\n" + rows(20, lambda k: 0.001 * k, *[lambda k: k % 3] * 3)
+    text = "time [s],channel 1 [A],channel 2 [bar],channel 3 [V]\n"
+    text += rows(20, lambda k: 0.001 * k, *[lambda k: k % 3] * 3)
     assert [g.signal for g in guessed(tmp_path, text).values()] == ["", "current", "outlet_pressure", "voltage"]
 
 
 def test_a_name_with_the_unit_of_another_quantity_is_no_guess(tmp_path):
-    found = guessed(tmp_path, "time [s],current [V],flow [bar]\n" + rows(20, lambda k: 0.001 * k, *[lambda k: k % 3] * 2))
+    text = "time [s],current [V],flow [bar]\n" + rows(20, lambda k: 0.001 * k, *[lambda k: k % 3] * 2)
+    found = guessed(tmp_path, text)
     assert found["current"].signal != "current" and found["flow"].signal != "outlet_flow"
 
 
 def test_a_time_without_a_name_is_the_column_that_increases(tmp_path):
-    found = guessed(tmp_path, "a,b,current\n" + rows(50, lambda k: np.sin(k), lambda k: 5000.0 + 2e-4 * k, lambda k: k % 3))
+    text = "a,b,current\n" + rows(50, lambda k: np.sin(k), lambda k: 5000.0 + 0.01 * k, lambda k: k % 3)
+    found = guessed(tmp_path, text)
     assert found["b"].role is Role.TIME and found["b"].unit == "s"
 
 
@@ -64,7 +67,8 @@ def test_the_unit_of_a_clock_follows_from_its_steps(step, unit):
 
 
 def test_the_draft_is_a_campaign_that_can_be_read(tmp_path):
-    text = "t;i_coil;soll [mm];x [mm]\n" + rows(30, lambda k: 0.5 * k, *[lambda k: np.sin(0.1 * k)] * 3).replace(",", ";")
+    text = "t;i_coil;soll [mm];x [mm]\n"
+    text += rows(30, lambda k: 0.5 * k, *[lambda k: np.sin(0.1 * k)] * 3).replace(",", ";")
     path = tmp_path / "log 1.csv"
     path.write_text(text)
     columns = guess_columns(read_table(path, lambda remark: None), AVAILABLE)
@@ -91,6 +95,7 @@ def test_names_with_markup_of_yaml_stay_names(tmp_path):
     path.write_text('t,"i: {x} #1"\n' + rows(20, lambda k: 0.5 * k, lambda k: k % 5))
     columns = [g._replace(role=Role.SIGNAL, signal="current", unit="A") if g.column != "t" else g
                for g in guess_columns(read_table(path, lambda remark: None), AVAILABLE)]  # fmt: skip
-    (tmp_path / "campaign.yaml").write_text(CampaignDraft("n: [", "actuator_bench", columns, [DraftRun("run.csv")]).text())
+    draft = CampaignDraft("n: [", "actuator_bench", columns, [DraftRun("run.csv")])
+    (tmp_path / "campaign.yaml").write_text(draft.text())
     campaign = read_campaign(tmp_path)
     assert campaign.name == "n: [" and "current" in campaign.runs[0].signals

@@ -46,7 +46,8 @@ def workbench():
     def start(folder):
         environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
         command = [sys.executable, "-m", "edhas_jax.commands.cli", "workbench", str(folder), "--no-browser"]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment)
+        streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+        process = subprocess.Popen(command, text=True, env=environment, **streams)
         started.append(process)
         printed = ""
         while (found := re.search(r"http://\S+", printed)) is None:

@@ -56,8 +56,10 @@ def test_a_cancelled_job_says_so_and_a_wrong_one_fails(campaign_folder):
 def test_a_job_whose_process_is_gone_does_not_run(tmp_path):
     folder = tmp_path / "workbench" / "jobs"
     folder.mkdir(parents=True)
-    record = {"number": 1, "title": "diagnose", "arguments": ["diagnose"], "began": 0.0, "pid": 2**22 - 1, "started": "1",
-              "ended": None, "status": "running"}  # fmt: skip
+    record = {
+        "number": 1, "title": "diagnose", "arguments": ["diagnose"], "began": 0.0, "pid": 2**22 - 1, "started": "1",
+        "ended": None, "status": "running",
+    }  # fmt: skip
     (folder / "1.json").write_text(json.dumps(record))
     assert JobList(Workspace(tmp_path)).running() is None
 

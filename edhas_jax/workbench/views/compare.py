@@ -158,7 +158,8 @@ class CompareView:
             self._variables.set_value(self._variable)
         await self._draw()
         await self._draw_residual()
-        ui.run_javascript(f"getHtmlElement({self._plot.element.id})?.scrollIntoView({{behavior: 'smooth', block: 'center'}})")
+        where = "{behavior: 'smooth', block: 'center'}"
+        ui.run_javascript(f"getHtmlElement({self._plot.element.id})?.scrollIntoView({where})")
 
     async def _choose_mode(self, event) -> None:
         self._mode, self._shown = event.value, None

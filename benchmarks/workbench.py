@@ -1,0 +1,210 @@
+"""How long the workbench takes to answer in a browser, and pictures of its views.
+
+    python benchmarks/workbench.py [--pictures FOLDER] [--million]
+
+Chromium opens the workbench on the campaign of the demonstration, every run of it twice: eight runs, five signals. All
+times are taken in the page, from the click to the changed picture, after one run of the same kind. With `--pictures`
+every view is drawn at 1280 and 390 px, light and dark; with `--million` a record of a million samples is opened.
+"""
+
+import argparse
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+ROOT = Path(__file__).resolve().parents[1]
+PATIENCE = 900e3  # ms
+VIEWS = "Data", "Compare", "Diagnose", "Machine", "Report", "Design", "Steps"
+EFFECT, SECOND_EFFECT = "inverter_dead_time", "coil_heating"
+WIDTHS = 1280, 390
+# until Plotly has drawn once more, in ms
+ZOOM = """async ([low, high]) => {
+  const plot = document.querySelector('[data-mark=traces]');
+  const began = performance.now();
+  const drawn = new Promise(done => plot.once('plotly_afterplot', done));
+  plot.querySelector('.main-svg');
+  const { Plotly } = await import('nicegui-plotly');
+  await Plotly.relayout(plot, {'xaxis.range[0]': low, 'xaxis.range[1]': high});
+  await drawn;
+  return performance.now() - began;
+}"""
+
+
+def main() -> None:
+    """Measure, print a row for each time, draw the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--pictures", type=Path, help="folder of the pictures")
+    parser.add_argument("--million", action="store_true", help="also open a record of a million samples")
+    options = parser.parse_args()
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory() as temporary, sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        folder = Path(temporary) / "bench"
+        eight_runs(folder)
+        server, address = serve(folder)
+        try:
+            measure(browser, address, folder)
+            if options.pictures is not None:
+                draw(browser, address, options.pictures)
+        finally:
+            server.terminate()
+            server.wait()
+        if options.million:
+            folder = Path(temporary) / "long"
+            million_samples(folder)
+            server, address = serve(folder)
+            try:
+                measure_million(browser, address)
+            finally:
+                server.terminate()
+                server.wait()
+
+
+def eight_runs(folder: Path) -> None:
+    """The campaign of the demonstration with each of its four runs twice."""
+    shutil.copytree(ROOT / "studies" / "demo" / "campaign", folder)
+    path = folder / "campaign.yaml"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    for line in [line for line in lines if "file:" in line]:
+        name = re.search(r"file: (\w+)\.csv", line)[1]
+        shutil.copy(folder / f"{name}.csv", folder / f"{name}_again.csv")
+        lines.append(line.replace(f"{name}.csv", f"{name}_again.csv"))
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def million_samples(folder: Path) -> None:
+    """A campaign of one run with a million samples of a slow sine, from an actuator bench at rest for most of it."""
+    folder.mkdir()
+    time_axis = np.arange(1_000_000) * 1e-4
+    rng = np.random.default_rng(0)
+    position = 1e-3 * np.sin(2 * np.pi * 2.0 * time_axis) + rng.normal(0.0, 5e-6, len(time_axis))
+    table = np.stack([time_axis, 1e3 * position], axis=1)
+    np.savetxt(folder / "run1.csv", table, "%.7g", ",", header="time [s],piston_position [mm]", comments="")
+    text = """name: long
+rig: actuator_bench
+uncertain: {mover_damping: 0.25}
+signals:
+  piston_position: {unit: mm, noise: 0.005}
+runs:
+  - {file: run1.csv, use: fit, frequency: 2 Hz, amplitude: 1 mm}
+"""
+    (folder / "campaign.yaml").write_text(text, encoding="utf-8")
+
+
+def serve(folder: Path) -> tuple[subprocess.Popen, str]:
+    """Start a workbench; its process and address."""
+    command = [sys.executable, "-m", "edhas_jax.commands.cli", "workbench", str(folder), "--no-browser"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    while (found := re.search(r"http://\S+", line := process.stdout.readline())) is None:
+        assert line, "the workbench has ended"
+    return process, found[0]
+
+
+def window(browser, address: str, width: int = 1280, dark: bool = False):
+    """A new window on the workbench."""
+    scheme = "dark" if dark else "light"
+    page = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme).new_page()
+    page.set_default_timeout(PATIENCE)
+    page.goto(address, wait_until="commit")
+    return page
+
+
+def row(what: str, seconds: float) -> None:
+    """Print one time."""
+    print(f"{what}: {seconds:.3f} s", flush=True)
+
+
+def drawn(page) -> None:
+    """Wait until measured and modelled signals are drawn."""
+    page.locator("[data-mark=traces] .main-svg").first.wait_for()
+
+
+def measure(browser, address: str, folder: Path) -> None:
+    """Times of the campaign of eight runs; what is left behind is calibrated, diagnosed and has one effect added."""
+    page = window(browser, address)
+    drawn(page)
+    other = window(browser, address)
+    began = time.perf_counter()
+    other.reload(wait_until="commit")
+    drawn(other)
+    row("open a campaign of eight runs", time.perf_counter() - began)
+    spans = [other.evaluate(ZOOM, [0.01 * k, 0.01 * k + 0.05]) for k in range(6)]
+    row("zoom", 1e-3 * float(np.median(spans[1:])))
+    other.context.close()
+    page.get_by_role("tab", name="Diagnose").click()
+    page.get_by_role("button", name="Calibrate", exact=True).click()
+    page.locator("[data-mark=job-done]").wait_for()
+    page.get_by_role("tab", name="Compare").click()
+    began = time.perf_counter()
+    page.get_by_label("model").click()
+    page.get_by_role("option", name="calibrated", exact=True).click()
+    page.locator("[data-mark=command]").get_by_text("--model").wait_for()
+    drawn(page)
+    row("compare another model", time.perf_counter() - began)
+    page.get_by_role("tab", name="Diagnose").click()
+    for name, what in ((EFFECT, "the first try, with the calibration before it"), (SECOND_EFFECT, "a try")):
+        field = page.get_by_label("any effect of the library")
+        field.fill(name.replace("_", " "))
+        page.get_by_role("option", name=name.replace("_", " "), exact=True).click()
+        began = time.perf_counter()
+        page.get_by_role("button", name="Try it").click()
+        page.locator(f"[data-mark='card-{name}'] [data-mark=tried-holdout]").wait_for()
+        row(what, time.perf_counter() - began)
+    page.locator(f"[data-mark='card-{EFFECT}']").get_by_role("button", name="Add").click()
+    page.get_by_role("button", name="Diagnose", exact=True).click()
+    page.locator("[data-mark=verdict]").wait_for()
+    page.get_by_role("tab", name="Design").click()
+    page.locator("[data-mark=cycle] .main-svg").first.wait_for()
+    for k in range(4):
+        command = page.locator("[data-mark=command]").inner_text()
+        began = time.perf_counter()
+        page.get_by_role("slider", name="piston_clearance").press("ArrowRight")
+        while page.locator("[data-mark=command]").inner_text() == command:
+            time.sleep(0.01)
+        if k == 3:
+            row("slider to picture", time.perf_counter() - began)
+    page.get_by_role("button", name=re.compile("^Sweep")).click()
+    page.locator("[data-mark=heat] .main-svg").first.wait_for()
+    page.context.close()
+    assert (folder / "workbench" / "diagnosed" / "diagnosis.json").is_file()
+
+
+def measure_million(browser, address: str) -> None:
+    """Opening and zooming of a long record."""
+    began = time.perf_counter()
+    page = window(browser, address)
+    drawn(page)
+    row("open a record of a million samples, with reading, check and simulation", time.perf_counter() - began)
+    spans = [page.evaluate(ZOOM, [10.0 * k, 10.0 * k + 1.0]) for k in range(6)]
+    row("zoom in a record of a million samples", 1e-3 * float(np.median(spans[1:])))
+    page.context.close()
+
+
+def draw(browser, address: str, folder: Path) -> None:
+    """Pictures of every view: workbench_view_width.png, with _dark."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for width in WIDTHS:
+        for dark in (False, True):
+            page = window(browser, address, width, dark)
+            drawn(page)
+            for view in VIEWS:
+                page.get_by_role("tab", name=view).click()
+                if view == "Design":
+                    page.locator("[data-mark=cycle] .main-svg").first.wait_for()
+                page.wait_for_timeout(3000)
+                name = f"workbench_{view.lower()}_{width}{'_dark' if dark else ''}.png"
+                page.screenshot(path=str(folder / name), full_page=True)
+            page.context.close()
+
+
+if __name__ == "__main__":
+    main()
