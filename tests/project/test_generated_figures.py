@@ -41,6 +41,7 @@ DEFINITIONS = {
     "docs/hidden_laws.md": {"Laws of the benchmark"},
     "docs/model.md": {"Equations", "Notes for reading results"},
     "docs/sweeps.md": {"Figures"},
+    "docs/workbench.md": {"Who may do what"},
 }
 
 

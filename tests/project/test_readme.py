@@ -4,6 +4,7 @@ import functools
 import importlib.util
 import re
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -15,6 +16,7 @@ from edhas_jax.design.sensitivity.config import load_sensitivity
 from edhas_jax.design.sizing.config import load_sizing
 from edhas_jax.machine.effects import LIBRARY, ForceConstantDroop, InverterDeadTime
 from edhas_jax.machine.interface.slots import SLOTS
+from edhas_jax.workbench.workspace import open_workspace
 from tests.support import ROOT
 from tests.support.headline import quoted_headline
 
@@ -114,7 +116,9 @@ def test_shell_lines(here):
     """Every `edhas` line of the README; the slow ones only as far as their arguments and files are read."""
     shell = blocks("README.md", "sh")[1:]
     lines = [line.split("#")[0].split() for block in shell for line in block.strip().splitlines()]
-    assert {line[1] for line in lines} == {"simulate", "sweep", "plot", "sensitivity", "size", "compare", "diagnose"}
+    assert {line[1] for line in lines} == {
+        "simulate", "sweep", "plot", "sensitivity", "size", "compare", "diagnose", "workbench",
+    }  # fmt: skip
     for program, command, *arguments in lines:
         assert program == "edhas"
         if command == "size":
@@ -123,6 +127,8 @@ def test_shell_lines(here):
             assert load_sensitivity(arguments[0]).metrics
         elif command == "diagnose":
             assert edhas.read_campaign(arguments[0]).runs
+        elif command == "workbench":
+            assert open_workspace(Path(arguments[0])).has_campaign
         else:
             assert main([command, *arguments]) == 0
 
