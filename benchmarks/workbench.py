@@ -167,7 +167,8 @@ def measure(browser, address: str, folder: Path) -> None:
     for k in range(4):
         command = page.locator("[data-mark=command]").inner_text()
         began = time.perf_counter()
-        page.get_by_role("slider", name="piston_clearance").press("ArrowRight")
+        box = page.locator("[data-mark=slider-piston_clearance]").bounding_box()
+        page.mouse.click(box["x"] + (0.2 + 0.15 * k) * box["width"], box["y"] + 0.5 * box["height"])
         while page.locator("[data-mark=command]").inner_text() == command:
             time.sleep(0.01)
         if k == 3:
@@ -201,8 +202,12 @@ def draw(browser, address: str, folder: Path) -> None:
                 if view == "Design":
                     page.locator("[data-mark=cycle] .main-svg").first.wait_for()
                 page.wait_for_timeout(3000)
+                height = page.evaluate("document.documentElement.scrollHeight")
+                page.set_viewport_size({"width": width, "height": max(900, height)})
+                page.wait_for_timeout(1000)
                 name = f"workbench_{view.lower()}_{width}{'_dark' if dark else ''}.png"
-                page.screenshot(path=str(folder / name), full_page=True)
+                page.screenshot(path=str(folder / name))
+                page.set_viewport_size({"width": width, "height": 900})
             page.context.close()
 
 

@@ -144,14 +144,15 @@ class CampaignCalculations:
             "bins": (0.5 * (edges[1:] + edges[:-1])[used], mean[used]),
         }
 
-    def try_effects(self, names: list[str]) -> dict[str, Any]:
+    def try_effects(self, names: list[str], trust: list[str]) -> dict[str, Any]:
         """Fit the model with effects, one after the other, write its configuration, and say what falls where.
 
         Args:
             names: ids of effects, or FILE.py:Class, in the order in which they are added.
+            trust: files of the user that may run.
         """
         campaign = self._checked()
-        kinds = [load_effect(name, trust=[name]) for name in names]
+        kinds = [load_effect(name, trust=trust) for name in names]
         chain: tuple[str, ...] = ()
         if chain not in self._chosen:
             self._chosen[chain] = calibrated_model(campaign, self._say)
@@ -168,14 +169,15 @@ class CampaignCalculations:
         self._workspace.save_tried(name, summary)
         return summary | {"name": name}
 
-    def law_curve(self, names: list[str]) -> dict[str, Any]:
+    def law_curve(self, names: list[str], trust: list[str]) -> dict[str, Any]:
         """The law of the last of some effects as a curve estimated from the runs, in the units in which it is shown.
 
         Args:
             names: the effects of a model that was tried.
+            trust: files of the user that may run.
         """
         if tuple(names) not in self._chosen:
-            self.try_effects(names)
+            self.try_effects(names, trust)
         model = self._chosen[tuple(names)]
         self._say(f"the law of {model.effects[-1].id} as a curve")
         found = estimate_law_curve(model.evaluated.fit, model.effects[-1].id, self._say)

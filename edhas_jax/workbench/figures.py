@@ -71,7 +71,7 @@ def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequen
         start = 1.0 - (k * (PANEL + BELOW + BETWEEN) + BETWEEN) / whole
         layout[f"yaxis{upper}"] = _y_axis(colours, [start - PANEL / whole, start], panel["unit"] or "–")
         end = start - PANEL / whole - 4.0 / whole
-        layout[f"yaxis{lower}"] = _y_axis(colours, [max(end - BELOW / whole, 0.0), end], "× noise") | {"nticks": 4}
+        layout[f"yaxis{lower}"] = _y_axis(colours, [max(end - BELOW / whole, 0.0), end], "× noise") | {"nticks": 5}
         layout["annotations"].append({
             "text": f"<b>{_plain(panel['run'])} · {panel['signal'].replace('_', ' ')}</b>   {panel['rms']:.2f} × noise",
             "xref": "paper", "yref": "paper", "x": 0.0, "y": start, "xanchor": "left", "yanchor": "bottom",
@@ -111,7 +111,8 @@ def residual_figure(found: Mapping[str, Any], signal: str, variable: str, dark: 
                  "line": {"color": colours.ink, "width": 2}, "marker": {"size": 4},
                  "hovertemplate": "%{x:.4g}: %{y:.3g} × noise<extra></extra>"})  # fmt: skip
     unit = f", {found['unit']}" if found["unit"] not in ("", "-") else ""
-    layout["xaxis"] = _x_axis(colours, f"{variable.replace('_', ' ')} of the model{unit}")
+    what = variable if variable == "time" else f"{variable.replace('_', ' ')} of the model"
+    layout["xaxis"] = _x_axis(colours, what + unit)
     layout["yaxis"] = _y_axis(colours, [0.0, 1.0], f"residual of {signal.replace('_', ' ')}, × noise")
     return {"data": data, "layout": layout, "config": CONFIG}
 

@@ -76,10 +76,10 @@ def test_the_calculating_process_compares_and_tries(campaign_folder):
         calculator = Calculator(campaign_folder)
         try:
             compared = await calculator.call("campaign.compare", "as given", "set_point", [])
-            tried = await calculator.call("campaign.try_effects", ["inverter_dead_time"])
+            tried = await calculator.call("campaign.try_effects", ["inverter_dead_time"], [])
             again = await calculator.call("campaign.compare", "with inverter_dead_time", "set_point", [])
             with pytest.raises(CalculationError, match="no effect `nothing`"):
-                await calculator.call("campaign.try_effects", ["nothing"])
+                await calculator.call("campaign.try_effects", ["nothing"], [])
             (campaign_folder / "campaign.yaml").write_text("rig: [")
             with pytest.raises(CalculationError, match="campaign.yaml"):
                 await calculator.call("campaign.open")
@@ -93,3 +93,18 @@ def test_the_calculating_process_compares_and_tries(campaign_folder):
     assert tried["parameters"]["inverter_dead_time.dead_time_voltage"]["value"] == pytest.approx(DEAD_TIME, rel=0.05)
     assert tried["error"]["holdout"] < 1.2 < 3.0 < tried["before"]["error"]["holdout"]
     assert again["matrix"]["run3"]["voltage"] < 0.2 * compared["matrix"]["run3"]["voltage"]
+
+
+def test_code_that_decisions_of_a_stranger_name_does_not_run(campaign_folder):
+    (campaign_folder / "evil.py").write_text(f"open({str(campaign_folder / 'it-ran')!r}, 'w').close()\n")
+
+    async def ask():
+        calculator = Calculator(campaign_folder)
+        try:
+            with pytest.raises(CalculationError, match="was not allowed to run"):
+                await calculator.call("campaign.try_effects", [f"{campaign_folder}/evil.py:Evil", "coil_heating"], [])
+        finally:
+            calculator.stop()
+
+    asyncio.run(ask())
+    assert not (campaign_folder / "it-ran").exists()

@@ -29,7 +29,7 @@ class CompareView:
         self._found: dict[str, Any] | None = None
         self._panels: list[dict] = []
         self._shown: list[float] | None = None
-        self._variable = "time"
+        self._variable = ""
 
     async def build(self) -> None:
         """Build the view."""
@@ -100,7 +100,8 @@ class CompareView:
         signals, matrix = list(found["signals"]), found["matrix"]
         self._run = self._run if self._run in matrix else next(iter(matrix))
         self._signal = self._signal if self._signal in signals else self._worst_signal()
-        self._variable = self._variable if self._variable in found["variables"] else "time"
+        if self._variable not in found["variables"]:  # the one that the first sentence speaks of
+            self._variable = next((row["axis"] for row in found["sentences"]), "time")
         with self._body:
             self._build_body()
         await self._draw()
@@ -133,8 +134,8 @@ class CompareView:
                     ui.label(remark).classes("wb-quiet")
         with ui.row().classes("items-center gap-4 w-full"):
             ui.label("Measured and model").classes("wb-h")
-            mode = ui.toggle([ONE_RUN, ONE_SIGNAL], value=self._mode).props("no-caps dense unelevated size=sm")
-            mode.on_value_change(self._choose_mode)
+            mode = ui.toggle([ONE_RUN, ONE_SIGNAL], value=self._mode).on_value_change(self._choose_mode)
+            mode.props("no-caps dense unelevated size=sm padding='3px 10px'")
             self._which = ui.select([]).props("dense options-dense outlined").classes("min-w-40")
             self._which.on_value_change(self._choose_which)
             ui.button("Whole record", on_click=self._whole).props("flat dense no-caps icon=zoom_out_map size=sm")

@@ -103,6 +103,8 @@ class DesignView:
         self._sliders = [n for n in FIRST_SLIDERS if n in known] or list(known)[:5]
         self._build_body()
         await self._simulate()
+        if self._sweep is not None:
+            await self._sweep.refresh()
 
     def _parameter(self, name: str) -> dict[str, Any]:
         return next(row for row in self._opened["parameters"] if row["name"] == name)

@@ -12,7 +12,7 @@ async def show_law_curve(page, names: list[str]) -> None:
         page: the window.
         names: the effects of the model, the last of which is drawn.
     """
-    found = await page.ask("campaign.law_curve", names)
+    found = await page.ask("campaign.law_curve", names, page.session.allowed)
     if found is None:
         return
     effect = found["effect"].replace("_", " ")

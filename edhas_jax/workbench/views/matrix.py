@@ -1,5 +1,6 @@
 """The matrix of errors: runs × signals, coloured as in the reports."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 from nicegui import ui
@@ -52,4 +53,6 @@ def _cell(run: str, signal: str, value: float | None, on_click: Callable | None,
 
 
 def _number(value: float) -> str:
+    if not math.isfinite(value):
+        return "fails"
     return f"{value:.2f}" if value < 10 else f"{value:.0f}"

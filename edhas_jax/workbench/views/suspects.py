@@ -154,7 +154,7 @@ class Suspects:
             return False
         chain = self._chain(name, self._page.workspace.decisions())
         began = time.perf_counter()
-        found = await self._page.ask("campaign.try_effects", chain)
+        found = await self._page.ask("campaign.try_effects", chain, self._page.session.allowed)
         if found is None:
             return False
         session = self._page.session

@@ -11,7 +11,7 @@ from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity
 from edhas_jax.workbench.figures import heat_map_figure, points_figure
-from edhas_jax.workbench.jobs import RUNNING
+from edhas_jax.workbench.jobs import DONE, RUNNING, Job
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.workspace import DESIGNS, RESULTS
 
@@ -37,7 +37,7 @@ class SweepPanel:
         self._page, self._opened, self._values, self._on_design = page, opened, values, on_design
         self._sweep: dict[str, Any] | None = None
         last = page.session.jobs.last("sweep")
-        self._seen = 0 if last is None else last.number
+        self._seen, self._known = 0, 0 if last is None else last.number
 
     def _parameter(self, name: str) -> dict[str, Any]:
         return next(row for row in self._opened["parameters"] if row["name"] == name)
@@ -47,7 +47,7 @@ class SweepPanel:
         job = self._page.session.jobs.last("sweep")
         if job is not None and job.status != RUNNING and job.number != self._seen:
             self._seen = job.number
-            await self._show_sweep()
+            await self._show_sweep(job)
 
     def redraw(self) -> None:
         """Draw the plots again, in the colours of the page."""
@@ -106,15 +106,19 @@ class SweepPanel:
         if job is not None:
             self._page.show_state()
 
-    async def _show_sweep(self) -> None:
-        job = self._page.session.jobs.last("sweep")
+    async def _show_sweep(self, job: Job) -> None:
         folder = Path(job.arguments[job.arguments.index("--out") + 1]).name
-        if job.status != "done":
-            self._page.tell(self._page.session.jobs.output(job)[-2000:] or "The sweep was cancelled.")
+        if not folder.startswith(f"{Path(self._opened['file']).stem}_"):
+            return  # of another machine
+        if job.status != DONE:
+            if job.number > self._known:
+                self._page.tell(self._page.session.jobs.output(job)[-2000:] or "The sweep was cancelled.")
             return
         found = await self._page.ask("design.sweep", str(Path(RESULTS, DESIGNS, folder)))
         if found is None:
             return
+        if len(found["parameters"]) != 2 or len(found["status"]) != GRID**2:
+            return  # of another kind; `edhas plot sweep` draws it
         self._sweep = found | {"folder": str(Path(RESULTS, DESIGNS, folder))}
         metrics = list(found["metrics"])
         chosen = self._metric.value if self._metric.value in metrics else metrics[0]
