@@ -3,8 +3,9 @@
     python benchmarks/workbench.py [--small] [--pictures FOLDER] [--million]
 
 Chromium opens the workbench on the campaign of the demonstration, every run of it twice: eight runs, five signals; with
-`--small` on three short runs of an actuator whose inverter has a dead time. All times are taken in the page, from the click to the changed picture, after one run of the same kind. With `--pictures`
-every view is drawn at 1280 and 390 px, light and dark; with `--million` a record of a million samples is opened.
+`--small` on three short runs of an actuator whose inverter has a dead time. All times are taken in the page, from the
+click to the changed picture, after one run of the same kind. With `--pictures` every view is drawn in two widths, light
+and dark; with `--million` a record of a million samples is opened.
 """
 
 import argparse

@@ -19,6 +19,7 @@ from edhas_jax.workbench.views.report import ReportView
 from edhas_jax.workbench.views.steps import StepsView
 from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, WorkspaceError, effect_id
 
+PATIENCE = 300.0  # s, with a browser on a busy computer
 POLL = 1.0  # s, between two looks whether the folder has changed
 MAX_LISTED_PROBLEMS = 40
 VIEWS: dict[str, tuple[type, str]] = {
@@ -41,7 +42,7 @@ class Page:
 
     def __init__(self, session: Session):
         self.session, self.workspace = session, session.workspace
-        self.dark, self.summary, self.width = False, None, 900
+        self.dark, self.summary = False, None
         self.floor: Any = None
         self._views: dict[str, Any] = {}
         self._places: dict[str, Any] = {}
@@ -78,10 +79,9 @@ class Page:
             ui.space()
             copy = ui.button(icon="content_copy", on_click=lambda: ui.clipboard.write(self._command.text))
             copy.props("flat dense round size=sm aria-label='Copy the command'")
-        await ui.context.client.connected(timeout=30.0)
-        self.dark, self.width = await ui.run_javascript(
-            "[matchMedia('(prefers-color-scheme: dark)').matches, innerWidth]", timeout=30.0
-        )
+        await ui.context.client.connected(timeout=PATIENCE)
+        dark = "matchMedia('(prefers-color-scheme: dark)').matches"
+        self.dark = await ui.run_javascript(dark, timeout=PATIENCE)
         mode.set_value(self.dark)
 
         first = "Data" if not self.workspace.has_campaign else "Compare"

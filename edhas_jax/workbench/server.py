@@ -72,7 +72,9 @@ def build_application(session: Session) -> FastAPI:
     logging.getLogger("nicegui").setLevel(logging.ERROR)
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
 
-    @ui.page("/", title=f"{session.workspace.folder.name} – edhas workbench", reconnect_timeout=RECONNECT)
+    title = f"{session.workspace.folder.name} – edhas workbench"
+
+    @ui.page("/", title=title, reconnect_timeout=RECONNECT, response_timeout=RECONNECT)
     async def show_page() -> None:
         await Page(session).build()
 

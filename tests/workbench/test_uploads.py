@@ -29,7 +29,7 @@ MALFORMED = {
     "one sample.csv": (b"time [s],current [A]\n0,1\n", ""),
     "no names.csv": (b"0,1\n" * 30, "no names"),
     "twice.csv": (b"time [s],time [s]\n" + b"0,1\n" * 30, "several columns"),
-    "more values than names.csv": (b"time [s],current [A]\n" + b"0,1,2\n" * 30, "3 values where"),
+    "more values than names.csv": (GOOD.replace("\n", ",7\n").replace("],7", "]").encode(), None),
     "decimal commas.csv": (b"time [s],current [A]\n" + b"0,1,0,2\n" * 30, "decimal commas"),
     "page.csv": (b"<html><script>alert(1)</script></html>", ""),
     "object.csv": (b'{"time": [1, 2]}', ""),
