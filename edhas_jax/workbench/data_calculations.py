@@ -1,5 +1,6 @@
 """Files that were dropped, and the check of a campaign's data, for the page."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -115,6 +116,7 @@ class DataCalculations:
         return from_si(values, SIGNALS[signal].unit, SIGNALS[signal].display_unit)
 
 
+@functools.cache
 def signals_of(rig: str) -> tuple[str, ...]:
     """The signals of a rig."""
     machine = RIGS[rig]()

@@ -48,6 +48,7 @@ class Page:
         self._places: dict[str, Any] = {}
         self._is_ready = False
         self._mark: tuple = ()
+        self._begun: set[str] = set()  # views whose building has begun, and those that are built
         self._built: set[str] = set()
         self.problems: list[str] = []
 
@@ -198,9 +199,8 @@ class Page:
                     mark = "error-before" if k == 0 else "error-" + name.strip("+ ")
                     what = "runs not used" if use == "holdout" else "runs used"
                     shown = ui.html(f"{'→ ' if k else ''}{html.escape(name)} <b>{value:.2f}</b>", sanitize=False)
-                    shown.props(f"data-mark={mark}").tooltip(
-                        f"residual over noise on the {what}; 1 is the noise of the sensors"
-                    )
+                    shown.props["data-mark"] = mark
+                    shown.tooltip(f"residual over noise on the {what}; 1 is the noise of the sensors")
         steps = self.workspace.steps()
         if steps:
             self._command.set_text(steps[-1].command)
@@ -228,12 +228,13 @@ class Page:
     async def _open(self, name: str) -> None:
         if not self._is_ready:
             return
-        if name in self._views and name not in self._built:
-            self._built.add(name)
+        if name in self._built:
+            await self._views[name].refresh()
+        elif name in self._views and name not in self._begun:
+            self._begun.add(name)
             with self._places[name]:
                 await self._views[name].build()
-        elif name in self._views:
-            await self._views[name].refresh()
+            self._built.add(name)
 
     async def _look(self) -> None:
         """Follow what other windows, jobs and commands do to the folder."""

@@ -21,6 +21,7 @@ CAMPAIGN_FILE = "campaign.yaml"
 RESULTS = "workbench"  # folder of everything that the workbench writes, besides the campaign itself
 CALIBRATED, DIAGNOSED, TRIED, JOBS, DESIGNS = "calibrated", "diagnosed", "tried", "jobs", "designs"
 DECISIONS_FILE, STEPS_FILE = "decisions.json", "steps.jsonl"
+TRIED_KEYS = {"effects", "named", "before", "parameters", "error", "error_by_run"}
 MAX_JSON_BYTES, MAX_STEPS = 100_000_000, 200
 MAX_YAML_BYTES = 10_000_000
 
@@ -131,7 +132,7 @@ class Workspace:
         """What was tried: effects, sizes and errors by name, such as "coil_heating+cogging_force"."""
         folder = self.inside(Path(RESULTS, TRIED))
         rows = {p.stem: self._read_json(Path(RESULTS, TRIED, p.name)) for p in sorted(folder.glob("*.json"))}
-        return {name: row for name, row in rows.items() if row is not None and "error_by_run" in row}
+        return {name: row for name, row in rows.items() if row is not None and row.keys() >= TRIED_KEYS}
 
     def save_tried(self, name: str, data: Mapping[str, Any]) -> None:
         """Keep the errors of a model that was tried."""

@@ -63,7 +63,9 @@ class Suspects:
     def _card(self, name: str, row: dict[str, Any], decisions) -> None:
         kind = KINDS.get(row["effect"])
         is_sensor = bool(row.get("signal"))
-        with ui.card().classes("wb-card").props(f"data-mark='card-{name.replace(chr(39), '')}'"):
+        card = ui.card().classes("wb-card")
+        card.props["data-mark"] = f"card-{name}"
+        with card:
             with ui.row().classes("items-center w-full no-wrap"):
                 ui.label(name.replace("_", " ")).classes("font-semibold")
                 ui.space()
