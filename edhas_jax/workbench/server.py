@@ -47,6 +47,7 @@ def serve(
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((LOOPBACK, port))
+        listening.listen()  # a browser that is faster than the server waits
     except OSError as error:
         raise WorkspaceError(f"--port {port}: {error.strerror}; leave it out to take any free one") from None
     port = listening.getsockname()[1]
