@@ -23,6 +23,7 @@ REPORTS, PICTURES = (".html",), (".png", ".svg")
 REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
 )
+GRACE = 2  # s, for pages that are open when the server ends
 RECONNECT = 30.0  # s, that a page waits for a busy server
 
 
@@ -55,7 +56,9 @@ def serve(
     application = build_application(session)
     address = f"http://{LOOPBACK}:{port}/?token={token}"
     guarded = LocalAccess(application, port, token)
-    config = uvicorn.Config(guarded, log_level="error", access_log=False, lifespan="on", ws_max_size=64 * 2**20)
+    config = uvicorn.Config(
+        guarded, log_level="error", access_log=False, lifespan="on", timeout_graceful_shutdown=GRACE
+    )  # fmt: skip
     server = uvicorn.Server(config)
     session.calculator.warm_up()
     say(address)

@@ -165,7 +165,7 @@ class Mapper:
 
     async def _choose_rig(self, event) -> None:
         self._rig = event.value
-        for name in self._files:
+        for name in list(self._files):
             found = await self._page.ask("data.table", name, self._rig, WIDTH)
             if found is not None:
                 self._files[name] = found
