@@ -174,6 +174,7 @@ def watch(path: Path) -> None:
     cancelled = False
     environment = os.environ | {"EDHAS_PROGRESS": str(path.with_suffix(".progress")), "PYTHONUNBUFFERED": "1"}
     command = [sys.executable, "-m", "edhas_jax.commands.cli", *job.arguments]
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell may have started the workbench with interruptions ignored
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, env=environment)
 
     def interrupt(number, frame):
