@@ -29,6 +29,8 @@ _PUBLIC = {
     "uncertain_unknowns": ("measurements.unknown_parameters", "uncertain_unknowns"),
     "FitProblem": ("diagnosis.calibration.fit", "FitProblem"),
     "calibrate": ("diagnosis.calibration.fit", "fit"),
+    "model": ("design.function.model", "model"),
+    "Model": ("design.function.model", "Model"),
     "gradient": ("design.gradient.table", "gradient"),
     "GradientSettings": ("design.gradient.fixed_point", "GradientSettings"),
     "diagnose_campaign": ("diagnosis.search.forward_selection", "diagnose"),
