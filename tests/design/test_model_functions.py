@@ -1,5 +1,7 @@
 """`edhas_jax.model`: metrics and trajectories that JAX transforms, against other ways to the same numbers."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -84,9 +86,11 @@ def test_values_and_derivatives_of_the_engines_agree(monkeypatch):
         np.testing.assert_allclose(numbers, found["xla"], rtol=1e-9)
 
 
-def test_all_metrics_are_those_of_the_derivative_tables(bench):
+def test_all_metrics_are_those_of_the_derivative_tables():
+    settings = dataclasses.replace(SETTINGS, tolerance=1e-5)
+    bench = edhas.model(BENCH, settings)
     columns = {n: np.array([v, 1.1 * v]) for n, v in POINT.items()}
-    wanted = forward(BENCH, columns, tuple(POINT), bench.metric_names, SETTINGS)
+    wanted = forward(BENCH, columns, tuple(POINT), bench.metric_names, settings)
     found = bench.metrics(columns)
     slopes = jax.vmap(jax.jacfwd(bench.metrics))({n: jnp.asarray(v) for n, v in columns.items()})
     assert set(found) == set(bench.metric_names) == set(slopes)
@@ -137,6 +141,8 @@ def test_another_number_compiles_nothing(compilations):
     gradient({"frequency": 12.0})
     begun = compilations()
     assert begun > start
+    power(model)({"frequency": 12.0})  # what JAX needs outside a compiled program
+    begun = compilations()
     gradient({"frequency": 13.5})
     other = edhas.model(edhas.change(BENCH, coil_resistance=5.0), SETTINGS)
     other.metrics({"frequency": 9.0}, ["mean_electrical_power"])
@@ -148,7 +154,7 @@ def test_another_number_compiles_nothing(compilations):
 def test_optax_finds_a_frequency(bench):
     """A few steps of Adam inside one compiled loop bring the power to what was asked for."""
     wanted = float(power(bench)({"frequency": 14.0}))
-    optimiser = optax.adam(0.4)
+    optimiser = optax.adam(0.2)
 
     @jax.jit
     def search(frequency):
@@ -158,19 +164,21 @@ def test_optax_finds_a_frequency(bench):
             updates, state = optimiser.update(jax.grad(loss)(frequency), state, frequency)
             return (optax.apply_updates(frequency, updates), state), None
 
-        return jax.lax.scan(advance, (frequency, optimiser.init(frequency)), length=40)[0][0]
+        return jax.lax.scan(advance, (frequency, optimiser.init(frequency)), length=80)[0][0]
 
-    assert float(search(jnp.asarray(11.0))) == pytest.approx(14.0, abs=0.1)
+    with jax.numpy_dtype_promotion("standard"):  # optax needs it
+        found = search(jnp.asarray(11.0))
+    assert float(found) == pytest.approx(14.0, abs=0.1)
 
 
 def test_a_design_without_metrics_spoils_no_other(bench):
-    """At 200 Hz the piston stalls, and with an amplitude beyond its stops it hits them: the status says so."""
-    amplitudes = jnp.array([1e-3, 1e-3])
-    frequencies = jnp.array([10.0, 200.0])
-    status = bench.status({"frequency": frequencies, "amplitude": amplitudes})
-    assert status[0] is Status.OK and status[1] is not Status.OK
-    slopes = jax.vmap(jax.grad(lambda f: power(bench)({"frequency": f, "amplitude": 1e-3})))(frequencies)
+    """With a supply of a twentieth of a volt the piston stalls: it has a power, but no derivative, and the status."""
+    voltages = jnp.array([bench.parameters["supply_voltage"], 0.05])
+    status = bench.status({"supply_voltage": voltages})
+    assert list(status) == [Status.OK, Status.STALLED]
+    slopes = jax.vmap(jax.grad(lambda v: power(bench)({"supply_voltage": v, "frequency": 10.0})))(voltages)
     assert np.isfinite(slopes[0]) and np.isnan(slopes[1])
+    assert np.isfinite(bench.metrics({"supply_voltage": voltages})["rms_current"]).all()
     assert isinstance(bench.status({"frequency": 10.0}), Status)
 
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.config.machine_config import Config, build_config, read_config
+from edhas_jax.config.machine_config import Config, as_config
 from edhas_jax.core import runtime
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust
@@ -193,15 +193,10 @@ def model(
         UnitError: `step` is a text that is no time.
         ValueError: `step` is not above 0 and at most 100 µs.
     """
-    if isinstance(source, str | Path):
-        source = read_config(source, trust=trust)
-    elif isinstance(source, Mapping):
-        source = build_config(source, trust=trust)
-    if isinstance(source, Config):
-        step = source.simulation.step if step is None else step
-        source = source.machine
+    config = as_config(source, trust)
+    step = config.simulation.step if step is None else step
     step = to_si(step, "s", "20 us") if isinstance(step, str) else step
-    return Model(source, settings, DEFAULT_STEP if step is None else step)
+    return Model(config.machine, settings, DEFAULT_STEP if step is None else step)
 
 
 __all__ = ["FUNCTION_SETTINGS", "REASONS", "Model", "model"]
