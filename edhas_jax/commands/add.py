@@ -3,8 +3,15 @@
 import math
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_file, add_own_code, own_code, require_own_code
-from edhas_jax.commands.console import console, table
+from edhas_jax.commands.arguments import (
+    add_output_file,
+    add_output_options,
+    add_own_code,
+    own_code,
+    require_own_code,
+)
+from edhas_jax.commands.console import console, finish, quoted
+from edhas_jax.commands.progress import WorkProgress
 
 
 def add_parser(commands) -> None:
@@ -14,6 +21,7 @@ def add_parser(commands) -> None:
     parser.add_argument("--campaign", type=Path, required=True, help="folder of the campaign")
     add_output_file(parser, "configuration to write (default: NAME_EFFECT.yaml)")
     add_own_code(parser, effects=False)
+    add_output_options(parser)
     parser.set_defaults(command=run)
 
 
@@ -27,6 +35,7 @@ def run(options) -> None:
     from edhas_jax.config.run_folder import ResultFileError, report_write_errors
     from edhas_jax.config.writer import dump_config
     from edhas_jax.core.literal_text import file_name, one_line
+    from edhas_jax.core.summary import Summary, SummaryTable
     from edhas_jax.core.units import format_quantity
     from edhas_jax.diagnosis.calibration.fit_problem import FitError
     from edhas_jax.diagnosis.search.forward_selection import add_effect
@@ -41,24 +50,30 @@ def run(options) -> None:
     path = options.out or Path(f"{file_name(campaign.name)}_{effect.id}.yaml")
     if path.exists() and not options.overwrite:
         raise ResultFileError(f"{path}: exists already; nothing was written. Name another file or add --overwrite")
-    out = console()
-    with out.status("fitting") as status:
+    out = console(options)
+    with WorkProgress(options, "fitting") as progress:
         try:
-            before, after = add_effect(campaign, effect, lambda sentence: status.update(sentence))
+            before, after = add_effect(campaign, effect, progress)
         except FitError as error:
             raise CampaignError(str(error)) from None
     rate = 1.0 / min(run.interval for run in campaign.runs)
     comment = f"# {one_line(campaign.name)} with {effect.id}, fitted; without the conditions of any run\n"
     with report_write_errors(path):
         path.write_text(comment + dump_config(after.fit.machine, Simulation(sample_rate=rate)), encoding="utf-8")
-    rows = table("residual over noise", "model", "fitted runs", "held-out runs")
+    rows, records = [], []
     for name, evaluated in (("calibrated", before), (f"with {effect.id}", after)):
         rms = [evaluated.rms_over_noise(use) for use in (Use.FIT, Use.HOLDOUT)]
-        rows.add_row(name, *(f"{value:.3f}" if math.isfinite(value) else "none is held out" for value in rms))
-    out.print(rows)
-    units = {u.name: u.unit for u in after.fit.problem.unknowns}
+        rows.append((name, *(f"{value:.3f}" if math.isfinite(value) else "none is held out" for value in rms)))
+        records.append({"model": name, "fitted_runs": rms[0], "held_out_runs": rms[1]})
+    columns = "model", "fitted runs", "held-out runs"
+    errors = SummaryTable.of("residual_over_noise", columns, rows, records, "residual over noise")
+    units, rows, records = {u.name: u.unit for u in after.fit.problem.unknowns}, [], []
     for name, value in after.fit.values.items():
         if name.startswith(f"{effect.id}."):
-            size, error = (format_quantity(v, units[name]) for v in (value, after.fit.standard_errors[name]))
-            out.print(f"{name}: {size} ± {error}")
-    out.print(f"written: {path}; compare it with `edhas compare {options.campaign} --model {path}`", soft_wrap=True)
+            error = after.fit.standard_errors[name]
+            rows.append((name, format_quantity(value, units[name]), f"± {format_quantity(error, units[name])}"))
+            records.append({"name": name, "value": value, "error": error, "unit": units[name]})
+    sizes = SummaryTable.of("estimates", ("name", "value", "standard error"), rows, records)
+    summary = Summary(f"{campaign.name}: fitted with {effect.id}", (errors, sizes))
+    follow = f"compare {quoted(options.campaign)} --model {quoted(path)}"
+    finish(options, out, summary, next_command=follow, written=str(path))

@@ -53,6 +53,12 @@ class DiagnosisResult(Result, Diagnosis):
         bench = [self._bench()] if bench_rows(self) else []
         return Summary(title, (*bench, self._candidates(), self._errors(), *sentences))
 
+    def summary_with(self, experiment: Any, failures: Sequence[str]) -> Summary:
+        """The summary with the recommended run and sentences on what could not be made."""
+        summary = self.summary()
+        more = [] if experiment is None else [experiment.sentence]
+        return dataclasses.replace(summary, parts=(*summary.parts, *more, *failures))
+
     def _bench(self) -> SummaryTable:
         rows = bench_rows(self)[:MAX_BENCH_ROWS]
         return SummaryTable.of("bench", ("what", "run", "deviation", "accuracy"), rows, title="what the bench did")

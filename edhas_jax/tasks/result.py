@@ -174,7 +174,7 @@ def open_result(path: Path | str):
         path: the folder of a run, a sweep or of any other task, or the file of a sweep (`.nc`).
 
     Returns:
-        A `Run`, a `SweepData`, or a `SavedResult`.
+        A `RunResult`, a `SweepData`, or a `SavedResult`.
 
     Raises:
         ResultFileError: there is no result, or it is damaged.
@@ -186,8 +186,9 @@ def open_result(path: Path | str):
         return open_dataset(path)
     if (path / "run.json").is_file():
         from edhas_jax.config.run_folder import open_run
+        from edhas_jax.tasks.simulate import RunResult
 
-        return open_run(path)
+        return with_methods(RunResult, open_run(path))
     if (path / "manifest.json").is_file():
         from edhas_jax.design.sweep.dataset import to_dataset
         from edhas_jax.design.sweep.run import open_sweep
