@@ -40,7 +40,6 @@ _PUBLIC = {
     "Model": ("design.function.model", "Model"),
     "gradient": ("design.gradient.table", "gradient"),
     "GradientSettings": ("design.gradient.fixed_point", "GradientSettings"),
-    "diagnose_campaign": ("diagnosis.search.forward_selection", "diagnose"),
     "save_diagnosis": ("diagnosis.report.result_file", "save_diagnosis"),
     "write_report": ("diagnosis.report.report", "write_report"),
     "next_experiment": ("diagnosis.planning.next_experiment", "next_experiment"),
