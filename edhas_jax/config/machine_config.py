@@ -114,13 +114,17 @@ def as_config(source: "Rig | Config | Mapping[str, Any] | Path | str", trust: Tr
     """A configuration, whatever describes it: a machine, a configuration, a mapping as in a file, or a file.
 
     Raises:
-        ConfigError: the file or the mapping has problems; all are listed.
+        ConfigError: the file or the mapping has problems (all are listed), or it is nothing of these.
     """
     if isinstance(source, Config):
         return source
     if isinstance(source, str | Path):
         return read_config(source, trust=trust)
-    return build_config(source, trust=trust) if isinstance(source, Mapping) else Config(source)
+    if isinstance(source, Mapping):
+        return build_config(source, trust=trust)
+    if not isinstance(source, Rig):
+        raise ConfigError(f"a machine, a configuration or its file belongs here, not {type(source).__name__}")
+    return Config(source)
 
 
 def _location(path: Path, line: int) -> str:

@@ -14,7 +14,7 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.planning import next_experiment as planning
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
-from edhas_jax.diagnosis.report.result_file import save_diagnosis
+from edhas_jax.diagnosis.report.result_file import CURVE_CONFIG_FILE, save_diagnosis
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions
 from edhas_jax.diagnosis.search.forward_selection import diagnose as search
@@ -36,7 +36,8 @@ VERDICT_TONES = {Verdict.ADEQUATE: Tone.GOOD, Verdict.MISSING_EFFECT: Tone.HEAD}
 class DiagnosisResult(Result, Diagnosis):
     """What the model of a campaign's machine lacks; see `Diagnosis` for its numbers."""
 
-    files = ("report.html", "diagnosis.json", "diagnosis.png", "config.yaml")
+    # besides the model, curves as tabulated laws that it names
+    files = ("report.html", "diagnosis.json", "diagnosis.png", "config.yaml", CURVE_CONFIG_FILE, "*_curve.yaml")
 
     @property
     def machine(self):

@@ -5,6 +5,7 @@ import importlib.util
 import re
 import shutil
 
+import jax
 import pytest
 
 import edhas_jax as edhas
@@ -83,6 +84,16 @@ def test_learn_example(here, monkeypatch):
     for state in ("before", "calibrated", "after"):
         assert f"{diagnosis.errors()[state]['holdout']['overall']:.4g}" == stated[state]
     assert [stated["verdict"], stated["effects"]] == [diagnosis.verdict.value, diagnosis.accepted[0].candidate.id]
+
+
+def test_python_page(here):
+    """The optimiser finds the frequency of the flow that was asked for; the sweep opens again."""
+    first, second = blocks("docs/python.md", "python")[1:]
+    with jax.numpy_dtype_promotion("standard"):  # optax needs it
+        names = execute(first)
+    assert 18.5 < float(names["start"]["frequency"]) < 20.5 and float(names["value"]) < 0.01
+    names = execute(second)
+    assert names["figure"].axes and names["again"].sizes == names["swept"].sizes
 
 
 def test_gradient_page(here):

@@ -12,6 +12,7 @@ import xarray as xr
 
 from edhas_jax.config.result_files import ResultFileError
 from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.source_location import first_line
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.units import format_quantity
 from edhas_jax.design.sweep.figures import draw_sweep
@@ -125,8 +126,8 @@ def open_dataset(path: Path | str) -> SweepData:
         data = xr.load_dataset(path, engine="scipy")
         if "sweep" not in data.attrs or "status" not in data:
             raise ValueError("it is not the file of a sweep")
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise ResultFileError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from None
+    except Exception as error:  # a damaged file raises whatever its bytes lead to
+        raise ResultFileError(f"{path}: cannot be read: {first_line(error) or type(error).__name__}") from None
     data["status"] = data["status"].astype(str)
     return SweepData(data.data_vars, data.coords, data.attrs)
 
