@@ -29,7 +29,7 @@ def run(options) -> None:
         changed = (distrust if options.remove else trust)(file)
         what = "runs no more" if options.remove else "may run from now on, until its content changes"
         out.print(f"{file}: {what} (list: {changed})", soft_wrap=True)
-    if options.files:
+    if options.files and not options.json:
         return
     known = remembered_files()
     if options.json:

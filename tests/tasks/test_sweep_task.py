@@ -56,7 +56,7 @@ def test_the_numbers_are_those_of_the_command(swept, tmp_path, monkeypatch, caps
 def test_saved_and_opened_again(swept, tmp_path):
     path = swept.save(tmp_path / "swept.nc")
     again = edhas.open_result(path)
-    xr.testing.assert_identical(xr.Dataset(again), xr.Dataset(swept))
+    xr.testing.assert_identical(again, swept)
     assert str(again.summary()) == str(swept.summary())
     with pytest.raises(ResultFileError, match="exists already"):
         swept.save(path)
