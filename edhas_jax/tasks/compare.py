@@ -108,6 +108,9 @@ def compare(
         trust: Python files of your own that may run if a file names them.
         on_progress: called with a sentence before each stage of the work.
 
+    Returns:
+        The residuals of each run, the patterns in them, pictures and a report.
+
     Raises:
         CampaignError: the campaign is wrong, or no run can be driven by this input.
         ParameterError: the machine lacks a parameter that the runs set.
