@@ -31,6 +31,7 @@ bench: setup
 	$(BIN)/python benchmarks/step_size.py
 	$(BIN)/python benchmarks/abrupt_starts.py
 	$(BIN)/python benchmarks/gradients.py
+	$(BIN)/python benchmarks/model_functions.py
 	$(BIN)/python benchmarks/operations.py
 	$(BIN)/python benchmarks/fmu.py
 	$(BIN)/python benchmarks/throughput.py

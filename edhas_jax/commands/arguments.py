@@ -80,3 +80,10 @@ def require_own_code(options, *machines) -> None:
 def add_user_effects(parser: argparse.ArgumentParser, metavar: str, description: str) -> None:
     """`--effect FILE.py:Class`, which may be given several times."""
     parser.add_argument("--effect", dest="effects", action="append", default=[], metavar=metavar, help=description)
+
+
+def add_output_options(parser: argparse.ArgumentParser, table: bool = True) -> None:
+    """`--quiet`, and `--json` of a command that prints a table."""
+    if table:
+        parser.add_argument("--json", action="store_true", help="print JSON, numbers in SI, instead of text")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")

@@ -15,11 +15,14 @@ from edhas_jax.commands import (
     add,
     campaign,
     compare,
+    completion,
     device,
     diagnose,
     effects,
+    examples,
     export,
     fit,
+    new,
     parameters,
     plan,
     plot,
@@ -36,11 +39,15 @@ from edhas_jax.commands.terminal import plain_characters
 from edhas_jax.core.literal_text import terminal_text
 
 COMMANDS = (
-    simulate, sweep, compare, fit, plan, sensitivity, campaign, size, diagnose, add, export, plot, parameters, effects,
-    schema, device, trust, workbench,
+    new, examples, simulate, sweep, plot, sensitivity, size, campaign, compare, fit, diagnose, add, plan, export,
+    workbench, parameters, effects, schema, device, trust, completion,
 )  # fmt: skip
 STATUS_USER_ERROR = 2
 MAX_QUOTED = 200  # characters of a name in a message
+EPILOG = (
+    "A first run: edhas new pump, then edhas simulate my_pump.yaml. Exit status: 0 done; 1 a check found something; "
+    "2 wrong input; 3 the result is not valid; 4 a fit has not converged; 130 interrupted."
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -51,7 +58,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     Returns:
         The exit status: 0, 2 after one message when the input is wrong, 130 when the user interrupted the command, or
-        what the command itself returns (1 from `edhas campaign check` when a file looks wrong).
+        what the command itself returns (1 from `edhas campaign check` when a file looks wrong, 3 for a result that is
+        not valid, 4 for a fit that has not converged).
     """
     with plain_characters():
         return _run(sys.argv[1:] if arguments is None else arguments)
@@ -63,7 +71,11 @@ def _run(arguments: list[str]) -> int:
     if wrong := next((text for text in arguments if re.search("[\x00\ud800-\udfff]", text)), None):
         print(f"edhas: {_shortened(wrong)!r} is no name in UTF-8; rename the file or folder", file=sys.stderr)
         return STATUS_USER_ERROR
-    options = _parser().parse_args(arguments)
+    parser = make_parser()
+    if not arguments:
+        parser.print_help()
+        return 0
+    options = parser.parse_args(arguments)
     try:
         with warnings.catch_warnings():  # restores how warnings are shown, for callers within a process
             _prepare_process()
@@ -116,8 +128,9 @@ def _import_matplotlib_elsewhere() -> None:
         os.chdir(here)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="edhas", description=edhas_jax.__doc__)
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of the whole command line."""
+    parser = argparse.ArgumentParser(prog="edhas", description=edhas_jax.__doc__, epilog=EPILOG)
     parser.add_argument("--version", action="version", version=f"edhas_jax {edhas_jax.__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for command in COMMANDS:

@@ -1,20 +1,25 @@
-"""What commands print with: the console, tables, the content of a folder."""
+"""What commands print with: the console, the summary of a result as text or as JSON, the content of a folder."""
 
+import json
+import shlex
 import sys
 from pathlib import Path
 
 from edhas_jax.core.literal_text import terminal_text
 
-PIPE_WIDTH = 200  # characters; a pipe has no width of its own
-FIGURE_DPI = 130
+PIPE_WIDTH = 100_000  # characters; a pipe has no width, and nothing is cut or wrapped for one
 RIGHT_ALIGNED = ("value", "default", "share", "energy")
 
 
-def console():
-    """A rich console as wide as the terminal, or `PIPE_WIDTH` characters wide where there is none; texts are data."""
+def console(options=None):
+    """A rich console as wide as the terminal; texts are data.
+
+    Where there is no terminal nothing is wrapped or cut. With `--json` or `--quiet` nothing is printed on it.
+    """
     from edhas_jax.commands.plain_console import PlainConsole
 
-    return PlainConsole() if sys.stdout.isatty() else PlainConsole(width=PIPE_WIDTH)
+    silent = getattr(options, "json", False) or getattr(options, "quiet", False)
+    return PlainConsole(quiet=silent, **({} if sys.stdout.isatty() else {"width": PIPE_WIDTH}))
 
 
 def headed(head: str, text: str, style: str = "bold"):
@@ -31,35 +36,86 @@ def styled(text: str, style: str):
     return Text.assemble((terminal_text(text), style))
 
 
-def table(title: str | None, *columns: str):
-    """An empty rich table with these columns; those of `RIGHT_ALIGNED` are not wrapped."""
+def table(title: str | None, *columns: str, caption: str | None = None):
+    """An empty rich table with these columns; a cell that does not fit continues on the next line."""
     from rich import box
     from rich.table import Table
 
-    empty = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False, title_style="bold")
+    empty = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False, title_style="bold",
+                  caption=caption, caption_justify="left")  # fmt: skip
     for column in columns:
-        numeric = column in RIGHT_ALIGNED
-        empty.add_column(column, justify="right" if numeric else "left", no_wrap=numeric)
+        empty.add_column(column, justify="right" if column in RIGHT_ALIGNED else "left", overflow="fold")
     return empty
 
 
-def progress_bar(out, time_remaining: bool = False):
-    """A rich progress bar with a description, removed when it is done."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+def print_summary(out, summary) -> None:
+    """Print the title, tables and sentences of a `Summary`."""
+    from edhas_jax.core.summary import SummaryTable
 
-    from edhas_jax.commands.progress_file import ProgressFile
+    head, colon, rest = summary.title.partition(": ")
+    out.print(headed(head, colon + rest), soft_wrap=True)
+    for part in summary.parts:
+        if isinstance(part, SummaryTable):
+            print_table(out, part)
+        else:
+            out.print(_in_tone(part), soft_wrap=True)
 
-    file = ProgressFile()
 
-    class ReportedProgress(Progress):
-        def update(self, task_id, *, total=None, completed=None, description=None, **options) -> None:
-            super().update(task_id, total=total, completed=completed, description=description, **options)
-            if completed is not None:
-                file.report(description or self.tasks[task_id].description, completed)
+def print_table(out, shown) -> None:
+    """Print a `SummaryTable`."""
+    rows = table(shown.title or None, *shown.columns, caption=shown.caption or None)
+    for row in shown.rows:
+        rows.add_row(*map(_in_tone, row))
+    out.print(rows)
 
-    columns = [TextColumn("{task.description}", markup=False), BarColumn()]
-    columns += [TimeRemainingColumn()] if time_remaining else []
-    return ReportedProgress(*columns, transient=True, console=out)
+
+def _in_tone(text):
+    from edhas_jax.core.summary import Tone, Toned
+
+    if not isinstance(text, Toned):
+        return text
+    return styled(text.text, {Tone.GOOD: "green", Tone.CAUTION: "yellow", Tone.BAD: "bold red"}.get(text.tone, "bold"))
+
+
+def finish(options, out, summary, folder: Path | None = None, next_command: str = "", written: str = "") -> None:
+    """End a command: the summary, what was written and where, and the next sensible command.
+
+    With `--json` one JSON object goes to the standard output instead: the summary with `written` and `next`.
+
+    Args:
+        options: of the command line.
+        out: the console.
+        summary: of the result.
+        folder: the folder that was written; None: none.
+        next_command: the next sensible command, without "edhas"; empty: none.
+        written: the file that was written, where it is no folder.
+    """
+    if getattr(options, "json", False):
+        data = summary.as_json()
+        if folder is not None or written:
+            data["written"] = str(folder or written)
+        print_json(data | ({"next": f"edhas {next_command}"} if next_command else {}))
+        return
+    print_summary(out, summary)
+    if folder is not None:
+        out.print(f"written to {folder}: {file_names(folder)}", soft_wrap=True)
+    elif written:
+        out.print(f"written: {written}", soft_wrap=True)
+    if next_command:
+        out.print(f"next: edhas {next_command}", soft_wrap=True)
+
+
+def print_json(data) -> None:
+    """Print data as JSON, in ASCII where the terminal has no Unicode."""
+    from edhas_jax.core.summary import jsonable
+
+    is_unicode = "utf" in (sys.stdout.encoding or "").lower()
+    print(json.dumps(jsonable(data), indent=2, ensure_ascii=not is_unicode, allow_nan=False))
+
+
+def quoted(path: Path | str) -> str:
+    """A path as an argument of a command line."""
+    return shlex.quote(str(path))
 
 
 def print_data_check(out, campaign, more=()) -> None:
@@ -74,17 +130,10 @@ def print_data_check(out, campaign, more=()) -> None:
 
 
 def save_figure(figure, path: Path) -> None:
-    """Write a matplotlib figure in the format that the suffix of `path` names.
+    """Write a matplotlib figure, see `edhas_jax.tasks.result.save_figure`."""
+    from edhas_jax.tasks.result import save_figure
 
-    Raises:
-        ResultFileError: the file cannot be written, or the format is unknown.
-    """
-    from edhas_jax.config.run_folder import ResultFileError
-
-    try:
-        figure.savefig(path, dpi=FIGURE_DPI)
-    except (OSError, ValueError) as error:
-        raise ResultFileError(f"{path}: cannot be written: {error}") from None
+    save_figure(figure, path)
 
 
 def file_names(folder: Path) -> str:

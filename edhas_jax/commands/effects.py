@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_own_code, own_code, require_own_code
-from edhas_jax.commands.console import console, headed, save_figure, table
+from edhas_jax.commands.arguments import add_output_options, add_own_code, own_code, require_own_code
+from edhas_jax.commands.console import console, finish, save_figure
+from edhas_jax.commands.progress import WorkProgress
 
 
 def add_parser(commands) -> None:
@@ -13,6 +14,7 @@ def add_parser(commands) -> None:
     parser.add_argument("--picture", type=Path, metavar="FILE", help="draw what the named effect does to the signals")
     parser.add_argument("--config", type=Path, help="list the effects of this configuration, a user's own included")
     add_own_code(parser)
+    add_output_options(parser)
     parser.set_defaults(command=run)
 
 
@@ -20,56 +22,63 @@ def run(options) -> None:
     """Print the library, the effects of a configuration, or one effect in full."""
     from edhas_jax.config.machine_config import read_config
     from edhas_jax.core import structs
+    from edhas_jax.core.summary import Summary, SummaryTable
     from edhas_jax.machine.effects import LIBRARY
     from edhas_jax.machine.effects.loading import load_effect
 
-    out = console()
+    out = console(options)
     if options.name:
         effect = load_effect(options.name, trust=[options.name])
-        _print_effect(effect, out)
         if options.picture:
-            _draw_effect(effect, options.picture, out)
+            _draw_effect(effect, options)
+        picture = str(options.picture or "")
+        finish(options, out, _one_effect(effect), next_command=f"effects {effect.id} --picture {effect.id}.png"
+               if not picture else "", written=picture)  # fmt: skip
         return
     listed = LIBRARY
     if options.config:
         machine = read_config(options.config, trust=own_code(options)).machine
         require_own_code(options, machine)
         listed = tuple(type(e) for e in machine.effects)
-    rows = table("effects", "effect", "acts on", "what it is", "parameters")
+    rows = []
     for effect in listed:
         where = ", ".join(dict.fromkeys(s.location for s in effect.slots))
         summary = (effect.__doc__ or "").strip().split("\n")[0]
-        rows.add_row(effect.id, where, summary, ", ".join(p.name for p in structs.parameters(effect)))
-    out.print(rows)
+        rows.append((effect.id, where, summary, ", ".join(p.name for p in structs.parameters(effect))))
+    table = SummaryTable.of("effects", ("effect", "acts on", "what it is", "parameters"), rows)
+    follow = f"effects {listed[0].id}" if listed else "effects"
+    finish(options, out, Summary("effects", (table,)), next_command=follow)
 
 
-def _print_effect(effect, out) -> None:
-    """Print the description, slots, states and parameters of one effect."""
+def _one_effect(effect):
+    """Description, slots, states and parameters of one effect, as a `Summary`."""
     from inspect import cleandoc
 
     from edhas_jax.core import structs
+    from edhas_jax.core.summary import Summary, SummaryTable
     from edhas_jax.core.units import format_quantity
 
     def interval(bounds, unit):
         return f"{format_quantity(bounds[0], unit)} … {format_quantity(bounds[1], unit)}" if bounds else "known"
 
-    out.print(headed(effect.id, ""))
-    out.print(cleandoc(effect.__doc__ or ""))
+    texts = [cleandoc(effect.__doc__ or "")]
     if effect.looks_like:
-        out.print("\n", headed("looks like", f": {effect.looks_like}"), sep="")
+        texts.append(f"looks like: {effect.looks_like}")
     if effect.confused_with:
-        out.print(headed("confused with", f": {', '.join(effect.confused_with)}"))
-    out.print(headed("slots", ": " + ", ".join(f"{s.name} ({s.location})" for s in effect.slots)))
-    for name, state in effect.states.items():
-        out.print(headed("state", f": {name}, {state.doc}, in {state.unit}"))
-    rows = table(None, "parameter", "default", "plausible", "allowed", "meaning")
+        texts.append(f"confused with: {', '.join(effect.confused_with)}")
+    texts.append("slots: " + ", ".join(f"{s.name} ({s.location})" for s in effect.slots))
+    texts += [f"state: {name}, {state.doc}, in {state.unit}" for name, state in effect.states.items()]
+    rows, records = [], []
     for p in structs.parameters(effect):
         default = format_quantity(p.default, p.unit)
-        rows.add_row(p.name, default, interval(p.plausible, p.unit), interval(p.span, p.unit), p.doc)
-    out.print(rows)
+        rows.append((p.name, default, interval(p.plausible, p.unit), interval(p.span, p.unit), p.doc))
+        records.append({"parameter": p.name, "default": p.default, "unit": p.unit, "plausible": p.plausible,
+                        "allowed": p.span, "meaning": p.doc})  # fmt: skip
+    columns = "parameter", "default", "plausible", "allowed", "meaning"
+    return Summary(effect.id, (*texts, SummaryTable.of("parameters", columns, rows, records)))
 
 
-def _draw_effect(effect, path, out) -> None:
+def _draw_effect(effect, options) -> None:
     """Draw what an effect does to the signals.
 
     Raises:
@@ -77,7 +86,6 @@ def _draw_effect(effect, path, out) -> None:
     """
     from edhas_jax.simulation.effect_preview import plot_preview, preview_effect
 
-    with out.status(f"runs without and with {effect.id}"):
+    with WorkProgress(options, f"runs without and with {effect.id}"):
         figure = plot_preview(preview_effect(effect()))
-    save_figure(figure, path)
-    out.print(f"written: {path}", soft_wrap=True)
+    save_figure(figure, options.picture)

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_own_code, own_code, require_own_code
-from edhas_jax.commands.console import console, table
+from edhas_jax.commands.arguments import add_output_options, add_own_code, own_code, require_own_code
+from edhas_jax.commands.console import console, finish, quoted
 
 NO_SOURCE = "chosen; the paper gives no value"
 
@@ -13,6 +13,7 @@ def add_parser(commands) -> None:
     parser = commands.add_parser("parameters", help="every parameter with unit, value, range, meaning, source")
     parser.add_argument("config", nargs="?", type=Path, help="configuration (default: all rigs and effects)")
     add_own_code(parser)
+    add_output_options(parser)
     parser.set_defaults(command=run)
 
 
@@ -20,10 +21,11 @@ def run(options) -> None:
     """Print the parameters of a configuration, or of all rigs, alternative components and effects."""
     from edhas_jax.config.machine_config import read_config
     from edhas_jax.core import structs
+    from edhas_jax.core.summary import Summary, SummaryTable
     from edhas_jax.core.units import format_quantity
     from edhas_jax.machine.parameters import list_parameters
 
-    out = console()
+    out = console(options)
     if options.config:
         machine = read_config(options.config, trust=own_code(options)).machine
         require_own_code(options, machine)
@@ -32,12 +34,16 @@ def run(options) -> None:
     else:
         listed = [(p, p.default) for owner in _parameter_owners() for p in structs.parameters(owner)]
         title = "parameters"
-    rows = table(title, "parameter", "of", "value" if options.config else "default", "allowed", "meaning", "source")
+    rows, records = [], []
     for p, value in listed:
         low, high = (format_quantity(bound, p.unit) for bound in p.span)
-        value = format_quantity(float(value), p.unit)
-        rows.add_row(p.name, structs.owner_id(p.owner), value, f"{low} … {high}", p.doc, p.source or NO_SOURCE)
-    out.print(rows)
+        owner, source = structs.owner_id(p.owner), p.source or NO_SOURCE
+        rows.append((p.name, owner, format_quantity(float(value), p.unit), f"{low} … {high}", p.doc, source))
+        records.append({"parameter": p.name, "of": owner, "value": float(value), "unit": p.unit, "allowed": p.span,
+                        "meaning": p.doc, "source": source})  # fmt: skip
+    columns = "parameter", "of", "value" if options.config else "default", "allowed", "meaning", "source"
+    follow = f"simulate {quoted(options.config)} --set {listed[0][0].name}=VALUE" if options.config else "effects"
+    finish(options, out, Summary(title, (SummaryTable.of("parameters", columns, rows, records),)), next_command=follow)
 
 
 def _parameter_owners() -> list[type]:

@@ -4,7 +4,6 @@ from rich.console import Console
 from rich.status import Status
 from rich.text import Text
 
-from edhas_jax.commands.progress_file import ProgressFile
 from edhas_jax.core.literal_text import terminal_text
 
 
@@ -24,14 +23,7 @@ class PlainConsole(Console):
 
 
 class _PlainStatus(Status):
-    def __init__(self, status, **options):
-        self._file = ProgressFile()
-        super().__init__(status, **options)
-        self._file.report(str(status))
-
     def update(self, status=None, **options) -> None:
-        if isinstance(status, str):
-            self._file.report(status)
         super().update(_plain(status), **options)
 
 

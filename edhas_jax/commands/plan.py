@@ -5,17 +5,15 @@ from pathlib import Path
 from edhas_jax.commands.arguments import (
     add_campaign_folder,
     add_output_folder,
+    add_output_options,
     add_own_code,
     add_user_effects,
     own_code,
     require_own_code,
 )
-from edhas_jax.commands.console import console, file_names, print_data_check, progress_bar, save_figure, table
+from edhas_jax.commands.console import console, finish, print_data_check, quoted
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
-
-MAX_PRINTED_PAIRS = 12
-
-FILES = "plan.json", "sizes.png", "overlaps.png"  # that the command writes
+from edhas_jax.commands.progress import WorkProgress
 
 
 def add_parser(commands) -> None:
@@ -26,70 +24,41 @@ def add_parser(commands) -> None:
     add_user_effects(parser, "FILE.py:Class", "also consider this effect of your own; may be given several times")
     add_output_folder(parser, "plans")
     add_own_code(parser, effects=False)
+    add_output_options(parser)
     parser.set_defaults(command=run)
 
 
-def run(options) -> int | None:
+def run(options) -> int:
     """Predict which effects a planned campaign can detect, write a folder, print the most useful next run.
 
     Returns:
-        The exit status of a command that was interrupted after the sizes were known, else None.
+        The exit status: 0, or 130 of a command that was interrupted after the sizes were known.
 
     Raises:
         ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.result_files import ResultFiles
-    from edhas_jax.config.run_folder import report_write_errors, unused_folder, write_json
-    from edhas_jax.core.optional_parts import OptionalParts
+    from edhas_jax.config.run_folder import report_write_errors, unused_folder
     from edhas_jax.core.units import to_si
-    from edhas_jax.diagnosis.planning.detectability_plan import plan_as_json, plan_detectability
-    from edhas_jax.diagnosis.planning.figures import draw_similarity, draw_thresholds
     from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign
-    from edhas_jax.machine.effects.loading import load_effect
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+    from edhas_jax.tasks.plan import PlanResult, plan
 
     campaign = read_planned_campaign(options.campaign, to_si(options.rate, "Hz", "5 kHz"), own_code(options))
     require_own_code(options, campaign.machine)
     folder = options.out or unused_folder(Path("plans"), campaign.name)
-    files = ResultFiles(folder, options.overwrite, FILES)
-    user_effects = [load_effect(spec, trust=[spec]) for spec in options.effects]
-    out, optional = console(), OptionalParts()
-    with out.status("checking the data"):
+    files = PlanResult.reserve(folder, options.overwrite)
+    out = console(options)
+    with WorkProgress(options, "checking the data"):
         campaign = checked_campaign(campaign)
     print_data_check(out, campaign)
-    with terminate_as_interrupt(), progress_bar(out) as bar:
-        task = bar.add_task("compiling", total=1.0)
-        planned = plan_detectability(
-            campaign, more=user_effects,
-            on_progress=lambda what, share: bar.update(task, completed=share, description=what),
-        )  # fmt: skip
-    with report_write_errors(folder):
-        files.begin()
-        write_json(folder / "plan.json", plan_as_json(planned))
-        for name, draw in (("sizes.png", draw_thresholds), ("overlaps.png", draw_similarity)):
-            optional.attempt(name, lambda name=name, draw=draw: save_figure(draw(planned), folder / name))
-        files.finish()
-    out.print(sizes_table(planned))
-    pairs = planned.indistinguishable_pairs()
-    if pairs:
-        rows = table("detectable, but not distinguishable", "one", "other", "cosine")
-        for one, other, cosine in pairs[:MAX_PRINTED_PAIRS]:
-            rows.add_row(one, other, f"{cosine:.4f}")
-        out.print(rows)
-        if len(pairs) > MAX_PRINTED_PAIRS:
-            out.print(f"and {len(pairs) - MAX_PRINTED_PAIRS} more pairs, in {folder / 'plan.json'}", soft_wrap=True)
-    out.print(planned.sentence(), soft_wrap=True)
-    for sentence in optional.failures:
+    with terminate_as_interrupt(), WorkProgress(options, "compiling") as progress:
+        result = plan(campaign, effects=options.effects, on_progress=progress)
+        with report_write_errors(folder):
+            files.begin()
+            failures = result.write_files(folder)
+            result.write_summary(folder)
+            files.finish()
+    for sentence in failures:
         out.print(sentence, soft_wrap=True)
-    out.print(f"written to {folder}: " + file_names(folder), soft_wrap=True)
-    return STATUS_INTERRUPTED if planned.interrupted else None
-
-
-def sizes_table(planned):
-    """The smallest size of each candidate that the campaign would detect, as a rich table."""
-    rows = table("smallest detectable size", "candidate", "where", "parameter", "detectable from", "plausible",
-                   "share of the strongest")  # fmt: skip
-    for s in planned.candidates:
-        share = f"{s.threshold_share:.2g}" if s.detectable else "not detectable"
-        rows.add_row(s.candidate.name, s.candidate.location, s.parameter, s.threshold_text(), s.plausible_text(), share)
-    return rows
+    finish(options, out, result.summary(), folder, f"campaign check {quoted(options.campaign)}")
+    return STATUS_INTERRUPTED if result.interrupted else 0

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from edhas_jax.commands.arguments import add_output_options
 from edhas_jax.commands.console import console, save_figure
 
 
@@ -28,6 +29,7 @@ def add_parser(commands) -> None:
         help="two metrics, each :max or :min (default: mean_flow:max mean_electrical_power:min)",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, help="PNG, PDF or SVG to write (default: in the folder of the sweep)")
+    add_output_options(parser, table=False)
     parser.set_defaults(command=run_sweep_plot)
 
 
@@ -44,7 +46,7 @@ def run_sweep_plot(options) -> None:
 
     result = open_sweep(options.result)
     kinds = ("heat", "parallel", "pareto") if options.kind == "all" else (options.kind,)
-    out = console()
+    out = console(options)
     for kind in kinds:
         path = options.out or options.result / f"{kind}.png"
         if options.out and len(kinds) > 1:

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.console import console, table
+from edhas_jax.commands.arguments import add_output_options
+from edhas_jax.commands.console import console, print_json, print_table
 
 
 def add_parser(commands) -> None:
@@ -10,6 +11,7 @@ def add_parser(commands) -> None:
     parser = commands.add_parser("trust", help="allow Python files of your own to run when a file names them")
     parser.add_argument("files", nargs="*", type=Path, metavar="FILE.py", help="file to allow; without one, list them")
     parser.add_argument("--remove", action="store_true", help="withdraw the permission of these files")
+    add_output_options(parser)
     parser.set_defaults(command=run)
 
 
@@ -19,20 +21,22 @@ def run(options) -> None:
     Raises:
         TrustError: a file cannot be read, is not on the list, or the list cannot be written.
     """
+    from edhas_jax.core.summary import SummaryTable
     from edhas_jax.core.trusted_code import distrust, remembered_files, trust
 
-    out = console()
+    out = console(options)
     for file in options.files:
         changed = (distrust if options.remove else trust)(file)
         what = "runs no more" if options.remove else "may run from now on, until its content changes"
         out.print(f"{file}: {what} (list: {changed})", soft_wrap=True)
-    if options.files:
+    if options.files and not options.json:
         return
     known = remembered_files()
+    if options.json:
+        print_json({"files": [{"file": str(path), "sha256": digest} for digest, path in known.items()]})
+        return
     if not known:
         out.print("no file is allowed to run; allow one with: edhas trust FILE.py")
         return
-    rows = table(None, "file", "hash of its content")
-    for digest, path in known.items():
-        rows.add_row(path, digest[:12])
-    out.print(rows)
+    rows = [(str(path), digest[:12]) for digest, path in known.items()]
+    print_table(out, SummaryTable.of("files", ("file", "hash of its content"), rows))

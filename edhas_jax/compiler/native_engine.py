@@ -7,6 +7,7 @@ import jax
 import numpy as np
 
 from edhas_jax.compiler.loop_engine import AdjointLoop, Loop, LoopBody, LoopEngine
+from edhas_jax.core import runtime
 
 
 class NativeEngine(LoopEngine):
@@ -16,8 +17,8 @@ class NativeEngine(LoopEngine):
 
     def unavailable(self) -> str:
         """See `LoopEngine.unavailable`."""
-        if jax.default_backend() != "cpu":
-            return f"JAX computes on an accelerator here ({jax.default_backend()}), where XLA serves"
+        if runtime.platform() != "cpu":
+            return f"JAX computes on an accelerator here ({runtime.platform()}), where XLA serves"
         return _processor_problem()
 
     def outside_scope(self, body: LoopBody) -> str:

@@ -53,13 +53,14 @@ LARGEST_PLAIN_STEP = 3000  # operations of a step; one with a tangent has severa
 
 
 def _jit(f, options: dict):
-    return jax.jit(f, compiler_options=options if _are_known(tuple(options.items())) else None)
+    known = _are_known(tuple(options.items()), runtime.platform())
+    return jax.jit(f, compiler_options=options if known else None)
 
 
 @functools.cache
-def _are_known(options: tuple) -> bool:
-    """Whether XLA on this device takes these compiler options."""
-    if jax.default_backend() != "cpu":
+def _are_known(options: tuple, platform: str) -> bool:
+    """Whether XLA takes these compiler options on a platform, which is the present one."""
+    if platform != "cpu":
         return False
     try:
         jax.jit(lambda x: x + 1.0, compiler_options=dict(options))(np.float32(0.0))
@@ -85,7 +86,7 @@ def block_lanes(body: LoopBody) -> int:
     """The lanes of a block."""
     if body.single_lane:
         return 1
-    if jax.default_backend() != "cpu":
+    if runtime.platform() != "cpu":
         return ACCELERATOR_LANES
     return BLOCK_BYTES // np.dtype(body.dtype).itemsize
 

@@ -110,6 +110,23 @@ def build_config(
     return dataclasses.replace(config, text=dump_config(config))
 
 
+def as_config(source: "Rig | Config | Mapping[str, Any] | Path | str", trust: Trust = ()) -> Config:
+    """A configuration, whatever describes it: a machine, a configuration, a mapping as in a file, or a file.
+
+    Raises:
+        ConfigError: the file or the mapping has problems (all are listed), or it is nothing of these.
+    """
+    if isinstance(source, Config):
+        return source
+    if isinstance(source, str | Path):
+        return read_config(source, trust=trust)
+    if isinstance(source, Mapping):
+        return build_config(source, trust=trust)
+    if not isinstance(source, Rig):
+        raise ConfigError(f"a machine, a configuration or its file belongs here, not {type(source).__name__}")
+    return Config(source)
+
+
 def _location(path: Path, line: int) -> str:
     """File and line of a problem; the file alone where no line causes it (an override, or the whole text)."""
     return f"{path}:{line}" if 0 < line < sys.maxsize else str(path)

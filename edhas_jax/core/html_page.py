@@ -1,25 +1,40 @@
 """Elements of an HTML report that is one self-contained file, with its figures embedded."""
 
 import base64
+import datetime
 import html
 import io
 import json
 from collections.abc import Sequence
 from typing import Any
 
+import edhas_jax
+
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; max-width: 1180px; margin: 2em auto; padding: 0 1.5em }
 h1 { font-size: 1.6em; margin-bottom: 0.2em } h2 { font-size: 1.2em; margin-top: 2em }
 table { border-collapse: collapse } td, th { padding: 0.25em 0.9em 0.25em 0; text-align: left; vertical-align: top }
 th { border-bottom: 1px solid #6e7781; font-weight: 600 } td.number { text-align: right; white-space: nowrap }
+figure { margin: 1em 0 } figcaption { color: #57606a; font-size: 0.9em }
+a:focus-visible, button:focus-visible, summary:focus-visible, [tabindex]:focus-visible { outline: 3px solid #0b62c4 }
+@media (max-width: 700px) { body { padding: 0 0.6em } table { display: block; overflow-x: auto } }
+footer { color: #57606a; font-size: 0.85em; margin-top: 3em; border-top: 1px solid #d8dee4; padding-top: 0.5em }
 img { max-width: 100% } p.quiet { color: #6e7781 } li { margin: 0.3em 0 }
 """
 
 
 def page(title: str, *parts: str) -> str:
     """A complete HTML file with a title and the elements of its body."""
-    head = f'<meta charset="utf-8"><title>{html.escape(title)}</title><style>{STYLE}</style>'
-    return f"<!doctype html><html lang=en><head>{head}</head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
+    head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+    head += f'<title>{html.escape(title)}</title><style>{STYLE}</style>'
+    body = "\n".join((*parts, _footer()))
+    return f"<!doctype html><html lang=en><head>{head}</head><body>\n{body}\n</body></html>\n"
+
+
+def _footer() -> str:
+    """What made the page and when, in one line."""
+    date = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return f"<footer>edhas_jax {edhas_jax.__version__}, {date}</footer>"
 
 
 def heading(text: str, depth: int = 2) -> str:
@@ -58,8 +73,10 @@ def json_element(data: Any, identifier: str) -> str:
 
 
 def image(figure, caption: str) -> str:
-    """A matplotlib figure embedded as PNG; `caption` says what it shows, as title and as text for screen readers."""
+    """A matplotlib figure embedded as PNG; `caption` says what it shows, below it and as text for screen readers."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110)
     data = base64.b64encode(buffer.getvalue()).decode()
-    return f'<img alt="{html.escape(caption)}" title="{html.escape(caption)}" src="data:image/png;base64,{data}">'
+    shown = f"{caption[:1].upper()}{caption[1:]}"
+    picture = f'<img alt="{html.escape(caption)}" src="data:image/png;base64,{data}">'
+    return f"<figure>{picture}<figcaption>{html.escape(shown)}</figcaption></figure>"

@@ -63,6 +63,12 @@ def jit(f: Callable | None = None, **options: Any) -> Callable:
     return call
 
 
+def platform() -> str:
+    """The platform on which JAX computes in this thread: that of its default device, "cpu" in a callback."""
+    device = jax.config.jax_default_device
+    return jax.default_backend() if device is None else getattr(device, "platform", device)
+
+
 def eval_shape(f: Callable, *args: Any) -> Any:
     """`jax.eval_shape` in double precision."""
     with double_precision():

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.config.problem_list import ProblemList, problem_lines
 from edhas_jax.config.yaml_with_lines import (
@@ -29,7 +31,7 @@ class TaskReader(ProblemList):
     """Reads the common sections of a task's file; its attributes are valid only after `finish`.
 
     Attributes:
-        path: the file.
+        path: the file; "." for a mapping.
         text: its content.
         data: the same as a mapping.
         machine: the machine; None if it has problems.
@@ -40,31 +42,32 @@ class TaskReader(ProblemList):
 
     def __init__(
         self,
-        path: Path | str,
+        source: Path | str | Mapping[str, Any],
         sections: tuple[str, ...],
         ranges: str,
         optional: bool = False,
         trust: Trust = (),
+        machine_file: str = "machine.yaml",
     ):
         """Read a file; problems are collected until `finish`.
 
         Args:
-            path: the YAML file.
+            source: the YAML file, or a mapping with the same keys and texts, whose machine may be a machine.
             sections: the sections that this kind of task has besides the common ones.
             ranges: the section of the parameters that have a range.
             optional: whether that section may be missing.
             trust: the user's code that may run.
+            machine_file: where the folder of the result has the machine of a mapping.
 
         Raises:
             ConfigError: the file cannot be read, or is not YAML.
         """
         super().__init__([])
-        self.path = Path(path)
-        self.text = read_text_file(self.path, ConfigError)
-        try:
-            self.data, self._lines, self._yaml_problems = parse_yaml(self.text)
-        except YamlError as error:
-            raise ConfigError(f"{path}:{error.line}: {error}" if error.line else f"{path}: {error}") from None
+        self._lines, self._yaml_problems = None, []
+        if isinstance(source, Mapping):
+            self.path, self.data, self.text = Path("."), dict(source), _task_text(source, machine_file)
+        else:
+            self._read_file(Path(source))
         self.add_unknown_keys((), self.data, (*COMMON_SECTIONS, *sections))
         # the task is read as a sweep of one design with the same machine, settings and ranges
         sweep = {"kind": "sobol", "count": "1", "parameters": self.data.get(ranges)}
@@ -85,6 +88,13 @@ class TaskReader(ProblemList):
         if m is not None and (isinstance(m, ActuatorSystem) or not isinstance(m.reference, Sine)):
             key = ("base" if "base" in self.data else "machine",)
             self.add(key, f"a bench that is driven by a sine is needed; this is {m.name}")
+
+    def _read_file(self, path: Path) -> None:
+        self.path, self.text = path, read_text_file(path, ConfigError)
+        try:
+            self.data, self._lines, self._yaml_problems = parse_yaml(self.text)
+        except YamlError as error:
+            raise ConfigError(f"{path}:{error.line}: {error}" if error.line else f"{path}: {error}") from None
 
     def section(self, name: str, example: str) -> Mapping[str, Any]:
         """A section that is a mapping; empty if it is missing."""
@@ -117,11 +127,21 @@ class TaskReader(ProblemList):
         Raises:
             ConfigError: every problem of the file, one line each.
         """
+        if self._lines is None:
+            if messages := [f"{key_text(key)}: {what}" for key, what in self.problems] + list(self._base_problems):
+                raise ConfigError(problem_lines(messages))
+            return
         problems = [(line_of(self._lines, key), f"{key_text(key)}: {what}") for key, what in self.problems]
         problems = sorted(self._yaml_problems + problems, key=lambda p: p[0])
         messages = [f"{self.path}:{line}: {what}" for line, what in problems]
         if messages or self._base_problems:
             raise ConfigError(problem_lines([*messages, *self._base_problems]))
+
+
+def _task_text(task: Mapping[str, Any], machine_file: str) -> str:
+    """A task that was given as a mapping as the text of a file beside that of its machine."""
+    rows = {n: v for n, v in task.items() if n != "machine" and v not in ({}, [], None)}
+    return yaml.safe_dump({"base": machine_file} | rows, sort_keys=False, allow_unicode=True)
 
 
 def _with_section(key: KeyPath, section: str) -> KeyPath:

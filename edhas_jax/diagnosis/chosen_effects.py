@@ -10,9 +10,9 @@ from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import one_line
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
+from edhas_jax.diagnosis.search.calibrated_model import calibrate
 from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
-from edhas_jax.diagnosis.search.forward_selection import calibrate
 from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.settled_fit import settle
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, try_candidate

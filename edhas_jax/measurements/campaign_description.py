@@ -23,7 +23,7 @@ from edhas_jax.machine.rigs import RIGS, Rig
 from edhas_jax.measurements.accuracy import BenchAccuracy
 from edhas_jax.measurements.accuracy_reader import AccuracyReader
 from edhas_jax.measurements.campaign import CampaignError, Channel, Remark, Severity, Use
-from edhas_jax.measurements.record_timing import RecordTiming, read_time, read_timing
+from edhas_jax.measurements.record_timing import RecordTiming, read_run_in, read_time, read_timing
 from edhas_jax.measurements.run_reader import ColumnSource
 from edhas_jax.simulation.integrator import evaluate_signals
 
@@ -33,7 +33,7 @@ KEYS = (
     "name", "rig", "parameters", "without", "uncertain", "amplifier", "controller", "reference", "time", "signals",
     "accuracy", "runs",
 )  # fmt: skip
-RUN_KEYS = ("file", "use", "start", "window")  # of a run, besides its conditions
+RUN_KEYS = ("file", "use", "start", "window", "running")  # of a run, besides its conditions
 # short names of parameters by section or kind of controller
 SHORT_NAMES = {
     "amplifier": {"gain": "amplifier_gain"},
@@ -74,7 +74,7 @@ class CampaignDescription(ProblemList):
         accuracy: what is stated about the accuracy of the bench.
         sources: the columns of these signals in the files.
         time: the column of the time stamps.
-        set_point: name of the column with the recorded set point, or None.
+        set_point: the column with the recorded set point, or None.
         run_entries: the entries of the runs.
         remarks: severity, key and sentence of everything that is left out or worth knowing.
     """
@@ -87,7 +87,7 @@ class CampaignDescription(ProblemList):
         # the name of a folder may be no text in UTF-8
         self.name = str(data.get("name") or folder.resolve().name.encode("utf-8", "replace").decode())
         reference = data.get("reference")
-        self.set_point = reference if isinstance(reference, str) else None
+        self.set_point = self._read_set_point(reference)
         self.machine = self._read_machine()
         self.uncertain: dict[str, float] = {}
         self.channels: dict[str, Channel] = {}
@@ -106,6 +106,15 @@ class CampaignDescription(ProblemList):
             return value or {}
         self.add(key, f"a mapping belongs here, for example `{example}`, not {yaml_type(value)}")
         return {}
+
+    def _read_set_point(self, reference: Any) -> ColumnSource | None:
+        """The column of `reference: xref` or `reference: {column: xref, unit: mm}`."""
+        if isinstance(reference, str):
+            return ColumnSource(reference, "")
+        if not isinstance(reference, Mapping) or "column" not in reference or set(reference) & {"kind", "file"}:
+            return None
+        self.add_unknown_keys(("reference",), reference, ("column", "unit"))
+        return ColumnSource(str(reference["column"]), str(reference.get("unit", "")))
 
     def _read_machine(self) -> Rig | None:
         """The rig with its parameters and all default effects except those listed under `without`."""
@@ -248,7 +257,7 @@ class CampaignDescription(ProblemList):
                 size = self.read_quantity((*key, name), p, value)
                 if size is not None:
                     conditions[canonical] = size
-            timing = read_timing(self, key, row, self._timing)
+            timing = read_run_in(self, key, row, read_timing(self, key, row, self._timing), self.machine, conditions)
             if not self.problems:
                 names = [entry.name for entry in self.run_entries]
                 stem = Path(file).stem

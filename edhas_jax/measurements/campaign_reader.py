@@ -39,3 +39,8 @@ def read_campaign(path: Path | str, trust: Trust = ()) -> Campaign:
         description.name, path.parent, machine, description.uncertain, description.channels, tuple(runs), remarks,
         stated_accuracy=description.accuracy,
     )  # fmt: skip
+
+
+def as_campaign(source: Campaign | Path | str, trust: Trust = ()) -> Campaign:
+    """A campaign, or the one in a folder; errors as of `read_campaign`."""
+    return source if isinstance(source, Campaign) else read_campaign(source, trust)

@@ -35,7 +35,7 @@ uncertain:               # relative standard deviation of the true value: 0.1 is
   load_orifice_area: 0.03
 # amplifier: {{kind: current, gain: 1 A/V}}                     # where it differs from the nominal machine
 # controller: {{kind: cascade, kp: 160 1/s, kv: 240 V*s/m}}     # position (kp, ki, kd, kaw, kff) | cascade (kp, kv)
-# reference: set_point         # column with the recorded set point, if none of the built-in ones was used
+# reference: {{column: xref, unit: mm}}    # the recorded set point, if none of the built-in ones was used
 # time: {{column: t, unit: ms}}  # if the time column is not called `time [ms]`
 signals:                 # unit in the files; `noise` (standard deviation in that unit) is measured where it is left out
 {signals}  # if the column has another name: current: {{unit: A, noise: 0.02, column: i_coil}}
@@ -45,6 +45,7 @@ signals:                 # unit in the files; `noise` (standard deviation in tha
 #   signals: {{outlet_pressure: {{gain: 0.3 %, offset: 2 kPa, shift: 20 us}}}}      # of each sensor, for all runs
 runs:                    # fit: to estimate parameters; holdout: to validate. Conditions are parameters of the machine
   - {{file: run1.csv, use: fit, frequency: 10 Hz, amplitude: 3.5 mm, load_orifice_area: 4.2 mm^2}}
+# `running: yes` in a run: the machine was running already when the record began
 # - {{file: run2.csv, use: holdout, frequency: 15 Hz, amplitude: 3.5 mm, load_orifice_area: 2 mm^2}}
 """
 

@@ -66,9 +66,8 @@ def draw_traces(comparison: Comparison, signal: str):
 def draw_binned_residuals(comparison: Comparison):
     """A matplotlib figure of the mean error over noise in bins of phase, position, velocity, current and pressure.
 
-    One line per run, coloured from pale to dark in the order of the campaign.
+    One line per run.
     """
-    from matplotlib import colormaps
     from matplotlib.figure import Figure
 
     abscissae = [a for a in BINNED_OVER if a in comparison.runs[0].model or a == "phase" and _all_cyclic(comparison)]
@@ -76,7 +75,7 @@ def draw_binned_residuals(comparison: Comparison):
     size = 2.7 * len(abscissae) + 1.6, 1.75 * len(signals) + 0.7
     figure = Figure(figsize=size, layout="constrained")
     cells = figure.subplots(len(signals), len(abscissae), squeeze=False, sharey="row", sharex="col")
-    shades = colormaps["viridis"](np.linspace(0.9, 0.0, len(comparison.runs)))
+    shades = _run_colours(len(comparison.runs))
     for row, signal in enumerate(signals):
         for column, axis in enumerate(abscissae):
             cell = cells[row, column]
@@ -123,14 +122,13 @@ def draw_residuals_over_conditions(comparison: Comparison):
 
 def draw_spectra(comparison: Comparison):
     """A matplotlib figure of the power spectra of the residuals over that of white sensor noise, which is 1."""
-    from matplotlib import colormaps
     from matplotlib.figure import Figure
     from scipy.signal import welch
 
     signals = comparison.signals
     figure = Figure(figsize=(2.9 * len(signals) + 1.4, 3.0), layout="constrained")
     cells = figure.subplots(1, len(signals), squeeze=False, sharey=True)[0]
-    shades = colormaps["viridis"](np.linspace(0.9, 0.0, len(comparison.runs)))
+    shades = _run_colours(len(comparison.runs))
     for axes, signal in zip(cells, signals, strict=True):
         axes.axhline(1.0, color=GREY, lw=0.9, ls="--")
         for compared, shade in zip(comparison.runs, shades, strict=True):
@@ -150,7 +148,6 @@ def draw_spectra(comparison: Comparison):
 
 def draw_pattern(comparison: Comparison, pattern: Pattern):
     """A matplotlib figure of the error of one signal over the quantity of its pattern, all runs."""
-    from matplotlib import colormaps
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 3.4), layout="constrained")
@@ -160,7 +157,7 @@ def draw_pattern(comparison: Comparison, pattern: Pattern):
     noise = comparison.campaign.channels[pattern.signal].noise
     scale = _width_in_unit(pattern.signal, noise, unit)
     axes.axhspan(-2 * scale, 2 * scale, color=NOISE_BAND_COLOUR, lw=0, label="± 2 noise")
-    shades = colormaps["viridis"](np.linspace(0.9, 0.0, len(runs)))
+    shades = _run_colours(len(runs))
     axis = pattern.axis if pattern.axis != "time" or not _all_cyclic(comparison) else "phase"
     for compared, shade in zip(runs, shades, strict=True):
         at = _abscissa(compared, axis)
@@ -172,6 +169,13 @@ def draw_pattern(comparison: Comparison, pattern: Pattern):
     axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     _style_axes(axes)
     return figure
+
+
+def _run_colours(count: int):
+    """A colour for each run: distinct ones for a few, from pale to dark for many."""
+    from matplotlib import colormaps
+
+    return COLOURS[:count] if count <= len(COLOURS) else colormaps["viridis"](np.linspace(0.9, 0.0, count))
 
 
 def _axis_label(axis: str) -> str:

@@ -10,12 +10,14 @@ import numpy as np
 
 from edhas_jax.config.problem_list import ProblemList
 from edhas_jax.core.units import UnitError, format_quantity, to_si
+from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
 from edhas_jax.measurements.campaign import Remark, Severity
 
 START_TOLERANCE = 1.5  # sample intervals; a clock that starts within it of zero is not changed
 MIN_SAMPLES = 2  # within a window
 MAX_GAP_IN_RECORDS = 10.0  # lengths of the record without gaps; a longer gap is a jump of the clock
 CLOCK_ROUNDING = 2.0  # units in the last place of a time stamp, by which rounding moves it at most
+RUN_IN_CYCLES = 10  # after the ramp, until a machine that was running when its record began is periodic
 INTERVAL_DIGITS = 6  # to which the interval of evenly sampled records is rounded
 
 
@@ -30,10 +32,12 @@ class RecordTiming:
     Args:
         start: time stamp [s] at which the run begins, with the machine at rest; None for the first time stamp.
         window: first and last time [s] that are used, counted from the start.
+        run_in: time [s] that the machine has been running at the start, whole cycles of its set point; 0 at rest.
     """
 
     start: float | None = None
     window: tuple[float, float] = (0.0, math.inf)
+    run_in: float = 0.0
 
     def apply(self, file: Path, time: np.ndarray) -> tuple[slice, np.ndarray, np.ndarray, list[Remark]]:
         """Count time from the start of the run.
@@ -43,8 +47,8 @@ class RecordTiming:
             time: increasing time stamps (samples,) [s].
 
         Returns:
-            The longest part of the record without a jump of its clock; its times (samples,) [s] from the start,
-            negative before it; a mask (samples,) of its samples that are used; remarks on the clock.
+            The longest part of the record without a jump of its clock; its times (samples,) [s] from rest, below
+            `run_in` before the start; a mask (samples,) of its samples that are used; remarks on the clock.
 
         Raises:
             TimingError: fewer than `MIN_SAMPLES` samples are used.
@@ -77,7 +81,7 @@ class RecordTiming:
             record = f"the record lasts from {seconds(relative[0])} to {seconds(relative[-1])}"
             window = f"from {seconds(low)}" + (f" to {seconds(high)}" if math.isfinite(high) else "")
             raise TimingError(f"the window {window} holds {used.sum()} samples; counted from its start, {record}")
-        return part, relative, used, remarks
+        return part, relative + self.run_in, used, remarks
 
 
 def _longest_part(time: np.ndarray, longest_gap: float) -> tuple[slice, np.ndarray]:
@@ -113,7 +117,7 @@ def read_timing(problems: ProblemList, key: tuple, row: Mapping[str, Any], defau
     """
     start = read_time(problems, (*key, "start"), row["start"]) if "start" in row else default.start
     if "window" not in row:
-        return RecordTiming(start, default.window)
+        return RecordTiming(start, default.window, default.run_in)
     section = row["window"]
     if not isinstance(section, Mapping):
         problems.add((*key, "window"), f"write for example `window: {{from: 0.2 s, to: 1.5 s}}`; got {section}")
@@ -128,7 +132,35 @@ def read_timing(problems: ProblemList, key: tuple, row: Mapping[str, Any], defau
         return default
     if not 0.0 <= low < high:
         problems.add((*key, "window"), "`from` must be 0 s or later, and `to` later than `from`")
-    return RecordTiming(start, (low, high))
+    return RecordTiming(start, (low, high), default.run_in)
+
+
+def read_run_in(
+    problems: ProblemList, key: tuple, row: Mapping[str, Any], timing: RecordTiming, machine: Rig,
+    conditions: Mapping[str, float],
+) -> RecordTiming:  # fmt: skip
+    """Add to the timing of an entry under `runs` what its `running: yes` asks for: whole cycles before the record.
+
+    Args:
+        problems: collects what is wrong.
+        key: the key of the entry.
+        row: the entry.
+        timing: its `start` and `window`.
+        machine: the machine of the campaign.
+        conditions: parameters that the run sets (SI).
+    """
+    running = row.get("running", False)
+    if not isinstance(running, bool):
+        problems.add((*key, "running"), f"yes or no belongs here, not {running}")
+    if running is not True:
+        return timing
+    if not isinstance(machine.reference, Sine) or isinstance(machine, ActuatorSystem):
+        problems.add((*key, "running"), "needs a bench that is driven by a sine: only its cycles say what came before")
+        return timing
+    own = {name.rpartition(".")[2]: value for name, value in conditions.items()}
+    frequency = own.get("frequency", float(machine.reference.frequency))
+    ramp = own.get("ramp_time", float(machine.reference.ramp_time))
+    return dataclasses.replace(timing, run_in=math.ceil(ramp * frequency + RUN_IN_CYCLES) / frequency)
 
 
 def read_time(problems: ProblemList, key: tuple, value: Any) -> float | None:

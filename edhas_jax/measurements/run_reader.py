@@ -42,10 +42,12 @@ class RunReader:
         machine: the machine of the campaign.
         time: the column of the time stamps.
         sources: the columns of the measured signals, by signal.
-        set_point: name of the column with the recorded set point, if there is one.
+        set_point: the column of the recorded set point, if there is one.
     """
 
-    def __init__(self, machine: Rig, time: ColumnSource, sources: Mapping[str, ColumnSource], set_point: str | None):
+    def __init__(
+        self, machine: Rig, time: ColumnSource, sources: Mapping[str, ColumnSource], set_point: ColumnSource | None
+    ):
         self.remarks: list[Remark] = []
         self._machine, self._time, self._sources, self._set_point = machine, time, sources, set_point
 
@@ -108,7 +110,8 @@ class RunReader:
             except UnitError as error:
                 sentence = f"column `{source.column}`: {error}; {signal} is left out of this run"
                 self._remark(self._header_line, sentence)
-        known = {self._time.column, self._set_point, *(source.column for source in self._sources.values())}
+        set_point = self._set_point.column if self._set_point else None
+        known = {self._time.column, set_point, *(source.column for source in self._sources.values())}
         unused = [f"`{column[:MAX_QUOTED]}`" for column in table.columns if column not in known]
         if unused:
             more = f" and {len(unused) - MAX_NAMES} more" if len(unused) > MAX_NAMES else ""
@@ -205,17 +208,19 @@ class RunReader:
 
     def _recorded_set_point(self, table: Table, order: np.ndarray, time: np.ndarray) -> Recorded:
         """The recorded set point, in metres, or in volts where it is the command of an open loop."""
-        name, machine = self._set_point, self._machine
+        source, machine = self._set_point, self._machine
+        name = source.column
         if name not in table.columns:
             sentence = f"no column `{name}` with the set point ({suggest(name, table.columns)})"
             raise TableError(self._header_line, sentence)
-        column, source = table.columns[name], ColumnSource(name, "")
-        if not column.unit:
-            sentence = f"column `{name}`: a unit is missing; write for example `{name} [mm]`"
+        column = table.columns[name]
+        if not column.unit and not source.unit:
+            remedy = f"write for example `{name} [mm]` there, or `reference: {{column: {name}, unit: mm}}`"
+            sentence = f"column `{name}`: a unit is missing; {remedy}"
             raise TableError(self._header_line, sentence)
-        is_command = isinstance(machine.controller, OpenLoop)
+        is_command, unit = isinstance(machine.controller, OpenLoop), column.unit or source.unit
         try:
-            if is_command and isinstance(machine.amplifier, CurrentAmplifier) and _is_current(column.unit):
+            if is_command and isinstance(machine.amplifier, CurrentAmplifier) and _is_current(unit):
                 values = self._in_si(source, column, "A") / float(machine.amplifier.amplifier_gain)
             else:
                 values = self._in_si(source, column, "V" if is_command else "m")

@@ -186,7 +186,11 @@ def simulate(
     Raises:
         SimulationError: the run is not finite or left the physical range; the message names the time and the state.
         ValueError: the step is not above 0 and at most 100 µs.
+        TypeError: a parameter is traced by JAX: inside `jit`, `grad` or `vmap` belongs `edhas_jax.model`.
     """
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(machine)):
+        raise TypeError("simulate chooses its step by the result, so JAX cannot trace it; in jit, vmap and grad call "
+                        "`metrics` and `trajectory` of `edhas_jax.model(machine)`")  # fmt: skip
     if simulation.accuracy is not None:
         return _simulate_to_accuracy(machine, simulation, on_progress)
     report, asked = on_progress or (lambda share: None), simulation.step is not None

@@ -18,7 +18,7 @@ from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.workbench.workspace import JOBS, RESULTS, Workspace, WorkspaceError
 
 RUNNING, DONE, FAILED, CANCELLED = "running", "done", "failed", "cancelled"
-STATUS_INTERRUPTED = 130  # exit status of a command that was interrupted
+STATUS_NOT_CONVERGED, STATUS_INTERRUPTED = 4, 130  # exit statuses of commands that have written their results
 LONGEST_START = 60.0  # s, until the process of a job has written its number into the record
 MAX_OUTPUT = 20_000  # characters of what a job printed that are shown
 
@@ -186,7 +186,7 @@ def watch(path: Path) -> None:
     signal.signal(signal.SIGTERM, interrupt)
     _save(job, path)
     status = process.wait()
-    names = {0: DONE, STATUS_INTERRUPTED: CANCELLED}
+    names = {0: DONE, STATUS_NOT_CONVERGED: DONE, STATUS_INTERRUPTED: CANCELLED}
     ended = CANCELLED if cancelled and status else names.get(status, FAILED)
     _save(dataclasses.replace(job, status=ended, ended=time.time()), path)
 

@@ -37,19 +37,16 @@ class Session:
         """Start `edhas fit`."""
         out = self._out(CALIBRATED)
         arguments = ["fit", str(self.workspace.shown), "--out", out, "--overwrite"]
-        lines = (
-            f'campaign = edhas.read_campaign("{self.workspace.shown}")\n'
-            "edhas.calibrate(edhas.FitProblem(campaign, campaign.machine, edhas.uncertain_unknowns(campaign)))"
-        )
-        return self._start("calibrate", arguments, lines)
+        return self._start("calibrate", arguments, f'edhas.fit("{self.workspace.shown}").save("{out}")')
 
     def diagnose(self) -> Job:
         """Start `edhas diagnose`; the same command goes on from finished rounds."""
-        arguments = ["diagnose", str(self.workspace.shown), "--out", self._out(DIAGNOSED), "--overwrite"]
+        out = self._out(DIAGNOSED)
+        arguments = ["diagnose", str(self.workspace.shown), "--out", out, "--overwrite"]
         for spec in self.allowed:
             arguments += ["--effect", spec]
-        line = f'diagnosis = edhas.diagnose_campaign(edhas.read_campaign("{self.workspace.shown}"))'
-        return self._start("diagnose", arguments, line)
+        effects = f", {self.allowed}" if self.allowed else ""
+        return self._start("diagnose", arguments, f'edhas.diagnose("{self.workspace.shown}"{effects}).save("{out}")')
 
     def report_comparison(self, model: str) -> Job:
         """Start `edhas compare`, which writes the report of a comparison."""
@@ -64,12 +61,8 @@ class Session:
         shown = self.workspace.shown
         arguments = [command, str(shown / file), "--out", str(shown / out)]
         arguments += [] if command == "sweep" else ["--overwrite"]
-        lines = {
-            "sweep": f'edhas.run_sweep(edhas.load_sweep("{shown / file}"), "{shown / out}")',
-            "size": f'size(load_sizing("{shown / file}"))   # edhas_jax.design.sizing',
-            "sensitivity": f'analyse(load_sensitivity("{shown / file}"))   # edhas_jax.design.sensitivity',
-        }
-        return self._start(command, arguments, lines[command])
+        keep = f', folder="{shown / out}")' if command == "sweep" else f').save("{shown / out}")'
+        return self._start(command, arguments, f'edhas.{command}("{shown / file}"{keep}')
 
     def command_compare(self, model: str, replay: str = "set_point") -> str:
         """The command that compares a model with the measurements."""
@@ -82,11 +75,10 @@ class Session:
     def python_compare(self, model: str) -> str:
         """The Python line that does the same."""
         path = self.workspace.models().get(model)
-        campaign = f'edhas.read_campaign("{self.workspace.shown}")'
         if path is None:
-            return f"comparison = edhas.compare({campaign})"
+            return f'comparison = edhas.compare("{self.workspace.shown}")'
         shown = self.workspace.shown / path.relative_to(self.workspace.folder)
-        return f'comparison = edhas.compare({campaign}, edhas.load("{shown}").machine)'
+        return f'comparison = edhas.compare("{self.workspace.shown}", "{shown}")'
 
     def command_try(self, names: list[str]) -> str:
         """The command that fits the model with effects."""

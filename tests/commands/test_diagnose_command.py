@@ -7,9 +7,9 @@ import signal
 
 import numpy as np
 import pytest
-from rich.status import Status
 
 from edhas_jax.commands.cli import main
+from edhas_jax.commands.progress import WorkProgress
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.planning import next_experiment
 from edhas_jax.diagnosis.report import report
@@ -18,7 +18,7 @@ from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime
 from edhas_jax.measurements.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
-FILES = {"config.yaml", "diagnosis.json", "diagnosis.png", "files.json", "report.html"}
+FILES = {"config.yaml", "diagnosis.json", "diagnosis.png", "files.json", "report.html", "summary.json"}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -42,12 +42,12 @@ def campaign_folder(tmp_path_factory):
 def terminated(campaign, out, at: str) -> int:
     """The exit status of a diagnosis that gets SIGTERM when it reports a sentence that begins with `at`."""
 
-    def update(self, sentence, *rest, **options):
-        if str(sentence).startswith(at):
+    def update(self, sentence, share=None):
+        if sentence.startswith(at):
             os.kill(os.getpid(), signal.SIGTERM)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Status, "update", update)
+        patch.setattr(WorkProgress, "__call__", update)
         return main(["diagnose", str(campaign), "--out", str(out)])
 
 
@@ -135,7 +135,7 @@ def test_a_damaged_stage_is_computed_again(campaign_folder, before_the_pictures,
 
 def test_the_result_is_written_before_anything_optional(before_the_pictures):
     assert {p.name for p in before_the_pictures.iterdir()} == {
-        "config.yaml", "diagnosis.json", "files.json", "report.html", "unfinished"
+        "config.yaml", "diagnosis.json", "files.json", "report.html", "summary.json", "unfinished"
     }  # fmt: skip
     assert result(before_the_pictures)["effects"] == ["inverter_dead_time"]
     assert "inverter_dead_time" in (before_the_pictures / "report.html").read_text()

@@ -12,6 +12,7 @@ from edhas_jax.measurements.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 BIAS = 2.0  # N
+FILES_OF_A_PLAN = {"plan.json", "sizes.png", "overlaps.png", "files.json", "summary.json"}
 
 
 @pytest.fixture(scope="module")
@@ -44,5 +45,5 @@ def test_plan_writes_thresholds_and_pictures(campaign_folder, tmp_path, capsys):
     assert main(["plan", str(campaign_folder), "--out", str(tmp_path / "plan")]) == 0
     printed = capsys.readouterr().out
     assert "smallest detectable size" in printed and "constant_bias_force" in printed
-    assert {p.name for p in (tmp_path / "plan").iterdir()} == {"plan.json", "sizes.png", "overlaps.png", "files.json"}
+    assert {p.name for p in (tmp_path / "plan").iterdir()} == FILES_OF_A_PLAN
     json.loads((tmp_path / "plan" / "plan.json").read_text())

@@ -108,7 +108,7 @@ def test_the_waterfall_ends_at_the_noise(diagnosis):
     held_out = [row[Use.HOLDOUT] for row in table.values()]
     assert held_out[0] > held_out[1] > held_out[2] and held_out[2] < 1.1
     assert len(draw_waterfall(diagnosis).axes) == 2
-    assert len(draw_overview(diagnosis).axes) == 6
+    assert len(draw_overview(diagnosis).axes) == 5
 
 
 def test_a_sensor_fault_is_shown_as_it_was_measured():

@@ -230,6 +230,8 @@ def test_the_fit_command(campaign, found, tmp_path, capsys):
     estimates = json.loads((out / "fit.json").read_text())["calibrated"]
     for name, value in found.values.items():
         assert estimates[name]["value"] == pytest.approx(value, abs=0.3 * found.standard_errors[name])
-    assert {p.name for p in out.iterdir()} == {"config.yaml", "files.json", "fit.json", "report.html"}
+    assert {p.name for p in out.iterdir()} == {
+        "config.yaml", "files.json", "fit.json", "report.html", "summary.json"
+    }  # fmt: skip
     assert main(["fit", str(tmp_path / "bench"), "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err

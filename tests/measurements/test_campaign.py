@@ -93,16 +93,19 @@ def test_columns_with_other_names_and_units(folder):
         assert np.allclose(values, same.runs[1].signals[name], rtol=1e-5)
 
 
-def test_a_recorded_set_point_drives_the_control_loop(tmp_path):
+SET_POINTS = [("wanted [mm]", "wanted"), ("wanted", "{column: wanted, unit: mm}"), ("wanted [mm]", "{column: wanted}")]
+
+
+@pytest.mark.parametrize(("column", "reference"), SET_POINTS)
+def test_a_recorded_set_point_drives_the_control_loop(tmp_path, column, reference):
     time = 1e-3 * np.arange(500)
     set_point = 5e-3 * np.sin(2 * np.pi * 3.0 * time)
-    frame = pd.DataFrame({"time [s]": time, "wanted [mm]": 1e3 * set_point, "voltage [V]": time})
+    frame = pd.DataFrame({"time [s]": time, column: 1e3 * set_point, "voltage [V]": time})
     frame.assign(**{"piston_position [m]": set_point}).to_csv(tmp_path / "run1.csv", index=False)
-    (tmp_path / "campaign.yaml").write_text("""
+    (tmp_path / "campaign.yaml").write_text(f"reference: {reference}" + """
 rig: actuator_bench
 amplifier: {kind: current, gain: 2 A/V}
 controller: {kind: cascade, kp: 160 1/s, kv: 243 V*s/m}
-reference: wanted
 without: [lugre_friction]
 uncertain: {mover_mass: 0.1, coulomb_friction: 0.2}
 signals:

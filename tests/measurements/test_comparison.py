@@ -161,7 +161,7 @@ def test_on_the_command_line(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "residual over noise" in printed and "run8" in printed
     assert 45.0 < float(re.search(r"1\. Outlet pressure: the model is (\S+) % too high ", printed)[1]) < 60.0
-    assert {p.name for p in out.iterdir()} == {"report.html", "figures.csv", "files.json"}
+    assert {p.name for p in out.iterdir()} == {"report.html", "figures.csv", "files.json", "summary.json"}
     assert "% too high" in (out / "report.html").read_text()
     figures = pd.read_csv(out / "figures.csv", index_col=["run", "signal"])
     pressure, position = (figures.xs(name, level="signal") for name in ("outlet_pressure", "piston_position"))

@@ -114,6 +114,88 @@ def test_the_first_sheet_of_an_excel_file(folder, valid):
     assert "is damaged or not an Excel file" in remark.sentence
 
 
+def vectors_of(folder, run="run3.csv"):
+    """Name, unit and values of each column of a run."""
+    frame = pd.read_csv(folder / run)
+    return [(cell.partition(" [")[0], cell.partition("[")[2].rstrip("]"), frame[cell].to_numpy()) for cell in frame]
+
+
+def write_hdf5(folder, name, matlab: bool):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(folder / name, "w", userblock_size=512 if matlab else 0) as file:
+        for column, unit, values in vectors_of(folder):
+            file[column] = values[None, :] if matlab else values
+            if matlab:
+                file[f"units/{column}"] = np.array([[ord(c)] for c in unit], np.uint16)
+            else:
+                file[column].attrs["unit"] = unit
+        file["comment"] = "cold oil"
+    if matlab:
+        with (folder / name).open("r+b") as file:
+            file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+def write_tdms(folder, name, stamps: bool):
+    nptdms = pytest.importorskip("nptdms")
+    columns = {column: (unit, values) for column, unit, values in vectors_of(folder)}
+    _, time = columns["time"]  # ms
+    implied = {"wf_increment": 1e-3 * (time[1] - time[0]), "wf_start_offset": 1e-3 * time[0]}
+    channels = [
+        nptdms.ChannelObject("bench", column, values, {"unit_string": unit} | ({} if stamps else implied))
+        for column, (unit, values) in columns.items()
+        if stamps or column != "time"
+    ]
+    with nptdms.TdmsWriter(folder / name) as file:
+        file.write_segment(channels)
+
+
+def write_mdf(folder, name):
+    asammdf = pytest.importorskip("asammdf")
+    columns = {column: (unit, values) for column, unit, values in vectors_of(folder)}
+    _, time = columns.pop("time")
+    signals = [asammdf.Signal(v, 1e-3 * time, unit=unit, name=column) for column, (unit, v) in columns.items()]
+    file = asammdf.MDF(version="4.10")
+    file.append(signals)
+    file.append(asammdf.Signal(np.arange(3.0), np.arange(3.0), unit="K", name="room"))
+    file.save(folder / name, overwrite=True)
+    file.close()
+
+
+LOGGERS = {
+    "MATLAB 7.3": (lambda folder: write_hdf5(folder, "run3.mat", True), "run3.mat"),
+    "HDF5": (lambda folder: write_hdf5(folder, "run3.h5", False), "run3.h5"),
+    "TDMS with time stamps": (lambda folder: write_tdms(folder, "run3.tdms", True), "run3.tdms"),
+    "TDMS without": (lambda folder: write_tdms(folder, "run3.tdms", False), "run3.tdms"),
+    "MDF": (lambda folder: write_mdf(folder, "run3.mf4"), "run3.mf4"),
+}
+
+
+@pytest.mark.parametrize(("write", "name"), LOGGERS.values(), ids=LOGGERS)
+def test_files_of_channels(folder, valid, write, name):
+    """The same signals as from text; a file that is cut in half is refused, and what it is, is said."""
+    write(folder)
+    replace_in_yaml(folder, "run3.csv", name)
+    campaign = read_campaign(folder)
+    assert [r.sentence for r in faults(campaign)] == (
+        ["`room` has other time stamps than most channels; it is left out"] if name.endswith("mf4") else []
+    )
+    same_signals(campaign.runs[0], valid.runs[0])
+    content = (folder / name).read_bytes()
+    (folder / name).write_bytes(content[: len(content) // 3])
+    assert any("damaged" in r.sentence or "missing" in r.sentence for r in read_campaign(folder).remarks)
+
+
+READERS = [("h5py", b"\x89HDF", "hdf5"), ("nptdms", b"TDSm", "tdms"), ("asammdf", b"MDF ", "mdf")]
+
+
+@pytest.mark.parametrize(("module", "start", "extra"), READERS)
+def test_channels_without_their_reader(folder, monkeypatch, module, start, extra):
+    monkeypatch.setitem(sys.modules, module, None)
+    rewrite(folder, lambda lines: start + b"....", name="run3.bin")
+    (remark,) = read_campaign(folder).remarks
+    assert f"pip install 'edhas_jax[{extra}]'" in remark.sentence and "CSV" in remark.sentence
+
+
 def test_an_excel_file_without_its_reader(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "openpyxl", None)
     rewrite(folder, lambda lines: b"PK\x03\x04....", name="run3.xlsx")

@@ -117,3 +117,36 @@ def test_a_window_holds_in_a_plan_and_in_a_written_campaign(unchanged, tmp_path)
     (folder / "run3.csv").unlink()
     planned = read_planned_campaign(folder, 5000.0).runs[0]
     assert (planned.time[0], planned.time[-1]) == pytest.approx((0.1, 0.2))
+
+
+def test_a_bench_that_was_running_when_its_record_began(unchanged, tmp_path):
+    """Without the first five cycles of a run there is no rest in it: the model runs in, and agrees as with them."""
+    folder = copy_campaign(tmp_path / "bench")
+    begin = 5 / 20.0  # s, at 20 Hz: after the ramp
+    modify_table(folder, "run3.csv", lambda frame: frame[frame[TIME] >= 1e3 * begin - 1e-6])
+    from_rest = compare(read_campaign(folder)).rms_over_noise()["run3"]
+    replace_in_yaml(folder, "run3.csv, use: fit,", "run3.csv, use: fit, running: yes,")
+    run = read_campaign(folder).runs[0]
+    assert run.time[0] == pytest.approx((np.ceil(0.1 * 20.0) + 10) / 20.0)
+    running = compare(read_campaign(folder)).rms_over_noise()["run3"]
+    expected = compare(unchanged).rms_over_noise()["run3"]
+    for name, value in running.items():
+        assert value == pytest.approx(expected[name], rel=0.2) and from_rest[name] > 1.5 * value, name
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("run3.csv, use: fit,", "run3.csv, use: fit, running: 3,", "yes or no belongs here"),
+    ("runs:", "reference: {kind: step, step_size: 1 mm}\nruns:", None),
+])  # fmt: skip
+def test_what_cannot_run_in_is_refused(old, new, message, tmp_path):
+    folder = copy_campaign(tmp_path / "bench")
+    replace_in_yaml(folder, old, new)
+    if message is None:
+        for name in RUNS:
+            text = (folder / "campaign.yaml").read_text()
+            conditions = text.partition(f"{name}, use: ")[2].partition("}")[0]
+            text = text.replace(conditions, conditions.partition(",")[0] + ", running: yes")
+            (folder / "campaign.yaml").write_text(text)
+        message = "only its cycles say what came before"
+    with pytest.raises(ValueError, match=message):
+        read_campaign(folder)

@@ -40,6 +40,7 @@ DEFINITIONS = {
     },
     "docs/hidden_laws.md": {"Laws of the benchmark"},
     "docs/model.md": {"Equations", "Notes for reading results"},
+    "docs/python.md": {"From Python", "Pure functions for JAX", "One call for each task"},
     "docs/sweeps.md": {"Figures"},
     "docs/workbench.md": {"Who may do what"},
 }

@@ -15,6 +15,7 @@ from edhas_jax.compiler.loop_engine import LoopBody
 from edhas_jax.compiler.multi_jvp import multi_jvp
 from edhas_jax.core import runtime
 from edhas_jax.design.batch.cycle_metrics import cycle_metrics, cycle_step, empty_sums
+from edhas_jax.design.batch.periodic_solver import BatchState
 from edhas_jax.design.gradient.fixed_point import (
     Derivatives,
     GradientSettings,
@@ -37,6 +38,7 @@ def forward(
     metrics: Sequence[str],
     settings: GradientSettings,
     on_cycle: Callable[[float], None] | None = None,
+    state: BatchState | None = None,
 ) -> Derivatives:
     """Metrics of designs and their derivatives, in forward mode.
 
@@ -47,11 +49,12 @@ def forward(
         metrics: the metrics to differentiate.
         settings: steps and tolerances.
         on_cycle: called with the share of the work that is done.
+        state: the periodic state of the designs, if it is known.
     """
     columns = {n: np.asarray(column, float) for n, column in columns.items()}
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
     count = len(next(iter(columns.values())))
-    state = periodic_state(base, columns, settings)
+    state = periodic_state(base, columns, settings) if state is None else state
     groups = _groups(names) if count >= DESIGNS_OF_A_VECTOR else [None]
     loops = [cached_loop(TangentLoop, base, tuple(columns), group) for group in groups]
     found = []

@@ -10,6 +10,7 @@ from edhas_jax.compiler.engines import compile_adjoint_loop
 from edhas_jax.compiler.loop_engine import LoopBody
 from edhas_jax.core import runtime
 from edhas_jax.design.batch.cycle_metrics import cycle_metrics, cycle_step, empty_sums
+from edhas_jax.design.batch.periodic_solver import BatchState
 from edhas_jax.design.gradient.fixed_point import (
     Derivatives,
     GradientSettings,
@@ -31,6 +32,7 @@ def reverse(
     metrics: Sequence[str],
     settings: GradientSettings,
     terms: int | None = None,
+    state: BatchState | None = None,
 ) -> Derivatives:
     """As `forward`, in reverse mode.
 
@@ -43,10 +45,11 @@ def reverse(
         metrics: the metrics to differentiate.
         settings: steps and tolerances.
         terms: number of terms of the series; None: until they no longer count.
+        state: the periodic state of the designs, if it is known.
     """
     columns = {n: np.asarray(column, float) for n, column in columns.items()}
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
-    state = periodic_state(base, columns, settings)
+    state = periodic_state(base, columns, settings) if state is None else state
     loop = cached_loop(CycleAdjoint, base, tuple(columns))
     parts = []
     for first in range(0, len(state.cycles), DESIGNS_PER_SWEEP):

@@ -1,7 +1,9 @@
 """Configuration of a sensitivity analysis: metrics, parameters, ranges and operating points."""
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -54,11 +56,11 @@ class SensitivityTask:
         return full_factorial(self.points) if self.points else {}
 
 
-def load_sensitivity(path: Path | str, trust: Trust = ()) -> SensitivityTask:
+def load_sensitivity(source: Path | str | Mapping[str, Any], trust: Trust = ()) -> SensitivityTask:
     """Read a sensitivity analysis from a YAML file.
 
     Args:
-        path: the configuration file.
+        source: the configuration file, or a mapping with the same keys, whose machine may be a machine.
         trust: Python files (or modules) of your own that may run if the file names them, besides those that were
             allowed by `edhas trust`.
 
@@ -68,7 +70,7 @@ def load_sensitivity(path: Path | str, trust: Trust = ()) -> SensitivityTask:
     Raises:
         ConfigError: every problem of the file, one line each.
     """
-    reader = TaskReader(path, SECTIONS, "ranges", optional=True, trust=trust)
+    reader = TaskReader(source, SECTIONS, "ranges", optional=True, trust=trust)
     points = reader.operating_points("points")
     known = metrics_of(reader.machine) if reader.machine is not None and not reader.problems else []
     metrics = reader.list_section("metrics")

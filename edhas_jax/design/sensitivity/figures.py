@@ -102,9 +102,12 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
     if signed:
         ticks = [t for t in (-5, -2, -1, -0.3, 0, 0.3, 1, 2, 5) if abs(t) <= top]
         bar.set_ticks(ticks, labels=[format_number(t) for t in ticks])
+    bar.ax.minorticks_off()
     bar.set_label(label, color=INK)
     bar.outline.set_visible(False)
     note = f"; {omitted} weaker ones are left out" if omitted else ""
+    note += f". Cells without a number are below {MIN_ANNOTATED:g}"
+    note += "; ×: no value" if any(table.isna().to_numpy().any() for table in values.values()) else ""
     figure.suptitle(title + f"\n{len(points)} operating points, strongest parameters on top{note}",
                     x=0.01, ha="left", fontsize=10.5, color=INK)  # fmt: skip
     return figure

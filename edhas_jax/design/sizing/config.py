@@ -132,11 +132,11 @@ class SizingTask:
         return full_factorial(self.points) if self.points else {}
 
 
-def load_sizing(path: Path | str, trust: Trust = ()) -> SizingTask:
+def load_sizing(source: Path | str | Mapping[str, Any], trust: Trust = ()) -> SizingTask:
     """Read a sizing task from a YAML file.
 
     Args:
-        path: the configuration file.
+        source: the configuration file, or a mapping with the same keys, whose machine may be a machine.
         trust: Python files (or modules) of your own that may run if the file names them, besides those that were
             allowed by `edhas trust`.
 
@@ -146,7 +146,7 @@ def load_sizing(path: Path | str, trust: Trust = ()) -> SizingTask:
     Raises:
         ConfigError: every problem of the file, one line each.
     """
-    r = TaskReader(path, SECTIONS, "free", trust=trust)
+    r = TaskReader(source, SECTIONS, "free", trust=trust, machine_file="start.yaml")
     points = r.operating_points("points")
     for name in sorted({a.name for a in points} & {a.name for a in r.axes}):
         r.add(("free", name), "is fixed by the operating points; remove it from one of the two sections")

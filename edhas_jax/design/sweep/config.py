@@ -36,7 +36,7 @@ from edhas_jax.design.sweep.axes_reader import AxesReader
 from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.parameters import ParameterError, find_parameter, replace_value
-from edhas_jax.machine.rigs import Rig
+from edhas_jax.machine.rigs import RIGS, Rig
 from edhas_jax.simulation.run import Precision, Simulation
 
 SECTIONS = ("name", "base", "machine", "parameters", "sweep", "batch")
@@ -168,6 +168,8 @@ class SweepReader(ProblemList):
                 self.machine, self._simulation = config.machine, config.simulation
             except ConfigError as error:
                 self.base_problems += str(error).splitlines()
+        elif isinstance(inline, tuple(RIGS.values())):
+            self.machine = inline
         elif not isinstance(inline, Mapping):
             self.add(("machine",), f"a mapping such as `machine: {{rig: pump_bench}}` belongs here, not "
                                     f"{yaml_type(inline)}")  # fmt: skip

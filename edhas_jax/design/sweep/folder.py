@@ -8,7 +8,7 @@ import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 import pandas as pd
@@ -143,12 +143,9 @@ class SweepFolder:
         """Write the designs and the manifest of a sweep that begins."""
         sweep = self._sweep
         files = self._write_designs()
-        axes = {a.name: ({"values": list(a.values)} if a.values else
-                         {"from": a.low, "to": a.high, "count": a.count, "spacing": "log" if a.log else "linear"})
-                for a in sweep.axes}  # fmt: skip
         write_manifest(self.path, {
             "format": FORMAT_VERSION, "name": sweep.name, "state": "unfinished", "hash": self.hash,
-            "sweep": {"kind": sweep.kind, "seed": sweep.seed, "parameters": axes or list(sweep.designs)},
+            "sweep": sweep_description(sweep),
             "designs": len(sweep), "chunks": len(self._chunks),
             **versions(), **device(),
             "begun": _now(), "finished": None, "computed_on": [],
@@ -211,6 +208,14 @@ class SweepFolder:
                 what = ("the disk is full. Finished chunks are kept and readable; "
                         "make room, and the same command resumes the sweep")  # fmt: skip
             raise SweepError(f"{self.path}: {what}") from None
+
+
+def sweep_description(sweep: Sweep) -> dict[str, Any]:
+    """The kind of a sweep, its seed and its parameters, as plain data."""
+    axes = {a.name: ({"values": list(a.values)} if a.values else
+                     {"from": a.low, "to": a.high, "count": a.count, "spacing": "log" if a.log else "linear"})
+            for a in sweep.axes}  # fmt: skip
+    return {"kind": sweep.kind, "seed": sweep.seed, "parameters": axes or list(sweep.designs)}
 
 
 def _lock(path: Path) -> TextIO | None:

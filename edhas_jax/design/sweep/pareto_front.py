@@ -67,7 +67,7 @@ def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | No
     axes.plot(horizontal[front], vertical[front], "-", color=FRONT_COLOUR, lw=1.0, zorder=3)
     axes.plot(horizontal[front], vertical[front], "o", color=FRONT_COLOUR, ms=5 if len(front) < 60 else 3, zorder=4,
               label=f"Pareto front: {len(front):,} non-dominated designs")  # fmt: skip
-    listed = front[np.unique(np.linspace(0, len(front) - 1, min(MAX_TABLE_ROWS, len(front))).round().astype(int))]
+    listed = front[_spread(horizontal[front], vertical[front])]
     for number, i in enumerate(listed, 1):
         axes.annotate(str(number), (horizontal[i], vertical[i]), xytext=(-4, 9), textcoords="offset points", ha="right",
                       fontsize=9, weight="bold", color=FRONT_COLOUR, zorder=5,
@@ -95,6 +95,14 @@ def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | No
     figure.suptitle(selection.title(f"{names[0].replace('_', ' ')} against {names[1].replace('_', ' ')}", "left out"),
                     x=0.01, ha="left", fontsize=11, color=INK)  # fmt: skip
     return figure
+
+
+def _spread(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Indices of at most `MAX_TABLE_ROWS` points of a front, spread evenly along it as it is drawn."""
+    steps = np.hypot(*(np.diff(v) / (np.ptp(v) or 1.0) for v in (x, y)))
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    wanted = np.linspace(0.0, along[-1], min(MAX_TABLE_ROWS, len(x)))
+    return np.unique([int(np.argmin(np.abs(along - w))) for w in wanted])
 
 
 def _column_heading(label: str) -> str:

@@ -32,6 +32,7 @@ UNIDENTIFIED_STD = 0.8  # share of the prior's standard deviation above which th
 CONFOUNDED_CORRELATION = 0.95  # correlation above which two unknowns cannot be separated
 IMPLAUSIBLE_DISTANCE = 2.5  # distance from the prior mean, in prior standard deviations
 DRIFT_SCORE = 3.5  # score of a run's own estimate that chance rarely reaches among some hundred
+NOT_CONVERGED = "The fit has not converged: the values are those of its last step."
 CONFIG_FILE, RESULT_FILE = "config.yaml", "fit.json"
 
 
@@ -98,11 +99,11 @@ class Calibration:
         runs = "held-out runs" if use is Use.HOLDOUT else "fitted runs (none is held out)"
         worst = max((n for n in rms[use.value] if n != "overall"), key=rms[use.value].__getitem__)
         signal = f"worst signal {worst}, {rms[use.value][worst]:.2f}"
+        if not self.fit.converged:
+            sentences.append(NOT_CONVERGED)
         sentences.append(f"Residual over noise on the {runs}: {overall:.2f}; {signal}.")
         if (larger := model_error_sentence(rms[Use.FIT.value]["overall"])) is not None:
             sentences.append(larger)
-        if not self.fit.converged:
-            sentences.append("The fit has not converged: the values below are those of its last step.")
         if implausible := self.implausible():
             pulls = dict(zip((u.name for u in self.fit.problem.unknowns), self.fit.x, strict=True))
             order = sorted(implausible, key=lambda n: -abs(pulls[n]))

@@ -22,7 +22,9 @@ def draw_thresholds(plan: DetectabilityPlan):
     rows = np.arange(len(candidates))[::-1]
     shares = np.clip([s.threshold_share for s in candidates], SHARE_RANGE[0], 1.0)
     colours = [LOCATION_COLOURS[s.candidate.location] for s in candidates]
-    axes.barh(rows, 1.0 - shares, left=shares, height=0.7, color=colours)
+    # a dot is the threshold; the thin line is what the campaign detects, up to the strongest plausible effect
+    axes.hlines(rows, shares, 1.0, color=colours, lw=1.2, alpha=0.6)
+    axes.scatter(shares, rows, s=34, color=colours, zorder=3)
     axes.axvline(1.0, color=INK, lw=1.0, ls="--")
     for row, s in zip(rows, candidates, strict=True):
         if not s.detectable:
@@ -31,7 +33,7 @@ def draw_thresholds(plan: DetectabilityPlan):
     axes.set_xlim(*SHARE_RANGE)
     axes.set_ylim(-0.8, len(candidates) - 0.2)
     axes.set_yticks(rows, [s.candidate.name.replace("_", " ") for s in candidates], fontsize=7.5, color=INK)
-    label = "strength over the strongest plausible one (dashed); coloured: detectable"
+    label = "smallest detectable strength over the strongest plausible one (dashed); line: detectable"
     axes.set_xlabel(label, fontsize=9, color=INK)
     axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
     axes.set_axisbelow(True)

@@ -29,8 +29,8 @@ class PlannedCampaignDescription(CampaignDescription):
         """
         if self.set_point:
             raise CampaignError(
-                f"{self.folder / CAMPAIGN_FILE}: `reference: {self.set_point}` is recorded with the runs, so they "
-                "cannot be planned before they are made; describe the set point instead"
+                f"{self.folder / CAMPAIGN_FILE}: `reference: {self.set_point.column}` is recorded with the runs, "
+                "so they cannot be planned before they are made; describe the set point instead"
             )
         return tuple(self._planned_run(*row, rate) for row in self.run_entries)
 

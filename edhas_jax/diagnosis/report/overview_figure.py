@@ -1,7 +1,5 @@
 """A diagnosis in one figure: worst signal before and after, scores of the candidates, and residual after each stage."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from edhas_jax.core.literal_text import figure_text
@@ -39,56 +37,65 @@ def draw_overview(diagnosis: Diagnosis):
     )
     figure = Figure(figsize=(12.5, 7.2), layout="constrained")
     grid = figure.add_gridspec(6, 2, width_ratios=[1.35, 1.0])
-    first_residual_axes = None
-    for row, of_state, title in ((0, residuals, "calibrated"), (3, diagnosis.after.residuals, "after")):
-        axes, residual_axes = figure.add_subplot(grid[row : row + 2, 0]), figure.add_subplot(grid[row + 2, 0])
-        _draw_signal(axes, residual_axes, diagnosis, run, signal, of_state, title)
-        first_residual_axes = residual_axes if first_residual_axes is None else first_residual_axes
-        residual_axes.set_ylim(first_residual_axes.get_ylim())
+    panels = [figure.add_subplot(grid[row : row + 2, 0]) for row in (0, 2, 4)]
+    _draw_signal(panels[0], diagnosis, run, signal)
+    for axes, of_state, title in (
+        (panels[1], residuals, "error of the calibrated model"),
+        (panels[2], diagnosis.after.residuals, "error of the final model"),
+    ):
+        _draw_error(axes, diagnosis, run, signal, of_state[run.name][signal], title)
+    panels[2].set_ylim(panels[1].get_ylim())
+    for axes in panels[:2]:
+        axes.tick_params(labelbottom=False)
+    panels[2].set_xlabel("time, ms", fontsize=9, color=INK)
     score_axes, stage_axes = figure.add_subplot(grid[:3, 1]), figure.add_subplot(grid[3:, 1])
     _draw_scores(score_axes, diagnosis)
     draw_stages(stage_axes, diagnosis, runs[0].use)
-    stage_axes.set_title(f"residual over noise, {USE_TITLES[runs[0].use]}", fontsize=10, loc="left", color=INK)
+    stage_axes.set_title(f"after each stage, {USE_TITLES[runs[0].use]}", fontsize=10, loc="left", color=INK)
+    stage_axes.set_xlabel("residual over noise (dashed: the noise alone)", fontsize=9, color=INK)
     figure.suptitle(figure_text(conclusions(diagnosis)[0]), x=0.01, ha="left", fontsize=12, color=INK)
     return figure
 
 
-def _draw_signal(
-    axes, residual_axes, diagnosis: Diagnosis, run: BenchRun, signal: str,
-    residuals: Mapping[str, Mapping[str, np.ndarray]], title: str,
-) -> None:  # fmt: skip
-    """One signal of one run, measured and by a model, and its residual over noise below."""
-    machine = diagnosis.campaign.machine_of(run)
-    start = run.time[0]
+def _draw_signal(axes, diagnosis: Diagnosis, run: BenchRun, signal: str) -> None:
+    """The measured signal of one run; a model that is nearly right would hide it."""
+    about, shown = SIGNALS[signal], _shown_samples(diagnosis, run)
+    points = from_si(run.signals[signal][shown], about.unit, about.display_unit)
+    axes.plot(1e3 * run.time[shown], points, color=INK, lw=1.2)
+    use = ", held out" if run.use is Use.HOLDOUT else ""
+    heading = f"measured {signal.replace('_', ' ')}, {figure_text(run.name)}{use}"
+    axes.set_title(heading, fontsize=10, loc="left", color=INK)
+    axes.set_ylabel(about.display_unit, fontsize=9, color=INK)
+    _style_axes(axes)
+
+
+def _draw_error(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, residual: np.ndarray, title: str) -> None:
+    """What a model leaves of a signal, in its unit, with a band of two standard deviations of the noise."""
+    about, shown = SIGNALS[signal], _shown_samples(diagnosis, run)
+    scale = from_si(diagnosis.campaign.channels[signal].noise, about.unit, about.display_unit)
+    scale -= from_si(0.0, about.unit, about.display_unit)
+    axes.axhspan(-2 * scale, 2 * scale, color="#d8dee4", lw=0, label="± 2 noise")
+    axes.plot(1e3 * run.time[shown], scale * residual[shown], color=COLOURS[0], lw=0.9, label="measured − model")
+    heading = f"{title}: {rms_over_noise([residual]):.2f} × noise"
+    axes.set_title(heading, fontsize=10, loc="left", color=INK)
+    axes.set_ylabel(about.display_unit, fontsize=9, color=INK)
+    axes.legend(fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)
+    _style_axes(axes)
+
+
+def _shown_samples(diagnosis: Diagnosis, run: BenchRun) -> np.ndarray:
+    """Mask of the samples that are drawn: the last cycles of a sine, otherwise all."""
+    machine, start = diagnosis.campaign.machine_of(run), run.time[0]
     if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
         start = run.time[-1] - CYCLES_SHOWN / float(get_parameter(machine, "frequency"))
-    shown = run.time >= start
-    about, time = SIGNALS[signal], 1e3 * run.time[shown]
-    noise = diagnosis.campaign.channels[signal].noise
-    residual = residuals[run.name][signal]
-    measured = run.signals[signal]
-    modelled = (measured - noise * residual)[shown]
-    model, half_width = (from_si(v, about.unit, about.display_unit) for v in (modelled, 2.0 * noise))
-    points = from_si(measured[shown], about.unit, about.display_unit)
-    axes.plot(time, points, ".", ms=3, color=COLOURS[0], label="measured")
-    axes.fill_between(time, model - half_width, model + half_width, color=COLOURS[1], alpha=0.25, lw=0)
-    axes.plot(time, model, color=COLOURS[1], lw=1.2, label="model ± 2 noise")
-    use = ", held out" if run.use is Use.HOLDOUT else ""
-    heading = f"{title}: {figure_text(run.name)}{use}, {rms_over_noise([residual]):.2f} × noise"
-    axes.set_title(heading, fontsize=10, loc="left", color=INK)
-    axes.set_ylabel(f"{signal.replace('_', ' ')}, {about.display_unit}", fontsize=9, color=INK)
-    axes.tick_params(labelbottom=False)
-    axes.legend(fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, markerscale=2.0,
-                handlelength=1.2, columnspacing=1.0)  # fmt: skip
-    residual_axes.axhspan(-2, 2, color="#d8dee4", lw=0)
-    residual_axes.plot(time, residual[shown], color=COLOURS[0], lw=0.8)
-    residual_axes.set_ylabel("residual/noise", fontsize=9, color=INK)
-    residual_axes.set_xlabel("time, ms", fontsize=9, color=INK)
-    for panel in (axes, residual_axes):
-        panel.grid(color="#e4e7eb", lw=0.6)
-        panel.margins(x=0.0)
-        panel.spines[["top", "right"]].set_visible(False)
-        panel.tick_params(colors=GREY, labelsize=8)
+    return run.time >= start
+
+
+def _style_axes(axes) -> None:
+    axes.grid(color="#e4e7eb", lw=0.6)
+    axes.margins(x=0.0)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(colors=GREY, labelsize=8)
 
 
 def _draw_scores(axes, diagnosis: Diagnosis) -> None:
@@ -98,12 +105,16 @@ def _draw_scores(axes, diagnosis: Diagnosis) -> None:
     falls = [max(score.chi_square_fall, 1.0) for score in scores]
     colours = [COLOURS[1] if score.candidate in accepted else OTHER_COLOUR for score in scores]
     rows = np.arange(len(scores))
-    axes.barh(rows, falls, height=0.65, color=colours)
+    # dots: on a logarithmic axis the length of a bar would mean nothing
+    axes.scatter(falls, rows, s=70, color=colours, zorder=3)
     axes.set_xscale("log")
-    axes.set_xlim(1.0, 3.0 * max([*falls, 10.0]))
+    axes.set_xlim(0.3 * min(falls, default=1.0), 3.0 * max([*falls, 10.0]))
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.set_yticks(rows, [score.candidate.name.replace("_", " ") for score in scores], fontsize=8.5, color=INK)
-    axes.set_title("candidates: predicted fall of χ² (coloured: accepted)", fontsize=10, loc="left", color=INK)
+    axes.set_title("candidates (coloured: accepted)", fontsize=10, loc="left", color=INK)
+    axes.set_xlabel("predicted fall of χ²", fontsize=9, color=INK)
+    axes.grid(color="#e4e7eb", lw=0.6)
+    axes.set_axisbelow(True)
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.tick_params(axis="y", length=0)
     axes.tick_params(axis="x", colors=GREY, labelsize=8)

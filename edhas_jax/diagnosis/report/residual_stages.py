@@ -1,4 +1,4 @@
-"""The residual over noise after each stage of a diagnosis, as a table and as a waterfall chart."""
+"""The residual over noise after each stage of a diagnosis, as a table and as a chart."""
 
 from collections.abc import Mapping
 
@@ -56,27 +56,34 @@ def draw_waterfall(diagnosis: Diagnosis):
     for axes, use in zip(panels, uses, strict=True):
         draw_stages(axes, diagnosis, use)
         axes.set_title(USE_TITLES[use], fontsize=9, loc="left", color=INK)
-    panels[-1].set_xlabel("residual over noise; green: removed; dashed: the noise", fontsize=8.5, color=INK)
+    panels[-1].set_xlabel("residual over noise; arrow: change by a stage; dashed: the noise", fontsize=8.5, color=INK)
     return figure
 
 
 def draw_stages(axes, diagnosis: Diagnosis, use: Use) -> None:
-    """Draw the waterfall chart of the runs of one use into matplotlib axes; values are cut off at the last tick."""
+    """Draw the stages of the runs of one use into matplotlib axes; values are cut off at the last tick.
+
+    A dot is the residual of a stage and an arrow the way to it from the one before: on a logarithmic axis the length of
+    a bar would mean nothing.
+    """
     table = residual_stages(diagnosis)
     names, values = list(table), [min(row[use], TICKS[-1]) for row in table.values()]
     largest = min(max(value for row in table.values() for value in row.values()), TICKS[-1])
     for k, value in enumerate(values):
         # a free term replaces all candidates, so its fall begins at the calibrated model
         before = value if k == 0 else values[1] if names[k] == FREE_STAGE else values[k - 1]
-        axes.barh(k, value - AXIS_START, left=AXIS_START, height=0.6, color=REMAINING_COLOUR)
         colour = FALL_COLOUR if before >= value else RISE_COLOUR
-        axes.barh(k, abs(before - value), left=min(before, value), height=0.6, color=colour)
+        if before != value:
+            arrow = {"arrowstyle": "-|>", "color": colour, "lw": 2.5, "shrinkA": 5, "shrinkB": 5}
+            axes.annotate("", (value, k), (before, k), arrowprops=arrow)
+            axes.plot(before, k, "o", ms=6, mfc="white", mec=REMAINING_COLOUR, mew=1.5, zorder=3)
+        axes.plot(value, k, "o", ms=9, color=INK, zorder=4)
         text = f"{value:.2f}" if value < TICKS[-1] else f"{value:.0f} or more"
-        axes.annotate(f" {text}", (max(before, value), k), va="center", fontsize=9, color=INK)
+        axes.annotate(text, (value, k), (0, 9), textcoords="offset points", ha="center", fontsize=9, color=INK)
     axes.axvline(1.0, color=COLOURS[0], lw=1.2, ls="--")
     axes.set_xscale("log")
     axes.set_xlim(AXIS_START, 1.7 * max(largest, 1.5))
-    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_ylim(len(names) - 0.5, -0.7)
     shown = [t for t in TICKS if t <= 1.7 * largest] or [1]
     axes.set_xticks(shown, [f"{t}" for t in shown], fontsize=8, color=GREY)
     axes.minorticks_off()

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.measurements.tables.channel_files import read_hdf5_table
 from edhas_jax.measurements.tables.row_table import Cell, table_from_rows
-from edhas_jax.measurements.tables.table import Column, Report, Table, TableError, names_and_units
+from edhas_jax.measurements.tables.table import Column, Report, Table, TableError, names_and_units, table_of_vectors
 
 MAX_UNPACKED_SIZE = 1 << 30  # bytes of an Excel file
 
@@ -49,14 +50,14 @@ def read_mat_table(path: Path, report: Report) -> Table:
     """Read one vector per signal, named as the signal; a struct `units` may give their units as texts.
 
     Raises:
-        TableError: the file is damaged, or of a version that SciPy does not read.
+        TableError: the file is damaged, or h5py is needed for its version and not installed.
     """
     from scipy.io import loadmat
 
     try:
         data = loadmat(path, simplify_cells=True)
-    except NotImplementedError:
-        raise TableError(0, "is a MATLAB file of version 7.3; write it with `save(name, '-v7')`") from None
+    except NotImplementedError:  # version 7.3
+        return read_hdf5_table(path, report)
     except FileNotFoundError:
         raise
     except Exception:  # a damaged file raises whatever its bytes lead to
@@ -64,16 +65,11 @@ def read_mat_table(path: Path, report: Report) -> Table:
     units = data.pop("units", {})
     units = units if isinstance(units, dict) else {}
     vectors = {
-        name: np.ravel(value).astype(float)
+        name: (str(units.get(name, "")), np.ravel(value).astype(float))
         for name, value in data.items()
         if not name.startswith("__") and isinstance(value, np.ndarray) and value.dtype.kind in "fiu"
     }
-    lengths = [len(values) for values in vectors.values()]
-    count = max(lengths, key=lengths.count, default=0)
-    for name in [name for name, values in vectors.items() if len(values) != count]:
-        report(0, f"`{name}` has {len(vectors.pop(name))} samples where others have {count}; it is left out")
-    columns = {name: Column(str(units.get(name, "")), values) for name, values in vectors.items()}
-    return Table(columns, np.arange(1, count + 1))
+    return table_of_vectors(vectors, report)
 
 
 def read_excel_table(path: Path, report: Report) -> Table:

@@ -1,7 +1,7 @@
 """A table of measured numbers: columns with their units, and the line of the file that each sample was read from."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -37,6 +37,24 @@ class Table:
     columns: dict[str, Column]
     lines: np.ndarray
     header_line: int = 0
+
+
+def table_of_vectors(vectors: Mapping[str, tuple[str, np.ndarray]], report: Report) -> Table:
+    """The table of vectors of equal length; those of another length than most are left out.
+
+    Args:
+        vectors: unit and values by name.
+        report: called for what is left out.
+    """
+    lengths = [len(values) for _, values in vectors.values()]
+    count = max(lengths, key=lengths.count, default=0)
+    columns = {}
+    for name, (unit, values) in vectors.items():
+        if len(values) == count:
+            columns[name] = Column(unit, values)
+        else:
+            report(0, f"`{name}` has {len(values)} samples where others have {count}; it is left out")
+    return Table(columns, np.arange(1, count + 1))
 
 
 def names_and_units(cells: Sequence[str], units: Sequence[str], line: int = 0) -> list[tuple[str, str]]:

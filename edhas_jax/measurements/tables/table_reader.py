@@ -9,6 +9,7 @@ from pathlib import Path
 from edhas_jax.core.regular_file import FileKindError, require_regular_file
 from edhas_jax.measurements.campaign import Remark, Severity
 from edhas_jax.measurements.tables.binary_tables import read_excel_table, read_mat_table, read_parquet_table
+from edhas_jax.measurements.tables.channel_files import read_hdf5_table, read_mdf_table, read_tdms_table
 from edhas_jax.measurements.tables.table import Report, Table, TableError
 from edhas_jax.measurements.tables.text_table import read_text_table
 
@@ -20,19 +21,24 @@ FORMATS: tuple[tuple[bytes, Callable[[Path, Report], Table] | str], ...] = (
     (b"PK\x03\x04", read_excel_table),
     (b"\xd0\xcf\x11\xe0", "is a file of Excel 97; save it as CSV or .xlsx"),
     (b"\x1f\x8b", "is compressed with gzip; unpack it"),
-    (b"TDSm", "is a TDMS file of LabVIEW; export it as CSV"),
-    (b"\x89HDF", "is an HDF5 file; export it as CSV, or with `save(name, '-v7')` from MATLAB"),
+    (b"TDSm", read_tdms_table),
+    (b"\x89HDF", read_hdf5_table),
+    (b"MDF ", read_mdf_table),
+    (b"UnFinMF ", "is an MDF file that was not finished; finish it with the program that wrote it"),
     (b"%PDF", "is a PDF file; export the table as CSV"),
 )
 # formats that an empty or damaged file is meant to have
-SUFFIXES = {".parquet": read_parquet_table, ".mat": read_mat_table, ".xlsx": read_excel_table}
+SUFFIXES = {
+    ".parquet": read_parquet_table, ".mat": read_mat_table, ".xlsx": read_excel_table, ".tdms": read_tdms_table,
+    ".h5": read_hdf5_table, ".hdf5": read_hdf5_table, ".mf4": read_mdf_table, ".mdf": read_mdf_table,
+}  # fmt: skip
 
 
 def read_table(path: Path, remark: Callable[[Remark], None]) -> Table:
     """Read the table in a file.
 
     Args:
-        path: a text file with separated values, a Parquet, MATLAB or Excel file.
+        path: a text file with separated values, a Parquet, MATLAB, Excel, HDF5, TDMS or MDF file.
         remark: called with a remark on everything that is left out.
 
     Returns:

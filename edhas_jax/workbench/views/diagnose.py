@@ -97,6 +97,8 @@ class DiagnoseView:
                 for row in diagnosis["candidates"]:
                     if row["accepted"]:
                         ui.label(f"{candidate_name(row)}: {sizes_text(row['parameters'])}").classes("font-semibold")
+                if (form := diagnosis.get("form")) is not None:
+                    ui.label(f"What explains most of it: {form['formula']}").classes("font-semibold")
             errors = diagnosis["error"]
             use = "holdout" if errors["after"]["holdout"] else "fit"
             values = [errors[state][use]["overall"] for state in ("before", "calibrated", "after")]

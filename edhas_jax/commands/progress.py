@@ -1,0 +1,57 @@
+"""Progress of a command: a bar in a terminal, a line every few seconds where there is none."""
+
+import sys
+import time
+
+from edhas_jax.commands.progress_file import ProgressFile
+from edhas_jax.core.literal_text import terminal_text
+
+LINE_INTERVAL = 5.0  # s, between lines where there is no terminal
+
+
+class WorkProgress:
+    """Shows what a command is doing, on the standard error and in the file of progress; a context manager.
+
+    Args:
+        options: of the command line; with `--quiet` nothing is shown on the standard error.
+        sentence: what is done first.
+    """
+
+    def __init__(self, options=None, sentence: str = "reading"):
+        self._quiet, self._bar, self._task = getattr(options, "quiet", False), None, None
+        self._sentence, self._last_line = sentence, time.monotonic()
+        self._file = ProgressFile()
+
+    def __enter__(self) -> "WorkProgress":
+        self._file.report(self._sentence)
+        if not self._quiet and sys.stderr.isatty():
+            from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+
+            from edhas_jax.commands.plain_console import PlainConsole
+
+            text = TextColumn("{task.description}", markup=False)
+            columns = SpinnerColumn(), text, BarColumn(), TimeRemainingColumn()
+            self._bar = Progress(*columns, transient=True, console=PlainConsole(stderr=True))
+            self._task = self._bar.add_task(terminal_text(self._sentence), total=None)
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, sentence: str, share: float | None = None) -> None:
+        """Show what is being done, and the share of it that is done, 0 … 1, where it is known."""
+        self._sentence = sentence
+        self._file.report(sentence, share)
+        if self._bar is not None:
+            known = {} if share is None else {"total": 1.0, "completed": share}
+            self._bar.update(self._task, description=terminal_text(sentence), **known)
+        elif not self._quiet and time.monotonic() - self._last_line > LINE_INTERVAL:
+            self._last_line = time.monotonic()
+            done = "" if share is None else f", {100.0 * share:.0f} %"
+            print(terminal_text(f"edhas: {sentence}{done}"), file=sys.stderr, flush=True)
+
+    def share(self, share: float) -> None:
+        """Show the share of the present work that is done, 0 … 1."""
+        self(self._sentence, share)

@@ -1,0 +1,1 @@
+"""The metrics and the trajectories of a machine as functions that JAX transforms."""

@@ -1,0 +1,121 @@
+"""Compare: the model beside the measurements of a campaign, and where it fails."""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from edhas_jax.config.machine_config import Config, as_config
+from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
+from edhas_jax.core.trusted_code import Trust
+from edhas_jax.machine.rigs import Rig
+from edhas_jax.measurements.campaign import Campaign
+from edhas_jax.measurements.campaign_reader import as_campaign
+from edhas_jax.measurements.comparison import Comparison
+from edhas_jax.measurements.comparison import compare as simulate_and_compare
+from edhas_jax.measurements.comparison_figures import draw_traces
+from edhas_jax.measurements.comparison_report import comparison_report, sentences
+from edhas_jax.measurements.figures_of_merit import figures_of_merit
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.replay import Replay
+from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
+from edhas_jax.measurements.residual_patterns import Pattern, find_patterns
+from edhas_jax.tasks.result import Result, with_methods
+
+GOOD_RESIDUAL, BAD_RESIDUAL = 1.15, 3.0  # residual over noise, up to which nothing is missing, and from which much is
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class ComparisonResult(Result, Comparison):
+    """A model compared with the measurements of a campaign; see `Comparison` for its numbers."""
+
+    files = ("figures.csv", "report.html")
+
+    @functools.cached_property
+    def patterns(self) -> list[Pattern]:
+        """The patterns in the residuals, the most important first."""
+        return find_patterns(self)
+
+    def figures_of_merit(self):
+        """A pandas table: errors, gain, phase, delay and whiteness by run and signal."""
+        return figures_of_merit(self)
+
+    def summary(self) -> Summary:
+        """See `Result.summary`."""
+        found = sentences(self.patterns)
+        numbered = [f"{number}. {sentence}" for number, sentence in enumerate(found, 1)]
+        title = f"{self.campaign.name}: model and measurements, {len(self.runs)} runs, {len(self.signals)} signals"
+        nothing = ["The residuals hold nothing but the noise of the sensors."]
+        return Summary(title, (self._residuals(), *(numbered or nothing)))
+
+    def _residuals(self) -> SummaryTable:
+        rows, records = [], []
+        for run, row in self.rms_over_noise().items():
+            rows.append((run, *("" if n not in row else toned_residual(row[n]) for n in self.signals)))
+            records.append({"run": run, **{n: row.get(n) for n in self.signals}})
+        title = "residual over noise"
+        return SummaryTable.of("residual_over_noise", ("run", *self.signals), rows, records, title)
+
+    def plot(self):
+        """A matplotlib figure: residual over noise of every run and signal."""
+        matrix = self.rms_over_noise()
+        notes = {run: text for run, text in run_descriptions(self.campaign).items() if run in matrix}
+        return draw_residual_matrix({"residual over noise": matrix}, notes)
+
+    def plot_signal(self, signal: str):
+        """A matplotlib figure: a signal measured and of the model, with its residual.
+
+        Raises:
+            ValueError: no run has this signal.
+        """
+        if signal not in self.signals:
+            raise ValueError(f"{signal}: no signal of this comparison; there are: {', '.join(self.signals)}")
+        return draw_traces(self, signal)
+
+    def report(self) -> str:
+        """The report, one HTML page."""
+        return comparison_report(self, self.patterns)
+
+    def write_files(self, folder: Path) -> Sequence[str]:
+        """See `Result.write_files`."""
+        figures_of_merit(self).to_csv(folder / "figures.csv")
+        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+        return ()
+
+
+def toned_residual(value: float) -> Toned:
+    """A residual over noise as text: good where it is noise alone, bad where the model fails."""
+    tone = Tone.GOOD if value < GOOD_RESIDUAL else Tone.CAUTION if value < BAD_RESIDUAL else Tone.BAD
+    return Toned(f"{value:.2f}", tone)
+
+
+def compare(
+    campaign: Campaign | Path | str,
+    machine: Rig | Config | Mapping[str, Any] | Path | str | None = None,
+    instruments: Instruments = Instruments(),
+    replay: Replay = Replay.SET_POINT,
+    trust: Trust = (),
+    on_progress: Callable[[str], None] | None = None,
+) -> ComparisonResult:
+    """Simulate a model as the bench was run, and compare it with the measurements.
+
+    Args:
+        campaign: a campaign or its folder.
+        machine: the model, a machine, a configuration or its file; None: the campaign's own.
+        instruments: measurement chains that record the signals of the model.
+        replay: the input that drives the model.
+        trust: Python files of your own that may run if a file names them.
+        on_progress: called with a sentence before each stage of the work.
+
+    Returns:
+        The residuals of each run, the patterns in them, pictures and a report.
+
+    Raises:
+        CampaignError: the campaign is wrong, or no run can be driven by this input.
+        ParameterError: the machine lacks a parameter that the runs set.
+    """
+    model = None if machine is None else as_config(machine, trust).machine
+    campaign = as_campaign(campaign, trust)
+    found = simulate_and_compare(campaign, model, instruments, replay, on_progress)
+    return with_methods(ComparisonResult, found)

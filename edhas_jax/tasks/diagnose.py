@@ -1,0 +1,180 @@
+"""Diagnose: which effect the model of a campaign's machine lacks, and of what size."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from edhas_jax.core.optional_parts import OptionalParts
+from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
+from edhas_jax.core.trusted_code import Trust
+from edhas_jax.core.units import format_quantity
+from edhas_jax.diagnosis.calibration.fit_problem import FitError
+from edhas_jax.diagnosis.planning import next_experiment as planning
+from edhas_jax.diagnosis.report.overview_figure import draw_overview
+from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
+from edhas_jax.diagnosis.report.result_file import CURVE_CONFIG_FILE, save_diagnosis
+from edhas_jax.diagnosis.search.checkpoint import Checkpoint
+from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions
+from edhas_jax.diagnosis.search.forward_selection import diagnose as search
+from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.machine.effects import Effect
+from edhas_jax.machine.effects.loading import load_effect
+from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
+from edhas_jax.measurements.campaign_reader import as_campaign
+from edhas_jax.measurements.checks.data_summary import data_sentences
+from edhas_jax.tasks.compare import toned_residual
+from edhas_jax.tasks.result import Result, save_figure, with_methods
+
+MAX_BENCH_ROWS = 10  # deviations of the bench in the summary; the report lists all
+INTERRUPTED = "Interrupted: the result is written, but not all of its pictures; the same command makes them."
+VERDICT_TONES = {Verdict.ADEQUATE: Tone.GOOD, Verdict.MISSING_EFFECT: Tone.HEAD}
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class DiagnosisResult(Result, Diagnosis):
+    """What the model of a campaign's machine lacks; see `Diagnosis` for its numbers."""
+
+    # besides the model, curves as tabulated laws that it names
+    files = ("report.html", "diagnosis.json", "diagnosis.png", "config.yaml", CURVE_CONFIG_FILE, "*_curve.yaml")
+
+    @property
+    def machine(self):
+        """The machine with the accepted effects, everything fitted."""
+        return self.final.machine
+
+    def summary(self) -> Summary:
+        """See `Result.summary`."""
+        verdict = self.verdict.value.replace("_", " ")
+        title = f"{self.campaign.name}: {verdict}, {self.seconds:.0f} s"
+        found = conclusions(self)
+        tone = VERDICT_TONES.get(self.verdict, Tone.CAUTION)
+        sentences = [Toned(s, tone) if s == found[0] else s for s in data_sentences(self.campaign, found)]
+        bench = [self._bench()] if bench_rows(self) else []
+        return Summary(title, (*bench, self._candidates(), self._errors(), *sentences))
+
+    def summary_with(self, experiment: Any, failures: Sequence[str]) -> Summary:
+        """The summary with the recommended run and sentences on what could not be made."""
+        summary = self.summary()
+        more = [] if experiment is None else [experiment.sentence]
+        return dataclasses.replace(summary, parts=(*summary.parts, *more, *failures))
+
+    def _bench(self) -> SummaryTable:
+        rows = bench_rows(self)[:MAX_BENCH_ROWS]
+        return SummaryTable.of("bench", ("what", "run", "deviation", "accuracy"), rows, title="what the bench did")
+
+    def _candidates(self) -> SummaryTable:
+        rows, records = [], []
+        for candidate, p, trial in self.ranked_candidates():
+            if trial is None or trial.evaluated is None:
+                continue
+            fitted = self.after if candidate in [t.candidate for t in self.accepted] else trial.evaluated
+            own = candidate.own_unknowns(fitted.fit.problem.unknowns)
+            values = {name: fitted.fit.values[u.name] for name, u in own.items()}
+            sizes = [f"{name} {format_quantity(values[name], u.unit)}" for name, u in own.items()]
+            rms = fitted.rms_over_noise(Use.HOLDOUT)
+            new_runs = f"{rms:.3f}" if math.isfinite(rms) else "none is held out"
+            rows.append((candidate.name, candidate.location, ", ".join(sizes), f"{p:.3f}", new_runs))
+            records.append({"effect": candidate.name, "where": candidate.location, "size": values, "probability": p,
+                            "residual_over_noise_on_new_runs": rms})  # fmt: skip
+        columns = "effect", "where", "size", "probability", "new runs, residual over noise"
+        return SummaryTable.of("candidates", columns, rows, records, "candidates")
+
+    def _errors(self) -> SummaryTable:
+        errors = self.errors()
+        columns = [f"{state}, {use}" for use in ("fitted", "held out") for state in errors]
+        values = [errors[state][use] for use in ("fit", "holdout") for state in errors]
+        rows = [(n, *("" if n not in c else toned_residual(c[n]) for c in values)) for n in values[0]]
+        records = [{"signal": n, **{c: v.get(n) for c, v in zip(columns, values, strict=True)}} for n in values[0]]
+        return SummaryTable.of("residual_over_noise", ("signal", *columns), rows, records, "residual over noise")
+
+    def plot(self):
+        """A matplotlib figure: measured and model, the suspects, the same run with the accepted effect, the errors."""
+        return draw_overview(self)
+
+    def next_experiment(self):
+        """The most informative next run, an `Experiment` with a `sentence`; None if there is none."""
+        return planning.next_experiment(self)
+
+    def report(self) -> str:
+        """The report, one HTML page."""
+        return diagnosis_report(self)
+
+    def write_files(self, folder: Path) -> Sequence[str]:
+        """See `Result.write_files`."""
+        return self.write_all(folder)[1]
+
+    def write_all(
+        self, folder: Path, failures: Sequence[str] = (), on_progress: Callable[[str], None] | None = None
+    ) -> tuple[Any, list[str], bool]:
+        """Write result, model, report and picture into an existing folder: what may fail last.
+
+        Args:
+            folder: an existing folder.
+            failures: sentences on parts that could not be made before.
+            on_progress: called with a sentence before each stage.
+
+        Returns:
+            The next experiment or None, a sentence on each part that failed, and whether the user has interrupted it.
+        """
+        optional, interrupted, found = OptionalParts(), False, []
+        optional.failures += failures
+        save_diagnosis(self, folder)
+        try:
+            self._write_optional_parts(folder, optional, on_progress or (lambda sentence: None), found)
+        except KeyboardInterrupt:
+            optional.failures.append(INTERRUPTED)
+            interrupted = True
+        experiment = found[0] if found else None
+        save_diagnosis(self, folder, None if experiment is None else experiment.as_json(), optional.failures)
+        return experiment, optional.failures, interrupted
+
+    def _write_optional_parts(self, folder: Path, optional: OptionalParts, report, found: list) -> None:
+        """Report, next experiment (appended to `found`) and pictures; each may fail alone."""
+        path = folder / "report.html"
+        report("writing the report")
+        optional.attempt("The report", lambda: write_report(self, path, pictures=False))
+        report("looking for the most informative next run")
+        experiment = optional.attempt("The next experiment", self.next_experiment)
+        found += [] if experiment is None else [experiment]
+        report("drawing the pictures")
+        optional.attempt("diagnosis.png", lambda: save_figure(self.plot(), folder / "diagnosis.png"))
+        failed = optional.attempt(
+            "The report with pictures", lambda: write_report(self, path, experiment, optional.failures)
+        )
+        optional.failures += failed or []
+
+
+def diagnose(
+    campaign: Campaign | Path | str,
+    effects: Iterable[type[Effect] | str] = (),
+    library: Iterable[type[Effect]] | None = None,
+    trust: Trust = (),
+    on_progress: Callable[[str], None] | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> DiagnosisResult:
+    """Find the effects that the model of a campaign's machine lacks.
+
+    Args:
+        campaign: a campaign or its folder.
+        effects: further effects to consider: classes, or "FILE.py:Class", which may then run.
+        library: restricts the library to these effects; None: all that the machine has slots for.
+        trust: Python files of your own that may run if the campaign names them.
+        on_progress: called with a sentence on the work at hand.
+        checkpoint: keeps finished stages, so that an interrupted search goes on.
+
+    Returns:
+        The verdict with its probabilities, the candidates and the final model.
+
+    Raises:
+        CampaignError: the campaign is wrong, or the fit fails.
+    """
+    more = [load_effect(e, trust=[e]) if isinstance(e, str) else e for e in effects]
+    options = {"more": more, "on_progress": on_progress, "checkpoint": checkpoint}
+    options |= {} if library is None else {"library": library}
+    try:
+        found = search(as_campaign(campaign, trust), **options)
+    except FitError as error:
+        raise CampaignError(str(error)) from None
+    return with_methods(DiagnosisResult, found)

@@ -1,0 +1,189 @@
+"""Fit: calibrate the uncertain parameters of a campaign's machine."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from edhas_jax.core.optional_parts import OptionalParts
+from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
+from edhas_jax.core.trusted_code import Trust
+from edhas_jax.core.units import format_quantity
+from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
+from edhas_jax.diagnosis.calibration.figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
+from edhas_jax.diagnosis.calibration.fit import fit as calibrate
+from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
+from edhas_jax.diagnosis.calibration.report import fit_report
+from edhas_jax.diagnosis.calibration.result import NOT_CONVERGED, Calibration, campaign_residuals, save_calibration
+from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
+from edhas_jax.measurements.campaign import Campaign, CampaignError
+from edhas_jax.measurements.campaign_reader import as_campaign
+from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
+from edhas_jax.tasks.compare import toned_residual
+from edhas_jax.tasks.result import Result, with_methods
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class FitResult(Result, Calibration):
+    """The calibrated parameters of a campaign's machine; see `Calibration` for its numbers.
+
+    Attributes:
+        failures: a sentence on each check that could not be made.
+        interrupted: whether the user has interrupted the checks; the estimates are complete.
+    """
+
+    failures: tuple[str, ...] = ()
+    interrupted: bool = False
+    files = ("report.html", "fit.json", "config.yaml")
+
+    @property
+    def machine(self):
+        """The machine with the calibrated parameters."""
+        return self.fit.machine
+
+    def summary(self) -> Summary:
+        """See `Result.summary`; that a fit has not converged is said first."""
+        campaign = self.fit.problem.campaign
+        title = f"{campaign.name}: {len(self.fit.problem.unknowns)} parameters calibrated in {self.seconds:.0f} s"
+        findings = [sentence for sentence in self.findings() if sentence != NOT_CONVERGED]
+        warning = [] if self.fit.converged else [Toned(NOT_CONVERGED, Tone.BAD)]
+        numbered = [f"{number}. {sentence}" for number, sentence in enumerate(findings, 1)]
+        return Summary(title, (*warning, self._errors(), self._estimates(), *numbered, *self.failures))
+
+    def _errors(self) -> SummaryTable:
+        columns = [f"{state}, {use}" for use in ("fitted", "held out") for state in ("before", "calibrated")]
+        errors = self.rms_residuals()
+        values = [errors[state][use] for use in ("fit", "holdout") for state in ("before", "calibrated")]
+        rows = [(n, *("" if n not in c else toned_residual(c[n]) for c in values)) for n in values[0]]
+        records = [{"signal": n, **{c: v.get(n) for c, v in zip(columns, values, strict=True)}} for n in values[0]]
+        return SummaryTable.of("residual_over_noise", ("signal", *columns), rows, records, "residual over noise")
+
+    def _estimates(self) -> SummaryTable:
+        fit, rows, records = self.fit, [], []
+        for u, x, std in zip(fit.problem.unknowns, fit.x, fit.std, strict=True):
+            interval, value = fit.interval(u.name), fit.values[u.name]
+            low, high = (format_quantity(v, u.unit) for v in interval)
+            rows.append((u.name, format_quantity(u.centre, u.unit), format_quantity(value, u.unit),
+                         f"{low} … {high}", f"{x:+.2f}", f"{std:.3f}"))  # fmt: skip
+            records.append({"name": u.name, "unit": u.unit, "prior_mean": u.centre, "value": value,
+                            "interval_95": list(interval), "pull": float(x), "error": float(std)})  # fmt: skip
+        columns = "name", "prior mean", "value", "95 % interval", "pull, prior σ", "error, prior σ"
+        return SummaryTable.of("unknowns", columns, rows, records, "unknowns")
+
+    def plot(self):
+        """A matplotlib figure: every estimate with its interval beside its prior."""
+        return draw_estimates(self)
+
+    def plot_correlations(self):
+        """A matplotlib figure: correlations of the estimates."""
+        return draw_correlations(self)
+
+    def plot_drift(self):
+        """A matplotlib figure: the estimates of each run alone.
+
+        Raises:
+            ValueError: they could not be computed.
+        """
+        if self.drift is None:
+            raise ValueError("the runs have not been fitted alone")
+        return draw_drift(self)
+
+    def plot_profiles(self):
+        """A matplotlib figure: the likelihood along the parameters of `profiles`.
+
+        Raises:
+            ValueError: none was asked for.
+        """
+        if not self.profiles:
+            raise ValueError("this fit has no profiles; ask for them with profiles=[name]")
+        return draw_profiles(self)
+
+    def report(self) -> str:
+        """The report, one HTML page."""
+        return fit_report(self)
+
+    def write_files(self, folder: Path) -> Sequence[str]:
+        """See `Result.write_files`."""
+        optional = OptionalParts()
+        text = optional.attempt("report.html", self.report)
+        failures = [*self.failures, *optional.failures]
+        save_calibration(self, folder, failures)
+        if text is not None:
+            (folder / "report.html").write_text(text, encoding="utf-8")
+        return failures
+
+
+def fit(
+    campaign: Campaign | Path | str,
+    starts: int = 4,
+    profiles: Sequence[str] = (),
+    trust: Trust = (),
+    on_progress: Callable[[str], None] | None = None,
+    keep: Callable[[FitResult], None] | None = None,
+) -> FitResult:
+    """Calibrate the uncertain parameters of a campaign's machine, and check the estimate.
+
+    Args:
+        campaign: a campaign or its folder.
+        starts: points to start from.
+        profiles: uncertain parameters along which the likelihood is wanted, all others fitted anew.
+        trust: Python files of your own that may run if the campaign names them.
+        on_progress: called with a sentence on the work at hand.
+        keep: called with the estimates before the checks begin, so that an interruption loses nothing.
+
+    Returns:
+        The estimates. A check that fails or is interrupted costs a sentence.
+
+    Raises:
+        CampaignError: the campaign is wrong, a profile is of no uncertain parameter, or the fit fails.
+    """
+    began = time.perf_counter()
+    report, optional = on_progress or (lambda sentence: None), OptionalParts()
+    report("checking the data")
+    campaign = checked_campaign(as_campaign(campaign, trust))
+    unknowns = uncertain_unknowns(campaign)
+    require_uncertain(profiles, [u.name for u in unknowns])
+    report("reading")
+    try:
+        found = calibrate(FitProblem(campaign, campaign.machine, unknowns), starts=starts, on_progress=report)
+    except FitError as error:
+        raise CampaignError(str(error)) from None
+    report("residuals of all runs")
+    fine = found.resolution.fine
+    before = campaign_residuals(campaign, campaign.machine, Instruments(), fine)
+    after = campaign_residuals(campaign, found.machine, found.instruments, fine)
+    result = Calibration(found, None, (), before, after, time.perf_counter() - began)
+    if keep is not None:
+        keep(with_methods(FitResult, result))
+    drift, likelihoods, assumed, interrupted = None, [], [], False
+    try:
+        drift = optional.attempt(
+            "The fit of each run alone", lambda: fit_each_run(found, lambda step: report(f"each run alone, {step}"))
+        )
+        what = "The parameters taken as known"
+        assumed = optional.attempt(what, lambda: assumed_parameters(found, report)) or []
+        for name in profiles:
+            profile = optional.attempt(
+                f"The profile of {name}",
+                lambda name=name: profile_likelihood(found, name, lambda step: report(f"profile of {name}, {step}")),
+            )
+            likelihoods += [] if profile is None else [profile]
+    except KeyboardInterrupt:
+        optional.failures.append("Interrupted: the results so far are written.")
+        interrupted = True
+    seconds = time.perf_counter() - began
+    result = Calibration(found, drift, tuple(likelihoods), before, after, seconds, tuple(assumed))
+    return with_methods(FitResult, result, failures=tuple(optional.failures), interrupted=interrupted)
+
+
+def require_uncertain(profiles: Sequence[str], uncertain: Sequence[str]) -> None:
+    """Refuse a profile of a parameter that is not uncertain.
+
+    Raises:
+        CampaignError: there is one.
+    """
+    for name in profiles:
+        if name not in uncertain:
+            raise CampaignError(f"--profile {name}: not an uncertain parameter; these are: {', '.join(uncertain)}")

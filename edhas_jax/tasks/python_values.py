@@ -1,0 +1,86 @@
+"""Python values where configurations have text: numbers in SI, texts with unit, ranges as tuples, lists of values."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from edhas_jax.core.structs import Parameter
+from edhas_jax.design.batch.design_table import resolve_parameter
+from edhas_jax.machine.parameters import ParameterError
+from edhas_jax.machine.rigs import Rig
+from edhas_jax.simulation.metrics import METRICS
+
+
+def quantity(unit: str, value: Any) -> Any:
+    """A value as text with unit: a number is in SI; what is neither number nor text stays as it is."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        return value
+    return repr(float(value)) if unit == "-" else f"{float(value)!r} {unit}"
+
+
+def axis(machine: Rig, name: str, spec: Any) -> Any:
+    """The values of a parameter as a configuration has them.
+
+    Args:
+        machine: the machine that owns the parameter.
+        name: of the parameter.
+        spec: a tuple (from, to), (from, to, count) or (from, to, count, "log"), a list or array of values, or what a
+            configuration has. Numbers are in SI.
+
+    Returns:
+        A mapping with `from` and `to` or with `values`, or a single value; what is wrong in it is found by its reader.
+    """
+    try:
+        unit = _declaration(machine, name).unit
+    except ParameterError:
+        unit = "-"  # the reader names the parameter
+    if isinstance(spec, Mapping):
+        return {k: _converted(unit, v) if k in ("from", "to", "values") else v for k, v in spec.items()}
+    if isinstance(spec, tuple) and 2 <= len(spec) <= 4:
+        ends = {"from": quantity(unit, spec[0]), "to": quantity(unit, spec[1])}
+        count = {"count": str(spec[2])} if len(spec) > 2 else {}
+        return ends | count | ({"spacing": spec[3]} if len(spec) == 4 else {})
+    if isinstance(spec, list | tuple | range | np.ndarray):
+        return {"values": _converted(unit, list(spec))}
+    return quantity(unit, spec)
+
+
+def axes(machine: Rig, specs: Mapping[str, Any] | None) -> dict[str, Any]:
+    """`axis` for each parameter."""
+    return {name: axis(machine, name, spec) for name, spec in (specs or {}).items()}
+
+
+def bounds(limits: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Limits of metrics, {"rms_current": {"max": 4.0}}, as a configuration has them."""
+    return {
+        name: {end: quantity(METRICS[name][0], v) for end, v in ends.items()}
+        if isinstance(ends, Mapping) and name in METRICS
+        else ends
+        for name, ends in (limits or {}).items()
+    }
+
+
+def tolerances(machine: Rig, robust: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The section `robust` of a sizing, with numbers in SI."""
+    if not robust:
+        return {}
+    rows = robust.get("tolerances")
+    if not isinstance(rows, Mapping):
+        return dict(robust)
+    converted = {}
+    for name, ends in rows.items():
+        try:
+            unit = _declaration(machine, name).unit
+        except ParameterError:
+            unit = "-"
+        converted[name] = {k: quantity(unit, v) for k, v in ends.items()} if isinstance(ends, Mapping) else ends
+    return {**robust, "tolerances": converted}
+
+
+def _converted(unit: str, value: Any) -> Any:
+    return [quantity(unit, v) for v in value] if isinstance(value, list | tuple | np.ndarray) else quantity(unit, value)
+
+
+def _declaration(machine: Rig, name: str) -> Parameter:
+    return resolve_parameter(machine, name)[0]

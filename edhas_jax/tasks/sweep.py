@@ -1,0 +1,101 @@
+"""Sweep: the metrics of many designs of a machine, each in its periodic state."""
+
+import datetime
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from edhas_jax.config.machine_config import Config, ConfigError, as_config
+from edhas_jax.config.problem_list import problem_lines
+from edhas_jax.config.yaml_with_lines import KeyPath
+from edhas_jax.core.trusted_code import Trust
+from edhas_jax.design.batch.batch import BatchSettings, run_designs
+from edhas_jax.design.batch.experiment_design import DesignError, full_factorial, latin_hypercube
+from edhas_jax.design.sweep.axes_reader import AxesReader
+from edhas_jax.design.sweep.config import Sweep, load_sweep
+from edhas_jax.design.sweep.dataset import SweepData, to_dataset
+from edhas_jax.design.sweep.folder import sweep_description
+from edhas_jax.design.sweep.identity import machine_text, versions
+from edhas_jax.design.sweep.run import open_sweep, run_sweep
+from edhas_jax.design.sweep.table import sweep_table, to_result
+from edhas_jax.machine.parameters import set_parameters
+from edhas_jax.machine.rigs import Rig
+from edhas_jax.tasks.python_values import axes as axes_of
+
+
+def sweep(
+    source: Rig | Config | Sweep | Mapping[str, Any] | Path | str,
+    *,
+    samples: int | None = None,
+    seed: int = 0,
+    settings: BatchSettings | None = None,
+    folder: Path | str | None = None,
+    trust: Trust = (),
+    on_progress: Callable[[int, int], None] | None = None,
+    **parameters: Any,
+) -> SweepData:
+    """Run many designs of a machine, each to its periodic state.
+
+        edhas_jax.sweep(machine, piston_clearance=("5 um", "40 um", 20), frequency=[5, 10, 20])
+
+    Args:
+        source: a machine, a configuration or its file; without parameters a sweep or the file of one.
+        samples: number of designs of a Latin hypercube over the ranges; None: every combination of the values.
+        seed: of these samples.
+        settings: step, tolerance and precision; None: those of the configuration.
+        folder: where the sweep is kept while it runs, so that the same call resumes it; None: in memory alone.
+        trust: Python files of your own that may run if a configuration names them.
+        on_progress: called with the numbers of finished and of all designs.
+        **parameters: by name a tuple (from, to, count), (from, to, count, "log") or, with `samples`, (from, to); a
+            list of values; or one value, which all designs have. Numbers are in SI, texts have a unit.
+
+    Returns:
+        An xarray Dataset in SI with units, a dimension per parameter of a grid; it draws and saves itself.
+
+    Raises:
+        ConfigError: a parameter, a range or the configuration is wrong; every problem, one line each.
+        BatchError: the machine is not driven by a sine on a bench.
+        SweepError: the folder holds something else or cannot be written.
+    """
+    task = describe_sweep(source, samples, seed, settings, trust, parameters)
+    if folder is not None:
+        run_sweep(task, folder, on_progress=on_progress)
+        return to_dataset(open_sweep(folder))
+    metrics = run_designs(task.machine, task.designs, task.settings, on_progress)
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    made = {"name": task.name, "machine": machine_text(task), "date": now, "sweep": sweep_description(task)}
+    return to_dataset(to_result(sweep_table(task.machine, task.designs, metrics), made | versions()))
+
+
+def describe_sweep(
+    source, samples: int | None, seed: int, settings: BatchSettings | None, trust: Trust,
+    parameters: Mapping[str, Any],
+) -> Sweep:  # fmt: skip
+    """The sweep that `sweep` runs; arguments as there.
+
+    Raises:
+        ConfigError: as `sweep`.
+    """
+    if isinstance(source, Sweep):
+        return source
+    if not parameters:
+        if isinstance(source, str | Path):
+            return load_sweep(source, trust)
+        raise ConfigError("sweep: at least one parameter belongs here, such as piston_clearance=('5 um', '40 um', 20)")
+    config = as_config(source, trust)
+    if settings is None:
+        base = config.simulation
+        settings = BatchSettings(precision=base.precision, **({"step": base.step} if base.step else {}))
+    specs = axes_of(config.machine, parameters)
+    fixed = {n: parameters[n] for n, spec in specs.items() if isinstance(spec, str)}
+    machine = set_parameters(config.machine, fixed)
+    problems: list[tuple[KeyPath, str]] = []
+    kind = "grid" if samples is None else "latin_hypercube"
+    axes = AxesReader(machine, kind, problems).read({n: s for n, s in specs.items() if n not in fixed})
+    if problems:
+        raise ConfigError(problem_lines(f"sweep: {'.'.join(map(str, key[2:]))}: {what}" for key, what in problems))
+    try:
+        designs = full_factorial(axes) if samples is None else latin_hypercube(axes, samples, seed)
+    except DesignError as error:
+        raise ConfigError(f"sweep: {error}") from None
+    return Sweep(machine, designs, settings, kind, axes, None if samples is None else seed, config.name)
