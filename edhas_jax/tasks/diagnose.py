@@ -37,7 +37,10 @@ class DiagnosisResult(Result, Diagnosis):
     """What the model of a campaign's machine lacks; see `Diagnosis` for its numbers."""
 
     # besides the model, curves as tabulated laws that it names
-    files = ("report.html", "diagnosis.json", "diagnosis.png", "config.yaml", CURVE_CONFIG_FILE, "*_curve.yaml")
+    files = (
+        "report.html", "diagnosis.json", "diagnosis.png", "config.yaml", CURVE_CONFIG_FILE, "*_deviation.yaml",
+        "*_curve_over_*.yaml",
+    )  # fmt: skip
 
     @property
     def machine(self):
