@@ -36,7 +36,7 @@ DEFINITIONS = {
     "docs/fmu.md": {"Time"},
     "docs/hidden_effects.md": {
         "The benchmark of hidden effects", "Cases that resemble a bench", "Tuning and judging", "Sizes",
-        "The cases of family (a)", "Independent data generation", "The methods",
+        "The cases of family (a)", "Independent data generation", "The methods", "Constants of the probabilities",
     },
     "docs/hidden_laws.md": {"Laws of the benchmark"},
     "docs/model.md": {"Equations", "Notes for reading results"},
