@@ -95,7 +95,8 @@ def test_misstated_noise_is_the_first_sentence_and_the_measured_one_is_used(fact
     first = data_sentences(campaign)[0]
     assert f"outlet_pressure {0.0015 * factor:.3g} MPa stated, 0.0015" in first and "is used" in first
     assert main(["campaign", "check", str(folder)]) == 1
-    assert " ".join(capsys.readouterr().out.split()).startswith("Stated and measured noise differ: outlet_pressure")
+    title, *rest = capsys.readouterr().out.splitlines()
+    assert title.startswith("bench: ") and rest[0].startswith("Stated and measured noise differ: outlet_pressure")
 
 
 def test_correlated_noise_is_measured_in_full(valid):

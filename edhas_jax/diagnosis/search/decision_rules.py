@@ -30,8 +30,8 @@ def strength(gain: float, excess_after: float, samples: int) -> float:
     return gain / (remaining(excess_after, samples) + MIN_GAIN)
 
 
-def is_promising(trial: Trial) -> bool:
-    """Whether a trial stays in the model for the next round; the backward pass decides finally."""
+def is_promising(trial: Trial, samples: int) -> bool:
+    """Whether a trial on so many samples stays in the model for the next round; the backward pass decides finally."""
     if trial.evaluated is None or trial.gain_beyond_laws < MIN_GAIN or not trial.left_out_gain > 0.0:
         return False
-    return strength(trial.own_law_gain, trial.own_law_excess, trial.evaluated.samples) > PROMISING_RATIO
+    return strength(trial.own_law_gain, trial.own_law_excess, samples) > PROMISING_RATIO

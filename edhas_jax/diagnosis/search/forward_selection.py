@@ -159,7 +159,8 @@ def _other_beginning(first: Round) -> Round | None:
     """
     if first.accepted is None:
         return None
-    others = [t for t in first.trials if t is not first.accepted and is_promising(t)]
+    samples = first.baseline.samples
+    others = [t for t in first.trials if t is not first.accepted and is_promising(t, samples)]
     best = max(others, key=lambda trial: trial.own_law_gain, default=None)
     is_near = best is not None and best.own_law_gain > RUNNER_UP_SHARE * first.accepted.own_law_gain
     return dataclasses.replace(first, accepted=best, law=None) if is_near else None

@@ -69,7 +69,7 @@ def search_round(
         for k, trial in enumerate(trials)
     ]
     trials.sort(key=lambda trial: -(trial.gain_beyond_laws + trial.own_law_gain))
-    best = trials[0] if trials and is_promising(trials[0]) else None
+    best = trials[0] if trials and is_promising(trials[0], baseline.samples) else None
     return Round(baseline, tuple(scores), tuple(trials), best)
 
 
