@@ -113,6 +113,21 @@ class Loop(abc.ABC):
         """The carry after `steps` steps; arguments as of `run`."""
         return self.run(carry, lane, uniform, first, steps, 1, threads, keep=False).carry
 
+    def at_samples(self, carry: Any, lane: Any, uniform: Any, shape: tuple[int, int]) -> Any:
+        """The carry after one step, n = 0, at every sample of every lane.
+
+        Args:
+            carry: leaves that can be broadcast to `shape`.
+            lane: the same.
+            uniform: as of `run`.
+            shape: (samples, lanes).
+
+        Returns:
+            The carry, leaves (samples, lanes).
+        """
+        carry, lane = (jax.tree.map(lambda leaf: np.broadcast_to(leaf, shape).ravel(), tree) for tree in (carry, lane))
+        return jax.tree.map(lambda leaf: np.reshape(leaf, shape), self(carry, lane, uniform, 0, 1))
+
 
 class AdjointLoop(abc.ABC):
     """A compiled loop and its reverse-mode derivative.

@@ -90,6 +90,24 @@ class NativeLoop(Loop):
         seen = kept.transpose(2, 1, 0, 3).reshape(rows, samples, -1)[..., :count] if keep else ()
         return LoopResult(self.tree(state, count), self._unflatten(seen) if keep else None)
 
+    def at_samples(self, carry: Any, lane: Any, uniform: Any, shape: tuple[int, int]) -> Any:
+        """See `Loop.at_samples`; whole blocks are written once, straight to where the machine code reads them."""
+        samples, count = shape
+        if count % self.lanes:
+            return super().at_samples(carry, lane, uniform, shape)
+
+        def table(which: str, tree: Any) -> np.ndarray:
+            rows = self.body.leaves(which, tree)
+            filled = np.empty((samples, count // self.lanes, len(rows), self.lanes), self.dtype)
+            for k, leaf in enumerate(rows):
+                filled[:, :, k] = np.broadcast_to(leaf, shape).reshape(samples, -1, self.lanes)
+            return filled
+
+        state, fixed = table("carry", carry), table("lane", lane)
+        blocks = samples * (count // self.lanes)
+        self.run_tables(state, fixed, None, None, self.scalars(uniform), 0, 1, 1, blocks)
+        return self._unflatten(state[:, :, k].reshape(shape) for k in range(state.shape[2]))
+
     def with_vectors(self, vectors: int) -> "NativeLoop":
         """See `Loop.with_vectors`."""
         return NativeLoop(dataclasses.replace(self.body, vectors=vectors), self._backwards)
@@ -120,12 +138,15 @@ class NativeLoop(Loop):
     def blocks(self, which: str, tree: Any, count: int) -> np.ndarray:
         """The leaves of "carry" or "lane" as a table (blocks, rows, lanes); the last lane fills the last block up."""
         rows = self.body.leaves(which, tree)
-        blocks = -(-count // self.lanes)
-        table = np.empty((len(rows), blocks * self.lanes), self.dtype)
-        for row, leaf in zip(table, rows, strict=True):
-            row[:count] = leaf
-        table[:, count:] = table[:, count - 1 : count]
-        return np.ascontiguousarray(table.reshape(len(rows), blocks, self.lanes).transpose(1, 0, 2))
+        blocks, whole = -(-count // self.lanes), count // self.lanes
+        table = np.empty((blocks, len(rows), self.lanes), self.dtype)
+        for k, leaf in enumerate(rows):
+            leaf = np.broadcast_to(leaf, count)
+            table[:whole, k] = leaf[: whole * self.lanes].reshape(whole, self.lanes)
+            if whole < blocks:
+                left = count - whole * self.lanes
+                table[whole, k, :left], table[whole, k, left:] = leaf[whole * self.lanes :], leaf[-1]
+        return table
 
     def tree(self, table: np.ndarray, count: int) -> Any:
         """The carry of `count` lanes from a table (blocks, rows, lanes)."""

@@ -99,7 +99,7 @@ class MeasurementModel:
         Args:
             x: coordinates of the unknowns (unknowns,).
             steps_per_sample: time steps from sample to sample.
-            with_sensitivities: whether to compute the derivatives by the coordinates as well.
+            with_sensitivities: whether to compute the derivatives with respect to the coordinates as well.
 
         Returns:
             The signals by index of the run, at the time stamps of the measurements; NaN where the simulation failed.
@@ -114,7 +114,7 @@ class MeasurementModel:
         Args:
             points: coordinates of the unknowns, each with the runs to predict there.
             steps_per_sample: time steps from sample to sample.
-            with_sensitivities: whether to compute the derivatives by the coordinates as well.
+            with_sensitivities: whether to compute the derivatives with respect to the coordinates as well.
 
         Returns:
             For each point its runs by index, at the time stamps of the measurements; NaN where the simulation failed.

@@ -171,15 +171,13 @@ class TrajectoryLoop:
             begin = self._start(empty, here, uniform, 0, 1)
             given = jax.tree.map(lambda leaf: np.broadcast_to(leaf, most)[:samples], intervals)
             kept = self._advance.run(begin, here, uniform, 0, steps_per_sample, samples, sample_inputs=given).samples
-            states = jax.tree.map(np.ravel, kept)
-            wide = tuple({n: np.tile(v, samples) for n, v in part.items()} for part in here)
-            time = np.repeat(np.arange(samples) * (steps_per_sample * step_size), len(rows))
-            given = jax.tree.map(lambda leaf: np.repeat(leaf, len(rows)), given)
-            empty = tuple({s: np.zeros(len(time)) for s in self._signals} for _ in lanes)
-            found = self._evaluate(empty, (wide, states, time, given), uniform, 0, 1)
+            time = np.arange(samples)[:, None] * (steps_per_sample * step_size)
+            given = jax.tree.map(lambda leaf: leaf[:, None], given)
+            empty = tuple(dict.fromkeys(self._signals, 0.0) for _ in lanes)
+            found = self._evaluate.at_samples(empty, (here, kept, time, given), uniform, (samples, len(rows)))
             for whole, part in zip(out, found, strict=True):
                 for s, column in part.items():
-                    whole[s][:samples, rows] = column.reshape(samples, len(rows))
+                    whole[s][:samples, rows] = column
 
         run_threaded(work, blocks, runtime.cores())
         for column in (column for part in out for column in part.values()):
