@@ -6,10 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.config.writer import dump_config
-from edhas_jax.core.atomic_file import atomic_write
-from edhas_jax.core.literal_text import one_line
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
+from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
 from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
@@ -21,7 +19,6 @@ from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.time_resolution import TimeResolution
-from edhas_jax.simulation.run import Simulation
 
 Report = Callable[[str], None]
 
@@ -128,14 +125,10 @@ def fit_with_effects(
     return models
 
 
-def save_model(campaign: Campaign, model: ChosenModel, path: Path) -> None:
+def save_model(model: ChosenModel, path: Path) -> None:
     """Write a model with chosen effects as a configuration, without the conditions of any run.
 
     Raises:
         OSError: the file cannot be written.
     """
-    rate = 1.0 / min(run.interval for run in campaign.runs)
-    comment = f"# {one_line(campaign.name)} with {model.name}, fitted; without the conditions of any run\n"
-    text = comment + dump_config(model.evaluated.fit.machine, Simulation(sample_rate=rate))
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_model_file(path, model.evaluated.fit, f" with {model.name}, fitted; without the conditions of any run")

@@ -164,7 +164,7 @@ class CampaignCalculations:
         folder = self._workspace.inside(Path(RESULTS, TRIED))
         folder.mkdir(parents=True, exist_ok=True)
         name = file_name(model.name)
-        save_model(campaign, model, self._workspace.inside(Path(RESULTS, TRIED, f"{name}.yaml")))
+        save_model(model, self._workspace.inside(Path(RESULTS, TRIED, f"{name}.yaml")))
         summary = model.as_json() | {"before": before.as_json(), "named": list(names)}
         self._workspace.save_tried(name, summary)
         return summary | {"name": name}

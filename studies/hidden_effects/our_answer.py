@@ -17,7 +17,7 @@ def answer_of(diagnosis: Diagnosis) -> Answer:
     """The names, set, place, law, verdict and probability of a diagnosis."""
     verdict, answer = Verdict(diagnosis.verdict.value), diagnosis.answer
     accepted = sorted(
-        (t.candidate.name for t in diagnosis.accepted), key=lambda name: -answer.probabilities.get(name, 0.0)
+        (t.candidate.name for t in diagnosis.named), key=lambda name: -answer.probabilities.get(name, 0.0)
     )
     named = tuple(accepted) if verdict in VERDICTS_WITH_NAMES else ()
     place = None if verdict is Verdict.ADEQUATE else next(iter(diagnosis.location_probabilities()), None)
@@ -28,7 +28,7 @@ def answer_of(diagnosis: Diagnosis) -> Answer:
             for n, value in diagnosis.final.values.items()
             if n.startswith(t.candidate.prefix)
         }
-        for t in diagnosis.accepted
+        for t in diagnosis.named
     }
     return Answer(
         verdict, named, answer.members, place, float(next(iter(answer.probabilities.values()))),

@@ -68,3 +68,12 @@ def test_a_set_holds_the_nominal_probability():
         assert sum(answer.probabilities[name] for name in answer.members) >= coverage
         sizes.append(len(answer.members))
     assert sizes == sorted(sizes) and sizes[0] < sizes[-1]
+
+
+def test_a_further_member_that_is_hardly_real_adds_no_names_to_the_set():
+    first = rivals(1000.0, cogging_force=5000.0)
+    doubtful = rivals(0.3, parasitic_spring=300.0, seal_friction=299.0, eddy_drag=298.0)
+    real = rivals(100.0, parasitic_spring=300.0)
+    assert doubtful.probability_real() < 1.0 - CONSTANTS.coverage
+    assert answer_from(Evidence((first, doubtful), 0.5, 0.0)).members == ("cogging_force",)
+    assert set(answer_from(Evidence((first, real), 0.5, 0.0)).members) == {"cogging_force", "parasitic_spring"}

@@ -119,7 +119,7 @@ def assumed_parameters(fit: Fit, on_progress: Callable[[str], None] | None = Non
     """The parameters that are taken as known, whose error the unknowns would hide and which shift the estimates.
 
     Each parameter of the machine that is neither unknown nor set by the runs is made 1 % larger. The change of the
-    signals is projected on the derivatives by the unknowns: what they reproduce shifts the estimates, what remains
+    signals is projected on the sensitivities to the unknowns: what they reproduce shifts the estimates, what remains
     would be visible.
 
     Args:
@@ -142,7 +142,7 @@ def assumed_parameters(fit: Fit, on_progress: Callable[[str], None] | None = Non
         return MeasurementModel(campaign, changed, (), runs, fit.instruments).predict_all_runs(np.zeros(0), steps)
 
     def overlap_and_total(after) -> tuple[np.ndarray, float]:
-        """Products of the change of the signals with the derivatives by the unknowns, and with itself."""
+        """Scalar products of the signal change with the sensitivities to the unknowns, and with itself."""
         n, products = len(unknowns), 0.0
         for r, (run, outcome) in enumerate(zip(runs, fit.outcomes, strict=True)):
             change = {name: (after[r].values[name] - before[r].values[name])[:, None] for name in run.signals}

@@ -35,7 +35,7 @@ class Fit:
         uncorrected: end of the search at the fine step in coordinates, shape (n,).
         covariance: posterior covariance in coordinates, shape (n, n).
         cost: ½χ² of residuals and prior at `uncorrected`, at the fine step.
-        outcomes: by run of the problem, the signals at `x` and their derivatives by the coordinates.
+        outcomes: by run of the problem, the signals at `x` and their derivatives with respect to the coordinates.
         resolution: the rough and the fine number of steps per sample.
         converged: whether the search at the fine step has converged.
         costs: final ½χ² of every start at the rough step; empty without a rough search.

@@ -7,9 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from edhas_jax.config.run_folder import replace_nonfinite, write_json
-from edhas_jax.config.writer import dump_config
-from edhas_jax.core.atomic_file import atomic_write
-from edhas_jax.core.literal_text import one_line
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.confounding import (
     AssumedParameter,
@@ -18,6 +15,7 @@ from edhas_jax.diagnosis.calibration.confounding import (
     weak_combinations,
 )
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.uncertainty import Drift, ProfileLikelihood
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use
@@ -26,7 +24,6 @@ from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel, PredictedSignals
 from edhas_jax.measurements.residuals import normalised_residuals, rms_by_signal
 from edhas_jax.simulation.integrator import LARGEST_STEP
-from edhas_jax.simulation.run import Simulation
 
 UNIDENTIFIED_STD = 0.8  # share of the prior's standard deviation above which the data do not identify an unknown
 CONFOUNDED_CORRELATION = 0.95  # correlation above which two unknowns cannot be separated
@@ -181,14 +178,11 @@ def save_calibration(calibration: Calibration, folder: Path, failures: Sequence[
         failures: a sentence on each check that could not be made.
     """
     fit = calibration.fit
-    rate = 1.0 / min(run.interval for run in fit.problem.campaign.runs)
-    step = min(1.0 / rate / fit.resolution.fine, LARGEST_STEP)
-    comment = f"# {one_line(fit.problem.campaign.name)}, calibrated by `edhas fit`; without the conditions of any run\n"
-    text = comment + dump_config(fit.machine, Simulation(step=step, sample_rate=rate))
+    interval = min(run.interval for run in fit.problem.campaign.runs)
     data = calibration_as_json(calibration) | {"failed_parts": list(failures)}
     write_json(folder / RESULT_FILE, replace_nonfinite(data))
-    with atomic_write(folder / CONFIG_FILE) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    remark = ", calibrated by `edhas fit`; without the conditions of any run"
+    write_model_file(folder / CONFIG_FILE, fit, remark, step=min(interval / fit.resolution.fine, LARGEST_STEP))
 
 
 def estimates_as_json(fit: Fit) -> dict[str, dict]:

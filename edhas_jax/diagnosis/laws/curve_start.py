@@ -73,18 +73,21 @@ def start_beside_law(fit: Fit, effect: Effect) -> CurveStart | None:
     return CurveStart(place, replaces, nodes, centre, size, values, x, weight, samples.law)
 
 
-def start_from_nothing(fit: Fit, place: LawPlace, nodes: np.ndarray | None = None) -> CurveStart | None:
+def start_from_nothing(
+    fit: Fit, place: LawPlace, nodes: np.ndarray | None = None, samples: LawSamples | None = None
+) -> CurveStart | None:  # fmt: skip
     """The start of a curve at a place, with no influence at first.
 
     Args:
         fit: the fit.
         place: where the curve is added.
         nodes: nodes (n,) in SI; by default eleven over the range of the variable.
+        samples: samples along the fitted runs at the slot of the place; simulated by default.
 
     Returns:
         The start; None where the variable is constant.
     """
-    samples = _thinned(law_samples(fit, (place,)))
+    samples = _thinned(samples or law_samples(fit, (place,)))
     if not _is_usable(place, samples):
         return None
     x, weight = samples.values[place.variable], samples.weight(place)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,29 +38,30 @@ class LawSamples:
 
 
 class _Probe(NamedTuple):
-    """What is known at the places of a slot: the signals `names` and the contribution of an effect."""
+    """What is known at the places of some slots: signals by slot, and the contribution of an effect to the first."""
 
-    slot: str
-    names: tuple[str, ...]
+    names: tuple[tuple[str, str], ...]
     effect: str | None
 
     def __call__(self, machine, y, t, h) -> dict[str, Any]:
-        """The values at one instant, named `signal.place`."""
-        probes = tuple(_probe(self.slot, name) for name in self.names)
+        """The values at one instant, named `slot:signal.place`."""
+        probes = tuple(_probe(slot, name) for slot, name in self.names)
         s, _ = structs.replace(machine, effects=(*machine.effects, *probes)).evaluate(y, t, h, y)
-        made = s.record.contributions[self.slot]
-        rows = {name: made[probe.id] for name, probe in zip(self.names, probes, strict=True)}
-        rows |= {} if self.effect is None else {LAW: made[self.effect]}
-        return {f"{name}.{place}": value for name, row in rows.items() for place, value in enumerate(row)}
+        made = s.record.contributions
+        rows = {pair: made[pair[0]][probe.id] for pair, probe in zip(self.names, probes, strict=True)}
+        if self.effect is not None:
+            first = self.names[0][0]
+            rows[first, LAW] = made[first][self.effect]
+        return {f"{slot}:{name}.{place}": v for (slot, name), row in rows.items() for place, v in enumerate(row)}
 
 
 def _probe(slot: str, name: str):
     """An effect whose contribution to a slot is a signal."""
     place = LawPlace(slot, "time", (name,))
-    return tabulated_class(f"probe_{name}", place, 2)(node_1=0.0, node_2=1.0, value_1=1.0, value_2=1.0)
+    return tabulated_class(f"probe_{name}_at_{slot}", place, 2)(node_1=0.0, node_2=1.0, value_1=1.0, value_2=1.0)
 
 
-def law_samples(fit: Fit, places: tuple[LawPlace, ...], effect: str | None = None) -> LawSamples:
+def law_samples(fit: Fit, places: Sequence[LawPlace], effect: str | None = None) -> LawSamples:
     """Simulate the fitted runs and record what happens at a slot.
 
     Args:
@@ -70,8 +72,13 @@ def law_samples(fit: Fit, places: tuple[LawPlace, ...], effect: str | None = Non
     Returns:
         The samples of all runs, one after another.
     """
-    names = tuple(dict.fromkeys(name for place in places for name in (place.variable, *place.factors)))
-    observer = _Probe(places[0].slot, names, effect)
+    return samples_at_slots(fit, places, effect)[places[0].slot]
+
+
+def samples_at_slots(fit: Fit, places: Sequence[LawPlace], effect: str | None = None) -> dict[str, LawSamples]:
+    """The same for places at several slots, recorded together, by slot; the effect is one at the slot of the first."""
+    names = tuple(dict.fromkeys((place.slot, name) for place in places for name in (place.variable, *place.factors)))
+    observer = _Probe(names, effect)
     columns: dict[str, list[np.ndarray]] = {}
     for run in fit.problem.model().runs:
         machine = fit.problem.campaign.machine_of(run, fit.machine)
@@ -82,4 +89,7 @@ def law_samples(fit: Fit, places: tuple[LawPlace, ...], effect: str | None = Non
         for key, column in traces.items():
             columns.setdefault(key.rpartition(".")[0], []).append(column[:, 0])
     joined = {name: np.concatenate(parts) for name, parts in columns.items()}
-    return LawSamples({name: joined[name] for name in names}, joined.get(LAW))
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for slot, name in names:
+        found.setdefault(slot, {})[name] = joined[f"{slot}:{name}"]
+    return {slot: LawSamples(values, joined.get(f"{slot}:{LAW}")) for slot, values in found.items()}

@@ -19,7 +19,7 @@ class Linearisation(NamedTuple):
         cost: ½χ²; infinite where the model fails.
         gradient: its gradient (k,).
         curvature: its Gauss-Newton curvature (k, k).
-        outcomes: by run the signals, and their derivatives by the coordinates.
+        outcomes: by run the signals, and their derivatives with respect to the coordinates.
     """
 
     x: np.ndarray

@@ -1,15 +1,12 @@
 """Files of a model with a free curve: the curve as a tabulated law, and the configuration that mounts it."""
 
-import os
 from pathlib import Path
 from typing import NamedTuple
 
 from edhas_jax.config.law_file import write_law_file
-from edhas_jax.config.writer import dump_config
-from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import file_name, one_line
+from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.laws.curve_fit import CurveFit
-from edhas_jax.simulation.run import Simulation
 
 
 class ModelFiles(NamedTuple):
@@ -37,9 +34,6 @@ def write_curve_model(folder: Path | str, found: CurveFit) -> ModelFiles:
     name = file_name(curve.name)
     law, model = folder / f"{name}.yaml", folder / f"{file_name(campaign.name)}_{name}.yaml"
     write_law_file(law, curve.table(f"estimated from the runs of the campaign {one_line(campaign.name)}"))
-    rate = 1.0 / min(run.interval for run in campaign.runs)
-    comment = f"# {one_line(campaign.name)} with {curve.name}, fitted; without the conditions of any run\n"
-    text = dump_config(found.fit.machine, Simulation(sample_rate=rate), {curve.name: os.path.relpath(law, folder)})
-    with atomic_write(model) as temporary:
-        temporary.write_text(comment + text, encoding="utf-8")
+    remark = f" with {curve.name}, fitted; without the conditions of any run"
+    write_model_file(model, found.fit, remark, {curve.name: law.name})
     return ModelFiles(law, model)

@@ -13,6 +13,7 @@ Every column is in units of its prior standard deviation, so that its coefficien
 
 import dataclasses
 import enum
+import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -135,8 +136,15 @@ def deviation_columns(
 
 def _filtered(values: np.ndarray, cutoff: float) -> np.ndarray:
     """Values after a Butterworth filter of second order that starts in steady state; `cutoff` over the sample rate."""
+    numerator, denominator, steady = _filter_design(cutoff)
+    return lfilter(numerator, denominator, values, zi=steady * values[0])[0]
+
+
+@functools.cache
+def _filter_design(cutoff: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Numerator, denominator and initial state in steady state of the filter; designed once for many columns."""
     numerator, denominator = butter(2, 2.0 * cutoff)
-    return lfilter(numerator, denominator, values, zi=lfilter_zi(numerator, denominator) * values[0])[0]
+    return numerator, denominator, lfilter_zi(numerator, denominator)
 
 
 def _sensor_change(kind: DeviationKind, values: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Normal equations of a campaign, run by run, with the bench deviations marginalised.
 
-All columns of a run (the slopes by the unknowns, its bench deviations, any further signatures, and the residual r) are
-whitened and multiplied with each other. With L the columns of the deviations that the run has on its own, whose
-coefficients have standard normal priors, every product is reduced to
+All columns of a run (the sensitivities to the unknowns, its bench deviations, any further signatures, and the
+residual r) are whitened and multiplied with each other. With L the columns of the deviations that the run has on its
+own, whose coefficients have standard normal priors, every product is reduced to
 
     aᵀ (I + L Lᵀ)⁻¹ b = aᵀb − aᵀL (I + LᵀL)⁻¹ Lᵀb
 
@@ -47,7 +47,7 @@ def run_columns(
     Args:
         campaign: noise of the signals.
         run: the measurements.
-        predicted: the signals at the fit and their derivatives by the coordinates of the unknowns.
+        predicted: the signals at the fit and their derivatives with respect to the coordinates of the unknowns.
         unknowns: these unknowns.
         bench: the deviations of the bench.
         signatures: further columns (samples, k) by signal, SI.

@@ -63,17 +63,30 @@ def best_common_shift(
         grid: shifts [s] to compare with 0.
         min_gain: fall of ½χ² that counts as clear, at least `MIN_GAIN`.
     """
-    costs = {shift: _cost_with_shift(problem, x, outcomes, shift) for shift in (0.0, *grid)}
+    costs = {
+        shift: cost_with_shifts(problem, x, outcomes, dict.fromkeys((run.name for run in problem.model().runs), shift))
+        for shift in (0.0, *grid)
+    }
     best = min(costs, key=costs.__getitem__)
     return best if costs[0.0] - costs[best] > max(MIN_GAIN, min_gain) else 0.0
 
 
-def _cost_with_shift(
-    problem: FitProblem, x: np.ndarray, outcomes: Sequence[PredictedSignals], shift: float
+def cost_with_shifts(
+    problem: FitProblem, x: np.ndarray, outcomes: Sequence[PredictedSignals], shifts: Mapping[str, float]
 ) -> float:  # fmt: skip
-    """½χ² after a linear step of the unknowns, if all records start later by `shift` [s]."""
+    """½χ² after a linear step of the unknowns, if records start late.
+
+    Args:
+        problem: the fit problem.
+        x: coordinates of its unknowns (n,) at the fit.
+        outcomes: signals and sensitivities of its runs there.
+        shifts: time [s] by which the record of each run starts late, by run.
+    """
     shifted = []
     for run, outcome in zip(problem.model().runs, outcomes, strict=True):
+        if not (shift := shifts.get(run.name, 0.0)):
+            shifted.append(outcome)
+            continue
         at = np.clip(run.time + shift, run.time[0], run.time[-1])
         values = {n: CubicSpline(run.time, v)(at) for n, v in outcome.values.items()}
         slopes = {n: CubicSpline(run.time, v)(at) for n, v in outcome.sensitivities.items()}

@@ -57,7 +57,7 @@ class SignatureGram:
         known = build_problem(campaign, campaign.machine, Instruments(), ()).unknowns
         self._prior = np.array([float(u.has_prior) for u in known])
         all_runs = tuple(range(len(self._runs)))
-        on_progress("derivatives by the uncertain parameters", 0.0)
+        on_progress("derivatives with respect to the uncertain parameters", 0.0)
         model = MeasurementModel(campaign, campaign.machine, known, self._runs)
         outcomes = model.predict_all_runs(np.zeros(len(known)), per_sample, with_sensitivities=bool(known))
         self._nominal = [outcomes[r].values for r in all_runs]

@@ -6,11 +6,10 @@ from typing import Any
 
 from edhas_jax.config.law_file import write_law_file
 from edhas_jax.config.run_folder import replace_nonfinite, write_json
-from edhas_jax.config.writer import dump_config
-from edhas_jax.core.atomic_file import atomic_write
-from edhas_jax.core.literal_text import file_name, one_line
+from edhas_jax.core.literal_text import file_name
 from edhas_jax.diagnosis.calibration.confounding import confounding_as_json, weak_combinations
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
@@ -21,7 +20,6 @@ from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.checks.data_summary import data_as_json
 from edhas_jax.measurements.residuals import rms_by_signal
-from edhas_jax.simulation.run import Simulation
 
 RESULT, CURVE_CONFIG_FILE = "diagnosis.json", "config_with_curve.yaml"
 VERSION = 2  # of the schema in docs/diagnosis.md
@@ -43,18 +41,17 @@ def save_diagnosis(
         failures: a sentence on each optional part of the result that could not be made.
     """
     write_json(folder / RESULT, replace_nonfinite(as_json(diagnosis, next_experiment, failures)))
-    campaign, final = diagnosis.campaign, diagnosis.final
-    rate = 1.0 / min(run.interval for run in campaign.runs)
-    head = f"# {one_line(campaign.name)}, as diagnosed by `edhas diagnose`; before the conditions of any run are set\n"
+    final = diagnosis.final
+    remark = ", as diagnosed by `edhas diagnose`; before the conditions of any run are set"
     if final.instruments.chains:
         chains = final.instruments.chains.items()
         names = ", ".join(f"{link.id} on {signal}" for signal, chain in chains for link in chain)
-        head += f"# sensor faults are not part of the machine: {names}\n"
-    _write_model(folder / CONFIG_FILE, head, final, diagnosis.laws, rate)
+        remark += f"\n# sensor faults are not part of the machine: {names}"
+    _write_model(folder / CONFIG_FILE, remark, final, diagnosis.laws)
     best = diagnosis.best_free_trial
     if best is not None and isinstance(best.candidate, CurveCandidate):
-        head = f"# {one_line(campaign.name)} with {best.candidate.text}; before the conditions of any run are set\n"
-        _write_model(folder / CURVE_CONFIG_FILE, head, best.evaluated.fit, [best.candidate], rate)
+        remark = f" with {best.candidate.text}; before the conditions of any run are set"
+        _write_model(folder / CURVE_CONFIG_FILE, remark, best.evaluated.fit, [best.candidate])
 
 
 def as_json(
@@ -68,7 +65,7 @@ def as_json(
         "campaign": diagnosis.campaign.name,
         "data": data_as_json(diagnosis.campaign),
         "verdict": diagnosis.verdict.value,
-        "effects": [t.candidate.id for t in diagnosis.accepted],
+        "effects": [t.candidate.id for t in diagnosis.named],
         "candidates": [
             _candidate_data(diagnosis, candidate, p, trial)
             for candidate, p, trial in diagnosis.ranked_candidates()
@@ -169,10 +166,8 @@ def _law_file(curve: CurveCandidate) -> str:
     return f"{file_name(curve.id)}.yaml"
 
 
-def _write_model(path: Path, head: str, fit: Fit, curves: Sequence[CurveCandidate], rate: float) -> None:
+def _write_model(path: Path, remark: str, fit: Fit, curves: Sequence[CurveCandidate]) -> None:
     """Write the machine of a fit as a configuration, and its curves as files of tabulated laws beside it."""
     for curve in curves:
         write_law_file(path.parent / _law_file(curve), curve.table(fit, "estimated by `edhas diagnose`"))
-    text = head + dump_config(fit.machine, Simulation(sample_rate=rate), {c.id: _law_file(c) for c in curves})
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_model_file(path, fit, remark, {c.id: _law_file(c) for c in curves})

@@ -28,7 +28,8 @@ class Constants:
         unknown_offset: logit of one unknown cause against many small ones at a misfit as large as the noise,
         unknown_misfit_slope: its growth with the logarithm of the misfit,
         unknown_place_slope: with the share of the misfit that one component explains, 0 … 1,
-        unknown_signal_slope: and with the logarithm of the share of a signal that is left, above `SMALL_SHARE`.
+        unknown_signal_slope: with the logarithm of the share of a signal that is left, above `SMALL_SHARE`,
+        unknown_distortion_slope: and with that of the distance of the calibrated parameters, above 1.
         coverage: probability that the members of a set have together.
     """
 
@@ -42,6 +43,7 @@ class Constants:
     unknown_misfit_slope: float = 0.5
     unknown_place_slope: float = 12.0
     unknown_signal_slope: float = 5.0
+    unknown_distortion_slope: float = 3.0
     coverage: float = 0.95
 
 
@@ -92,12 +94,15 @@ class Evidence:
         misfit: excess of χ² of the calibrated model over the number of samples, beyond the scatter of noise.
         place_share: largest share of this misfit that the laws of one component, or one free term there, explain.
         unexplained: largest share of a signal's rms that the calibrated model leaves beyond the noise.
+        distortion: root mean square distance of the calibrated parameters from their prior means, in prior standard
+            deviations; 1 is usual, and more says that they stand in for something else.
     """
 
     members: tuple[Rivals, ...]
     misfit: float
     place_share: float
     unexplained: float = 0.0
+    distortion: float = 1.0
 
     def probability_unknown(self, constants: Constants = CONSTANTS) -> float:
         """The probability that a misfit without a candidate has one cause, rather than many small ones."""
@@ -106,6 +111,7 @@ class Evidence:
         logit = constants.unknown_offset + constants.unknown_misfit_slope * math.log(self.misfit)
         logit += constants.unknown_place_slope * self.place_share
         logit += constants.unknown_signal_slope * math.log(max(self.unexplained, SMALL_SHARE) / SMALL_SHARE)
+        logit += constants.unknown_distortion_slope * math.log(max(self.distortion, 1.0))
         return _logistic(logit)
 
 
@@ -141,14 +147,26 @@ def answer_from(evidence: Evidence, constants: Constants = CONSTANTS) -> Answer:
     imitated = max((real * (1.0 - sum(of.values())) for real, of in zip(reals, names, strict=True)), default=0.0)
     found |= {NOTHING: none_real * (1.0 - unknown), UNKNOWN: none_real * unknown + imitated}
     found = dict(sorted(found.items(), key=lambda item: -item[1]))
-    chosen, covered = [], 0.0
-    target = constants.coverage * max(len(evidence.members), 1)
-    for name, p in found.items():
-        if covered >= target and len(chosen) >= len(evidence.members):
+    others = {NOTHING: found[NOTHING], UNKNOWN: found[UNKNOWN]}
+    strongest = max(range(len(reals)), key=reals.__getitem__, default=None)
+    chosen = _covering(others, constants.coverage) if strongest is None else set()
+    for k, (real, of) in enumerate(zip(reals, names, strict=True)):
+        outcomes = {name: real * p for name, p in of.items()}
+        # that a further member is not real adds no name
+        outcomes |= others if k == strongest else {"": 1.0 - sum(outcomes.values())}
+        chosen |= _covering(outcomes, constants.coverage)
+    return Answer(found, tuple(name for name in found if name in chosen))
+
+
+def _covering(outcomes: Mapping[str, float], coverage: float) -> set[str]:
+    """The fewest outcomes that have a probability of `coverage` together, without the one that has no name."""
+    chosen, covered = set(), 0.0
+    for name, p in sorted(outcomes.items(), key=lambda item: -item[1]):
+        if covered >= coverage:
             break
-        chosen.append(name)
+        chosen.add(name)
         covered += p
-    return Answer(found, tuple(chosen))
+    return chosen - {""}
 
 
 def _logistic(x: float) -> float:

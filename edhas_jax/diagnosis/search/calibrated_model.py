@@ -6,9 +6,16 @@ from collections.abc import Callable
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
+from edhas_jax.diagnosis.likelihood.slow_residuals import slow_excess
 from edhas_jax.diagnosis.search.candidates import build_problem
 from edhas_jax.diagnosis.search.decision_rules import remaining
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
+from edhas_jax.diagnosis.search.evaluated_fit import (
+    REFINEMENT,
+    EvaluatedFit,
+    fit_coarse,
+    solver_error,
+    start_coordinates,
+)
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.settled_fit import settle
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS
@@ -18,6 +25,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_r
 
 CALIBRATION_STEPS = 25  # maximum number of Levenberg-Marquardt steps
 PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growing parts of the runs are fitted
+CHECK_STEPS = 6  # the same for the check of the time step
 STEP_SHARE = 0.1  # of the misfit: if half the coarse step removes more, it was too coarse
 
 Report = Callable[[str], None]
@@ -66,18 +74,20 @@ def _with_sufficient_step(
     while resolution.coarse < resolution.fine and misfit(settled) > 0.0:
         finer = resolution._replace(coarse=min(2 * resolution.coarse, resolution.fine))
         report("checking the time step")
-        problem = dataclasses.replace(settled.fit.problem, solver_error=None)
+        error = solver_error(settled.fit.problem, settled.fit.x, finer.coarse, REFINEMENT * finer.fine)
+        problem = dataclasses.replace(settled.fit.problem, solver_error=error)
         try:
-            again = fit_coarse(problem, settled.fit.x, finer.coarse, CALIBRATION_STEPS)
+            again = fit_coarse(problem, settled.fit.x, finer.coarse, CHECK_STEPS)
         except FitError:
             break
-        again = settle(again, finer, report)
         if again.excess > (1.0 - STEP_SHARE) * settled.excess:
             break
-        settled, resolution = again, finer
+        settled, resolution = settle(again, finer, report), finer
     return settled, resolution
 
 
 def misfit(calibrated: EvaluatedFit) -> float:
-    """The excess of ½χ² of the calibrated model beyond the scatter of noise [nats]."""
-    return remaining(calibrated.excess, calibrated.samples)
+    """The excess of ½χ² of the calibrated model beyond the scatter of noise, over all or at low frequencies [nats]."""
+    problem = calibrated.fit.problem
+    slow = slow_excess(problem.campaign, problem.model().runs, calibrated.residuals)
+    return max(remaining(calibrated.excess, calibrated.samples), slow)

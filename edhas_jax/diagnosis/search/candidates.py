@@ -135,18 +135,21 @@ def candidates_for(
 def can_mount(machine: Rig, kind: type[Effect]) -> bool:
     """Whether a machine has the slots of an effect, free where they hold one effect only, and the parts it reads."""
     mounted = tuple(type(effect) for effect in machine.effects)
-    return _can_mount(type(machine), type(machine.amplifier), type(machine.controller), mounted, kind)
+    if kind.id in {effect.id for effect in machine.effects}:
+        return False
+    if any(is_used(slot, mounted) for slot in kind.slots if slot.name in SINGLE_EFFECT_SLOTS):
+        return False
+    return _has_parts_for(type(machine), type(machine.amplifier), type(machine.controller), kind)
 
 
 @functools.cache
-def _can_mount(rig, amplifier, controller, mounted, kind) -> bool:
-    default = rig(amplifier=amplifier(), controller=controller(), effects=tuple(effect() for effect in mounted))
+def _has_parts_for(rig, amplifier, controller, kind) -> bool:
+    """Whether a machine has the slots of an effect and the signals it reads; tried on one with default parameters."""
     try:
-        check_effect(kind(), default)
+        check_effect(kind(), rig(amplifier=amplifier(), controller=controller()))
     except EffectError:
         return False
-    single = (slot for slot in kind.slots if slot.name in SINGLE_EFFECT_SLOTS)
-    return set(kind.slots) <= set(rig.slots) and not any(is_used(slot, mounted) for slot in single)
+    return set(kind.slots) <= set(rig.slots)
 
 
 def build_problem(

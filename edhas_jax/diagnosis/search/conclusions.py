@@ -27,8 +27,14 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
     elif diagnosis.verdict is Verdict.UNKNOWN_EFFECT:
         out += _unknown_effect_sentences(diagnosis, Use(use))
     else:
-        sizes = [f"{t.candidate.name} ({_parameters_text(diagnosis, t.candidate)})" for t in diagnosis.accepted]
+        named = [t.candidate for t in diagnosis.named]
+        sizes = [f"{candidate.name} ({_parameters_text(diagnosis, candidate)})" for candidate in named]
         out.append(f"{' and '.join(sizes)} {'is' if len(sizes) == 1 else 'are'} missing.")
+        out += [
+            f"{t.candidate.name} improves the model too, but is more probably a stand-in for several small causes."
+            for t in diagnosis.accepted
+            if t.candidate not in named
+        ]
         out += [
             f"{m.candidate.name} acts by another law than that of the library: a curve over its variable lowers "
             f"χ² by {2.0 * m.law_gain:.3g} more."

@@ -11,6 +11,7 @@ from edhas_jax.diagnosis.search.trial import Trial
 
 MIN_GAIN = 12.0  # nats: the best of some fifty candidates gains less by chance
 PROMISING_RATIO = 0.15  # gain over what is left, from which a candidate stays in the model while others are sought
+DIFFERING_LAW = 2.0  # gain with its own law deviating over that with the library's law, from which this law is wrong
 EXCESS_SIGMAS = 2.0  # standard deviations of ½χ² under noise alone that do not count as left
 
 
@@ -32,6 +33,10 @@ def strength(gain: float, excess_after: float, samples: int) -> float:
 
 def is_promising(trial: Trial, samples: int) -> bool:
     """Whether a trial on so many samples stays in the model for the next round; the backward pass decides finally."""
-    if trial.evaluated is None or trial.gain_beyond_laws < MIN_GAIN or not trial.left_out_gain > 0.0:
+    if trial.evaluated is None or trial.gain_beyond_laws < MIN_GAIN:
+        return False
+    # the library's law may predict badly what the mechanism with another law would predict well
+    law_differs = trial.own_law_gain > DIFFERING_LAW * trial.gain_beyond_laws
+    if not trial.left_out_gain > 0.0 and not law_differs:
         return False
     return strength(trial.own_law_gain, trial.own_law_excess, samples) > PROMISING_RATIO

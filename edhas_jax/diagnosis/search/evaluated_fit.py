@@ -23,6 +23,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 COST_TOLERANCE, RELATIVE_COST_TOLERANCE = 0.5, 3e-5
 # how often the solver's error is computed, and the change of ½χ² by the first one from which the second fit is searched
 SOLVER_CORRECTIONS, MIN_SOLVER_CHANGE = 2, 10.0
+REFINEMENT = 2  # steps with which the solver's error is computed, over the fine ones
 
 
 MAX_PRODUCT = 1e14  # square of a whitened column: above it rounding errors of ½χ² reach a nat
@@ -218,7 +219,7 @@ def solver_error(problem: FitProblem, x: np.ndarray, coarse: int, fine: int) -> 
 
 
 def with_solver_error(
-    evaluated: EvaluatedFit, resolution: TimeResolution, max_steps: int, refinement: int = 2
+    evaluated: EvaluatedFit, resolution: TimeResolution, max_steps: int, refinement: int = REFINEMENT
 ) -> EvaluatedFit:
     """Refit with the solver's error at the present estimate removed; unchanged where the model then fails.
 

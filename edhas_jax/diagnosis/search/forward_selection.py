@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
-from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
+from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.diagnosis.search.backward_pass import take_back
 from edhas_jax.diagnosis.search.calibrated_model import calibrate, misfit
@@ -29,7 +29,7 @@ from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.selection_round import refine_trial, search_round
 from edhas_jax.diagnosis.search.settled_fit import settle
 from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, StageEncoder
-from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, Trial, try_candidate
+from edhas_jax.diagnosis.search.trial import Trial, try_candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -112,7 +112,7 @@ def diagnose(
         report(f"once more, beginning with {other.accepted.candidate.name}")
         again = _select_forward(search, calibrated, resolution, test, other)
         again, other_members = take_back(again, resolution, report)
-        if (other_left := _left(again)) < left:
+        if (other_left := _left(again)) < left and _implausible(other_members) <= _implausible(members):
             rounds, members, left = again, other_members, other_left
     shares, free = {}, ()
     if _is_unexplained(rounds, members, left):
@@ -185,8 +185,14 @@ def _finish_round(
 def _left(rounds: Sequence[Round]) -> float:
     """What the final model and deviations of its laws leave of ½χ², beyond the scatter of noise [nats]."""
     final, accepted = rounds[-1].baseline, mounted_candidates(rounds)
-    deviations = law_deviation_columns(final.fit, accepted) if accepted else None
-    return remaining(final.excess_with(deviations), final.samples)
+    if not accepted:
+        return misfit(final)
+    return remaining(final.excess_with(law_deviation_columns(final.fit, accepted)), final.samples)
+
+
+def _implausible(members: Sequence[MemberTest]) -> int:
+    """The number of members with a parameter whose fitted value is implausible."""
+    return sum(bool(member.implausible) for member in members)
 
 
 def _is_unexplained(rounds: Sequence[Round], members: Sequence[MemberTest], left: float) -> bool:
@@ -213,32 +219,3 @@ def _localise(
     effects = [score.candidate for score in rounds[0].scores]
     shares = component_shares(test, baseline, effects, [*rounds[0].trials, *trials], terms)
     return shares, sorted(trials, key=lambda trial: -trial.log_evidence_gain)
-
-
-def add_effect(
-    campaign: Campaign, kind: type[Effect], on_progress: Report | None = None
-) -> tuple[EvaluatedFit, EvaluatedFit]:
-    """Fit the model of a campaign without and with one given effect.
-
-    Args:
-        campaign: the measurements.
-        kind: class of the effect.
-        on_progress: called with a sentence on the progress.
-
-    Returns:
-        The fit without and the fit with the effect, all uncertain parameters being fitted in both.
-
-    Raises:
-        FitError: there is nothing to fit, the model cannot be fitted, or the machine cannot have the effect.
-    """
-    report = on_progress or (lambda sentence: None)
-    possible = {c.id: c for c in candidates_for(campaign, campaign.machine, Instruments(), (kind,)) if c.signal is None}
-    if kind.id not in possible:
-        raise FitError(f"{kind.id} cannot be added to {campaign.name}: its machine has it already, or no slot for it")
-    baseline, resolution = calibrate(campaign, report)
-    report(f"fitting with {kind.id}")
-    score = ScoreTest(baseline.fit, ()).score(possible[kind.id])
-    trial = try_candidate(baseline, (), score, resolution, TRIAL_STEPS)
-    if trial.evaluated is None:
-        raise FitError(f"the model with {kind.id} fails (it is not finite) wherever the fit has looked")
-    return baseline, settle(trial.evaluated, resolution, report)

@@ -11,20 +11,32 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.curve_start import start_from_nothing
-from edhas_jax.diagnosis.laws.deviation import curve_columns
+from edhas_jax.diagnosis.laws.deviation import added_slopes, curve_term
 from edhas_jax.diagnosis.laws.law_places import law_places
+from edhas_jax.diagnosis.laws.law_samples import LawSamples, samples_at_slots
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.free_term import score_free_term
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
+from edhas_jax.machine.rigs import Rig
 
 # slots at which a curve is the same term of the same equation, but for its sign
 SAME_TERMS = {"mover_friction": "mover_force", "cylinder_friction_force": "cylinder_force"}
 
 
-def free_curve(fit: Fit, place: LawPlace) -> CurveCandidate | None:
-    """A free curve over the values that its variable takes along the fitted runs; None where it is constant."""
-    start = start_from_nothing(fit, place)
+# curves that are simulated together: more save compilation, fewer the time of each step
+GROUP = 4
+
+
+def free_curve(fit: Fit, place: LawPlace, samples: LawSamples | None = None) -> CurveCandidate | None:
+    """A free curve over the values that its variable takes along the fitted runs; None where it is constant.
+
+    Args:
+        fit: the fit.
+        place: where the curve is added.
+        samples: samples along the fitted runs at the slot of the place; simulated by default.
+    """
+    start = start_from_nothing(fit, place, samples=samples)
     if start is None:
         return None
     words = (place.slot, "curve_over", place.variable, *place.factors)
@@ -40,15 +52,23 @@ def score_free_curves(test: ScoreTest, fit: Fit, report: Callable[[str], None]) 
         fit: the fit of this model.
         report: called with a sentence on the progress.
     """
-    machine, scores, taken = fit.machine, [], set()
+    report("looking where curves act")
+    places = _distinct_places(fit.machine)
+    samples = samples_at_slots(fit, places)
+    curves = [curve for place in places if (curve := free_curve(fit, place, samples[place.slot])) is not None]
+    scores = []
+    for first in range(0, len(curves), GROUP):
+        some = curves[first : first + GROUP]
+        report(f"looking for free curves, {first + len(some)} of {len(curves)}")
+        slopes = added_slopes(fit, [curve_term(curve.place, np.array(curve.nodes), curve.id) for curve in some])
+        scores += [score_free_term(test, curve, columns) for curve, columns in zip(some, slopes, strict=True)]
+    return sorted(scores, key=lambda score: -score.chi_square_fall)
+
+
+def _distinct_places(machine: Rig) -> list[LawPlace]:
+    """The places of a machine, without those where a curve is the same term as at another one."""
+    found: dict[tuple, LawPlace] = {}
     for slot in machine.slots:
         for place in law_places(machine, slot.name):
-            acts = (SAME_TERMS.get(slot.name, slot.name), place.variable, place.factors)
-            curve = None if acts in taken else free_curve(fit, place)
-            taken.add(acts)
-            if curve is None:
-                continue
-            report(f"looking for {curve.text}")
-            columns = curve_columns(fit, place, np.array(curve.nodes), curve.id)
-            scores.append(score_free_term(test, curve, columns))
-    return sorted(scores, key=lambda score: -score.chi_square_fall)
+            found.setdefault((SAME_TERMS.get(slot.name, slot.name), place.variable, place.factors), place)
+    return list(found.values())

@@ -31,7 +31,7 @@ def score_free_term(test: ScoreTest, term: FreeTerm, slopes: Sequence[Mapping[st
     Args:
         test: the score test of a model.
         term: the term.
-        slopes: by fitted run and signal (samples, k), the derivatives by its k numbers, SI.
+        slopes: by fitted run and signal (samples, k), the derivatives with respect to its k numbers, SI.
     """
     score = _score(test, term, slopes)
     size = float(np.abs(score.x).max(initial=0.0))

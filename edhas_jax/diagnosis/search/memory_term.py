@@ -15,21 +15,18 @@ from collections.abc import Callable
 
 import numpy as np
 
-from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.laws.deviation import AddedTerm, added_slopes
 from edhas_jax.diagnosis.laws.law_places import law_places, typical_size
-from edhas_jax.diagnosis.laws.law_samples import law_samples
+from edhas_jax.diagnosis.laws.law_samples import samples_at_slots
 from edhas_jax.diagnosis.search.free_term import FreeTerm, score_free_term
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.base import state
 from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS, LawPlace
 from edhas_jax.machine.interface.slots import SLOTS
-from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
-from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
 TIMES = (0.3e-3, 1e-3, 3e-3, 10e-3)  # s, τ_k
@@ -56,10 +53,6 @@ class MemoryTerm(FreeTerm):
             UnknownParameter(f"{self.prefix}coefficient_{k}", 0.0, self.spread, unit, limits, ParameterScale.LINEAR)
             for k in range(1, len(TIMES) + 1)
         ]
-
-    def mounted(self, machine: Rig, instruments: Instruments) -> tuple[Rig, Instruments]:
-        """The machine with the term, without influence at first."""
-        return structs.replace(machine, effects=(*machine.effects, self.kind())), instruments
 
 
 def coefficient_unit(place: LawPlace) -> str:
@@ -103,24 +96,19 @@ def score_memory_terms(test: ScoreTest, fit: Fit, report: Callable[[str], None])
         fit: the fit of this model.
         report: called with a sentence on the progress.
     """
+    places = [LawPlace(slot, variable) for slot, variable in PLACES]
+    places = [place for place in places if place in law_places(fit.machine, place.slot)]
+    if not places:
+        return []
+    report("looking for terms that depend on the past")
+    samples, terms = samples_at_slots(fit, places), []
+    for place in places:
+        if (past := float(np.std(samples[place.slot].values[place.variable]))) > 0.0:
+            terms.append(MemoryTerm(memory_class(place), None, place, typical_size(place, past)))
+    campaign = fit.problem.campaign
+    found = added_slopes(fit, [AddedTerm(term.kind(), term.unknowns(campaign)) for term in terms])
     scores = []
-    for slot, variable in PLACES:
-        place = LawPlace(slot, variable)
-        if place not in law_places(fit.machine, slot):
-            continue
-        past = float(np.std(law_samples(fit, (place,)).values[variable]))
-        if not past > 0.0:
-            continue
-        term = MemoryTerm(memory_class(place), None, place, typical_size(place, past))
-        report(f"looking for {term.text}")
-        scores.append(score_free_term(test, term, _slopes(fit, term)))
+    for term, slopes in zip(terms, found, strict=True):
+        by_coefficient = [{n: v / term.spread for n, v in run.items()} for run in slopes]
+        scores.append(score_free_term(test, term, by_coefficient))
     return sorted(scores, key=lambda score: -score.chi_square_fall)
-
-
-def _slopes(fit: Fit, term: MemoryTerm) -> list[dict[str, np.ndarray]]:
-    """The derivatives of the signals by the coefficients of a term, by fitted run and signal (samples, k), SI."""
-    base = fit.problem.model()
-    machine, instruments = term.mounted(fit.machine, fit.instruments)
-    model = MeasurementModel(base.campaign, machine, term.unknowns(base.campaign), base.runs, instruments)
-    found = model.predict_all_runs(np.zeros(len(TIMES)), fit.resolution.coarse, with_sensitivities=True)
-    return [{n: v / term.spread for n, v in found[r].sensitivities.items()} for r in range(len(base.runs))]

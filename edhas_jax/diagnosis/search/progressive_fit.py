@@ -26,7 +26,8 @@ MIN_SAMPLES = 20  # of a run at any fraction
 SCAN_POINTS, SCAN_POINTS_1D = 64, 25  # evaluated for several unknowns, and for a single one
 SCAN_HALF_WIDTH = 3.0  # in standard deviations of the prior
 STARTS_KEPT = 3  # best points of a stage that start the next one
-MAX_RELATIVE_EXCESS = 0.5  # of the whole-run fit's excess: a fraction fitted alone that leaves more gives up
+# of the whole-run fit's excess: a fraction fitted alone that leaves more gives up; the shortest ones say too little
+MAX_RELATIVE_EXCESS = (np.inf, np.inf, 0.5, 0.5, 0.5)
 MIN_EXCESS_SIGMAS = 10.0  # excess of χ² above which the residual of a fraction is significant
 
 
@@ -61,11 +62,11 @@ def fit_progressively(
     resolution = choose_time_resolution(stages[RESOLUTION_STAGE].model(), x[len(starts)])
     whole_steps, steps_per_sample = steps_per_sample, max(steps_per_sample, resolution.coarse)
     prior = np.array([float(u.has_prior) for u in problem.unknowns])
-    for stage, excess in zip(stages, excesses, strict=True):
+    for stage, excess, limit in zip(stages, excesses, MAX_RELATIVE_EXCESS, strict=True):
         found = find_minima(stage, x, steps_per_sample, max_steps)
         x = found.x[np.argsort(found.model.cost)[:STARTS_KEPT]]
         best = 2.0 * found.model.cost.min() - prior @ np.square(x[0])
-        not_improved = excess > MIN_EXCESS_SIGMAS and _excess_sigmas(best, stage) > MAX_RELATIVE_EXCESS * excess
+        not_improved = excess > MIN_EXCESS_SIGMAS and _excess_sigmas(best, stage) > limit * excess
         if not np.isfinite(best) or not_improved:
             return None
     try:

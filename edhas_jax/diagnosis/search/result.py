@@ -14,6 +14,7 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
 from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Answer, Evidence, Rivals, answer_from
+from edhas_jax.diagnosis.search.calibrated_model import misfit
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
@@ -140,10 +141,12 @@ class Diagnosis:
             left = remaining(r.accepted.own_law_excess, self.after.samples)
             test = tests[r.accepted.candidate]
             rivals.append(Rivals(test.candidate.name, test.strength, gains, left, bool(test.implausible)))
-        misfit = 2.0 * remaining(self.calibrated.excess, self.calibrated.samples) / max(self.calibrated.samples, 1)
+        relative = 2.0 * misfit(self.calibrated) / max(self.calibrated.samples, 1)
         share = max(self.location_shares.values(), default=0.0)
         unexplained = max(self._unexplained_shares(self.calibrated, Use.FIT).values(), default=0.0)
-        return Evidence(tuple(rivals), misfit, share, unexplained)
+        known = np.array([u.has_prior for u in self.calibrated.fit.problem.unknowns])
+        distortion = float(np.sqrt(np.mean(np.square(self.calibrated.fit.x[known])))) if known.any() else 1.0
+        return Evidence(tuple(rivals), relative, share, unexplained, distortion)
 
     @functools.cached_property
     def answer(self) -> Answer:
@@ -201,6 +204,13 @@ class Diagnosis:
         """The accepted trials, in the order of their rounds."""
         return accepted_trials(self.rounds)
 
+    @functools.cached_property
+    def named(self) -> list[Trial]:
+        """The accepted trials that are more probably real than not; others only improve the final model."""
+        real = {member.name: member.probability_real() for member in self.evidence.members}
+        first = self.answer.first
+        return [t for t in self.accepted if real.get(t.candidate.name, 0.0) > 0.5 or t.candidate.name == first]
+
     @property
     def laws(self) -> list[LawDeviation]:
         """The deviations of accepted laws that the final model has mounted."""
@@ -218,7 +228,7 @@ class Diagnosis:
         p, groups = self.answer.probabilities, []
         taken = {t.candidate for t in self.accepted}
         for r in self.rounds:
-            if r.accepted is None:
+            if r.accepted is None or r.accepted not in self.named:
                 continue
             limit = p.get(r.accepted.candidate.name, 0.0)
             rivals = [

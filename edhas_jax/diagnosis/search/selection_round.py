@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from edhas_jax.diagnosis.search.calibrated_model import misfit
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, is_promising, remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, with_solver_error
@@ -17,6 +18,7 @@ from edhas_jax.diagnosis.search.trial import (
     NEAR_EXCESS,
     NEARLY_ALL_SHARE,
     Trial,
+    is_distorted,
     retry_progressively,
     try_best_candidates,
 )
@@ -24,7 +26,8 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 
 # candidates whose signatures are simulated again in later rounds: how many, and from which fall of χ² on
 REFRESHED, MIN_REFRESHED_FALL = 8, 10.0
-PROGRESSIVE_TRIALS = 6  # candidates that are fitted progressively where none explains nearly all
+PROGRESSIVE_TRIALS = 8  # candidates that are fitted progressively where none explains nearly all
+FAILED_TRIALS = 2  # near the noise: best candidates refitted progressively if their fit failed
 REFINED, REFINEMENT_STEPS = 2, 6  # trials that are refined where they end near the noise, and the steps of the fit
 OWN_LAWS = 2  # trials whose own law may deviate
 PROGRESSIVE_RMS = 3.0  # residual over noise below which a fit is not caught in a distant minimum
@@ -55,12 +58,14 @@ def search_round(
         scores = [score for score in scores if score.candidate not in again]
         scores = sorted([*scores, *score_all(test, again, report)], key=lambda score: -score.chi_square_fall)
     is_far = baseline.excess > PROGRESSIVE_RMS**2 * 0.5 * baseline.samples
-    if is_far:
+    if is_far or (is_distorted(baseline) and misfit(baseline) > 0.0):
         scores = _with_scores_at_prior(baseline, accepted, scores, report)
     most = FAR_TRIALS if is_far else MAX_TRIALS
     trials = try_best_candidates(baseline, accepted, scores, resolution, report, max_trials=most)
     if is_far:
         trials = _retry_distant_minima(baseline, accepted, trials, resolution, report)
+    else:
+        trials = _retry_failed(baseline, accepted, trials, resolution, report)
     trials = sorted(trials, key=lambda trial: -trial.log_evidence_gain)
     trials = [refine_trial(baseline, trial, resolution) if k < REFINED else trial for k, trial in enumerate(trials)]
     trials = [_beyond_deviations(baseline, trial, deviations) for trial in trials]
@@ -78,8 +83,8 @@ def _with_scores_at_prior(
 ) -> list[Score]:
     """The scores, each the better one of that at the fit and that at the prior means of the uncertain parameters.
 
-    A model that lacks something large is calibrated to parameters far from the true ones, where the right candidate may
-    explain little. Falls of χ² at the prior means are scaled to the misfit of the fit.
+    A model that lacks something is calibrated to parameters that stand in for it, far from the true ones, where the
+    right candidate may explain little. Falls of χ² at the prior means are scaled to the misfit of the fit.
     """
     fitted, problem = baseline.fit, baseline.fit.problem
     own = [any(u.name.startswith(candidate.prefix) for candidate in accepted) for u in problem.unknowns]
@@ -111,6 +116,25 @@ def _retry_distant_minima(
             break
         report(f"{trials[k].candidate.name}: fitting growing parts of the runs")
         trials[k] = retry_progressively(baseline, accepted, trials[k], resolution)
+    return trials
+
+
+def _retry_failed(
+    baseline: EvaluatedFit, accepted: Sequence[Candidate], trials: Sequence[Trial], resolution: TimeResolution,
+    report: Callable[[str], None],
+) -> list[Trial]:  # fmt: skip
+    """Fit the best scored candidates progressively whose trials ended above the model without them.
+
+    Such a fit has not found its minimum, because a candidate without strength leaves that model as it is.
+    """
+    trials = list(trials)
+    for k in range(min(FAILED_TRIALS, len(trials))):
+        found = trials[k].evaluated
+        if max(t.explained_share for t in trials) > NEARLY_ALL_SHARE:
+            break
+        if found is None or found.cost > baseline.cost:
+            report(f"{trials[k].candidate.name}: fitting growing parts of the runs")
+            trials[k] = retry_progressively(baseline, accepted, trials[k], resolution)
     return trials
 
 

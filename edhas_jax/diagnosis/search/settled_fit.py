@@ -6,7 +6,12 @@ from collections.abc import Callable
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
-from edhas_jax.diagnosis.likelihood.trigger_correction import best_common_shift, trigger_shifts, with_shifted_time
+from edhas_jax.diagnosis.likelihood.trigger_correction import (
+    best_common_shift,
+    cost_with_shifts,
+    trigger_shifts,
+    with_shifted_time,
+)
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
 from edhas_jax.measurements.time_resolution import TimeResolution
 
@@ -14,6 +19,7 @@ CORRECTION_STEPS = 8  # maximum number of Levenberg-Marquardt steps
 # time by which records start early or late: from which on it is corrected exactly [s], how often, and the share of the
 # misfit that the correction must remove
 MIN_TRIGGER_SHIFT, MAX_CORRECTIONS, MIN_REMOVED_SHARE = 2e-5, 2, 0.5
+PREDICTED_SHARE = 0.5  # of that share, which the interpolated signals must promise before anything is simulated
 # of the accuracy of the trigger
 TRIGGER_GRID = np.array([-2.0, -1.5, -1.0, -0.7, -0.4, -0.2, 0.2, 0.4, 0.7, 1.0, 1.5, 2.0])
 
@@ -36,6 +42,9 @@ def settle(evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable
             common = best_common_shift(fitted.problem, fitted.x, fitted.outcomes, grid, gain)
             shifts = {run.name: common for run in campaign.runs} if common else shifts
         if max(map(abs, shifts.values()), default=0.0) < MIN_TRIGGER_SHIFT:
+            break
+        predicted = cost_with_shifts(fitted.problem, fitted.x, fitted.outcomes, shifts)
+        if not found.cost - predicted > PREDICTED_SHARE * MIN_REMOVED_SHARE * found.excess:
             break
         report("correcting the start of the records")
         shifted = _shifted(found, shifts, resolution)

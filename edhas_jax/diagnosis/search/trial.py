@@ -21,12 +21,14 @@ PRIOR_BOUND_PENALTY = 30.0  # nats off the gain of a candidate that depends on a
 MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is made: the best of forty reaches it by chance
 MAX_TRIALS = 6
 MIN_RIVAL_GAIN_SHARE = 0.1  # of the gain reached: a candidate that predicts less is not tried
-# near the noise the prediction is nearly what a fit achieves: a candidate that predicts less than a share of the misfit
-# is not tried; the excess over half the number of samples that counts as near
+# close to the noise level and to the prior means the linear prediction is accurate, so that a candidate with a
+# smaller predicted share of the misfit is not fitted; close is an excess of ½χ² below this multiple of half the number
+# of samples
 MIN_NEAR_SHARE, NEAR_EXCESS = 0.07, 3.0
 TRIAL_STEPS = 12  # maximum number of Levenberg-Marquardt steps of a trial
-# a trial is given up where, after so many steps, its fall of ½χ² is below a share of that of the best trial so far
-CHECKED_STEPS = {4: 0.4, 7: 0.75}
+# a trial is given up where, after so many steps, its fall of ½χ² is below a share of that of the best trial so far and
+# would be so after as many nats more as the last `FALL_STEPS` steps have brought
+CHECKED_STEPS, FALL_STEPS = {4: 0.4, 7: 0.75}, 2
 NEARLY_ALL_SHARE = 0.7  # of the excess of χ²: below it the fit may have ended in a local minimum
 
 
@@ -111,15 +113,10 @@ def try_candidate(
     calibrated_start = np.concatenate([start_coordinates(problem, fitted.values)[:count], score.x])
     shrunk_start = np.concatenate([RESTART_PRIOR_SHARE * calibrated_start[:count], score.x])
     best: EvaluatedFit | None = None
-
-    def keep_on(step: int, cost: float) -> bool:
-        return baseline.cost - cost >= CHECKED_STEPS.get(step, -math.inf) * reached
-
-    known_priors = np.array([u.has_prior for u in fitted.problem.unknowns])
-    distorted = bool(np.abs(fitted.x[known_priors]).max(initial=0.0) > DISTORTED_COORDINATE)
+    distorted = is_distorted(baseline)
     for start in (calibrated_start, shrunk_start):
         try:
-            found = fit_coarse(problem, start, resolution.coarse, max_steps, keep_on)
+            found = fit_coarse(problem, start, resolution.coarse, max_steps, _give_up_rule(baseline.cost, reached))
         except FitError:
             continue
         if best is None or found.log_evidence > best.log_evidence:
@@ -131,6 +128,26 @@ def try_candidate(
             break
     failed = Trial.failed(score)
     return failed if best is None else failed.with_fit(baseline, best)
+
+
+def is_distorted(baseline: EvaluatedFit) -> bool:
+    """Whether a parameter of a fit is so far from its prior mean that it stands in for something else."""
+    known_priors = np.array([u.has_prior for u in baseline.fit.problem.unknowns])
+    return bool(np.abs(baseline.fit.x[known_priors]).max(initial=0.0) > DISTORTED_COORDINATE)
+
+
+def _give_up_rule(baseline_cost: float, reached: float) -> Callable[[int, float], bool]:
+    """Whether a fit goes on, asked after every step with its number and ½χ²; see `CHECKED_STEPS`."""
+    costs: list[float] = []
+
+    def keep_on(step: int, cost: float) -> bool:
+        costs.append(cost)
+        if step not in CHECKED_STEPS:
+            return True
+        soon = cost - (costs[-1 - FALL_STEPS] - cost)
+        return baseline_cost - soon >= CHECKED_STEPS[step] * reached
+
+    return keep_on
 
 
 def try_best_candidates(
@@ -149,10 +166,10 @@ def try_best_candidates(
         max_trials: largest number of trials.
     """
     trials: list[Trial] = []
-    is_near = baseline.excess < NEAR_EXCESS * 0.5 * baseline.samples
+    is_near = baseline.excess < NEAR_EXCESS * 0.5 * baseline.samples and not is_distorted(baseline)
     least = MIN_NEAR_SHARE * baseline.excess if is_near else 0.0
     for score in scores[:max_trials]:
-        # where a candidate achieves far more than predicted, rivals may as well
+        # the prediction is linear: where one fit gains far more than predicted, others may gain more too
         limit = min(reached, scores[0].predicted_gain)
         if score.chi_square_fall < MIN_CHI_SQUARE_FALL:
             break
