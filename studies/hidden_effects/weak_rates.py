@@ -23,7 +23,7 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
 
-# state whose rate is compared: signal that is measured, and how often this is differentiated
+# for each state whose rate is regressed: the measured signal, and how many times it is differentiated
 EQUATIONS = {
     "current": ("current", 1), "piston_velocity": ("piston_position", 2), "outlet_pressure": ("outlet_pressure", 1),
     "head_pressure": ("head_pressure", 1), "rod_pressure": ("rod_pressure", 1),

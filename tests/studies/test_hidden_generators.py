@@ -129,13 +129,27 @@ def test_the_visible_part_is_the_smallest_sum_of_squares():
     assert test.all.visible(change) < test.parameters.visible(change) < change @ change
 
 
+def test_a_large_change_of_a_known_parameter_is_not_visible_after_a_fit():
+    """A linear remainder of a change by a parameter itself is an error of the linear prediction, not a mechanism."""
+    test = visibility(ACTUATOR)
+    name, spread = "coulomb_friction", ACTUATOR.uncertain["coulomb_friction"]
+    value = float(get_parameter(test.machine, name)) * float(np.exp(-3.0 * spread))
+    machine = set_parameters(test.machine, {name: value})
+    change = test.change(machine)
+    assert test.all.visible(change) > 3.0 * 9.0  # the three standard deviations themselves cost 9
+    assert test.visible_after_fit(change) < 1.1 * 9.0
+    law = mounted(test.machine, library_law(CoggingForce), {"cogging_amplitude": 1.0})
+    seen = test.change(law)
+    assert test.visible_after_fit(seen) == pytest.approx(test.all.visible(seen), rel=0.2)
+
+
 def test_sizes_are_drawn_from_what_can_just_be_seen_on():
     test, law = visibility(ACTUATOR), library_law(CoggingForce)
     drawn = [draw_visible(test, law, np.random.default_rng(k)) for k in range(12)]
     visible = np.array([d.visible for d in drawn])
     assert (visible > MIN_VISIBLE).all() and visible.min() < 400.0 and visible.max() > 2000.0
-    again = test.all.visible(test.change(mounted(test.machine, law, drawn[0].values)))
-    assert again == pytest.approx(drawn[0].visible, rel=1e-9)
+    change = test.change(mounted(test.machine, law, drawn[0].values))
+    assert test.visible_after_fit(change) == pytest.approx(drawn[0].visible, rel=1e-9)
     for p in law.free_parameters:
         assert all(p.plausible[0] <= d.values[p.name] <= p.plausible[1] for d in drawn)
 

@@ -19,7 +19,7 @@ from studies.hidden_effects.generators.visibility import VisibilityTest
 
 MAX_SHARE = 0.8  # of a withheld effect that any one generic term or similar effect may explain
 MIN_SHARE = 0.2  # of a term as linear, below which it is not simulated
-REFINEMENTS = 3  # simulations of a term, each with a better coefficient
+REFINEMENTS = 3  # iterations that fit the coefficient of a term, one simulation each
 TRIED_COEFFICIENTS = (0.3, 2.0, 10.0)  # of a term at the place of the law, in units of its typical size
 ROUGH_STEPS_PER_SAMPLE = 6
 # slots that add a body or a volume to the machine, so that a term of size 0 has no meaning there

@@ -83,6 +83,8 @@ def draw_visible(
         size = sign * math.exp(math.log(least) + position * math.log(most / least))
         found = _evaluated(test, machine, law, values | {law.size.name: size})
         if found.visible > at_least:
+            found = dataclasses.replace(found, visible=test.visible_after_fit(found.change))
+        if found.visible > at_least:
             return found
     return None
 

@@ -5,6 +5,9 @@
 s is the change of all signals of the fitted runs in units of their noise, x what may compensate it, in units of its
 prior standard deviation: the uncertain parameters; per run the trigger, the settings and the coil resistance; per
 signal gain, offset and time shift. J are their sensitivities at the true machine. Correlated noise is whitened first.
+
+A change that is large is not compensated in proportion to x, so that a linear remainder may be seen that a fit removes.
+`VisibilityTest.visible_after_fit` therefore fits the uncertain parameters, without noise.
 """
 
 import dataclasses
@@ -28,6 +31,8 @@ SETTING = 0.005  # relative, of a setting from run to run
 WARM_UP = 0.005  # relative, of the coil resistance from run to run
 GAIN, OFFSET, SHIFT = 0.003, 0.001, 20e-6  # of a signal: relative, of its range, s
 WHITENING_ORDER = 12
+MAX_FIT_STEPS, MAX_HALVINGS = 4, 3
+SUFFICIENT_FALL = 0.9  # a fit goes on while a step leaves less than this share
 
 Signals = dict[str, np.ndarray]
 
@@ -62,6 +67,7 @@ class VisibilityTest:
         found = model.predict_all_runs(np.zeros(len(unknowns)), STEPS_PER_SAMPLE, with_sensitivities=True)
         found = {r: bounded(run, found[r]) for r, run in enumerate(self.runs)}  # a motion that sticks may be chaotic
         self.before = [found[r].values for r in range(len(self.runs))]
+        self._model = model
         sensitivities = self.stacked([found[r].sensitivities for r in range(len(self.runs))])
         self.parameters = _Projection(sensitivities)
         names = [u.name for u in unknowns]
@@ -82,6 +88,46 @@ class VisibilityTest:
         if self._whitening is not None:
             rows = [lfilter(self._whitening, [1.0], row, axis=0) for row in rows]
         return np.concatenate(rows)
+
+    def visible_after_fit(self, change: np.ndarray) -> float:
+        """What is left visible of a change when the uncertain parameters are fitted to it (Gauss-Newton steps).
+
+        Args:
+            change: change of the signals, in units of noise (samples of all runs and signals,).
+
+        Returns:
+            The smallest |s − f(x) − B b|² + |x|² + |b|² found, f being the change by the parameters of the bare
+            machine and B b that by the bench; points at which the bare machine cannot be simulated are passed over.
+        """
+        n = self.parameters.columns.shape[1]
+        bench = _Projection(self.all.columns[:, n:])
+        x, left, slopes = np.zeros(n), change, self.parameters.columns
+        visible = bench.visible(left)
+        for _ in range(MAX_FIT_STEPS):
+            columns = np.concatenate([slopes, bench.columns], axis=1)
+            target = left + slopes @ x
+            step = np.linalg.solve(columns.T @ columns + np.eye(columns.shape[1]), columns.T @ target)[:n] - x
+            for halving in range(MAX_HALVINGS):
+                at = x + 0.5**halving * step
+                signals, new_slopes = self._moved(at)
+                new_left = change - signals
+                reached = bench.visible(new_left) + at @ at if np.isfinite(new_left).all() else np.inf
+                if reached < visible:
+                    break
+            else:
+                break
+            enough = reached > SUFFICIENT_FALL * visible
+            x, left, slopes, visible = at, new_left, new_slopes, reached
+            if enough:
+                break
+        return float(visible)
+
+    def _moved(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The change of the signals by coordinates of the uncertain parameters, and its derivatives there."""
+        found = self._model.predict_all_runs(x, STEPS_PER_SAMPLE, with_sensitivities=True)
+        found = [bounded(run, found[r]) for r, run in enumerate(self.runs)]
+        moved = self.change_to([outcome.values for outcome in found])
+        return moved, np.nan_to_num(self.stacked([outcome.sensitivities for outcome in found]))
 
     def _signals(self, machine: Rig, plan: Campaign) -> list[Signals]:
         """The signals of the fitted runs with another machine, under the conditions of a plan."""

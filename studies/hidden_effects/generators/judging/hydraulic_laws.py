@@ -173,7 +173,7 @@ class CompressedFilter(Effect):
 
 
 class WaltherViscosity(Effect):
-    """Viscosity by Walther's formula: ln ln(ν + 0.8) falls by m per ln T, ν = 46 mm²/s at 40 °C.
+    """Viscosity by Walther's equation ln ln(ν + 0.8) = c − m ln T, ν in mm²/s, T in K, with ν = 46 mm²/s at 40 °C.
 
     Source: Walther, Erdöl und Teer 4 (1928) 510; ASTM D341.
     """
