@@ -1,0 +1,62 @@
+"""Make a campaign of a simulated bench as benches are, to try a diagnosis on.
+
+    python -m studies.demo.bench_as_it_is [--out DIR]
+
+The inverter of the bench has a dead time whose law is not that of the library: the voltage lost follows the current
+by an arctangent. Some small effects of which no list knows act as well, parameters differ from their prior means, and
+the sheet does not state the noise. The integrator and the sensor models are those of the benchmark of hidden effects,
+which no diagnosis uses. The last line: `runs=… hidden=… crumbs=… left_by_crumbs=…`, what the crumbs leave being in
+units of the noise.
+"""
+
+import argparse
+import dataclasses
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from edhas_jax.measurements.campaign_reader import read_campaign
+from edhas_jax.measurements.campaign_writer import write_campaign
+from studies.demo.missing_effect import CAMPAIGN
+from studies.hidden_effects.generators.content import CONTENT
+from studies.hidden_effects.generators.crumbs import draw_crumbs
+from studies.hidden_effects.generators.hidden_case import Split
+from studies.hidden_effects.generators.records import recorded
+from studies.hidden_effects.generators.settings import usual_deviations, with_deviations
+from studies.hidden_effects.generators.tuning.electrical_laws import ArctanDeadTime
+from studies.hidden_effects.generators.visibility import VisibilityTest
+
+LOST_VOLTAGE = 0.9  # V
+NOISE = {
+    "voltage": 0.02, "current": 0.02, "piston_position": 5e-6, "outlet_pressure": 1.5e3, "outlet_flow": 2e-7
+}  # fmt: skip
+SEED = 3
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the campaign into a new folder."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, default=Path("runs/bench_as_it_is"))
+    options = parser.parse_args(arguments)
+    rng, plan = np.random.default_rng(SEED), read_campaign(CAMPAIGN)
+    channels = {n: dataclasses.replace(c, noise=NOISE[n]) for n, c in plan.channels.items()}
+    runs = tuple(dataclasses.replace(run, signals={}) for run in plan.runs)
+    plan = dataclasses.replace(plan, channels=channels, runs=runs)
+    truth = with_deviations(plan, plan.machine, usual_deviations(rng, len(plan.uncertain_in(plan.machine))))
+    crumbs = draw_crumbs(VisibilityTest(plan, truth, ()), CONTENT[Split.TUNING].crumbs, rng)
+    if crumbs is None:
+        print("no crumbs of this seed; choose another one", file=sys.stderr)
+        return 1
+    effects = (*crumbs.machine.effects, ArctanDeadTime(lost_voltage=LOST_VOLTAGE))
+    measured = recorded(plan, dataclasses.replace(crumbs.machine, effects=effects), rng)
+    unstated = {n: dataclasses.replace(c, noise=math.nan, stated_noise=None) for n, c in measured.channels.items()}
+    write_campaign(dataclasses.replace(measured, channels=unstated), options.out)
+    print(f"runs={len(runs)} hidden=inverter_dead_time crumbs={','.join(crumbs.sizes)} "
+          f"left_by_crumbs={crumbs.left_over:.3f}")  # fmt: skip
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
