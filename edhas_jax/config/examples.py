@@ -1,6 +1,7 @@
 """The examples that come with the package: configurations, tasks, and a campaign of measurements."""
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,13 +42,20 @@ def _command(lines: list[str]) -> str:
     return next((command for key, command in kinds.items() if key in keys), "sensitivity")
 
 
-def copy_examples(names: list[str], folder: Path) -> list[Path]:
+def copy_examples(names: Sequence[str] = (), folder: Path | str = "examples") -> list[Path]:
     """Copy examples into a folder, with the machines that they are based on; files that are there stay as they are.
+
+    Args:
+        names: of the examples, see `list_examples`; all of them by default.
+        folder: where to; made if it does not exist.
+
+    Returns:
+        The files and folders that were copied.
 
     Raises:
         ResultFileError: there is no such example, or the folder cannot be written.
     """
-    known = [example.name for example in list_examples()]
+    known, folder = [example.name for example in list_examples()], Path(folder)
     for name in names:
         if name not in known:
             raise ResultFileError(f"{name}: no such example; `edhas examples` lists them: {', '.join(known)}")

@@ -58,13 +58,13 @@ class ComparisonResult(Result, Comparison):
         return SummaryTable.of("residual_over_noise", ("run", *self.signals), rows, records, title)
 
     def plot(self):
-        """A matplotlib figure: residual over noise of every run and signal."""
+        """Plot residual over noise of every run and signal, as a matplotlib figure."""
         matrix = self.rms_over_noise()
         notes = {run: text for run, text in run_descriptions(self.campaign).items() if run in matrix}
         return draw_residual_matrix({"residual over noise": matrix}, notes)
 
     def plot_signal(self, signal: str):
-        """A matplotlib figure: a signal measured and of the model, with its residual.
+        """Plot a signal measured and of the model, with its residual, as a matplotlib figure.
 
         Raises:
             ValueError: no run has this signal.

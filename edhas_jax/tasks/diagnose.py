@@ -93,7 +93,7 @@ class DiagnosisResult(Result, Diagnosis):
         return SummaryTable.of("residual_over_noise", ("signal", *columns), rows, records, "residual over noise")
 
     def plot(self):
-        """A matplotlib figure: measured and model, the suspects, the same run with the accepted effect, the errors."""
+        """Plot run, suspects, the run with the accepted effect, and the errors, as a matplotlib figure."""
         return draw_overview(self)
 
     def next_experiment(self):

@@ -73,15 +73,15 @@ class FitResult(Result, Calibration):
         return SummaryTable.of("unknowns", columns, rows, records, "unknowns")
 
     def plot(self):
-        """A matplotlib figure: every estimate with its interval beside its prior."""
+        """Plot every estimate with its interval beside its prior, as a matplotlib figure."""
         return draw_estimates(self)
 
     def plot_correlations(self):
-        """A matplotlib figure: correlations of the estimates."""
+        """Plot correlations of the estimates, as a matplotlib figure."""
         return draw_correlations(self)
 
     def plot_drift(self):
-        """A matplotlib figure: the estimates of each run alone.
+        """Plot the estimates of each run alone, as a matplotlib figure.
 
         Raises:
             ValueError: they could not be computed.
@@ -91,7 +91,7 @@ class FitResult(Result, Calibration):
         return draw_drift(self)
 
     def plot_profiles(self):
-        """A matplotlib figure: the likelihood along the parameters of `profiles`.
+        """Plot the likelihood along the parameters of `profiles`, as a matplotlib figure.
 
         Raises:
             ValueError: none was asked for.

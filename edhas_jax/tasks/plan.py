@@ -22,7 +22,7 @@ MAX_SHOWN_PAIRS = 12
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class PlanResult(Result, DetectabilityPlan):
-    """What the runs of a campaign could reveal; see `DetectabilityPlan` for its numbers."""
+    """Which effects the runs of a campaign can detect, and of what size; the numbers are in `DetectabilityPlan`."""
 
     files = ("plan.json", "sizes.png", "overlaps.png")
 
@@ -55,11 +55,11 @@ class PlanResult(Result, DetectabilityPlan):
         return SummaryTable.of("sizes", columns, rows, records, "smallest detectable size")
 
     def plot(self):
-        """A matplotlib figure: the smallest detectable size of each candidate."""
+        """Plot the smallest detectable size of each candidate, as a matplotlib figure."""
         return draw_thresholds(self)
 
     def plot_overlaps(self):
-        """A matplotlib figure: which candidates look alike to these runs."""
+        """Plot which candidates look alike to these runs, as a matplotlib figure."""
         return draw_similarity(self)
 
     def write_files(self, folder: Path) -> Sequence[str]:

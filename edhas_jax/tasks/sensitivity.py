@@ -65,11 +65,11 @@ class SensitivityResult(Result, SensitivityTables):
         return Summary(title, (table, *notes))
 
     def plot(self):
-        """A matplotlib figure: elasticities, a panel per metric."""
+        """Plot the elasticities, one panel per metric, as a matplotlib figure."""
         return draw_local(self, self.units)
 
     def plot_sobol(self):
-        """A matplotlib figure: total Sobol indices.
+        """Plot the total-effect Sobol indices, as a matplotlib figure.
 
         Raises:
             ValueError: the analysis had no ranges.
@@ -79,7 +79,7 @@ class SensitivityResult(Result, SensitivityTables):
         return draw_sobol(self, self.units)
 
     def plot_morris(self):
-        """A matplotlib figure: Morris effects.
+        """Plot Morris effects, as a matplotlib figure.
 
         Raises:
             ValueError: the analysis had no ranges.

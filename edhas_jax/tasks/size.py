@@ -82,11 +82,11 @@ class SizeResult(Result, SizingResult):
         return SummaryTable.of("metrics", ("metric", *names), rows, records, title)
 
     def plot(self):
-        """A matplotlib figure: the objective and every dimension along the search from each start."""
+        """Plot the objective and every dimension along the search from each start, as a matplotlib figure."""
         return draw_path(self.task, self)
 
     def plot_front(self):
-        """A matplotlib figure: the Pareto front.
+        """Plot the Pareto front, as a matplotlib figure.
 
         Raises:
             ValueError: the task asked for a single design.

@@ -1,6 +1,8 @@
 """Sweep: the metrics of many designs of a machine, each in its periodic state."""
 
+import contextlib
 import datetime
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,7 @@ def sweep(
     seed: int = 0,
     settings: BatchSettings | None = None,
     folder: Path | str | None = None,
+    cluster: str | None = None,
     trust: Trust = (),
     on_progress: Callable[[int, int], None] | None = None,
     **parameters: Any,
@@ -44,6 +47,7 @@ def sweep(
         seed: of these samples.
         settings: step, tolerance and precision; None: those of the configuration.
         folder: where the sweep is kept while it runs, so that the same call resumes it; None: in memory alone.
+        cluster: "local:4" for four processes on this machine, or the address of a Dask scheduler; None: this process.
         trust: Python files of your own that may run if a configuration names them.
         on_progress: called with the numbers of finished and of all designs.
         **parameters: by name a tuple (from, to, count), (from, to, count, "log") or, with `samples`, (from, to); a
@@ -55,12 +59,20 @@ def sweep(
     Raises:
         ConfigError: a parameter, a range or the configuration is wrong; every problem, one line each.
         BatchError: the machine is not driven by a sine on a bench.
-        SweepError: the folder holds something else or cannot be written.
+        SweepError: the folder holds something else or cannot be written, or the workers failed.
+        ClusterError: the cluster cannot be reached or used.
     """
     task = describe_sweep(source, samples, seed, settings, trust, parameters)
-    if folder is not None:
-        run_sweep(task, folder, on_progress=on_progress)
-        return to_dataset(open_sweep(folder))
+    if folder is not None or cluster is not None:
+        with contextlib.ExitStack() as stack:
+            kept = folder or stack.enter_context(tempfile.TemporaryDirectory(prefix="edhas_sweep_"))
+            executor = None
+            if cluster is not None:
+                from edhas_jax.design.sweep.dask_cluster import dask_executor
+
+                executor = stack.enter_context(dask_executor(cluster))
+            run_sweep(task, kept, executor, on_progress)
+            return to_dataset(open_sweep(kept))
     metrics = run_designs(task.machine, task.designs, task.settings, on_progress)
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     made = {"name": task.name, "machine": machine_text(task), "date": now, "sweep": sweep_description(task)}

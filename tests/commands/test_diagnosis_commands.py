@@ -7,7 +7,8 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.core import structs
-from edhas_jax.machine.effects import ConstantBiasForce
+from edhas_jax.machine.effects import ConstantBiasForce, EffectError
+from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
@@ -47,3 +48,15 @@ def test_plan_writes_thresholds_and_pictures(campaign_folder, tmp_path, capsys):
     assert "smallest detectable size" in printed and "constant_bias_force" in printed
     assert {p.name for p in (tmp_path / "plan").iterdir()} == FILES_OF_A_PLAN
     json.loads((tmp_path / "plan" / "plan.json").read_text())
+
+
+def test_add_in_plain_python(campaign_folder, tmp_path):
+    found = edhas.add(campaign_folder, [ConstantBiasForce])
+    before, after = found.errors(Use.FIT)
+    assert found.names == ["calibrated", "with constant_bias_force"] and after < 1.2 < before
+    assert edhas.get(found.machine, "bias_force") == pytest.approx(BIAS, rel=0.05) and found.plot().axes
+    saved = edhas.open_result(found.save(tmp_path / "added"))
+    assert saved.task == "add" and edhas.get(saved.machine, "bias_force") == edhas.get(found.machine, "bias_force")
+    assert saved.numbers["models"][1]["effects"] == ["constant_bias_force"]
+    with pytest.raises(EffectError, match="constant_bias"):
+        edhas.add(campaign_folder, ["constant_bias"])

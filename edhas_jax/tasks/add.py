@@ -1,0 +1,136 @@
+"""Add: fit a campaign's model with effects that the engineer has chosen."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from edhas_jax.config.run_folder import write_json
+from edhas_jax.core.literal_text import figure_text
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.core.summary import Summary, SummaryTable
+from edhas_jax.core.trusted_code import Trust
+from edhas_jax.core.units import format_quantity
+from edhas_jax.diagnosis.calibration.fit_problem import FitError
+from edhas_jax.diagnosis.chosen_effects import ChosenModel, fit_with_effects, save_model
+from edhas_jax.machine.effects import Effect
+from edhas_jax.machine.effects.loading import load_effect
+from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
+from edhas_jax.measurements.campaign_reader import as_campaign
+from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.tasks.result import Result, save_figure
+
+USES = {Use.FIT: "fitted runs", Use.HOLDOUT: "held-out runs"}
+CONFIG_FILE, DATA_FILE, FIGURE_FILE = "config.yaml", "result.json", "errors.png"
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class AddResult(Result):
+    """The model of a campaign's machine, calibrated, and after each effect that was added.
+
+    Attributes:
+        campaign: the measurements.
+        models: the model without any added effect, and after each of them.
+    """
+
+    campaign: Campaign
+    models: tuple[ChosenModel, ...]
+    files = (CONFIG_FILE, DATA_FILE, FIGURE_FILE)
+
+    @property
+    def machine(self):
+        """The machine with all effects, everything fitted."""
+        return self.models[-1].evaluated.fit.machine
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the models."""
+        return [f"with {model.name}" if model.effects else model.name for model in self.models]
+
+    def errors(self, use: Use) -> list[float]:
+        """Rms of residual over noise of each model over the runs of one use; NaN where there are none."""
+        return [model.evaluated.rms_over_noise(use) for model in self.models]
+
+    def summary(self) -> Summary:
+        """See `Result.summary`."""
+        errors = list(zip(*(self.errors(use) for use in USES), strict=True))
+        rows, records = [], []
+        for name, values in zip(self.names, errors, strict=True):
+            rows.append((name, *(f"{v:.3f}" if math.isfinite(v) else "none is held out" for v in values)))
+            records.append({"model": name, "fitted_runs": values[0], "held_out_runs": values[1]})
+        columns = "model", *USES.values()
+        table = SummaryTable.of("residual_over_noise", columns, rows, records, "residual over noise")
+        return Summary(f"{self.campaign.name}: fitted with {self.models[-1].name}", (table, self._sizes()))
+
+    def _sizes(self) -> SummaryTable:
+        rows, records = [], []
+        for name, found in self.models[-1].as_json()["parameters"].items():
+            value, error, unit = found["value"], found["std"], found["unit"]
+            rows.append((name, format_quantity(value, unit), f"± {format_quantity(error, unit)}"))
+            records.append({"name": name, "value": value, "error": error, "unit": unit})
+        return SummaryTable.of("estimates", ("name", "value", "standard error"), rows, records)
+
+    def plot(self):
+        """Plot residual over noise (rms) of every model, on fitted and held-out runs, as a matplotlib figure."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(7.0, 1.3 + 0.5 * len(self.models)), layout="constrained")
+        axes, rows = figure.subplots(), range(len(self.models))
+        axes.axvline(1.0, color=GREY, lw=1.0, ls="--", label="noise")
+        for (use, label), colour, marker in zip(USES.items(), COLOURS, "os", strict=False):
+            axes.plot(self.errors(use), rows, marker, ms=7, color=colour, label=label)
+        axes.set_xscale("log")
+        axes.set_yticks(rows, [figure_text(name) for name in self.names], color=INK)
+        axes.set_ylim(len(self.models) - 0.5, -0.5)
+        axes.set_xlabel("rms of the residual over noise", color=INK)
+        axes.grid(axis="x", which="both", lw=0.4, alpha=0.5)
+        axes.legend(frameon=False, fontsize=9)
+        return figure
+
+    def save_model(self, path: Path | str) -> None:
+        """Write the machine with all effects as a configuration.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        save_model(self.models[-1], Path(path))
+
+    def write_files(self, folder: Path) -> Sequence[str]:
+        """See `Result.write_files`."""
+        self.save_model(folder / CONFIG_FILE)
+        write_json(folder / DATA_FILE, {"models": [model.as_json() for model in self.models]})
+        save_figure(self.plot(), folder / FIGURE_FILE)
+        return ()
+
+
+def add(
+    campaign: Campaign | Path | str,
+    effects: Iterable[type[Effect] | str],
+    trust: Trust = (),
+    on_progress: Callable[[str], None] | None = None,
+) -> AddResult:
+    """Fit a campaign's model without, with the first, with the first two, … of some effects.
+
+    Args:
+        campaign: a campaign or its folder.
+        effects: classes of effects, ids of those of the library, or "FILE.py:Class" for one of your own, in the order
+            in which they are added.
+        trust: Python files of your own that may run if the campaign names them; those in `effects` may run anyway.
+        on_progress: called with a sentence on the work at hand.
+
+    Returns:
+        The calibrated model, and the model after each effect, with their errors.
+
+    Raises:
+        CampaignError: the campaign is wrong, the fit fails, or the machine cannot have an effect.
+        EffectError: an effect is unknown or wrong.
+    """
+    kinds = [load_effect(kind, trust=[kind]) if isinstance(kind, str) else kind for kind in effects]
+    report = on_progress or (lambda sentence: None)
+    campaign = as_campaign(campaign, trust)
+    report("checking the data")
+    campaign = checked_campaign(campaign)
+    try:
+        return AddResult(campaign, tuple(fit_with_effects(campaign, kinds, report)))
+    except FitError as error:
+        raise CampaignError(str(error)) from None
