@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test fuzz bench lint clean
+.PHONY: setup demo test fuzz bench docs lint clean
 
 setup: $(VENV)/.ready
 
@@ -36,6 +36,12 @@ bench: setup
 	$(BIN)/python benchmarks/fmu.py
 	$(BIN)/python benchmarks/throughput.py
 	$(BIN)/python benchmarks/peers.py
+
+docs: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	@mkdir -p build/tutorials # where the tutorials write
+	cd build/tutorials && ../../$(BIN)/python -m mkdocs build --quiet -f ../../mkdocs.yml
+	@echo "build/site/index.html"
 
 lint: setup
 	$(BIN)/ruff check --fix .

@@ -17,7 +17,8 @@ import pytest
 from edhas_jax.commands.cli import main
 from tests.support import ROOT
 
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+GALLERY = ROOT / "docs" / "gallery.md"  # its pictures are those of other pages, where their commands stand
+PAGES = [ROOT / "README.md", *sorted(page for page in (ROOT / "docs").glob("*.md") if page != GALLERY)]
 UNITS = (
     r"%|×|σ|°|s\b|ms\b|µs\b|min\b|GB\b|GiB\b|MiB\b|kB\b|µm\b|mm\b|m\b|N\b|N/m|N·s/m|kPa\b|MPa\b|L/min|mL/min|Hz\b|V\b|"
     r"A\b|times\b|kg\b|g\b"
@@ -161,3 +162,9 @@ def test_a_section_without_a_command_is_reported(added, missing):
 )  # fmt: skip
 def test_a_command_that_does_not_exist_is_reported(command):
     assert command_problem(command)
+
+
+def test_the_pictures_of_the_gallery_are_those_of_other_pages():
+    shown = re.findall(r"\((pictures/[^)]+)\)", GALLERY.read_text(encoding="utf-8"))
+    elsewhere = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert shown and [picture for picture in shown if picture not in elsewhere] == []
