@@ -30,7 +30,7 @@ METRIC = "mean_flow"
 
 
 def main() -> None:
-    """Print the table; the last line sums it up as key=value."""
+    """Run the benchmark and print its table, then its headline figures as `key=value` pairs."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--sets", type=int, default=10_000, help="parameter sets")
     options.add_argument("--steps", type=int, default=1024, help="time steps per cycle")

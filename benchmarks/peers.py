@@ -62,7 +62,7 @@ class Row(NamedTuple):
 
 
 def main() -> None:
-    """Print the table; the last line sums it up as key=value."""
+    """Run the benchmark and print its table, then its headline figures as `key=value` pairs."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--designs", type=int, default=1024, help="for the package and the C loop")
     options.add_argument("--out", type=Path, help="write the table to this CSV file")

@@ -17,7 +17,7 @@ SKIPPED = {"self", "cls", "options", "values", "parameters"}  # collected by ** 
 
 
 def main() -> None:
-    """Print the table; the last line sums it up as key=value."""
+    """Run the benchmark and print its table, then its headline figures as `key=value` pairs."""
     complete = 0
     names = [name for name in edhas_jax.__all__ if name != "__version__"]
     print(f"{'name':22}{'kind':10}what is missing")

@@ -19,7 +19,7 @@ MEAN_FLOW, NRMSE = 1e-3, 1e-2
 
 
 def main() -> None:
-    """Print the table; the last line sums it up as key=value."""
+    """Run the benchmark and print its table, then its headline figures as `key=value` pairs."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--reference", type=Path, default=DATA, help="folder with index.yaml and the trajectories")
     folder = options.parse_args().reference.resolve()

@@ -37,7 +37,7 @@ FULL = 256  # designs from which on every core has enough to do
 
 
 def main() -> None:
-    """Print the table; the last line sums it up as key=value."""
+    """Run the benchmark and print its table, then its headline figures as `key=value` pairs."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--out", type=Path, help="write the table to this CSV file")
     options.add_argument("--largest", type=int, default=BATCHES[-1], help="leave out batches above this one")

@@ -119,7 +119,7 @@ def tune(task: TuningTask, names: tuple[str, ...], budget: Budget, on_iteration:
 
 
 def objective(task: TuningTask, names: tuple[str, ...], x: np.ndarray, budget: Budget) -> tuple[np.ndarray, np.ndarray]:
-    """J and its derivatives by the logarithms of the gains.
+    """J and its derivatives with respect to the logarithms of the gains.
 
     Args:
         task: the machines and runs.

@@ -20,7 +20,7 @@ from tests.support.synthetic_campaign import bench, empty_campaign, measured
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DEAD_TIME = 0.8  # V, of the inverter of the bench; the model has none
 PATIENCE = 1200.0  # s, for a machine that is busy with other things
-HIDDEN_PLOT = "Resize must be passed a displayed plot"  # Plotly, of a plot whose view is left while it is drawn
+HIDDEN_PLOT = "Resize must be passed a displayed plot"  # Plotly's error where the page changes while it draws a plot
 OWN = re.compile(r"(https?|wss?)://(127\.0\.0\.1|localhost)[:/]|data:|blob:|about:")
 
 

@@ -62,7 +62,7 @@ class HostFunction:
         return self._function(columns, fixed)
 
     def _call(self, columns: dict[str, Any], fixed: Any, active: tuple[str, ...]):
-        """Values, and slopes by the `active` parameters, as one call of the host."""
+        """Values, and slopes with respect to the `active` parameters, as one call of the host."""
         first = next(iter(columns.values()))
         shape = first.shape if fixed is None else (*first.shape, *fixed.shape)
         values = dict.fromkeys(self._outputs, jax.ShapeDtypeStruct(shape, first.dtype))

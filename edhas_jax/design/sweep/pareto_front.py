@@ -98,7 +98,7 @@ def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | No
 
 
 def _spread(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Indices of at most `MAX_TABLE_ROWS` points of a front, spread evenly along it as it is drawn."""
+    """Indices of at most `MAX_TABLE_ROWS` points of a Pareto front, evenly spaced along it in the plot."""
     steps = np.hypot(*(np.diff(v) / (np.ptp(v) or 1.0) for v in (x, y)))
     along = np.concatenate([[0.0], np.cumsum(steps)])
     wanted = np.linspace(0.0, along[-1], min(MAX_TABLE_ROWS, len(x)))
