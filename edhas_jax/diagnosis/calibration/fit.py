@@ -79,6 +79,11 @@ class Fit:
         return float(u.value(self.x[k] - half)), float(u.value(self.x[k] + half))
 
     @property
+    def prior_distances(self) -> np.ndarray:
+        """Distances of the estimates from their prior means, in prior standard deviations; of those with a prior."""
+        return np.abs(self.x[np.array([u.has_prior for u in self.problem.unknowns], dtype=bool)])
+
+    @property
     def machine(self) -> Rig:
         """The machine with the estimated parameters, without the conditions of any run."""
         parameters = {n: v for n, v in self.values.items() if self.problem.instruments.find(n) is None}
