@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from edhas_jax.core import structs
+from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem, gauss_newton_model, quadratic_model_at
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.diagnosis.calibration.starts import sample_starts
@@ -110,6 +111,7 @@ class Fit:
         }
 
 
+@single_threaded_algebra
 def fit(
     problem: FitProblem,
     starts: int | np.ndarray = 4,
