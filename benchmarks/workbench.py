@@ -179,7 +179,7 @@ def measure(browser, address: str, folder: Path, times: Times) -> None:
     ):  # fmt: skip
         field = page.get_by_label("any effect of the library")
         field.fill(name.replace("_", " "))
-        page.wait_for_function("document.querySelectorAll('[role=option]').length == 1")  # the list is filtered
+        page.wait_for_timeout(500)  # until the list is filtered: its entries move
         page.get_by_role("option", name=name.replace("_", " "), exact=True).click()
         began = time.perf_counter()
         page.get_by_role("button", name="Try it").click()
@@ -188,6 +188,9 @@ def measure(browser, address: str, folder: Path, times: Times) -> None:
     page.locator(f"[data-mark='card-{EFFECT}']").get_by_role("button", name="Add").click()
     page.get_by_role("button", name="Diagnose", exact=True).click()
     page.locator("[data-mark=verdict]").wait_for()
+    jobs = folder / "workbench" / "jobs"
+    while any('"running"' in path.read_text(encoding="utf-8") for path in jobs.glob("*.json")):
+        time.sleep(0.2)  # the verdict is there before the pictures of the report
     page.get_by_role("tab", name="Design").click()
     page.locator("[data-mark=cycle] .main-svg").first.wait_for()
     for k in range(4):
