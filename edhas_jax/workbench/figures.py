@@ -1,6 +1,5 @@
 """The plots of the page, as figures of Plotly in plain data."""
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -8,41 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.core.plot_style import COLOURS
 from edhas_jax.measurements.residual_matrix import COLOUR_RANGE, COLOUR_STOPS
+from edhas_jax.workbench.plot_theme import Theme, theme
 
 PANEL, BELOW, BETWEEN = 150.0, 62.0, 26.0  # px: a signal, its residual, the space after them
 TOP, BOTTOM = 26.0, 46.0  # px
 SET_POINT = "set point"  # the name of the curve that is drawn as a band
 CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d", "toImage"]}
-
-
-@dataclasses.dataclass(frozen=True)
-class Theme:
-    """Colours of plots on a light or a dark page."""
-
-    ink: str
-    grey: str
-    grid: str
-    measured: str
-    model: str
-    residual: str
-    good: str
-    band: str
-    runs: tuple[str, ...]
-
-
-LIGHT_RUNS = (*COLOURS, "#bf3989", "#57606a", "#0a7ea4")
-DARK_RUNS = ("#6cb6ff", "#ff9a5c", "#4fd1c5", "#c99bea", "#d9c6a5", "#ff8fc7", "#aab4bf", "#8fd14f")
-LIGHT = Theme(
-    "#1b1f24", "#59636e", "#e4e7eb", COLOURS[0], COLOURS[1], "#6e7781", COLOURS[2], "#c3cad1", LIGHT_RUNS
-)  # fmt: skip
-DARK = Theme("#e6edf3", "#9aa4af", "#30363d", "#6cb6ff", "#ff9a5c", "#9aa4af", "#57c78b", "#57606a", DARK_RUNS)
-
-
-def theme(dark: bool) -> Theme:
-    """The theme of a page."""
-    return DARK if dark else LIGHT
 
 
 def error_colour(value: float | None) -> tuple[str, str]:

@@ -21,11 +21,13 @@ class Plot:
 
     def show(self, figure: Mapping[str, Any]) -> None:
         """Draw a figure, in place of the last one."""
+        height = f"height: {figure['layout']['height']:.0f}px"  # which Plotly forgets where the window changes its size
         if self.element is not None:
+            self.element.style(replace=height)
             self.element.update_figure(dict(figure))
             return
         with self._place:
-            self.element = ui.plotly(dict(figure)).classes("w-full").props(f"data-mark={self._mark}")
+            self.element = ui.plotly(dict(figure)).classes("w-full").style(height).props(f"data-mark={self._mark}")
         for name, handler in self._handlers.items():
             self.element.on(name, handler)
 
