@@ -54,6 +54,11 @@ _PUBLIC = {
     "Recorded": ("machine.rigs", "Recorded"),
     "Controller": ("machine.interface.controller_base", "Controller"),
     "Effect": ("machine.effects", "Effect"),
+    "Rig": ("machine.rig_base", "Rig"),
+    "drive": ("machine.rig_base", "drive"),
+    "signal": ("machine.rig_base", "signal"),
+    "slot": ("machine.interface.slots", "slot"),
+    "struct": ("core.structs", "struct"),
     "par": ("core.structs", "par"),
     "state": ("machine.effects", "state"),
 }

@@ -154,7 +154,7 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
     states = tuple(sorted(example.initial_state()))
     signals = runtime.eval_shape(lambda y: evaluate_signals(example, y, 0.0, 1.0), {n: jnp.zeros(()) for n in states})
     hidden = {"time", *(v.name for v in candidates), *replaced}
-    outputs = [n for n in SIGNALS if n in signals and n not in hidden]
+    outputs = [n for n in machine.signals if n in signals and n not in hidden]
 
     def initial_state(a: _Arguments):
         y = machine_with(a.values, a.recorded, a.input_time).initial_state()
@@ -212,7 +212,7 @@ def _settable_variables(
     rows = list_parameters(machine)
     varied = {(path, p.name) for p, path in (find_parameter(machine, name) for name in parameter_inputs)}
     inputs = [Variable(i.name, i.unit, "", i.doc, Causality.INPUT, 0.0) for i in external_inputs(machine, external)]
-    other_names = {*SIGNALS, STEP, *(v.name for v in inputs)}
+    other_names = {*machine.signals, STEP, *(v.name for v in inputs)}
     names = short_names(machine)
     parameters, paths = [], {}
     for p, value, path in rows:
@@ -264,4 +264,4 @@ def _signal(machine: Rig, name: str) -> Signal:
     if isinstance(machine.controller, OpenLoop) and name in ("reference", "reference_velocity"):
         unit = SIGNALS[name].unit.replace("m", "V")
         return Signal(unit, unit, SIGNALS[name].doc.replace("set point of the piston", "command"))
-    return SIGNALS[name]
+    return machine.signals[name]

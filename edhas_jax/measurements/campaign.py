@@ -3,6 +3,7 @@
 import dataclasses
 import enum
 import functools
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,7 @@ class BenchRun:
         signals: measured signals (samples,) by name (SI); NaN where a sample is missing, absent if not measured.
         lines: line (or row) of the file for each sample (samples,).
         reference: the recorded set point, where the campaign has one.
+        drives: the recorded drives of a rig of one's own, by name.
     """
 
     name: str
@@ -92,6 +94,12 @@ class BenchRun:
     signals: dict[str, np.ndarray]
     lines: np.ndarray
     reference: Recorded | None = None
+    drives: Mapping[str, Recorded] = dataclasses.field(default_factory=dict)
+
+    @property
+    def recordings(self) -> dict[str, Recorded]:
+        """What was recorded of the drives, by the name of the drive."""
+        return dict(self.drives) | ({} if self.reference is None else {"reference": self.reference})
 
     @functools.cached_property
     def interval(self) -> float:
@@ -162,8 +170,8 @@ class Campaign:
             if name in self.uncertain:
                 value = value * (get_parameter(machine, name) / get_parameter(self.machine, name))
             values[name] = value
-        if run.reference is not None:
-            machine = replace(machine, reference=run.reference)
+        if run.recordings:
+            machine = replace(machine, **run.recordings)
         return set_parameters(machine, values)
 
     def uncertain_in(self, machine: Rig) -> dict[str, float]:

@@ -36,7 +36,7 @@ class RunResult(Run):
         head = f"{name}: {self.machine.name}" if name else self.machine.name
         settings = "; ".join(filter(None, (self.step_note, self.simulation.precision.value, note)))
         return Summary(
-            f"{head}, effects: {effects}", (settings, self._status(), self._metrics_table(), self._energy_table())
+            f"{head}, effects: {effects}", (settings, self._status(), self._metrics_table(), *self._energy_table())
         )
 
     def save(self, folder: Path | str, overwrite: bool = False, figure: bool = True) -> Path:
@@ -70,7 +70,10 @@ class RunResult(Run):
             records.append({"metric": name, "value": metric.value, "unit": metric.unit, "meaning": metric.doc})
         return SummaryTable.of("metrics", ("metric", "value", "unit", "meaning"), rows, records)
 
-    def _energy_table(self) -> SummaryTable:
+    def _energy_table(self) -> tuple[SummaryTable, ...]:
+        """The energy balance; nothing for a rig of one's own that does not state what goes in."""
+        if "input" not in self.row_groups().values():
+            return ()
         rows, records = [], []
         for entry in self.ledger().itertuples():
             records.append({"row": entry.Index, "group": entry.group, "energy": entry.energy, "share": entry.share})
@@ -78,7 +81,8 @@ class RunResult(Run):
                 share = f"{100 * entry.share:.1f} %"
                 rows.append((entry.Index, entry.group, format_quantity(entry.energy, "J"), share))
         caption = f"energy balance error: {abs(self.energy_residual()):.0e} of the energy turned over"
-        return SummaryTable.of("energy", ("row", "group", "energy", "share"), rows, records, "energy ledger", caption)
+        columns = "row", "group", "energy", "share"
+        return (SummaryTable.of("energy", columns, rows, records, "energy ledger", caption),)
 
 
 def simulate(

@@ -11,7 +11,7 @@ from edhas_jax.core import runtime
 from edhas_jax.design.batch.cycle_metrics import cycle_change
 from edhas_jax.design.batch.periodic_solver import LONG_TABLE, BatchState, metrics_with_status, run_to_periodic
 from edhas_jax.machine.parameters import get_parameter
-from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP
 from edhas_jax.simulation.run import Precision
 from edhas_jax.simulation.validity import REASONS, STEP_SENSITIVITY, Status
@@ -66,7 +66,7 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     Raises:
         BatchError: the machine is not driven by a sine on a bench.
     """
-    if isinstance(machine, ActuatorSystem) or not isinstance(machine.reference, Sine):
+    if machine.cycle is None:
         raise BatchError(f"a batch needs a bench that is driven by a sine; this is {machine.name}")
     count = len(next(iter(values.values())))
     varied = [values[n] for n in ("frequency", "reference.frequency") if n in values]

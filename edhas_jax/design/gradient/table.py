@@ -17,7 +17,7 @@ from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.design.gradient.reverse import reverse
 from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, parse_value, short_names
-from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import METRICS
 from edhas_jax.simulation.validity import REASONS, Status
 
@@ -105,7 +105,7 @@ def _parse_request(machine: Rig, metrics, parameters, points) -> tuple[list[str]
     Raises:
         GradientError: see `gradient`.
     """
-    if isinstance(machine, ActuatorSystem) or not isinstance(machine.reference, Sine):
+    if machine.cycle is None:
         raise GradientError(f"a gradient needs a bench that is driven by a sine; this is {machine.name}")
     known = metrics_of(machine)
     for name in metrics or ():

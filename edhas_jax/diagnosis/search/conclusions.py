@@ -7,7 +7,6 @@ from edhas_jax.diagnosis.calibration.confounding import model_error_sentence, we
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import Use
 
 DEVIATION_UNITS = {DeviationKind.TRIGGER: "s", DeviationKind.SHIFT: "s"}  # others are relative
@@ -65,11 +64,11 @@ def uncertainty_sentences(diagnosis: Diagnosis) -> list[str]:
 
 def bench_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:
     """What the bench did: the clear deviations as texts of what, run, size with standard error, and accuracy."""
-    rows = []
+    rows, signals = [], diagnosis.campaign.machine.signals
     for row in diagnosis.bench_deviations():
         deviation = row.deviation
         unit = DEVIATION_UNITS.get(deviation.kind, "-")
-        unit = SIGNALS[deviation.name].unit if deviation.kind is DeviationKind.OFFSET else unit
+        unit = signals[deviation.name].unit if deviation.kind is DeviationKind.OFFSET else unit
         what = " ".join(part for part in (deviation.kind.value, deviation.name.replace("_", " ")) if part)
         size, error = row.value * deviation.std, row.std * deviation.std
         texts = format_with_error(size, error, unit), format_quantity(deviation.std, unit)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 from edhas_jax.measurements.checks.held_values import find_held_values
 from edhas_jax.measurements.checks.noise_records import cycle_length, even_index
@@ -64,7 +63,7 @@ def find_impossible_samples(
     Returns:
         A mask (samples,), and a remark for each kind with the run, the times and the reason.
     """
-    values, noise, unit = run.signals[name], campaign.channels[name].noise, SIGNALS[name].unit
+    values, noise, unit = run.signals[name], campaign.channels[name].noise, campaign.machine.signals[name].unit
     model = models[run.name][name] if run.name in models else None
     machine = campaign.machine_of(run)
     found, remarks = np.zeros(len(values), bool), []
