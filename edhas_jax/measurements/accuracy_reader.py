@@ -13,7 +13,7 @@ from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.measurements.accuracy import BenchAccuracy, SensorAccuracy
 from edhas_jax.measurements.campaign import Channel
 
-KEYS = ("trigger", "settings", "signals")
+KEYS = ("trigger", "recorder_filter", "settings", "signals")
 MAX_RELATIVE = 1.0  # a larger relative standard deviation is a mistake in the unit
 
 
@@ -42,7 +42,11 @@ class AccuracyReader:
         trigger = BenchAccuracy().trigger
         if "trigger" in section:
             trigger = self._size(("accuracy", "trigger"), section["trigger"], "s", "0.2 ms")
-        return BenchAccuracy(trigger, self._settings(section.get("settings")), self._signals(section.get("signals")))
+        recorder_filter = BenchAccuracy().recorder_filter
+        if "recorder_filter" in section:
+            recorder_filter = self._size(("accuracy", "recorder_filter"), section["recorder_filter"], "-", "0")
+        settings, signals = self._settings(section.get("settings")), self._signals(section.get("signals"))
+        return BenchAccuracy(trigger, recorder_filter, settings, signals)
 
     def _settings(self, section: Any) -> dict[str, float]:
         found: dict[str, float] = {}

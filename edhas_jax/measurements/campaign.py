@@ -3,6 +3,7 @@
 import dataclasses
 import enum
 import functools
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -60,6 +61,9 @@ class Channel:
         correlation: coefficients a_1 … a_p of the autoregressive model of the noise from sample to sample,
             e_t = Σ a_k e_{t−k} + innovation; empty for white noise. `noise` is the standard deviation of e.
         resolution: step between two neighbouring values of the recorder (SI); 0 if it is too fine to be seen.
+        model_error: standard deviation (SI) of what the model may leave beside the noise; part of `noise` once the data
+            are checked.
+        limits: ends of the range of the sensor (SI), at which it says only that the signal is there or beyond.
     """
 
     unit: str
@@ -68,6 +72,8 @@ class Channel:
     measured_noise: float | None = None
     correlation: tuple[float, ...] = ()
     resolution: float = 0.0
+    model_error: float = 0.0
+    limits: tuple[float, float] = (-math.inf, math.inf)
 
 
 @dataclasses.dataclass(frozen=True)

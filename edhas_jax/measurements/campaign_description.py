@@ -23,6 +23,7 @@ from edhas_jax.measurements.campaign import CampaignError, Channel, Remark, Seve
 from edhas_jax.measurements.drive_columns import read_drive_columns, recorded_placeholders
 from edhas_jax.measurements.record_timing import RecordTiming, read_run_in, read_time, read_timing
 from edhas_jax.measurements.run_reader import ColumnSource
+from edhas_jax.measurements.sensor_keys import read_sensor_keys
 from edhas_jax.simulation.integrator import evaluate_signals
 
 CAMPAIGN_FILE = "campaign.yaml"
@@ -191,7 +192,7 @@ class CampaignDescription(ProblemList):
         for name, value in section.items():
             key = ("signals", name)
             entry = {"unit": value} if isinstance(value, str) else self._mapping(value, key, "{unit: A, noise: 0.02}")
-            self.add_unknown_keys(key, entry, ("unit", "noise", "column"))
+            self.add_unknown_keys(key, entry, ("unit", "noise", "column", "model_error", "limits"))
             if name not in available:
                 known = name in SIGNALS or name in self.machine.signals
                 problem = f"{self.machine.name} has no such signal" if known else "unknown signal"
@@ -208,7 +209,8 @@ class CampaignDescription(ProblemList):
                 sentence = f"the standard deviation of the sensor noise in {unit or 'its unit'} must be above 0"
                 self._leave_out((*key, "noise"), f"{sentence}; got {entry['noise']}")
                 continue
-            self.channels[name] = Channel(unit, noise * size)
+            more = read_sensor_keys(self, key, entry, about, size)
+            self.channels[name] = Channel(unit, noise * size, **more)
             self.sources[name] = ColumnSource(str(entry.get("column", name)), unit)
         if section and not self.channels and not self.problems:
             self.problems += [(key, sentence) for _, key, sentence in self.remarks if key[0] == "signals"]

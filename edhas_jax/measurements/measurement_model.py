@@ -146,8 +146,11 @@ class MeasurementModel:
                 slopes = {s: trace[:n, lanes] for s, trace in traces.slopes.items()} if with_sensitivities else None
                 values, slopes = self.instruments.record(grid[:n], values, slopes, self.unknowns, points[p].x)
                 values = {s: self._at_time_stamps(r, group, v) for s, v in values.items()}
+                inside = {s: self._within_limits(s, v) for s, v in values.items()}
                 if with_sensitivities:
                     slopes = {s: self._at_time_stamps(r, group, v) for s, v in slopes.items()}
+                    slopes = {s: v if inside[s] is None else v * inside[s][1][:, None] for s, v in slopes.items()}
+                values = {s: v if inside[s] is None else inside[s][0] for s, v in values.items()}
                 results[p][r] = PredictedSignals(values, slopes)
         return results
 
@@ -163,6 +166,14 @@ class MeasurementModel:
             values[u.name], derivative = u.value(coordinate) * factor, u.derivative(coordinate) * factor
             derivatives.append(float(derivative))
         return values, derivatives
+
+    def _within_limits(self, signal: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """What a sensor that ends at its limits shows, and where it still moves (1 or 0); None for one without."""
+        channel = self.campaign.channels.get(signal)
+        if channel is None or not any(map(math.isfinite, channel.limits)):
+            return None
+        shown = np.clip(values, *channel.limits)
+        return shown, (shown == values).astype(float)
 
     def _sample_count(self, r: int, group: _RunGroup) -> int:
         return math.ceil(self.runs[r].time[-1] / group.interval - MAX_TIMESTAMP_ERROR) + 1

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edhas_jax.core.units import from_si
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel
+from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.checks.noise_correlation import (
     Autocovariance,
     autocorrelation_of,
@@ -101,7 +101,10 @@ def with_measured_noise(campaign: Campaign) -> Campaign:
             shown = measured.nearest(stated) if math.isfinite(measured.high) else measured.low
             is_measured = abs(used / measured.nearest(stated) - 1.0) < MAX_NOISE_DEVIATION
             correlation = measured.correlation_at(used) if is_measured else ()
-        channels[name] = Channel(channel.unit, used, stated, shown, correlation, resolution)
+        channels[name] = dataclasses.replace(
+            channel, noise=used, stated_noise=stated, measured_noise=shown, correlation=correlation,
+            resolution=resolution,
+        )  # fmt: skip
     return dataclasses.replace(campaign, channels=channels)
 
 

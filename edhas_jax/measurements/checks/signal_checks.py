@@ -118,6 +118,11 @@ def is_clipped_at(values: np.ndarray, extreme: float) -> bool:
     return bool(occurs) and counts[found == extreme][0] >= MIN_CLIPPING_RATIO * max(others.max(initial=1), 1)
 
 
+def is_sensor_limit(campaign: Campaign, name: str, value: float) -> bool:
+    """Whether a value is an end of the range that the campaign states for the sensor."""
+    return any(abs(value - limit) <= 1e-6 * abs(limit) + 1e-12 for limit in campaign.channels[name].limits)
+
+
 def is_supply_limit(campaign: Campaign, run: BenchRun, value: float) -> bool:
     """Whether a command stands at the supply voltage, where the controller itself limits it."""
     if campaign.machine.is_own:
