@@ -84,7 +84,7 @@ class TaskReader(ProblemList):
             if axis.values:
                 self.add((ranges, axis.name), "a range {from: …, to: …} belongs here, not a list")
         m = self.machine
-        if m is not None and m.cycle is None:
+        if m is not None and m.cycle is None and not m.is_own:
             key = ("base" if "base" in self.data else "machine",)
             self.add(key, f"a bench that is driven by a sine is needed; this is {m.name}")
 
