@@ -113,7 +113,7 @@ class TaskReader(ProblemList):
 
     def operating_points(self, name: str) -> tuple[Axis, ...]:
         """The axes of the operating points in a section: parameters with lists of values, or ranges with a count."""
-        if name not in self.data:
+        if not self.data.get(name):
             return ()
         problems: list[tuple[KeyPath, str]] = []
         axes = AxesReader(self.machine, "grid", problems).read(self.data[name])
