@@ -14,7 +14,7 @@ from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS
 from edhas_jax.machine.interface.slots import SLOTS
 from edhas_jax.machine.parameters import COMPONENT_KINDS, format_span
 from edhas_jax.machine.rigs import RIGS, components_by_name
-from edhas_jax.simulation.run import Precision
+from edhas_jax.simulation.run_settings import Precision
 
 USER_CLASS_PATTERN = r"^.+:\s*[A-Za-z_]\w*\s*$"  # file.py:ClassName
 LAW_FILE_PATTERN = r"^.+\.ya?ml$"

@@ -12,7 +12,7 @@ from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.machine.rig_base import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP
-from edhas_jax.simulation.run import Precision, Simulation
+from edhas_jax.simulation.run_settings import Precision, Simulation
 
 SIMULATION_SETTINGS = {
     p.name: p

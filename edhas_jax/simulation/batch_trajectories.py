@@ -20,7 +20,7 @@ from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig, State
 from edhas_jax.simulation.integrator import evaluate_signals, step
 from edhas_jax.simulation.loop_cache import cached_loop, key_of
-from edhas_jax.simulation.run import Precision
+from edhas_jax.simulation.run_settings import Precision
 
 Observe = Callable[[Rig, State, Any, Any], dict[str, Any]]  # (machine, state, time, step) → signals by name
 

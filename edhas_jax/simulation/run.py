@@ -1,7 +1,6 @@
 """Simulate one machine from rest: settings of a run, choice of the step, and the finished run with its results."""
 
 import dataclasses
-import enum
 import math
 from collections.abc import Callable, Mapping
 
@@ -15,6 +14,7 @@ from edhas_jax.simulation import energy_balance
 from edhas_jax.simulation.metrics import Metric, compute_metrics
 from edhas_jax.simulation.run_checks import Record, check_run, step_change
 from edhas_jax.simulation.run_figure import plot_run
+from edhas_jax.simulation.run_settings import Simulation
 from edhas_jax.simulation.signal_metrics import metric_declarations, signal_metrics
 from edhas_jax.simulation.step_choice import search_accuracy, search_step, step_status
 from edhas_jax.simulation.time_loop import check_names, initial_loop_state, integrate
@@ -23,45 +23,6 @@ from edhas_jax.simulation.validity import Status
 SAMPLES_PER_CALL = 256  # samples between two reports of progress; fixed, so that a longer run compiles nothing anew
 INTERRUPTED = "interrupted; "  # note on the step of an interrupted run
 UNCONFIRMED = "no step was found that half of it confirms; valves or contacts may move differently in every cycle"
-
-
-class Precision(enum.Enum):
-    """The floating-point type of a run."""
-
-    FLOAT64 = "float64"
-    FLOAT32 = "float32"
-
-
-@dataclasses.dataclass(frozen=True)
-class Simulation:
-    """Settings of a run, in SI.
-
-    Give `step`, or give `accuracy` to have every signal resolved. With neither the step is 20 µs, or halved until half
-    of it changes flow, power and stroke by less than 1 %.
-
-    Attributes:
-        duration: simulated time [s]; None is 0.5 s on a bench and 0.6 s for the system.
-        step: largest time step [s]; the step taken divides the sample interval.
-        accuracy: largest estimated error of any signal, as a share of its range.
-        sample_rate: samples per second [Hz]; None is one sample for ten of the steps with which a run begins, 5 kHz.
-        precision: floating-point type.
-    """
-
-    duration: float | None = None
-    step: float | None = None
-    accuracy: float | None = None
-    sample_rate: float | None = None
-    precision: Precision = Precision.FLOAT64
-
-    def rate(self, machine: Rig) -> float:
-        """The sample rate [Hz] for this machine."""
-        return 0.1 / machine.time_step if self.sample_rate is None else self.sample_rate
-
-    def length(self, machine: Rig) -> float:
-        """The duration [s] for this machine."""
-        if self.duration is not None:
-            return self.duration
-        return machine.duration
 
 
 class SimulationError(RuntimeError):

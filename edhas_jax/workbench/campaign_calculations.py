@@ -58,6 +58,7 @@ class CampaignCalculations:
         return {
             "name": campaign.name,
             "rig": campaign.machine.name,
+            "slots": [slot._asdict() | {"rule": slot.rule.value} for slot in campaign.machine.slots],
             "effects": [effect.id for effect in campaign.machine.effects],
             "signals": {name: signals[name].display_unit for name in campaign.channels},
             "noise": {name: self._difference(signals[name], c.noise) for name, c in campaign.channels.items()},

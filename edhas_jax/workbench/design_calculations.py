@@ -14,8 +14,9 @@ from edhas_jax.design.sweep.pareto_front import non_dominated
 from edhas_jax.design.sweep.run import open_sweep
 from edhas_jax.machine.parameters import list_parameters, set_parameters, short_names
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.simulation.metrics import METRICS, RunTooShortError
+from edhas_jax.simulation.metrics import RunTooShortError
 from edhas_jax.simulation.run import Simulation, simulate
+from edhas_jax.simulation.signal_metrics import metric_declarations
 from edhas_jax.workbench.workspace import DESIGNS, RESULTS, Workspace, WorkspaceError
 
 AS_GIVEN_FILE = "as_given.yaml"
@@ -65,7 +66,8 @@ class DesignCalculations:
         return {
             "name": config.name or config.path.stem, "rig": machine.name, "parameters": parameters,
             "effects": [effect.id for effect in machine.effects],
-            "sweepable": machine.cycle is not None,
+            "sweepable": machine.cycle is not None or machine.is_own,
+            "metrics": list(metric_declarations(machine)) if machine.is_own else [],
         }  # fmt: skip
 
     def simulate(self, name: str, trust: list[str], values: Mapping[str, float]) -> dict[str, Any]:
@@ -78,7 +80,7 @@ class DesignCalculations:
         """
         config = self._read(name, trust)
         machine = set_parameters(config.machine, dict(values))
-        run = simulate(machine, config.simulation)
+        run, declared = simulate(machine, config.simulation), metric_declarations(machine)
         time = run.signals["time"]
         is_cycle = machine.cycle is not None
         first = time[-1] - CYCLES_SHOWN / float(machine.reference.frequency) if is_cycle else 0.0
@@ -95,7 +97,7 @@ class DesignCalculations:
         return {
             "time": 1e3 * (time[inside] - time[inside][0]), "signals": signals, "metrics": metrics,
             "units": {n: machine.signals[n].display_unit for n in signals},
-            "metric_units": {n: METRICS[n][1] for n in metrics if n in METRICS},
+            "metric_units": {n: declared[n][1] for n in metrics if n in declared},
             "status": run.status.name.lower(), "reason": run.reason, "valid": run.valid, "step": run.step_note,
         }  # fmt: skip
 

@@ -20,7 +20,7 @@ from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.parameters import ParameterError, get_parameter, list_parameters, set_parameters
 from edhas_jax.machine.rigs import RIGS, ActuatorSystem, PumpBench
-from edhas_jax.simulation.run import Precision, Simulation
+from edhas_jax.simulation.run_settings import Precision, Simulation
 from tests.support import CONFIGS
 
 # configurations of sweeps, sensitivities and sizings have tests of their own

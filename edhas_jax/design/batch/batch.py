@@ -15,7 +15,7 @@ from edhas_jax.design.batch.run_metrics import RunGrid, run_grid, run_own_design
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP
-from edhas_jax.simulation.run import Precision, Simulation
+from edhas_jax.simulation.run_settings import Precision, Simulation
 from edhas_jax.simulation.validity import REASONS, STEP_SENSITIVITY, Status
 
 SLOW_CYCLES = 8  # a design that takes more is checked for its sensitivity to the step

@@ -37,7 +37,7 @@ from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.parameters import ParameterError, find_parameter, replace_value
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.run import Precision, Simulation
+from edhas_jax.simulation.run_settings import Precision, Simulation
 
 SECTIONS = ("name", "base", "machine", "parameters", "sweep", "batch")
 SWEEP_KEYS = {
