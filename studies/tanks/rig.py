@@ -8,8 +8,8 @@ from edhas_jax import Effect, Rig, drive, par, signal, slot, state
 class TwoTanks(Rig):
     """A pump fills the upper tank, which drains through a hole into the lower one, and this into the reservoir.
 
-    u' = k4 v − k1 √u, l' = k1 √u − k3 √l (Torricelli's law); levels in volts of the level sensor. Nobody measures the
-    upper level: its unit is chosen so that the water of a volt is the same in both tanks.
+    u' = g v − k √u, l' = k √u − r k √l (Torricelli's law), levels in volts of the level sensor. The tanks are alike, so
+    that a volt is the same water in both, and r is near 1.
 
     Source: Schoukens, Mattsson, Wigren, Noel, "Cascaded tanks benchmark combining soft and hard nonlinearities", 2016.
     """
@@ -18,9 +18,9 @@ class TwoTanks(Rig):
 
     pump_voltage = drive("V", "voltage of the pump", 3.0)
 
-    upper_outlet: float = par(0.05, "V^0.5/s", (1e-3, 1.0), "k1: outflow of the upper tank at a level of 1 V")
-    lower_outlet: float = par(0.05, "V^0.5/s", (1e-3, 1.0), "k3: outflow of the lower tank at a level of 1 V")
-    pump_gain: float = par(0.04, "1/s", (1e-3, 1.0), "k4: rate of the upper level at 1 V at the pump")
+    outlet: float = par(0.05, "V^0.5/s", (1e-3, 1.0), "k: outflow of the upper tank at a level of 1 V")
+    outlet_ratio: float = par(1.0, "-", (0.1, 10.0), "r: the same of the lower tank, over that of the upper one")
+    pump_gain: float = par(0.04, "1/s", (1e-3, 1.0), "g: rate of the upper level at 1 V at the pump")
     sensor_zero: float = par(-1.0, "V", (-5.0, 5.0), "reading of the sensor at the level of the lower outlet")
     upper_start: float = par(5.0, "V", (0.01, 50.0), "level of the upper tank at the start")
     lower_start: float = par(6.0, "V", (0.01, 50.0), "level of the lower tank at the start")
@@ -33,11 +33,12 @@ class TwoTanks(Rig):
     lower_loss = slot("lower_tank", "V/s", "the same of the lower tank", ("lower_level", "upper_level"), 0.02)
 
     def equations(self, y, s):
-        between = self.upper_outlet * root(y.upper_level)
+        between = self.outlet * root(y.upper_level)
+        below = self.outlet_ratio * self.outlet * root(y.lower_level)
         s.set(level=y.lower_level + self.sensor_zero)
         return {
             "upper_level": self.pump_gain * s.pump_voltage - between - self.upper_loss.apply(0.0, s),
-            "lower_level": between - self.lower_outlet * root(y.lower_level) - self.lower_loss.apply(0.0, s),
+            "lower_level": between - below - self.lower_loss.apply(0.0, s),
         }
 
 
