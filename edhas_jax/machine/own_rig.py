@@ -55,8 +55,6 @@ def check_rig(cls: type[Rig]) -> None:
         RigError: what is wrong, with class, file and line.
     """
     machine = cls()
-    _check_names(cls)
-    _check_units(cls)
     for field in dataclasses.fields(cls):
         part = getattr(machine, field.name)
         if field.name != "effects" and not dataclasses.is_dataclass(part):
@@ -67,6 +65,8 @@ def check_rig(cls: type[Rig]) -> None:
                 check_parameters(type(part))
             except EffectError as error:
                 raise RigError(str(error)) from None
+    _check_names(cls)
+    _check_units(cls)
     known = machine.known_numbers()
     for name, st in cls.states.items():
         if isinstance(st.initial, str) and st.initial not in known:
