@@ -1,13 +1,13 @@
 """Is the overflow of two water tanks found from a record of one level, and what is it worth?
 
-The folder holds `estimation.csv` with the columns `time [s]`, `pump_voltage [V]`, `level_voltage [V]`, and may hold
+    python -m studies.tanks FOLDER [--out FOLDER]
+
+FOLDER holds `estimation.csv` with the columns `time [s]`, `pump_voltage [V]`, `level_voltage [V]`, and may hold
 `validation.csv` of the same shape, which judges: the models are simulated on it with what they have learnt, from the
 same start. Steps: the model as written down; its numbers calibrated; the diagnosis, which knows no overflow, and what
 it says; the model with the curves that it offers; the model with `Overflow` of `rig.py`, written from that curve.
 
 Errors are rms of the level in volts, simulated freely over the whole record.
-
-Usage: python -m studies.tanks FOLDER [--out FOLDER]
 
 Source of the record: Schoukens, Mattsson, Wigren, Noel, "Cascaded tanks benchmark combining soft and hard
 nonlinearities", 2016.

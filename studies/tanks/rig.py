@@ -33,6 +33,7 @@ class TwoTanks(Rig):
     lower_loss = slot("lower_tank", "V/s", "the same of the lower tank", ("lower_level", "upper_level"), 0.02)
 
     def equations(self, y, s):
+        """The rates of both levels [V/s]; sets the reading."""
         between = self.outlet * root(y.upper_level)
         below = self.outlet_ratio * self.outlet * root(y.lower_level)
         s.set(level=y.lower_level + self.sensor_zero)
@@ -59,8 +60,10 @@ class Overflow(Effect, rig=TwoTanks):
     caught: float = par(0.5, "-", (0.0, 1.0), "share of it that the lower tank catches", plausible=(0.1, 1.0))
 
     def upper_loss(self, s, z):
+        """What runs over the rim of the upper tank [V/s]."""
         return self.spill * jnp.maximum(s.upper_level - self.upper_rim, 0.0)
 
     def lower_loss(self, s, z):
+        """The same of the lower tank, less what it catches of the upper one's [V/s]."""
         over = self.spill * jnp.maximum(s.lower_level - self.lower_rim, 0.0)
         return over - self.caught * self.upper_loss(s, z)

@@ -65,7 +65,7 @@ def test_a_new_rig_runs_as_it_is_written(tmp_path, monkeypatch, capsys):
     assert all(row["passed"] for row in found["checks"])
     assert main(["trust", "my_pot.py"]) == 0
     assert main(["simulate", "my_pot.yaml", "--quiet"]) == 0
-    assert main(["export", "my_pot.yaml", "pot.fmu", "--sources-only", "--input", "pump_flow", "--quiet"]) == 0
+    assert main(["export", "my_pot.yaml", "--out", "pot.fmu", "--sources-only", "--input", "pump_flow", "--quiet"]) == 0
     opened = edhas.open_run("runs/my_pot", trust=["my_pot.py"])
     assert opened.machine.name == "my_pot" and opened.signals["level"][-1] > 0.0
     assert main(["new", "rig", "my_pot.py"]) == 2

@@ -120,7 +120,8 @@ def is_clipped_at(values: np.ndarray, extreme: float) -> bool:
 
 def is_sensor_limit(campaign: Campaign, name: str, value: float) -> bool:
     """Whether a value is an end of the range that the campaign states for the sensor."""
-    return any(abs(value - limit) <= 1e-6 * abs(limit) + 1e-12 for limit in campaign.channels[name].limits)
+    limits = [limit for limit in campaign.channels[name].limits if np.isfinite(limit)]
+    return any(abs(value - limit) <= 1e-6 * abs(limit) + 1e-12 for limit in limits)
 
 
 def is_supply_limit(campaign: Campaign, run: BenchRun, value: float) -> bool:
