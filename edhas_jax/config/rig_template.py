@@ -42,7 +42,7 @@ class {name}(Rig):
 '''
 _CONFIGURATION = """# Run it with: edhas simulate {stem}.yaml --rig {stem}.py:{name}
 rig: {stem}.py:{name}
-pump_flow: {{kind: sine, amplitude: 4 L/min, frequency: 0.01 Hz}}   # or {{kind: recorded, file: bench.csv, column: q}}
+pump_flow: 8 L/min   # or {{kind: recorded, file: bench.csv, column: q}}, or a sine, a step, a chirp
 parameters:
   hole_area: 120 mm^2
 simulation:
