@@ -38,6 +38,7 @@ COMPONENT_KINDS: dict[str, dict[str, type]] = {
 """The components that a section of a configuration selects by `kind`, on the rigs of the package."""
 
 DRIVE_LIMIT = 1e12  # SI, of the set points of a rig of one's own, whose unit only it knows
+SLOWEST = 1e-4  # times and frequencies of these, over those of the drives of the package
 ORDER_TOLERANCE = 1e-9  # relative rounding error up to which two values in a prescribed order count as equal
 
 
@@ -208,6 +209,8 @@ def _as_mounted(p: Parameter, path: str, machine: Rig) -> Parameter:
         value = machine.drives[path].value if p.name == "step_size" else 0.0
         low = -DRIVE_LIMIT if p.span[0] < 0.0 else 0.0
         return dataclasses.replace(p, unit=machine.drive_unit(path), span=(low, DRIVE_LIMIT), default=value)
+    if path in machine.drives and p.unit in ("s", "Hz"):
+        return dataclasses.replace(p, span=(SLOWEST * p.span[0], p.span[1] / SLOWEST))
     if path == "reference" and p.unit == "m" and machine.drive_unit(path) == "V":
         volts = (p.span[0] * 1e3, p.span[1] * 1e3)
         return dataclasses.replace(p, unit="V", span=volts, default=12.0, doc=p.doc.replace("set point", "command"))

@@ -44,6 +44,8 @@ def feasible_runs(campaign: Campaign, machine: Rig, per_sample: int) -> tuple[Be
     }  # fmt: skip
     if isinstance(machine, ActuatorSystem):  # the pump of a system may saturate while it is far from the set point
         del limits["voltage"]
+    if not limits:
+        return tuple(candidates)
     model = MeasurementModel(campaign, machine, (), candidates, signals=tuple(limits))
     outcomes = model.predict_all_runs(np.zeros(0), per_sample)
     return tuple(

@@ -21,7 +21,7 @@ def draw_thresholds(plan: DetectabilityPlan):
     axes = figure.subplots()
     rows = np.arange(len(candidates))[::-1]
     shares = np.clip([s.threshold_share for s in candidates], SHARE_RANGE[0], 1.0)
-    colours = [LOCATION_COLOURS[s.candidate.location] for s in candidates]
+    colours = [LOCATION_COLOURS.get(s.candidate.location, INK) for s in candidates]
     # a dot is the threshold; the thin line is what the campaign detects, up to the strongest plausible effect
     axes.hlines(rows, shares, 1.0, color=colours, lw=1.2, alpha=0.6)
     axes.scatter(shares, rows, s=34, color=colours, zorder=3)
