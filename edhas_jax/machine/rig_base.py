@@ -89,8 +89,8 @@ class Rig:
         drives: declarations of its drives.
         signals: every signal with unit and meaning.
         slots: where effects can act.
-        time_step: the time step with which a run begins [s]; it is halved until it is small enough, and a fifth of a
-            thousandth of what `duration` is would be usual. The largest step is five times as long.
+        time_step: the time step with which a run begins [s]; it is halved until it is small enough. The largest step
+            is five times as long.
         duration: usual length of a run [s].
         is_own: whether it declares its states and signals itself, which the rigs of the package do not.
 
