@@ -21,6 +21,7 @@ _DEPENDENCE = {
     "uniform": Dependence.INVARIANT,
     "sample_inputs": Dependence.SAMPLE,
 }
+SAMPLES_PER_CHUNK = 64  # samples that are evaluated at once: their tables stay in the second-level cache
 
 
 class NativeLoop(Loop):
@@ -91,22 +92,32 @@ class NativeLoop(Loop):
         return LoopResult(self.tree(state, count), self._unflatten(seen) if keep else None)
 
     def at_samples(self, carry: Any, lane: Any, uniform: Any, shape: tuple[int, int]) -> Any:
-        """See `Loop.at_samples`; whole blocks are written once, straight to where the machine code reads them."""
+        """See `Loop.at_samples`; whole blocks are written straight to where the machine code reads them."""
         samples, count = shape
         if count % self.lanes:
             return super().at_samples(carry, lane, uniform, shape)
-
-        def table(which: str, tree: Any) -> np.ndarray:
-            rows = self.body.leaves(which, tree)
-            filled = np.empty((samples, count // self.lanes, len(rows), self.lanes), self.dtype)
-            for k, leaf in enumerate(rows):
-                filled[:, :, k] = np.broadcast_to(leaf, shape).reshape(samples, -1, self.lanes)
-            return filled
-
-        state, fixed = table("carry", carry), table("lane", lane)
-        blocks = samples * (count // self.lanes)
-        self.run_tables(state, fixed, None, None, self.scalars(uniform), 0, 1, 1, blocks)
-        return self._unflatten(state[:, :, k].reshape(shape) for k in range(state.shape[2]))
+        given = [_over_samples(leaf, shape) for leaf in self.body.leaves("carry", carry)]
+        fixed = [_over_samples(leaf, shape) for leaf in self.body.leaves("lane", lane)]
+        per_lane, scalars = count // self.lanes, self.scalars(uniform)
+        chunk = min(samples, SAMPLES_PER_CHUNK)
+        states = np.empty((chunk, per_lane, len(given), self.lanes), self.dtype)
+        lanes = np.empty((chunk, per_lane, len(fixed), self.lanes), self.dtype)
+        for k, leaf in enumerate(fixed):  # what is the same at all samples is written once
+            if leaf.strides[0] == 0:
+                lanes[:, :, k] = leaf[:chunk].reshape(chunk, per_lane, self.lanes)
+        varied = [k for k, leaf in enumerate(fixed) if leaf.strides[0] != 0]
+        out = [np.empty(shape, self.dtype) for _ in given]
+        for first in range(0, samples, chunk):
+            here = slice(first, min(first + chunk, samples))
+            size = here.stop - first
+            for k, leaf in enumerate(given):
+                states[:size, :, k] = leaf[here].reshape(size, per_lane, self.lanes)
+            for k in varied:
+                lanes[:size, :, k] = fixed[k][here].reshape(size, per_lane, self.lanes)
+            self.run_tables(states, lanes, None, None, scalars, 0, 1, 1, size * per_lane)
+            for k, column in enumerate(out):
+                column[here] = states[:size, :, k].reshape(size, count)
+        return self._unflatten(out)
 
     def with_vectors(self, vectors: int) -> "NativeLoop":
         """See `Loop.with_vectors`."""
@@ -141,6 +152,10 @@ class NativeLoop(Loop):
         blocks, whole = -(-count // self.lanes), count // self.lanes
         table = np.empty((blocks, len(rows), self.lanes), self.dtype)
         for k, leaf in enumerate(rows):
+            leaf = np.asarray(leaf)
+            if leaf.ndim == 0:
+                table[:, k] = leaf
+                continue
             leaf = np.broadcast_to(leaf, count)
             table[:whole, k] = leaf[: whole * self.lanes].reshape(whole, self.lanes)
             if whole < blocks:
@@ -154,3 +169,8 @@ class NativeLoop(Loop):
 
     def _unflatten(self, rows) -> Any:
         return jax.tree.unflatten(jax.tree.structure(self.body.carry), list(rows))
+
+
+def _over_samples(leaf: Any, shape: tuple[int, int]) -> np.ndarray:
+    """A leaf at all samples; its first stride is 0 where it is the same at all of them."""
+    return np.broadcast_to(leaf, shape)

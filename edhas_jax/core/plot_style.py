@@ -1,7 +1,8 @@
 """Colours and axes that all figures share."""
 
 INK, GREY = "#1b1f24", "#6e7781"  # of text, and of secondary lines and labels
-COLOURS = ("#0b62c4", "#d1490c", "#1a7f4b", "#8a3ffc", "#9a6700")  # of data series, distinct in hue and in lightness
+# of data series, in this order; apart for people without red or green receptors as well
+COLOURS = ("#0b62c4", "#e8590c", "#14a39a", "#6b1f7a", "#4a3a2a")
 
 LONGEST_IN_MS = 10.0  # s, of an axis of time in milliseconds
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+from threadpoolctl import threadpool_limits
 
 from edhas_jax.core.private_file import foreign_access, make_private_folder
 
@@ -38,6 +39,15 @@ def cores() -> int:
         shown = text if len(text) < 20 else text[:20] + "…"
         raise CoresError(f"{CORES_VARIABLE}={shown}: a whole number from 1 to {MAX_CORES} belongs here")
     return int(text)
+
+
+def single_threaded_algebra(f: Callable) -> Callable:
+    """A decorator: the libraries of linear algebra use one thread while the function runs.
+
+    The matrices of a fit are small and the loop engine uses the cores: threads of the libraries gain nothing, and where
+    something else runs on the machine they wait for each other a hundred times as long as the product takes.
+    """
+    return threadpool_limits.wrap(limits=1, user_api="blas")(f)
 
 
 def double_precision():

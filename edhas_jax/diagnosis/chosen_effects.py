@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
@@ -65,6 +66,7 @@ class ChosenModel:
         }
 
 
+@single_threaded_algebra
 def calibrated_model(campaign: Campaign, on_progress: Report | None = None) -> ChosenModel:
     """The model without any chosen effect, its uncertain parameters fitted.
 
@@ -74,6 +76,7 @@ def calibrated_model(campaign: Campaign, on_progress: Report | None = None) -> C
     return ChosenModel((), *calibrate(campaign, on_progress))
 
 
+@single_threaded_algebra
 def with_effect(
     campaign: Campaign, before: ChosenModel, kind: type[Effect], on_progress: Report | None = None
 ) -> ChosenModel:

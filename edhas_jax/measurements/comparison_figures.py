@@ -14,6 +14,7 @@ from edhas_jax.measurements.comparison import Comparison, RunComparison
 from edhas_jax.measurements.residual_patterns import Pattern
 
 ERROR_LABEL = "(model − measured) / noise"
+MAX_STATED_POINTS = 2000  # of a dashed line
 SHOWN_CYCLES = 2.0  # cycles at the end of a run that are drawn
 SHOWN_SHARE = 0.4  # share of the length that is drawn of a run without cycles
 BIN_COUNT = 30
@@ -171,11 +172,22 @@ def draw_pattern(comparison: Comparison, pattern: Pattern):
         axes.plot(at, -scale * compared.residuals[pattern.signal], ".", ms=1.2, alpha=0.25, color=shade)
         middle, mean = _binned(comparison, compared, pattern.signal, axis)
         axes.plot(middle, scale * mean, color=shade, lw=1.4, label=figure_text(compared.run.name))
+    if pattern.stated and pattern.axis != "time":
+        _draw_stated(axes, comparison, runs, pattern, scale / noise)
     axes.set_xlabel(_axis_label(comparison, axis), fontsize=9, color=INK)
     axes.set_ylabel(f"{pattern.signal.replace('_', ' ')}: model − measured, {unit}", fontsize=9, color=INK)
     axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     _style_axes(axes)
     return figure
+
+
+def _draw_stated(axes, comparison: Comparison, runs: list[RunComparison], pattern: Pattern, scale: float) -> None:
+    """Draw the error that the sentence of a pattern states; `scale` is the display unit for one SI unit."""
+    at = np.concatenate([_abscissa(comparison, compared, pattern.axis) for compared in runs])
+    order = np.argsort(at)
+    order = order[np.linspace(0, len(order) - 1, MAX_STATED_POINTS).astype(int)] if len(order) else order
+    stated = scale * np.concatenate(pattern.stated)
+    axes.plot(at[order], stated[order], color=INK, lw=1.8, ls="--", label="as the sentence says")
 
 
 def _run_colours(count: int):

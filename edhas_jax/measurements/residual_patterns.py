@@ -35,6 +35,8 @@ class Pattern:
         share: share of the excess of χ² over the noise that this pattern explains beyond those found before it.
         weight: the explained χ² itself, in units of the squared noise; inf where the simulation failed.
         sentence: a description in plain words.
+        stated: the error of the model that the sentence states, SI, (samples,) of each run that has the signal; empty
+            without a simple pattern.
     """
 
     signal: str
@@ -42,6 +44,7 @@ class Pattern:
     share: float
     weight: float
     sentence: str
+    stated: tuple[np.ndarray, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +101,8 @@ def _patterns_of_signal(comparison: Comparison, signal: str) -> list[Pattern]:
         size = float(remaining @ column) / float(column @ column)
         sentence = _sentence(about, shape, signal, size * noise, span)
         sentence += _trend_clause(runs, remaining, column, run_of_sample)
-        patterns.append(Pattern(signal, shape.axis, largest / excess, largest, sentence))
+        stated = tuple(size * noise * values for values in shape.values)
+        patterns.append(Pattern(signal, shape.axis, largest / excess, largest, sentence, stated))
         remaining = remaining - size * column
     return patterns or [_without_pattern(about, signal, remaining, noise, excess)]
 

@@ -138,8 +138,11 @@ class TrajectoryLoop:
 
             return with_tangent(one, (values, y), (*seeds, *dy))
 
-        shapes = runtime.eval_shape(lambda m: observer(m, m.initial_state(), 0.0, 1.0), machine)
-        self._signals = dict.fromkeys(shapes, 0.0)
+        if keyed:
+            shown = observer.names
+        else:
+            shown = runtime.eval_shape(lambda m: observer(m, m.initial_state(), 0.0, 1.0), machine)
+        self._signals = dict.fromkeys(shown, 0.0)
         state, signals, given = doubled(self._state), doubled(self._signals), (machine, 0.0)
         lane = doubled(names), state, 0.0, interval
         # both take one step only: one vector compiles fastest

@@ -1,5 +1,8 @@
 """The figure of a run: signals over time, and the energy balance."""
 
+import numpy as np
+
+from edhas_jax.core import structs
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.plot_style import COLOURS, GREY, INK, time_unit
 from edhas_jax.core.units import format_quantity, from_si
@@ -7,8 +10,13 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import metric_window
 
 GROUP_COLOURS = {
-    "copper": "#d1490c", "mechanical": "#9a6700", "fluid": "#0b62c4", "stored": GREY, "delivered": "#1a7f4b"
+    "copper": COLOURS[1], "mechanical": COLOURS[4], "fluid": COLOURS[0], "stored": GREY, "delivered": COLOURS[2]
 }  # fmt: skip
+SET_POINTS, SET_POINT_COLOUR = ("reference", "target"), "#c3cad1"
+BALANCE_HEIGHT = 2.9  # inch
+CONDITIONS = ("reference", "target", "load")  # components that say what the machine does, and against what
+DETAILS = ("ramp_time",)  # that do not say it
+MOST_CONDITIONS = 5
 SHOWN_CYCLES = 2
 SMALL_SHARE = 5e-3  # share of the input below which rows of the energy balance are summed as "other"
 
@@ -19,7 +27,8 @@ PANELS = (
     ("current", ("current",)),
     ("pressure", ("chamber_pressure_a", "chamber_pressure_b", "outlet_pressure", "accumulator_pressure")),
     ("pressure", ("head_pressure", "rod_pressure")),
-    ("valve lift", ("suction_lift_a", "delivery_lift_a", "suction_lift_b", "delivery_lift_b")),
+    ("valve lift", ("suction_lift_a", "delivery_lift_a")),  # of one chamber each: suction of A hides delivery of B
+    ("valve lift", ("suction_lift_b", "delivery_lift_b")),
     ("flow", ("outlet_flow",)),
     ("friction", ("friction_force",)),
 )
@@ -57,18 +66,32 @@ def plot_run(machine: Rig, signals: dict, ledger, names: list[str] | None = None
             if name not in signals or name == "time":
                 raise ValueError(f"no signal `{name}` in this run; {suggest(name, signals)}")
         panels = [(name.replace("_", " "), [name]) for name in names]
-    figure = Figure(figsize=(12.5, 1.2 + 1.45 * len(panels)), layout="constrained")
-    grid = figure.add_gridspec(len(panels), 2, width_ratios=(2.1, 1.0))
+    has_balance = bool((ledger["group"] == "input").any())
+    heights = [1.25] * len(panels) + [BALANCE_HEIGHT] * has_balance
+    figure = Figure(figsize=(9.5, 1.2 + sum(heights)), layout="constrained")
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     inside = signals["time"] >= _first_shown(machine, signals["time"][-1]) - 1e-12
     axes = None
     for row, (title, listed) in enumerate(panels):
-        axes = figure.add_subplot(grid[row, 0], sharex=axes)
+        axes = figure.add_subplot(grid[row], sharex=axes)
         _draw_panel(axes, machine, signals, title, listed, inside, last=row == len(panels) - 1)
-    if (ledger["group"] == "input").any():
-        _draw_energy_balance(figure.add_subplot(grid[: max(3, len(panels) * 2 // 3), 1]), ledger)
-    effects = ", ".join(e.id for e in machine.effects) or "no effects"
-    figure.suptitle(f"{machine.name} with {effects}", x=0.01, ha="left", fontsize=11, color=INK)
+    if has_balance:
+        _draw_energy_balance(figure.add_subplot(grid[len(panels)]), ledger)
+    effects = ", ".join(e.id.replace("_", " ") for e in machine.effects) or "no effects"
+    title = f"{machine.name.replace('_', ' ')}: {_operating_point(machine)}\nwith {effects}"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11, color=INK)
     return figure
+
+
+def _operating_point(machine: Rig) -> str:
+    """What the machine is told to do and what it works against."""
+    parts = []
+    for component in (getattr(machine, name) for name in CONDITIONS if hasattr(machine, name)):
+        for p in structs.parameters(type(component)):
+            value = getattr(component, p.name)
+            if p.name not in DETAILS and np.ndim(value) == 0 and float(value) != 0.0:
+                parts.append(f"{p.name.replace('_', ' ')} {format_quantity(float(value), p.unit)}")
+    return ", ".join(parts[:MOST_CONDITIONS]) or ("" if machine.is_own else type(machine.reference).__name__.lower())
 
 
 def _panels_by_unit(machine: Rig) -> list[tuple[str, list[str]]]:
@@ -97,11 +120,12 @@ def _draw_panel(axes, machine: Rig, signals: dict, title: str, names: list[str],
     """Draw signals of one unit over time."""
     unit = machine.signals[names[0]].display_unit
     scale, time_name = time_unit(float(signals["time"][-1]))
-    for name, colour in zip(names, COLOURS, strict=False):
-        is_set_point = name in ("reference", "target")
+    colours = iter(COLOURS)
+    for name in names[: len(COLOURS)]:
+        is_set_point = name in SET_POINTS  # a broad band, which the signal upon it does not hide
         axes.plot(
             scale * signals["time"][inside], from_si(signals[name][inside], machine.signals[name].unit, unit),
-            color=GREY if is_set_point else colour, lw=1.0 if is_set_point else 1.4, ls="--" if is_set_point else "-",
+            color=SET_POINT_COLOUR if is_set_point else next(colours), lw=5.0 if is_set_point else 1.4,
             label=LABELS.get(name, name.replace("_", " ")),
         )  # fmt: skip
     axes.set_ylabel(f"{title}\n{unit}".strip(), color=INK, fontsize=9)
@@ -121,6 +145,7 @@ def _draw_energy_balance(axes, table) -> None:
     rows = sorted(((row.Index, row.group, row.share) for row in spent[~small].itertuples()), key=lambda row: row[2])
     rows.insert(0, ("other", "stored", spent["share"][small].sum()))
     names, groups, shares = zip(*rows, strict=True)
+    names = [name.replace("_", " ") for name in names]
     axes.barh(names, [100 * x for x in shares], color=[GROUP_COLOURS[g] for g in groups], height=0.7)
     for y, share in enumerate(shares):
         axes.annotate(f" {100 * share:.1f} %", (100 * max(share, 0.0), y), va="center", fontsize=8, color=INK)
@@ -128,7 +153,7 @@ def _draw_energy_balance(axes, table) -> None:
     axes.axvline(0.0, color=GREY, lw=0.8)
     total = format_quantity(float(table.loc[table["group"] == "input", "energy"].sum()), "J")
     source = table.index[table["group"] == "input"][0].removesuffix(" input")
-    axes.set_title(f"{source} energy: {total}, by use", fontsize=9, loc="left", color=INK, x=-0.5)
+    axes.set_title(f"{source} energy: {total}, by use", fontsize=9, loc="left", color=INK)
     axes.set_xlabel("share of the electrical input, %", fontsize=9, color=INK)
     axes.tick_params(colors=INK, labelsize=8)
     axes.spines[["top", "right", "left"]].set_visible(False)

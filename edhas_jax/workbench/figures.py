@@ -1,6 +1,7 @@
 """The plots of the page, as figures of Plotly in plain data."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +13,7 @@ from edhas_jax.measurements.residual_matrix import COLOUR_RANGE, COLOUR_STOPS
 
 PANEL, BELOW, BETWEEN = 150.0, 62.0, 26.0  # px: a signal, its residual, the space after them
 TOP, BOTTOM = 26.0, 46.0  # px
-RUN_COLOURS = (*COLOURS, "#bf3989", "#57606a", "#0a7ea4")
+SET_POINT = "set point"  # the name of the curve that is drawn as a band
 CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d", "toImage"]}
 
 
@@ -27,10 +28,16 @@ class Theme:
     model: str
     residual: str
     good: str
+    band: str
+    runs: tuple[str, ...]
 
 
-LIGHT = Theme("#1b1f24", "#59636e", "#e4e7eb", COLOURS[0], COLOURS[1], "#6e7781", COLOURS[2])
-DARK = Theme("#e6edf3", "#9aa4af", "#30363d", "#6cb6ff", "#ff9a5c", "#9aa4af", "#57c78b")
+LIGHT_RUNS = (*COLOURS, "#bf3989", "#57606a", "#0a7ea4")
+DARK_RUNS = ("#6cb6ff", "#ff9a5c", "#4fd1c5", "#c99bea", "#d9c6a5", "#ff8fc7", "#aab4bf", "#8fd14f")
+LIGHT = Theme(
+    "#1b1f24", "#59636e", "#e4e7eb", COLOURS[0], COLOURS[1], "#6e7781", COLOURS[2], "#c3cad1", LIGHT_RUNS
+)  # fmt: skip
+DARK = Theme("#e6edf3", "#9aa4af", "#30363d", "#6cb6ff", "#ff9a5c", "#9aa4af", "#57c78b", "#57606a", DARK_RUNS)
 
 
 def theme(dark: bool) -> Theme:
@@ -102,7 +109,7 @@ def residual_figure(found: Mapping[str, Any], signal: str, variable: str, dark: 
     layout = _layout(colours, 330.0)
     data = [
         {"type": "scatter", "mode": "markers", "name": _plain(run), "x": x.tolist(),
-         "y": _numbers(y), "marker": {"size": 3.2, "opacity": 0.45, "color": RUN_COLOURS[k % len(RUN_COLOURS)]},
+         "y": _numbers(y), "marker": {"size": 3.2, "opacity": 0.45, "color": colours.runs[k % len(colours.runs)]},
          "hoverinfo": "skip"}
         for k, (run, x, y) in enumerate(found["runs"])
     ]  # fmt: skip
@@ -164,8 +171,12 @@ def lines_figure(
             "text": f"<b>{_plain(title)}</b>", "xref": "paper", "yref": "paper", "x": 0.0, "y": start,
             "xanchor": "left", "yanchor": "bottom", "showarrow": False, "font": {"size": 12.5, "color": colours.ink},
         })  # fmt: skip
-        for n, (name, x, y) in enumerate(curves):
-            line = {"color": (colours.measured, colours.model, colours.good, colours.grey)[n % 4], "width": 1.6}
+        series = itertools.cycle((colours.measured, colours.model, colours.good, colours.grey))
+        for name, x, y in curves:
+            if name == SET_POINT:  # a band, which the curve upon it does not hide
+                line = {"color": colours.band, "width": 6.0}
+            else:
+                line = {"color": next(series), "width": 1.6}
             data.append({
                 "type": "scatter", "mode": "lines", "name": _plain(name), "x": np.asarray(x).tolist(),
                 "y": _numbers(y), "yaxis": f"y{axis}", "line": line, "showlegend": len(curves) > 1,

@@ -1,6 +1,7 @@
 """What all windows of one workbench share: the folder, the calculating process, the jobs, the code that may run."""
 
 import dataclasses
+import json
 import shlex
 
 from edhas_jax.workbench.calculator import Calculator
@@ -87,8 +88,7 @@ class Session:
 
     def python_try(self, names: list[str]) -> str:
         """The Python lines that do the same."""
-        kinds = ", ".join(f'load_effect("{name}")' for name in names)
-        return f'models = fit_with_effects(edhas.read_campaign("{self.workspace.shown}"), [{kinds}])'
+        return f'added = edhas.add("{self.workspace.shown}", {json.dumps(names)})'
 
     def add(self, name: str) -> None:
         """Keep an effect in the model."""

@@ -12,6 +12,8 @@ body { font-family: system-ui, sans-serif }
 .wb-panels { background: transparent }
 .wb-panels .q-tab-panel { padding: 16px 20px !important; max-width: 1340px; margin: 0 auto }
 .wb-footer { background: #f2f5f8; color: #1b1f24; padding: 3px 14px; border-top: 1px solid rgba(128,128,128,.3) }
+.body--dark .text-primary { color: #7ab7ff !important } .body--dark .q-btn--outline.text-primary { color: #7ab7ff }
+.body--dark .wb-paper { filter: invert(0.93) hue-rotate(180deg) }
 .body--dark .wb-footer { background: #161b22; color: #c9d1d9 }
 .wb-code, .wb-block { font: 12.5px/1.5 ui-monospace, monospace } .wb-code { max-width: calc(100vw - 110px) }
 .wb-block { white-space: pre-wrap; overflow-wrap: anywhere; background: rgba(128,128,128,.1); padding: 6px 10px;

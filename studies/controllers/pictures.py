@@ -2,12 +2,14 @@
 
 import numpy as np
 
+from edhas_jax.core.plot_style import COLOURS as SERIES
+from edhas_jax.core.plot_style import GREY
+
 CONTROLLER_LABELS = {"pid": "PID", "cascade": "cascade", "antsmc": "ANTSMC"}
-COLOURS = {"pid": "#0969da", "cascade": "#9a6700", "antsmc": "#d1490c"}
+COLOURS = {"pid": SERIES[0], "cascade": SERIES[4], "antsmc": SERIES[1]}
 LINE_STYLES = {"continuous": {"ls": (0, (4, 2)), "lw": 1.1, "alpha": 0.75}, "5khz": {"ls": "-", "lw": 1.8}}
 MARKER_FACES = {"continuous": "white", "5khz": None}  # None: filled
 SAMPLING_LABELS = {"continuous": "continuous", "5khz": "5 kHz, one sample of delay"}
-GREY = "#6e7781"
 
 
 def draw_comparison(comparison, conditions, load_time):

@@ -15,7 +15,7 @@ from studies.paper.readings import RUN_IN, mean_flows, swept_volume
 FREQUENCIES = tuple(np.arange(2.0, 61.0, 2.0).tolist())  # Hz
 PAPER = COLOURS[1]
 EXPLAINING_COLOURS = (COLOURS[0], COLOURS[3], COLOURS[2])
-OTHER_COLOURS = (*COLOURS, "#0b8a8f", "#b5489a", "#57606a", "#7a9a01")
+OTHER_COLOURS = ("#57606a", "#b5489a", "#7a9a01", "#0f5c6e", "#c08a00", "#7d8fd1", "#a24a63", *COLOURS)  # other causes
 READING_COLOURS = (COLOURS[3], COLOURS[4], COLOURS[0], COLOURS[2])  # of what is read beside the flow
 LABELS = {
     MEAN_FLOW: "mean flow alone", "piston_position": "with piston position", "current": "with current",

@@ -13,16 +13,17 @@ import numpy as np
 from rich.console import Console
 
 import edhas_jax as edhas
+from edhas_jax.core.plot_style import COLOURS, INK
 from edhas_jax.design.batch.batch import BatchSettings, run_designs
 from studies import CONFIGS
 
 CONFIG = CONFIGS / "paper.yaml"
 LPM = 6e4  # L/min per m³/s
 CASES = {  # name: (changes, colour)
-    "as it is": ({}, "#1b1f24"),
-    "valves without delay": ({"valve_mass": 4e-4, "valve_damping": 0.14, "valve_spring_rate": 1500.0}, "#0969da"),
-    "suction at 1 MPa": ({"accumulator_pressure": 1e6}, "#1a7f37"),
-    "unlimited voltage": ({"supply_voltage": 480.0}, "#d1490c"),
+    "as it is": ({}, INK),
+    "valves without delay": ({"valve_mass": 4e-4, "valve_damping": 0.14, "valve_spring_rate": 1500.0}, COLOURS[0]),
+    "suction at 1 MPa": ({"accumulator_pressure": 1e6}, COLOURS[2]),
+    "unlimited voltage": ({"supply_voltage": 480.0}, COLOURS[1]),
 }
 
 
@@ -70,7 +71,7 @@ def picture(frequency, flow, ideal, top):
                   textcoords="offset points", color="#6e7781", fontsize=9, ha="right")  # fmt: skip
     for (name, (_, colour)), values in zip(CASES.items(), flow, strict=True):
         axes.plot(frequency, values, color=colour, lw=2.4 if name == "as it is" else 1.5, label=name)
-    axes.plot(frequency[top], flow[0, top], "o", color="#1b1f24")
+    axes.plot(frequency[top], flow[0, top], "o", color=INK)
     axes.annotate(f"{flow[0, top]:.2f} L/min at {frequency[top]:.0f} Hz", (frequency[top], flow[0, top]), (0, -16),
                   textcoords="offset points", ha="center", fontsize=9)  # fmt: skip
     axes.set(xlabel="frequency, Hz", ylabel="mean flow, L/min", xlim=(0, frequency[-1]),

@@ -157,9 +157,9 @@ def draw_instantaneous(machines: Machines) -> Figure:
     )
     for name, values, colour, width, style in rows:
         whole.plot(ANGLE, LPM * values, color=colour, lw=width, ls=style, label=name)
-        small.plot(ANGLE, 1e3 * LPM * values, color=colour, lw=width, ls=style)
+        small.plot(ANGLE, LPM * values, color=colour, lw=width, ls=style)
     _format_axes(whole, "phase of the set point, °", "flow, L/min", xlim=(0, 360), ylim=(-0.1, 2.35))
-    _format_axes(small, "phase of the set point, °", "flow, mL/min", xlim=(86, 102), ylim=(-20, 80))
+    _format_axes(small, "phase of the set point, °", "flow, L/min", xlim=(86, 102), ylim=(-0.02, 0.08))
     whole.set_xticks(range(0, 361, 90))
     small.axhline(0.0, color=GREY, lw=0.7)
     small.set_title("the reversal, enlarged: a valve that closes late lets oil back", fontsize=9, loc="left", color=INK)

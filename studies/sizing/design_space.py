@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
+from edhas_jax.core.plot_style import COLOURS
 from edhas_jax.design.batch.batch import run_designs
 from edhas_jax.design.batch.experiment_design import sobol_sequence
 from edhas_jax.design.sizing.config import load_sizing
@@ -59,14 +60,14 @@ def draw_design_space(task, valid: pd.DataFrame, best: pd.DataFrame):
         c=1e3 * sample["piston_diameter"], s=5, cmap="viridis", linewidths=0,
     )  # fmt: skip
     left.scatter(best["mean_flow"] * LITRES_PER_MINUTE, 100 * best["overall_efficiency"], s=12, facecolors="none",
-                 edgecolors="#d1490c", linewidths=0.8, label="best 1 % in flow × efficiency")  # fmt: skip
+                 edgecolors=COLOURS[1], linewidths=0.8, label="best 1 % in flow × efficiency")  # fmt: skip
     left.set(xlabel="mean flow, L/min", ylabel="overall efficiency, %")
     left.legend(frameon=False, fontsize=8.5)
     figure.colorbar(dots, ax=left, pad=0.01, label="piston diameter, mm").outline.set_visible(False)
     shares = [np.log(best[a.name] / a.low) / np.log(a.high / a.low) if a.log
               else (best[a.name] - a.low) / (a.high - a.low) for a in task.variables]  # fmt: skip
     right.boxplot(shares, orientation="horizontal", widths=0.5, showfliers=False,
-                  medianprops={"color": "#d1490c", "lw": 2})  # fmt: skip
+                  medianprops={"color": COLOURS[1], "lw": 2})  # fmt: skip
     right.set_yticks(range(1, len(task.variables) + 1), [a.name.replace("_", " ") for a in task.variables])
     right.set(xlim=(0, 1), xlabel="position of the best within the bounds, 0 … 1")
     for axes in (left, right):

@@ -155,6 +155,14 @@ def test_sizes_are_drawn_from_what_can_just_be_seen_on():
 
 
 @pytest.mark.parametrize("split", Split)
+def test_crumbs_of_a_pump_are_not_put_into_an_actuator_alone(split):
+    test, rng = visibility(ACTUATOR), np.random.default_rng(1)
+    drawn = [found for found in (draw_crumbs(test, CONTENT[split].crumbs, rng) for _ in range(3)) if found is not None]
+    of_a_pump = {c.id for c in CONTENT[split].crumbs if not set(c.kind.slots) <= set(test.machine.slots)}
+    assert drawn and of_a_pump and all(not of_a_pump & set(found.sizes) for found in drawn)
+
+
+@pytest.mark.parametrize("split", Split)
 def test_crumbs_leave_the_stated_share_of_the_noise_and_each_of_them_acts(split):
     test = visibility(PUMP)
     kinds = CONTENT[split].crumbs

@@ -63,13 +63,36 @@ def test_a_malformed_file_is_refused_with_a_sentence_or_read(name, tmp_path):
     assert name in text and expected in text and len(text) < 1000 and "Traceback" not in text
 
 
-@pytest.mark.parametrize("suffix", [".xlsx", ".parquet"])
+def write_mf4(table, path):
+    asammdf = pytest.importorskip("asammdf")
+    file = asammdf.MDF(version="4.10")
+    file.append(asammdf.Signal(table["Strom [A]"].to_numpy(), table["time [s]"].to_numpy(), unit="A", name="Strom"))
+    file.save(path)
+    file.close()
+
+
+def write_hdf5(table, path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        for name in table:
+            file[name] = table[name].to_numpy()[None]
+
+
+WRITERS = {
+    ".xlsx": lambda table, path: table.to_excel(path, index=False),
+    ".parquet": lambda table, path: table.to_parquet(path),
+    ".mf4": write_mf4,
+    ".h5": write_hdf5,
+}
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
 def test_tables_of_other_programs_are_read(suffix, tmp_path):
     table = pd.DataFrame({"time [s]": 1e-3 * np.arange(30), "Strom [A]": np.sin(np.arange(30.0))})
     path = tmp_path / f"run{suffix}"
-    table.to_excel(path, index=False) if suffix == ".xlsx" else table.to_parquet(path)
+    WRITERS[suffix](table, path)
     found = DataCalculations(Workspace(tmp_path), lambda sentence: None).table(path.name, "actuator_bench", 500)
-    assert [column["signal"] for column in found["columns"]] == ["", "current"]
+    assert sorted(column["signal"] for column in found["columns"]) == ["", "current"]
 
 
 def test_a_path_outside_the_folder_is_refused(tmp_path):

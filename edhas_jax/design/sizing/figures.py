@@ -3,7 +3,7 @@
 import numpy as np
 
 from edhas_jax.core.literal_text import figure_text
-from edhas_jax.core.plot_style import GREY, INK
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import display_unit, format_number, from_si
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sizing.config import SizingTask
@@ -11,7 +11,7 @@ from edhas_jax.design.sizing.optimiser import FEASIBILITY_TOLERANCE
 from edhas_jax.design.sizing.size import SizingResult
 from edhas_jax.simulation.signal_metrics import metric_declarations
 
-BEST_COLOUR, START_COLOUR = "#d1490c", "#0969da"
+BEST_COLOUR, START_COLOUR = COLOURS[1], COLOURS[0]
 
 
 def draw_path(task: SizingTask, result: SizingResult):

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edhas_jax.core.plot_style import GREY, INK
+from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.design.sweep.design_selection import (
     GRID_COLOUR,
     DesignSelection,
@@ -13,7 +13,7 @@ from edhas_jax.design.sweep.design_selection import (
     tick_label,
 )
 
-FRONT_COLOUR = "#d1490c"
+FRONT_COLOUR = COLOURS[1]
 PUMP_OBJECTIVES = ("mean_flow:max", "mean_electrical_power:min")
 ACTUATOR_OBJECTIVES = ("tracking_error:min", "mean_electrical_power:min")
 MAX_TABLE_ROWS = 6  # designs of the front that are listed with their parameters
@@ -63,7 +63,7 @@ def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | No
     figure = Figure(figsize=(9.0, 7.6), layout="constrained")
     axes, below = figure.subplots(2, 1, height_ratios=(3.0, 1.0))
     size = 14 if len(good) < 1000 else 5
-    axes.scatter(horizontal, vertical, s=size, color="#0b62c4", alpha=0.45, lw=0, label="designs")
+    axes.scatter(horizontal, vertical, s=size, color=COLOURS[0], alpha=0.45, lw=0, label="designs")
     axes.plot(horizontal[front], vertical[front], "-", color=FRONT_COLOUR, lw=1.0, zorder=3)
     axes.plot(horizontal[front], vertical[front], "o", color=FRONT_COLOUR, ms=5 if len(front) < 60 else 3, zorder=4,
               label=f"Pareto front: {len(front):,} non-dominated designs")  # fmt: skip

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from edhas_jax.core import structs
+from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem, gauss_newton_model, quadratic_model_at
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.diagnosis.calibration.starts import sample_starts
@@ -79,6 +80,11 @@ class Fit:
         return float(u.value(self.x[k] - half)), float(u.value(self.x[k] + half))
 
     @property
+    def prior_distances(self) -> np.ndarray:
+        """Distances of the estimates from their prior means, in prior standard deviations; of those with a prior."""
+        return np.abs(self.x[np.array([u.has_prior for u in self.problem.unknowns], dtype=bool)])
+
+    @property
     def machine(self) -> Rig:
         """The machine with the estimated parameters, without the conditions of any run."""
         parameters = {n: v for n, v in self.values.items() if self.problem.instruments.find(n) is None}
@@ -105,6 +111,7 @@ class Fit:
         }
 
 
+@single_threaded_algebra
 def fit(
     problem: FitProblem,
     starts: int | np.ndarray = 4,

@@ -1,6 +1,7 @@
 """The sum of squares that a fit minimises: unknowns, runs, noise, deviations of the bench, and the prior."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -48,11 +49,15 @@ class FitProblem:
     time_shifts: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def model(self) -> MeasurementModel:
-        """Build the model that predicts the signals of the runs.
+        """The model that predicts the signals of the runs.
 
         Raises:
             FitError: there is no run or no unknown.
         """
+        return self._model
+
+    @functools.cached_property
+    def _model(self) -> MeasurementModel:
         runs = self.campaign.runs_for(Use.FIT) if self.runs is None else self.runs
         if not runs:
             raise FitError(f"{self.campaign.folder}: no run has `use: fit`")

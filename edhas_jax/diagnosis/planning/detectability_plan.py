@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.planning.candidate_runs import feasible_runs, format_conditions
 from edhas_jax.diagnosis.planning.detection_threshold import (
     DETECTION_NORM,
@@ -91,6 +92,7 @@ class DetectabilityPlan:
         return f"{summary} The best next run of {self.feasible_run_count} feasible ones: {run}; it {benefit}."
 
 
+@single_threaded_algebra
 def plan_detectability(
     campaign: Campaign,
     library: Iterable[type[Effect]] | None = None,

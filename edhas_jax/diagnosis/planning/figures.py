@@ -6,8 +6,8 @@ from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.diagnosis.planning.detectability_plan import INDISTINGUISHABLE_COSINE, DetectabilityPlan
 
 LOCATION_COLOURS = {
-    "coil": "#d1490c", "mover": "#9a6700", "check_valves": "#8a3ffc", "chamber": "#b83280", "outlet": "#0b62c4",
-    "suction": "#0e7490", "oil": "#1a7f4b", "cylinder": "#4b5563", "sensor": "#9aa4af",
+    "coil": COLOURS[1], "mover": COLOURS[4], "check_valves": COLOURS[3], "chamber": "#b83280", "outlet": COLOURS[0],
+    "suction": COLOURS[2], "oil": "#7a9a01", "cylinder": "#4b5563", "sensor": "#9aa4af",
 }  # fmt: skip
 SHARE_RANGE = 1e-5, 3.0  # of the axis: threshold over the strongest plausible effect
 
@@ -22,8 +22,7 @@ def draw_thresholds(plan: DetectabilityPlan):
     rows = np.arange(len(candidates))[::-1]
     shares = np.clip([s.threshold_share for s in candidates], SHARE_RANGE[0], 1.0)
     colours = [LOCATION_COLOURS.get(s.candidate.location, INK) for s in candidates]
-    # a dot is the threshold; the thin line is what the campaign detects, up to the strongest plausible effect
-    axes.hlines(rows, shares, 1.0, color=colours, lw=1.2, alpha=0.6)
+    axes.hlines(rows, SHARE_RANGE[0], shares, color="#d8dee4", lw=0.8)  # leads the eye from the name to the dot
     axes.scatter(shares, rows, s=34, color=colours, zorder=3)
     axes.axvline(1.0, color=INK, lw=1.0, ls="--")
     for row, s in zip(rows, candidates, strict=True):
@@ -33,7 +32,7 @@ def draw_thresholds(plan: DetectabilityPlan):
     axes.set_xlim(*SHARE_RANGE)
     axes.set_ylim(-0.8, len(candidates) - 0.2)
     axes.set_yticks(rows, [s.candidate.name.replace("_", " ") for s in candidates], fontsize=7.5, color=INK)
-    label = "smallest detectable strength over the strongest plausible one (dashed); line: detectable"
+    label = "smallest detectable strength over the strongest plausible one (dashed)"
     axes.set_xlabel(label, fontsize=9, color=INK)
     axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
     axes.set_axisbelow(True)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse, square_root
 from edhas_jax.diagnosis.planning.candidate_runs import feasible_runs, format_conditions
 from edhas_jax.diagnosis.search.result import Diagnosis, Round, Verdict
@@ -43,6 +44,7 @@ class Experiment:
         return dataclasses.asdict(self)
 
 
+@single_threaded_algebra
 def next_experiment(diagnosis: Diagnosis) -> Experiment | None:
     """Choose the candidate run that best discriminates the rival explanations of a diagnosis.
 

@@ -99,9 +99,9 @@ def _style_axes(axes) -> None:
 def _draw_scores(axes, diagnosis: Diagnosis) -> None:
     """The predicted falls of χ² of the best candidates of the first round."""
     scores = sorted(diagnosis.rounds[0].scores, key=lambda score: -score.chi_square_fall)[:MAX_CANDIDATES]
-    accepted = {t.candidate for t in diagnosis.accepted}
+    named = {t.candidate for t in diagnosis.named}
     falls = [max(score.chi_square_fall, 1.0) for score in scores]
-    colours = [COLOURS[1] if score.candidate in accepted else OTHER_COLOUR for score in scores]
+    colours = [COLOURS[1] if score.candidate in named else OTHER_COLOUR for score in scores]
     rows = np.arange(len(scores))
     # dots: on a logarithmic axis the length of a bar would mean nothing
     axes.scatter(falls, rows, s=70, color=colours, zorder=3)
@@ -109,7 +109,7 @@ def _draw_scores(axes, diagnosis: Diagnosis) -> None:
     axes.set_xlim(0.3 * min(falls, default=1.0), 3.0 * max([*falls, 10.0]))
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.set_yticks(rows, [score.candidate.name.replace("_", " ") for score in scores], fontsize=8.5, color=INK)
-    axes.set_title("candidates (coloured: accepted)", fontsize=10, loc="left", color=INK)
+    axes.set_title("candidates (coloured: named as missing)", fontsize=10, loc="left", color=INK)
     axes.set_xlabel("predicted fall of χ²", fontsize=9, color=INK)
     axes.grid(color="#e4e7eb", lw=0.6)
     axes.set_axisbelow(True)

@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
 from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
@@ -71,6 +72,7 @@ class _Search:
         return [c for c in found if c.signal is not None or c.id in allowed]
 
 
+@single_threaded_algebra
 def diagnose(
     campaign: Campaign,
     library: Iterable[type[Effect]] | None = None,

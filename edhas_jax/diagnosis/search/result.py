@@ -144,8 +144,8 @@ class Diagnosis:
         relative = 2.0 * misfit(self.calibrated) / max(self.calibrated.samples, 1)
         share = max(self.location_shares.values(), default=0.0)
         unexplained = max(self._unexplained_shares(self.calibrated, Use.FIT).values(), default=0.0)
-        known = np.array([u.has_prior for u in self.calibrated.fit.problem.unknowns])
-        distortion = float(np.sqrt(np.mean(np.square(self.calibrated.fit.x[known])))) if known.any() else 1.0
+        distances = self.calibrated.fit.prior_distances
+        distortion = float(np.sqrt(np.mean(np.square(distances)))) if distances.size else 1.0
         return Evidence(tuple(rivals), relative, share, unexplained, distortion)
 
     @functools.cached_property

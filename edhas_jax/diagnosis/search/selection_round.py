@@ -62,10 +62,7 @@ def search_round(
         scores = _with_scores_at_prior(baseline, accepted, scores, report)
     most = FAR_TRIALS if is_far else MAX_TRIALS
     trials = try_best_candidates(baseline, accepted, scores, resolution, report, max_trials=most)
-    if is_far:
-        trials = _retry_distant_minima(baseline, accepted, trials, resolution, report)
-    else:
-        trials = _retry_failed(baseline, accepted, trials, resolution, report)
+    trials = _retry_progressively(baseline, accepted, trials, resolution, report, only_failed=not is_far)
     trials = sorted(trials, key=lambda trial: -trial.log_evidence_gain)
     trials = [refine_trial(baseline, trial, resolution) if k < REFINED else trial for k, trial in enumerate(trials)]
     trials = [_beyond_deviations(baseline, trial, deviations) for trial in trials]
@@ -105,36 +102,23 @@ def _with_scores_at_prior(
     return sorted(found, key=lambda score: -score.chi_square_fall)
 
 
-def _retry_distant_minima(
+def _retry_progressively(
     baseline: EvaluatedFit, accepted: Sequence[Candidate], trials: Sequence[Trial], resolution: TimeResolution,
-    report: Callable[[str], None],
+    report: Callable[[str], None], only_failed: bool,
 ) -> list[Trial]:  # fmt: skip
-    """Fit the most promising candidates progressively until one of them explains nearly all."""
-    trials = list(trials)
-    for k in range(min(PROGRESSIVE_TRIALS, len(trials))):
-        if max(t.explained_share for t in trials) > NEARLY_ALL_SHARE:
-            break
-        report(f"{trials[k].candidate.name}: fitting growing parts of the runs")
-        trials[k] = retry_progressively(baseline, accepted, trials[k], resolution)
-    return trials
+    """Fit the first candidates progressively until one of them explains nearly all.
 
-
-def _retry_failed(
-    baseline: EvaluatedFit, accepted: Sequence[Candidate], trials: Sequence[Trial], resolution: TimeResolution,
-    report: Callable[[str], None],
-) -> list[Trial]:  # fmt: skip
-    """Fit the best scored candidates progressively whose trials ended above the model without them.
-
-    Such a fit has not found its minimum, because a candidate without strength leaves that model as it is.
+    A fit that ends above the model without the candidate has failed: without strength a candidate leaves that model
+    as it is.
     """
     trials = list(trials)
-    for k in range(min(FAILED_TRIALS, len(trials))):
-        found = trials[k].evaluated
+    for k, trial in enumerate(trials[: FAILED_TRIALS if only_failed else PROGRESSIVE_TRIALS]):
         if max(t.explained_share for t in trials) > NEARLY_ALL_SHARE:
             break
-        if found is None or found.cost > baseline.cost:
-            report(f"{trials[k].candidate.name}: fitting growing parts of the runs")
-            trials[k] = retry_progressively(baseline, accepted, trials[k], resolution)
+        has_failed = trial.evaluated is None or trial.evaluated.cost > baseline.cost
+        if has_failed or not only_failed:
+            report(f"{trial.candidate.name}: fitting growing parts of the runs")
+            trials[k] = retry_progressively(baseline, accepted, trial, resolution)
     return trials
 
 

@@ -139,8 +139,7 @@ def try_candidate(
 
 def is_distorted(baseline: EvaluatedFit) -> bool:
     """Whether a parameter of a fit is so far from its prior mean that it stands in for something else."""
-    known_priors = np.array([u.has_prior for u in baseline.fit.problem.unknowns])
-    return bool(np.abs(baseline.fit.x[known_priors]).max(initial=0.0) > DISTORTED_COORDINATE)
+    return bool(baseline.fit.prior_distances.max(initial=0.0) > DISTORTED_COORDINATE)
 
 
 def _give_up_rule(baseline_cost: float, reached: float) -> Callable[[int, float], bool]:

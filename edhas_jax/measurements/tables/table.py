@@ -43,13 +43,16 @@ def table_of_vectors(vectors: Mapping[str, tuple[str, np.ndarray]], report: Repo
     """The table of vectors of equal length; those of another length than most are left out.
 
     Args:
-        vectors: unit and values by name.
+        vectors: unit and values by name; a name may have its unit in brackets.
         report: called for what is left out.
+
+    Raises:
+        TableError: two vectors have the same name.
     """
     lengths = [len(values) for _, values in vectors.values()]
     count = max(lengths, key=lengths.count, default=0)
-    columns = {}
-    for name, (unit, values) in vectors.items():
+    columns, named = {}, names_and_units(list(vectors), [unit for unit, _ in vectors.values()])
+    for (name, unit), (_, values) in zip(named, vectors.values(), strict=True):
         if len(values) == count:
             columns[name] = Column(unit, values)
         else:

@@ -31,8 +31,10 @@ class DataView:
     async def build(self) -> None:
         """Build the view."""
         ui.label("Files").classes("wb-h")
-        ui.label("Drop the records of a logger: CSV or text with any separator and decimal commas, Excel, MATLAB, "
-                 "Parquet. They are copied into the folder of the campaign.").classes("wb-quiet")  # fmt: skip
+        ui.label(
+            "Drop the records of a logger: CSV or text with any separator and decimal commas, Excel, MATLAB, "
+            "Parquet, HDF5, TDMS or MDF. They are copied into the folder of the campaign."
+        ).classes("wb-quiet")  # fmt: skip
         upload = ui.upload(multiple=True, auto_upload=True, max_file_size=MAX_BYTES, on_upload=self._receive,
                            on_rejected=lambda: self._page.note("A file above 1 GB is not read."),
                            label="drop files here, or press +").classes("w-full max-w-xl")  # fmt: skip
@@ -64,7 +66,8 @@ class DataView:
         if path is None:
             return
         if name in (CAMPAIGN_FILE, "workbench") or path.suffix.lower() in NO_RECORDS:
-            self._refuse(name, ["is no record of a logger; a table belongs here: CSV, text, Excel, MATLAB or Parquet"])
+            kinds = "CSV, text, Excel, MATLAB, Parquet, HDF5, TDMS or MDF"
+            self._refuse(name, [f"is no record of a logger; a table belongs here: {kinds}"])
             return
         if path.exists() and path.read_bytes() != await event.file.read():
             self._refuse(name, ["another file of this name is in the folder already; rename the new one"])

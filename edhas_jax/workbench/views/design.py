@@ -9,7 +9,7 @@ from nicegui import ui
 
 from edhas_jax.core.units import exact_quantity, format_quantity
 from edhas_jax.workbench.calculator import CalculationCancelled, CalculationError
-from edhas_jax.workbench.figures import lines_figure
+from edhas_jax.workbench.figures import SET_POINT, lines_figure
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.views.sweep import SweepPanel
 from edhas_jax.workbench.workspace import CALIBRATED, DESIGNS, DIAGNOSED, RESULTS
@@ -204,7 +204,8 @@ class DesignView:
         command = f"edhas simulate {shown / self._opened['file']}" + "".join(f" --set {word}" for word in words)
         values = ", ".join(f"{name}={value!r}" for name, value in self._values.items())
         python = f'config = edhas.load("{shown / self._opened["file"]}")\n'
-        python += f"edhas.simulate(edhas.change(config.machine, {values}), config.simulation)"
+        machine = f"edhas.change(config.machine, {values})" if values else "config.machine"
+        python += f"edhas.simulate({machine}, config.simulation)"
         self._page.did("simulate", command, python)
 
     def _draw_cycle(self, seconds: float | None = None) -> None:
@@ -214,7 +215,7 @@ class DesignView:
         for name in names:
             curves = [(name.replace("_", " "), run["time"], run["signals"][name])]
             if name == "piston_position" and "reference" in run["signals"]:
-                curves.append(("set point", run["time"], run["signals"]["reference"]))
+                curves.insert(0, (SET_POINT, run["time"], run["signals"]["reference"]))
             panels.append((name.replace("_", " "), run["units"][name], curves))
         self._cycle.show(lines_figure(panels, "time within the last cycle, ms", self._page.dark))
         state = f"{run['status']}: {run['reason']}" if run["reason"] else run["status"]

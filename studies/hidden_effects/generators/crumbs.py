@@ -76,7 +76,7 @@ def draw_crumbs(test: VisibilityTest, crumbs: Sequence[Crumb], rng: np.random.Ge
     Returns:
         The crumbs; None where the machine cannot be simulated with them, or where they leave too little.
     """
-    usable = [c for c in crumbs if set(c.kind.slots) & set(test.machine.slots)]
+    usable = [c for c in crumbs if set(c.kind.slots) <= set(test.machine.slots)]
     chosen = [usable[k] for k in rng.choice(len(usable), rng.integers(FEWEST, MOST + 1), replace=False)]
     target = float(np.exp(rng.uniform(*np.log(LEFT_OVER))))
     holders = {c.kind: {} for c in usable}
