@@ -36,7 +36,7 @@ from edhas_jax.compiler.jaxpr_to_ir import trace_to_ir
 from edhas_jax.compiler.scalar_ir import Dependence, Program
 from edhas_jax.compiler.sparse_elimination import jacobian
 from edhas_jax.design.batch.batch import BatchSettings, run_designs, steps_per_cycle
-from edhas_jax.simulation.run import Precision
+from edhas_jax.simulation.run_settings import Precision
 
 jax.config.update("jax_enable_x64", True)  # for what this benchmark computes by itself
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from edhas_jax.simulation.run import Precision, SimulationError  # noqa: E402
+from edhas_jax.simulation.run import SimulationError
+from edhas_jax.simulation.run_settings import Precision  # noqa: E402
 from tests.support.reference import DATA, mean_flow_error, nrmse, run_of  # noqa: E402
 
 SAMPLE_INTERVAL = 200e-6

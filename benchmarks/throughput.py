@@ -27,7 +27,7 @@ import pandas as pd
 from edhas_jax.compiler.engines import serving_engine
 from edhas_jax.design.batch.batch import BatchSettings, run_designs, steps_per_cycle
 from edhas_jax.simulation.integrator import DEFAULT_STEP
-from edhas_jax.simulation.run import Precision
+from edhas_jax.simulation.run_settings import Precision
 
 BATCHES = (64, 100, 128, 256, 512, 1000, 1024, 2048, 4096, 8192, 10000, 16384)
 DTYPES = ("float32", "float64")

@@ -46,8 +46,8 @@ def add_overrides(parser: argparse.ArgumentParser, example: str) -> None:
 
 
 def add_own_code(parser: argparse.ArgumentParser, effects: bool = True) -> None:
-    """`--effect` and `--controller` for files of one's own that a configuration or campaign names."""
-    for option in ("effect", "controller") if effects else ("controller",):
+    """`--effect`, `--controller` and `--rig` for files of one's own that a configuration or campaign names."""
+    for option in ("effect", "controller", "rig") if effects else ("controller", "rig"):
         parser.add_argument(
             f"--{option}", dest=f"own_{option}s", action="append", default=[], metavar="FILE.py:CLASS",
             help=f"let this {option} of your own run if a file names it (`edhas trust FILE.py` allows it for good)",
@@ -56,7 +56,8 @@ def add_own_code(parser: argparse.ArgumentParser, effects: bool = True) -> None:
 
 def own_code(options) -> list[str]:
     """The files of the user's own that the command line names."""
-    return [spec for name in ("own_effects", "own_controllers", "effects") for spec in getattr(options, name, [])]
+    names = ("own_effects", "own_controllers", "own_rigs", "effects")
+    return [spec for name in names for spec in getattr(options, name, [])]
 
 
 def require_own_code(options, *machines) -> None:
@@ -69,8 +70,8 @@ def require_own_code(options, *machines) -> None:
     from edhas_jax.machine.effects import EffectError
     from edhas_jax.machine.effects.loading import class_spec
 
-    present = TrustedCode.of(class_spec(type(p)) for m in machines for p in (*m.effects, m.controller))
-    for option in ("effect", "controller"):
+    present = TrustedCode.of(class_spec(type(p)) for m in machines for p in m.replaceable_parts())
+    for option in ("effect", "controller", "rig"):
         for spec in getattr(options, f"own_{option}s", []):
             named = TrustedCode.of([spec])
             if not (named.files <= present.files and named.modules <= present.modules):

@@ -14,6 +14,7 @@ import edhas_jax
 from edhas_jax.commands import (
     add,
     campaign,
+    check,
     compare,
     completion,
     device,
@@ -40,7 +41,7 @@ from edhas_jax.core.literal_text import terminal_text
 
 COMMANDS = (
     new, examples, simulate, sweep, plot, sensitivity, size, campaign, compare, fit, diagnose, add, plan, export,
-    workbench, parameters, effects, schema, device, trust, completion,
+    workbench, check, parameters, effects, schema, device, trust, completion,
 )  # fmt: skip
 STATUS_USER_ERROR = 2
 MAX_QUOTED = 200  # characters of a name in a message
@@ -149,13 +150,14 @@ def user_errors() -> tuple[type[Exception], ...]:
     from edhas_jax.export.fmu_inputs import FmuError
     from edhas_jax.machine.effects import EffectError
     from edhas_jax.machine.parameters import ParameterError
+    from edhas_jax.machine.rig_base import RigError
     from edhas_jax.measurements.campaign import CampaignError
     from edhas_jax.simulation.run import SimulationError
     from edhas_jax.workbench.workspace import WorkspaceError
 
     return (
         CampaignError, ConfigError, CoresError, EffectError, EngineError, FmuError, ParameterError, ResultFileError,
-        SimulationError, TrustError, UnitError, WorkspaceError,
+        RigError, SimulationError, TrustError, UnitError, WorkspaceError,
     )  # fmt: skip
 
 

@@ -6,13 +6,13 @@ from edhas_jax.commands.arguments import add_output_options
 from edhas_jax.commands.console import console, quoted
 from edhas_jax.commands.progress import WorkProgress
 
-KINDS = ("pump", "system", "actuator", "campaign")  # of `BEGINNINGS`, and campaigns of measurements
+KINDS = ("pump", "system", "actuator", "rig", "campaign")  # of `BEGINNINGS`, a rig of one's own, and campaigns
 
 
 def add_parser(commands) -> None:
     """Declare the command and its arguments."""
     parser = commands.add_parser("new", help="write a commented configuration or campaign to start from")
-    parser.add_argument("kind", choices=KINDS, help="pump bench, whole system, actuator alone, or a campaign")
+    parser.add_argument("kind", choices=KINDS, help="pump bench, system, actuator, a rig of your own, a campaign")
     parser.add_argument("path", nargs="?", type=Path, help="file to write, or folder of a campaign (default: my_KIND)")
     parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
     add_output_options(parser, table=False)
@@ -35,6 +35,13 @@ def run(options) -> None:
             paths = write_template(folder, progress.share)
         out.print("written: " + ", ".join(map(str, paths)), soft_wrap=True)
         out.print(f"next: edhas campaign check {quoted(folder)}", soft_wrap=True)
+        return
+    if options.kind == "rig":
+        from edhas_jax.config.rig_template import write_rig_template
+
+        file, configuration, name = write_rig_template(options.path or Path("my_rig.py"), options.overwrite)
+        out.print(f"written: {file}, {configuration}", soft_wrap=True)
+        out.print(f"next: edhas check {quoted(file)}:{name}", soft_wrap=True)
         return
     from edhas_jax.config.machine_template import write_machine_template
 

@@ -1,12 +1,15 @@
-"""Progress of a command: a bar in a terminal, a line every few seconds where there is none."""
+"""Progress of a command: a bar in a terminal, a line every few seconds where there is none, and a file for programs."""
 
+import json
+import os
 import sys
 import time
+from pathlib import Path
 
-from edhas_jax.commands.progress_file import ProgressFile
 from edhas_jax.core.literal_text import terminal_text
 
 LINE_INTERVAL = 5.0  # s, between lines where there is no terminal
+VARIABLE = "EDHAS_PROGRESS"  # names a file of progress for the program that has started the command
 
 
 class WorkProgress:
@@ -55,3 +58,25 @@ class WorkProgress:
     def share(self, share: float) -> None:
         """Show the share of the present work that is done, 0 … 1."""
         self(self._sentence, share)
+
+
+class ProgressFile:
+    """Appends a line of JSON for each report of progress: `at` [s since 1970], `what`, and `share` done (0 … 1)."""
+
+    def __init__(self):
+        named = os.environ.get(VARIABLE)
+        self._path = Path(named) if named else None
+        self._last: tuple[str, int] | None = None
+
+    def report(self, what: str, share: float | None = None) -> None:
+        """Append a line, unless it says the same as the last one; a file that cannot be written ends the reports."""
+        shown = what, -1 if share is None else int(100.0 * share)
+        if self._path is None or shown == self._last:
+            return
+        self._last = shown
+        line = {"at": time.time(), "what": what} | ({} if share is None else {"share": round(share, 4)})
+        try:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line, ensure_ascii=False) + "\n")
+        except OSError:
+            self._path = None

@@ -30,7 +30,7 @@ def require_code(machine) -> None:
     Raises:
         EffectError: what to do instead.
     """
-    for part in (*machine.effects, machine.controller):
+    for part in machine.replaceable_parts():
         spec = getattr(type(part), "_spec_not_run", None)
         if spec is not None:
             raise EffectError(_sentence(spec))

@@ -11,9 +11,10 @@ from edhas_jax.core.trusted_code import TrustedCode
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.effects import Effect, EffectError
 from edhas_jax.machine.effects.loading import load_effect
+from edhas_jax.machine.rig_base import Rig
 
 
-def read_effect(spec: Any, base_dir: Path, trust: TrustedCode) -> Effect:
+def read_effect(spec: Any, base_dir: Path, trust: TrustedCode, rig: type[Rig] | None = None) -> Effect:
     """The effect that an entry names.
 
     Args:
@@ -21,6 +22,7 @@ def read_effect(spec: Any, base_dir: Path, trust: TrustedCode) -> Effect:
             ("curve.yaml"), or a mapping with the keys of such a file.
         base_dir: folder to which files are relative.
         trust: the user's code that may run; a tabulated law is no code.
+        rig: the rig of one's own on which a tabulated law acts; None for the rigs of the package.
 
     Raises:
         LawError: a tabulated law has problems; all are listed.
@@ -28,9 +30,9 @@ def read_effect(spec: Any, base_dir: Path, trust: TrustedCode) -> Effect:
         UnitError: a parameter is declared in an unknown unit.
     """
     if isinstance(spec, Mapping):
-        return law_from_mapping(spec).effect()
+        return law_from_mapping(spec, rig).effect()
     if isinstance(spec, str) and spec.endswith(LAW_SUFFIXES):
-        return read_law_file(base_dir / spec).effect()
+        return read_law_file(base_dir / spec, rig).effect()
     if isinstance(spec, type) and issubclass(spec, Effect):
         cls = spec
     elif isinstance(spec, str):

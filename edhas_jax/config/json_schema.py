@@ -14,7 +14,7 @@ from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS
 from edhas_jax.machine.interface.slots import SLOTS
 from edhas_jax.machine.parameters import COMPONENT_KINDS, format_span
 from edhas_jax.machine.rigs import RIGS, components_by_name
-from edhas_jax.simulation.run import Precision
+from edhas_jax.simulation.run_settings import Precision
 
 USER_CLASS_PATTERN = r"^.+:\s*[A-Za-z_]\w*\s*$"  # file.py:ClassName
 LAW_FILE_PATTERN = r"^.+\.ya?ml$"
@@ -32,16 +32,18 @@ def json_schema() -> dict[str, Any]:
     sections["target"] = {"anyOf": [QUANTITY_REFERENCE, sections["target"]]}
     effects = [{"enum": [cls.id for cls in LIBRARY]}, {"type": "string", "pattern": USER_CLASS_PATTERN}]
     effects += [{"type": "string", "pattern": LAW_FILE_PATTERN}, _law_schema()]
-    return {
+    schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "edhas_jax configuration",
         "type": "object",
         "required": ["rig"],
-        "additionalProperties": False,
         "$defs": {"quantity": {"type": ["string", "number"], "description": 'a number with its unit, such as "12 mm"'}},
         "properties": {
             "name": {"type": ["string", "number"], "description": "name of the configuration"},
-            "rig": {"enum": list(RIGS), "description": "machine to simulate"},
+            "rig": {
+                "anyOf": [{"enum": list(RIGS)}, {"type": "string", "pattern": USER_CLASS_PATTERN}],
+                "description": "machine to simulate; your own as file.py:ClassName",
+            },
             "effects": {
                 "type": ["array", "null"],
                 "description": "effects of the library, your own as file.py:ClassName, or tabulated laws (curve.yaml)",
@@ -57,6 +59,9 @@ def json_schema() -> dict[str, Any]:
             "simulation": _simulation_schema(),
         },
     }
+    # a rig of one's own has a section for each of its drives
+    built_in = {"properties": {"rig": {"enum": list(RIGS)}}}
+    return schema | {"if": built_in, "then": {"propertyNames": {"enum": list(schema["properties"])}}}
 
 
 def _law_schema() -> dict[str, Any]:

@@ -24,19 +24,20 @@ from edhas_jax.core.literal_text import one_line, yaml_text
 from edhas_jax.core.source_location import display_path
 from edhas_jax.core.units import display_unit, from_si
 from edhas_jax.machine.effects import EffectError
-from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS, LawPlace, LawTable, quotient_unit
+from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable, law_signals, quotient_unit
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.machine.interface.slots import SLOTS
+from edhas_jax.machine.rig_base import Rig
 
 LAW_SUFFIXES = (".yaml", ".yml")
 DIGITS = 9  # of numbers in a file that is written
 
 
-def read_law_file(path: Path | str) -> LawTable:
+def read_law_file(path: Path | str, rig: type[Rig] | None = None) -> LawTable:
     """Read a tabulated law from a YAML file.
 
     Args:
         path: the file; without the key `name` its name without suffix names the law.
+        rig: the rig of one's own on which the law acts; None for the rigs of the package.
 
     Raises:
         LawError: the file cannot be read or has problems; all are listed, a line each, with file and line.
@@ -54,7 +55,7 @@ def read_law_file(path: Path | str) -> LawTable:
         raise failed(f"{shown}:{error.line}: {error}" if error.line else f"{shown}: {error}") from None
     except EffectError as error:
         raise failed(str(error)) from None
-    reader = LawReader(data, path.stem)
+    reader = LawReader(data, path.stem, rig)
     problems = repeated + [(line_of(lines, key), _with_key(key, message)) for key, message in reader.problems]
     if problems:
         messages = [f"{shown}:{line}: {message}" for line, message in sorted(problems, key=lambda problem: problem[0])]
@@ -62,13 +63,13 @@ def read_law_file(path: Path | str) -> LawTable:
     return reader.table()
 
 
-def law_from_mapping(data: Mapping[str, Any]) -> LawTable:
-    """Make a tabulated law from a mapping with the keys of a file.
+def law_from_mapping(data: Mapping[str, Any], rig: type[Rig] | None = None) -> LawTable:
+    """Make a tabulated law from a mapping with the keys of a file; `rig` as for `read_law_file`.
 
     Raises:
         LawError: the mapping has problems; all are listed.
     """
-    reader = LawReader(data, None)
+    reader = LawReader(data, None, rig)
     if reader.problems:
         message = problem_lines(_with_key(key, message) for key, message in reader.problems)
         raise LawError(reader.problems, message)
@@ -89,7 +90,7 @@ def write_law_file(path: Path | str, table: LawTable) -> Path:
         OSError: it cannot be written.
     """
     place = table.place
-    variable_si, value_si = LAW_SIGNALS[place.variable], place.value_unit
+    variable_si, value_si = place.variable_unit, place.value_unit
     node_unit, value_unit = law_units(place, float(np.abs(table.values).max()))
 
     def numbers(values: np.ndarray, si: str, shown: str) -> str:
@@ -98,7 +99,7 @@ def write_law_file(path: Path | str, table: LawTable) -> Path:
     lines = [f"# {one_line(table.origin)}"] if table.origin else []
     lines += [f"law: {LAW_KIND}", f"name: {yaml_text(table.name)}"]
     lines += [f"origin: {yaml_text(table.origin)}"] if table.origin else []
-    lines += [f"slot: {place.slot}  # {SLOTS[place.slot].doc}", f"variable: {place.variable}"]
+    lines += [f"slot: {place.slot}  # {place.declaration.doc}", f"variable: {place.variable}"]
     lines += [f"factors: [{', '.join(place.factors)}]"] if place.factors else []
     lines += [f"node_unit: {yaml_text(node_unit or '-')}", f"nodes: {numbers(table.nodes, variable_si, node_unit)}"]
     lines += [f"value_unit: {yaml_text(value_unit or '-')}", f"values: {numbers(table.values, value_si, value_unit)}"]
@@ -117,11 +118,12 @@ def law_units(place: LawPlace, largest: float) -> tuple[str, str]:
         place: where the law acts.
         largest: magnitude of its values, SI.
     """
+    shown = SIGNALS if place.rig is None else place.rig.signals
     node_unit, *divisors = (
-        SIGNALS[name].display_unit if name in SIGNALS else display_unit(LAW_SIGNALS[name])
+        shown[name].display_unit if name in shown else display_unit(law_signals(place.rig)[name])
         for name in (place.variable, *place.factors)
     )
-    slot_unit = SLOTS[place.slot].unit
+    slot_unit = place.declaration.unit
     if divisors:
         return node_unit, quotient_unit(slot_unit, divisors)
     return node_unit, display_unit(slot_unit, largest or None)
@@ -136,7 +138,7 @@ def law_text(table: LawTable) -> str:
 
     entries = {"law": LAW_KIND, "name": yaml_text(table.name), "slot": place.slot, "variable": place.variable}
     entries |= {"factors": f"[{', '.join(place.factors)}]"} if place.factors else {}
-    entries |= {"node_unit": yaml_text(LAW_SIGNALS[place.variable]), "nodes": numbers(table.nodes)}
+    entries |= {"node_unit": yaml_text(place.variable_unit), "nodes": numbers(table.nodes)}
     entries |= {"value_unit": yaml_text(place.value_unit), "values": numbers(table.values)}
     return "{" + ", ".join(f"{key}: {value}" for key, value in entries.items()) + "}"
 

@@ -12,15 +12,17 @@ from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, display_unit, to_si
 from edhas_jax.machine.effects import LIBRARY, EffectError
 from edhas_jax.machine.effects.tabulated_law import (
-    LAW_SIGNALS,
     LIMITS,
     MAX_NODES,
     MIN_NODES,
     LawPlace,
     LawTable,
+    law_signals,
     signals_at,
+    slots_of,
 )
 from edhas_jax.machine.interface.slots import SLOTS, Rule
+from edhas_jax.machine.rig_base import Rig
 
 LAW_KEYS = (
     "law", "name", "origin", "slot", "variable", "factors", "node_unit", "nodes", "value_unit", "values",
@@ -44,25 +46,26 @@ class LawReader(ProblemList):
     Args:
         data: the mapping.
         default_name: name of a law that has none of its own; None if it must have one.
+        rig: the rig of one's own on which it acts; None for the rigs of the package.
     """
 
-    def __init__(self, data: Mapping[str, Any], default_name: str | None):
+    def __init__(self, data: Mapping[str, Any], default_name: str | None, rig: type[Rig] | None = None):
         super().__init__([])
-        self._data = data
+        self._data, self._rig, slots = data, rig, slots_of(rig)
         if data.get("law") != LAW_KIND:
             self.add(("law",), f"a tabulated law belongs here, with `law: {LAW_KIND}`")
             return
         self.add_unknown_keys((), data, LAW_KEYS)
         self._name = self._read_name(default_name)
-        self._slot = self._read_choice(("slot",), "slot", data.get("slot"), SLOTS, "mover_force")
-        known = None if self._slot is None else signals_at(SLOTS[self._slot])
+        self._slot = self._read_choice(("slot",), "slot", data.get("slot"), slots, next(iter(slots), ""))
+        known = None if self._slot is None else signals_at(slots[self._slot], rig)
         self._variable = self._read_signal(("variable",), data.get("variable"), known)
         self._factors = self._read_factors(data.get("factors"), known)
         node_si = value_si = None
         if self._variable is not None:
-            node_si = LAW_SIGNALS[self._variable]
+            node_si = law_signals(rig)[self._variable]
         if self._slot is not None and None not in self._factors:
-            value_si = LawPlace(self._slot, self._variable or "time", self._factors).value_unit
+            value_si = LawPlace(self._slot, self._variable or "time", self._factors, rig).value_unit
         self._nodes = self._read_numbers("nodes", "node_unit", node_si)
         self._values = self._read_numbers("values", "value_unit", value_si)
         self._std = self._read_numbers("standard_errors", "value_unit", value_si) if "standard_errors" in data else None
@@ -74,7 +77,7 @@ class LawReader(ProblemList):
 
     def table(self) -> LawTable:
         """The law; only if there are no problems."""
-        place = LawPlace(self._slot, self._variable, self._factors)
+        place = LawPlace(self._slot, self._variable, self._factors, self._rig)
         return LawTable(self._name, place, self._nodes, self._values, self._std, self._origin)
 
     def _read_name(self, default: str | None) -> str:
@@ -104,7 +107,7 @@ class LawReader(ProblemList):
 
     def _read_signal(self, key: KeyPath, given: Any, known: tuple[str, ...] | None) -> str | None:
         """The name of a signal; `known` are those that the slot may know, None where the slot is not known."""
-        name = self._read_choice(key, "signal", given, (*(known or ()), *LAW_SIGNALS), "piston_position")
+        name = self._read_choice(key, "signal", given, (*(known or ()), *law_signals(self._rig)), "piston_position")
         if name is None or known is None or name in known:
             return name
         slots = ", ".join(slot.name for slot in SLOTS.values() if name in slot.local_signals)
@@ -117,7 +120,7 @@ class LawReader(ProblemList):
         if not isinstance(given, list | tuple) or len(given) > MAX_FACTORS:
             self.add(("factors",), f"a list of at most {MAX_FACTORS} signals belongs here, such as [pressure_drop]")
             return (None,)
-        if given and self._slot is not None and SLOTS[self._slot].rule is Rule.SCALE:
+        if given and self._slot is not None and slots_of(self._rig)[self._slot].rule is Rule.SCALE:
             self.add(("factors",), f"the slot {self._slot} takes a factor itself; leave `factors` out")
             return (None,)
         return tuple(self._read_signal(("factors", k), name, known) for k, name in enumerate(given))

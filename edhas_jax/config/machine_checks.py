@@ -29,6 +29,8 @@ def check_machine(m: Rig, given: GivenKeys, incomplete: bool) -> list[Problem]:
     Returns:
         Key and message of every problem.
     """
+    if m.is_own:
+        return [*_check_order(m, given), *_check_tables(m, given), *_check_chirps(m, given)]
     problems = [
         *_check_order(m, given), *_check_tables(m, given), *_check_cylinder(m, given), *_check_chirps(m, given),
         *_check_sampling(m, given),
@@ -61,7 +63,7 @@ def _check_cylinder(m: Rig, given: GivenKeys) -> Iterator[Problem]:
 
 
 def _check_chirps(m: Rig, given: GivenKeys) -> Iterator[Problem]:
-    for section in ("reference", "target"):
+    for section in m.drives if m.is_own else ("reference", "target"):
         for name in ("start_frequency", "end_frequency"):
             if getattr(getattr(m, section, None), name, 1.0) <= 0.0:
                 key = given.get((section, name), (section, name))

@@ -11,6 +11,7 @@ from edhas_jax.config.effects_reader import read_effect
 from edhas_jax.config.law_reader import LawError
 from edhas_jax.config.machine_checks import check_machine
 from edhas_jax.config.recorded_signal import RECORDING_KEYS, RecordingError, decode_samples, read_recording
+from edhas_jax.config.rig_reader import own_keys, read_rig
 from edhas_jax.config.run_settings import SETTING_NAMES, quantity_text, read_settings
 from edhas_jax.config.writer import config_kind
 from edhas_jax.config.yaml_with_lines import KeyPath, key_text, yaml_type
@@ -20,20 +21,21 @@ from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, with_article
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
-from edhas_jax.machine.components.controllers import OpenLoop
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects import EffectError
+from edhas_jax.machine.effects.tabulated_law import rig_of
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.interface.controller_base import Controller, ControllerError
 from edhas_jax.machine.parameters import (
     COMPONENT_KINDS,
     ParameterError,
+    component_kinds,
     find_parameter,
     list_parameters,
     parse_value,
     replace_value,
 )
-from edhas_jax.machine.rigs import RIGS, Rig
+from edhas_jax.machine.rig_base import Rig
 from edhas_jax.machine.user_controller import check_controller, load_controller
 
 TOP_LEVEL_KEYS = ("name", "rig", "effects", "parameters", *COMPONENT_KINDS, "simulation")
@@ -69,13 +71,17 @@ class MachineReader:
         self._incomplete = False  # a component or effect could not be read: unknown names may be its parameters
         self._given: dict[tuple[str, str], KeyPath] = {}  # keys of the parameters set so far, by (path, name)
         settings, self._overrides = self._split_overrides(overrides)
+        self._rig = read_rig(data.get("rig"), base_dir, self._trust, self._add)
+        known = TOP_LEVEL_KEYS if self._rig is None or not self._rig.is_own else own_keys(self._rig)
         for key in data:
-            if key not in TOP_LEVEL_KEYS:
-                self._add((key,), f"unknown key; {suggest(str(key), TOP_LEVEL_KEYS)}")
+            if key not in known:
+                self._add((key,), f"unknown key; {suggest(str(key), known)}")
         self.name = "" if data.get("name") is None else data["name"]
         if not isinstance(self.name, str):
             self._add(("name",), f"a text belongs here, not {yaml_type(self.name)}")
-        self.simulation = read_settings(self._mapping("simulation", "{duration: 0.5 s}"), settings, self._add)
+        self.simulation = read_settings(
+            self._mapping("simulation", "{duration: 0.5 s}"), settings, self._add, self._rig or Rig
+        )
         self.machine = self._machine()
 
     def _add(self, key: KeyPath, message: str) -> None:
@@ -96,23 +102,16 @@ class MachineReader:
 
     def _machine(self) -> Rig | None:
         """The machine of the whole configuration; None without a valid rig."""
-        rig = self._data.get("rig")
-        if rig is None:
-            self._add(("rig",), f"missing; one of {', '.join(RIGS)}")
-        elif not isinstance(rig, str):
-            self._add(("rig",), f"a text belongs here, not {yaml_type(rig)}; one of {', '.join(RIGS)}")
-        elif rig not in RIGS:
-            self._add(("rig",), f"no rig `{rig}`; {suggest(rig, RIGS)}")
-        else:
-            m = RIGS[rig]()
-            for section in COMPONENT_KINDS:
-                m = self._section(m, section)
-            for read in (self._effects, self._parameters, self._apply_overrides, self._recorded_inputs):
-                m = read(m)
-            self.problems += check_machine(m, self._given, self._incomplete)
-            controller = self._controller_left_out or m.controller
-            return structs.replace(m, controller=controller, effects=(*m.effects, *self._effects_left_out))
-        return None
+        if self._rig is None:
+            return None
+        m = self._rig()
+        for section in component_kinds(m) if m.is_own else COMPONENT_KINDS:
+            m = self._section(m, section)
+        for read in (self._effects, self._parameters, self._apply_overrides, self._recorded_inputs):
+            m = read(m)
+        self.problems += check_machine(m, self._given, self._incomplete)
+        m = structs.replace(m, effects=(*m.effects, *self._effects_left_out))
+        return structs.replace(m, controller=self._controller_left_out) if self._controller_left_out else m
 
     def _mapping(self, section: str, example: str) -> Mapping[str, Any]:
         """A section that must be a mapping; empty if it is missing or after a problem."""
@@ -125,20 +124,20 @@ class MachineReader:
 
     def _section(self, m: Rig, section: str) -> Rig:
         """The machine with the component that a section selects and the parameters that it sets."""
-        kinds = COMPONENT_KINDS[section]
+        kinds = component_kinds(m).get(section, {})
         if section not in self._data:
             return m
         if not hasattr(m, section):
             self._add((section,), f"{m.name} has no {section}; actuator_system has one")
             return m
         value = self._data[section]
-        if section == "target" and not isinstance(value, Mapping | list | bool | None):
+        if (section == "target" or section in m.drives) and not isinstance(value, Mapping | list | bool | None):
             value = {"kind": "step", "step_size": value}
             keys = {"step_size": (section,)}
         else:
             value, keys = self._mapping(section, f"{{kind: {next(iter(kinds))}}}"), {}
-        kind = value.get("kind", config_kind(section, getattr(m, section)))
-        cls = self._component_class(section, kind)
+        kind = value.get("kind", config_kind(m, section))
+        cls = self._component_class(kinds, section, kind)
         if cls is None:
             self._incomplete = True
             return m
@@ -170,9 +169,8 @@ class MachineReader:
                 self._add(key, f"unknown parameter of {with_article(section)} of kind {kind}; {hint}")
         return m
 
-    def _component_class(self, section: str, kind: Any) -> type | None:
+    def _component_class(self, kinds: Mapping[str, type], section: str, kind: Any) -> type | None:
         """The class that `kind` names, which for a controller may be the user's own; None after a problem."""
-        kinds = COMPONENT_KINDS[section]
         if isinstance(kind, str) and kind in kinds:
             return kinds[kind]
         if section == "controller" and isinstance(kind, type) and issubclass(kind, Controller):
@@ -201,7 +199,7 @@ class MachineReader:
             return m
         for i, spec in enumerate(specs or ()):
             try:
-                effect = read_effect(spec, self._base_dir, self._trust)
+                effect = read_effect(spec, self._base_dir, self._trust, rig_of(m))
                 check_effect(effect, m, self.simulation.precision.value)
                 m = structs.replace(m, effects=(*m.effects, effect))
             except LawError as error:
@@ -223,8 +221,8 @@ class MachineReader:
     def _apply_overrides(self, m: Rig) -> Rig:
         for name, value in self._overrides.items():
             key = (f"--set {name}",)
-            if name == "target" and hasattr(m, "target") and hasattr(m.target, "step_size"):
-                name = "target.step_size"
+            if (name == "target" or name in m.drives) and hasattr(getattr(m, name, None), "step_size"):
+                name = f"{name}.step_size"
             m = self._find_and_set(m, key, name, value)
         return m
 
@@ -276,9 +274,10 @@ class MachineReader:
     def _recording_file(self, m: Rig, section: str) -> Recorded:
         """The recording in the file that a section names: a set point [m], or a command [V] in open loop."""
         keys = self.recordings[section]
-        is_command = section == "reference" and isinstance(m.controller, OpenLoop)
+        unit = m.drive_unit(section)
+        is_command = section == "reference" and unit == "V" and not m.is_own
         gain = m.amplifier.amplifier_gain if is_command and isinstance(m.amplifier, CurrentAmplifier) else None
         path = self._base_dir / keys["file"]
-        recorded = read_recording(path, keys.get("column"), keys.get("unit"), "V" if is_command else "m", gain)
+        recorded = read_recording(path, keys.get("column"), keys.get("unit"), unit, gain)
         self.recordings[section] = {**keys, "file": str(path.resolve())}
         return recorded

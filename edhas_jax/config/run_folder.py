@@ -26,7 +26,6 @@ from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import file_name
 from edhas_jax.core.trusted_code import TrustedCode
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.simulation.metrics import RunTooShortError
 from edhas_jax.simulation.run import Run
 from edhas_jax.simulation.run_checks import check_run
@@ -123,7 +122,7 @@ def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool
 
 def _write_files(folder: Path, run: Run, figure: bool) -> None:
     """Write all files of a run folder."""
-    pq.write_table(_table(run.signals, {n: SIGNALS[n].unit for n in run.signals}), folder / SIGNALS_FILE)
+    pq.write_table(_table(run.signals, {n: run.machine.signals[n].unit for n in run.signals}), folder / SIGNALS_FILE)
     columns = {"time": run.signals["time"]}
     units = {"time": "s"}
     groups = {ENERGY_PREFIX + n: group for n, group in run.row_groups().items()}

@@ -1,5 +1,6 @@
 """The section `simulation` of a configuration: duration, step or accuracy, sample rate and precision of a run."""
 
+import dataclasses
 import numbers
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -9,8 +10,9 @@ from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.machine.parameters import ParameterError
+from edhas_jax.machine.rig_base import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP
-from edhas_jax.simulation.run import Precision, Simulation
+from edhas_jax.simulation.run_settings import Precision, Simulation
 
 SIMULATION_SETTINGS = {
     p.name: p
@@ -50,14 +52,16 @@ def quantity_text(p: Parameter, value: Any) -> str:
 
 
 def read_settings(
-    given: Mapping[str, Any], overrides: Mapping[str, str], add: Callable[[KeyPath, str], None]
-) -> Simulation:
+    given: Mapping[str, Any], overrides: Mapping[str, str], add: Callable[[KeyPath, str], None],
+    rig: type[Rig] = Rig,
+) -> Simulation:  # fmt: skip
     """Read the settings of a run.
 
     Args:
         given: the section `simulation` of a configuration.
         overrides: settings from the command line by name; they replace those of the section.
         add: called with key and message of each problem.
+        rig: the machine; its time step says which times and rates are usual.
 
     Returns:
         The settings; those with a problem have their defaults.
@@ -73,7 +77,7 @@ def read_settings(
     values: dict[str, Any] = {}
     for name, (key, value) in entries.items():
         try:
-            values[name] = _precision(value) if name == "precision" else _setting(name, value)
+            values[name] = _precision(value) if name == "precision" else _setting(name, value, rig)
         except (ParameterError, UnitError) as error:
             add(key, str(error))
 
@@ -81,13 +85,15 @@ def read_settings(
         return next((entries[n][0] for n in names if n in entries), ("simulation",))
 
     settings = Simulation(**values)
+    settings = dataclasses.replace(settings, sample_rate=settings.rate(rig))
     rate, step, duration = settings.sample_rate, settings.step, settings.duration
     rate_text = format_quantity(rate, "Hz")
     if step and rate * step > 1.0 + 1e-9:
         limit = f"at most {format_quantity(1.0 / step, 'Hz')} with a step of {format_quantity(step, 's')}"
         add(first_key("sample_rate", "step"), f"{rate_text} asks for samples between steps; {limit}")
-    if (duration or UNSET_DURATION) * rate > MAX_SAMPLES:
-        limit = f"a run has at most {MAX_SAMPLES:,} samples; {(duration or UNSET_DURATION) * rate:,.0f} are asked for"
+    unset = UNSET_DURATION if not rig.is_own else rig.duration
+    if (duration or unset) * rate > MAX_SAMPLES:
+        limit = f"a run has at most {MAX_SAMPLES:,} samples; {(duration or unset) * rate:,.0f} are asked for"
         add(first_key("sample_rate", "duration"), limit)
     if duration and duration * rate < 1.0:
         limit = f"at least {format_quantity(1.0 / rate, 's')}"
@@ -96,7 +102,16 @@ def read_settings(
     return settings
 
 
-def _setting(name: str, value: Any) -> float:
+def setting_span(name: str, rig: type[Rig] = Rig) -> tuple[float, float]:
+    """The smallest and the largest value (SI) of a setting; times are in proportion to the time step of the rig."""
+    low, high = SIMULATION_SETTINGS[name].span
+    if not rig.is_own or name == "accuracy":
+        return low, high
+    scale = rig.time_step / Rig.time_step
+    return (low / scale, high / scale) if name == "sample_rate" else (low * scale, high * scale)
+
+
+def _setting(name: str, value: Any, rig: type[Rig]) -> float:
     """The SI value of a setting.
 
     Raises:
@@ -107,11 +122,11 @@ def _setting(name: str, value: Any) -> float:
         raise ParameterError(f"unknown key; {suggest(str(name), SETTING_NAMES)}")
     p = SIMULATION_SETTINGS[name]
     number = to_si(quantity_text(p, value), p.unit, setting_text(p, p.default))
-    low, high = p.span
-    if low <= number <= high:
+    low, high = setting_span(name, rig)
+    if low <= number <= high * (1.0 + 1e-12):
         return number
     reason = ""
-    if name == "step" and number > high:
+    if name == "step" and number > high and not rig.is_own:
         reason = f", too large: the ball of a check valve oscillates on its seat with a period of {CHECK_VALVE_PERIOD}"
     low, high, given = (setting_text(p, x) for x in (low, high, number))
     raise ParameterError(f"must lie in {low} … {high} ({p.doc}); got {given}{reason}")

@@ -1,5 +1,6 @@
 """Writes a machine and the settings of its run as YAML text with every parameter."""
 
+import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
@@ -14,7 +15,7 @@ from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.loading import class_spec, effect_spec
 from edhas_jax.machine.effects.tabulated_law import table_of
-from edhas_jax.machine.parameters import COMPONENT_KINDS, list_parameters, short_names
+from edhas_jax.machine.parameters import component_kinds, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig, components_by_name
 from edhas_jax.simulation.run import Simulation
 
@@ -45,14 +46,16 @@ def dump_config(
         m, settings = config.machine, simulation or config.simulation
         title, recordings = config.name, config.recordings
     require_code(m)
+    settings = dataclasses.replace(settings, sample_rate=settings.rate(m))
     lines = [f"name: {yaml_text(title)}"] if title else []
-    lines += [f"rig: {m.name}", f"effects: [{', '.join(_effect_text(e, law_files.get(e.id)) for e in m.effects)}]"]
+    lines += [f"rig: {rig_text(m)}", f"effects: [{', '.join(_effect_text(e, law_files.get(e.id)) for e in m.effects)}]"]
     in_tables = {e.id for e in m.effects if table_of(e) is not None}
     rows = list_parameters(m)
     names = short_names(m)
-    for section in (s for s in COMPONENT_KINDS if hasattr(m, s)):
+    sections = component_kinds(m)
+    for section in sections:
         component = getattr(m, section)
-        lines += [f"{section}:", f"  kind: {yaml_text(config_kind(section, component))}"]
+        lines += [f"{section}:", f"  kind: {yaml_text(config_kind(m, section))}"]
         if isinstance(component, Recorded):
             keys = recordings.get(section, {})
             keys = encode_samples(component) if "file" not in keys else {k: v for k, v in keys.items() if k != "kind"}
@@ -61,7 +64,7 @@ def dump_config(
         lines += [f"  {p.name}: {exact_quantity(v, p.unit)}  # {one_line(p.doc)}" for p, v in own]
     lines.append("parameters:")
     for path in (path for path in components_by_name(m) if path not in in_tables):
-        own = [(p, v) for p, v, owner_path in rows if owner_path == path and path not in COMPONENT_KINDS]
+        own = [(p, v) for p, v, owner_path in rows if owner_path == path and path not in sections]
         lines += [f"  # {path}"] if own else []
         for p, v in own:
             lines.append(f"  {names[path, p.name]}: {exact_quantity(v, p.unit)}  # {one_line(p.doc)}")
@@ -74,10 +77,16 @@ def dump_config(
     return "\n".join([*lines, f"  precision: {settings.precision.value}", ""])
 
 
-def config_kind(section: str, component: Any) -> str:
-    """The value of the key `kind` that selects a component of a section; a user's controller is file.py:ClassName."""
-    built_in = next((kind for kind, cls in COMPONENT_KINDS[section].items() if isinstance(component, cls)), None)
+def config_kind(machine: Rig, section: str) -> str:
+    """The value of the key `kind` that selects the component of a section; a user's controller is file.py:ClassName."""
+    component, kinds = getattr(machine, section), component_kinds(machine)[section]
+    built_in = next((kind for kind, cls in kinds.items() if isinstance(component, cls)), None)
     return built_in or class_spec(type(component))
+
+
+def rig_text(machine: Rig) -> str:
+    """The value of the key `rig`: a rig of the package by its name, one's own as file.py:ClassName."""
+    return yaml_text(class_spec(type(machine))) if machine.is_own else machine.name
 
 
 def _effect_text(effect: Effect, law_file: str | None) -> str:

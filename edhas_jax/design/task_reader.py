@@ -21,7 +21,6 @@ from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.design.batch.experiment_design import Axis
 from edhas_jax.design.sweep.axes_reader import AxesReader
 from edhas_jax.design.sweep.config import SweepReader
-from edhas_jax.machine.rigs import ActuatorSystem, Sine
 
 COMMON_SECTIONS = ("name", "base", "machine", "parameters", "batch")
 _SWEEP_PARAMETERS = ("sweep", "parameters")
@@ -85,7 +84,7 @@ class TaskReader(ProblemList):
             if axis.values:
                 self.add((ranges, axis.name), "a range {from: …, to: …} belongs here, not a list")
         m = self.machine
-        if m is not None and (isinstance(m, ActuatorSystem) or not isinstance(m.reference, Sine)):
+        if m is not None and m.cycle is None and not m.is_own:
             key = ("base" if "base" in self.data else "machine",)
             self.add(key, f"a bench that is driven by a sine is needed; this is {m.name}")
 
@@ -114,7 +113,7 @@ class TaskReader(ProblemList):
 
     def operating_points(self, name: str) -> tuple[Axis, ...]:
         """The axes of the operating points in a section: parameters with lists of values, or ranges with a count."""
-        if name not in self.data:
+        if not self.data.get(name):
             return ()
         problems: list[tuple[KeyPath, str]] = []
         axes = AxesReader(self.machine, "grid", problems).read(self.data[name])

@@ -23,7 +23,6 @@ from edhas_jax.export.fmu_c_sources import UNIT_FILE, c_sources
 from edhas_jax.export.fmu_description import model_description
 from edhas_jax.export.fmu_inputs import FmuError
 from edhas_jax.export.fmu_program import UnitProgram, unit_program
-from edhas_jax.simulation.integrator import DEFAULT_STEP
 from edhas_jax.simulation.run import simulate
 
 COMPILER_OPTIONS = (
@@ -94,7 +93,7 @@ def export_fmu(
     if duplicates:
         raise FmuError(f"two compilers are for {duplicates[0]}, but an FMU holds one binary per platform")
     settings = config.simulation
-    step = DEFAULT_STEP if settings.step is None else settings.step
+    step = config.machine.time_step if settings.step is None else settings.step
     if settings.accuracy is not None:
         on_progress("simulating, to find the step for the requested accuracy")
         step = simulate(config.machine, settings).step
@@ -103,7 +102,7 @@ def export_fmu(
         program = unit_program(config.machine, inputs, step)
     title, identifier = config.name or path.stem, _identifier(path.stem)
     texts, guid = c_sources(program, title)
-    stop, interval = settings.length(config.machine), 1.0 / settings.sample_rate
+    stop, interval = settings.length(config.machine), 1.0 / settings.rate(config.machine)
     parts: dict[str, str | bytes] = {
         "modelDescription.xml": model_description(program, title, identifier, guid, stop, interval),
         "resources/config.yaml": dump_config(config),

@@ -28,6 +28,9 @@ class ExternalSource(enum.Enum):
     SPOOL = "spool"  # command of the coordination to the reversing valve
 
 
+External = ExternalSource | str  # a source of the rigs of the package, or a drive of a rig of one's own
+
+
 class ExternalInput(NamedTuple):
     """An input of the unit: name, SI unit, meaning."""
 
@@ -72,12 +75,12 @@ class ExternalCoordination:
         return self.coordination.spool_command(error) if self.spool is None else jnp.clip(self.spool, -1.0, 1.0)
 
 
-def parse_inputs(machine: Rig, names: Sequence[str]) -> tuple[tuple[ExternalSource, ...], tuple[str, ...]]:
+def parse_inputs(machine: Rig, names: Sequence[str]) -> tuple[tuple[External, ...], tuple[str, ...]]:
     """Sort the names of requested inputs into external sources and parameters.
 
     Args:
         machine: the machine to export.
-        names: values of `ExternalSource` or names of parameters.
+        names: values of `ExternalSource`, drives of a rig of one's own, or names of parameters.
 
     Returns:
         The external sources, and the names of the parameters that become inputs.
@@ -87,14 +90,14 @@ def parse_inputs(machine: Rig, names: Sequence[str]) -> tuple[tuple[ExternalSour
     """
     benches = (ExternalSource.REFERENCE, ExternalSource.VOLTAGE)
     sources = [o for o in ExternalSource if isinstance(machine, ActuatorSystem) or o in benches]
-    valid = {o.value: o for o in sources}
+    valid = {name: name for name in machine.drives} if machine.is_own else {o.value: o for o in sources}
     external, parameters = [], {}
     for name in names:
         if name in valid:
             if valid[name] not in external:
                 external.append(valid[name])
             continue
-        if name in {o.value for o in ExternalSource}:
+        if name in {o.value for o in ExternalSource} and not machine.is_own:
             raise FmuError(f"--input {name}: {machine.name} has no {name}; valid: {', '.join(valid)} and parameters")
         try:
             p, path = find_parameter(machine, name)
@@ -109,9 +112,14 @@ def parse_inputs(machine: Rig, names: Sequence[str]) -> tuple[tuple[ExternalSour
     return tuple(external), tuple(parameters.values())
 
 
-def external_inputs(machine: Rig, external: Sequence[ExternalSource]) -> list[ExternalInput]:
+def external_inputs(machine: Rig, external: Sequence[External]) -> list[ExternalInput]:
     """The inputs that `connect_inputs` needs for the external sources."""
     inputs = []
+    for name in external if machine.is_own else ():
+        about = machine.drives[name]
+        inputs.append(ExternalInput(name, about.unit, about.doc))
+        rate = f"rate of {name.replace('_', ' ')}; 0 holds it over a communication step"
+        inputs.append(ExternalInput(f"{name}_rate", f"({about.unit})/s", rate))
     if ExternalSource.REFERENCE in external:
         unit = "V" if isinstance(machine.controller, OpenLoop) else "m"
         quantity = "command" if unit == "V" else "set point of the piston"
@@ -128,7 +136,7 @@ def external_inputs(machine: Rig, external: Sequence[ExternalSource]) -> list[Ex
 
 
 def connect_inputs(
-    machine: Rig, external: Sequence[ExternalSource], values: Mapping[str, Any], input_time: Any
+    machine: Rig, external: Sequence[External], values: Mapping[str, Any], input_time: Any
 ) -> Rig:
     """Replace set points and controllers of a machine by external inputs.
 
@@ -144,6 +152,11 @@ def connect_inputs(
         The machine with its inputs.
     """
     zero = 0.0 * input_time
+    if machine.is_own:
+        drives = {
+            n: ExternalSetPoint(value=values[n], rate=values[f"{n}_rate"], input_time=input_time) for n in external
+        }
+        return structs.replace(machine, **drives)
     if ExternalSource.REFERENCE in external:
         set_point = ExternalSetPoint(
             value=values["reference"], rate=values["reference_velocity"], input_time=input_time
@@ -164,8 +177,10 @@ def connect_inputs(
     return machine
 
 
-def replaced_signals(external: Sequence[ExternalSource]) -> set[str]:
+def replaced_signals(external: Sequence[External]) -> set[str]:
     """The signals that equal an input or have no meaning with it, and so are no outputs of the unit."""
+    if own := {name for name in external if isinstance(name, str)}:
+        return own
     reference = {ExternalSource.REFERENCE, ExternalSource.VOLTAGE} & set(external)
     signals = {"reference", "reference_velocity"} if reference else set()
     return signals | ({"target"} if ExternalSource.TARGET in external else set())

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from edhas_jax.compiler.c_source import C_LIBRARY
 from edhas_jax.compiler.jaxpr_to_ir import Untranslatable, trace_to_ir
 from edhas_jax.compiler.scalar_ir import Dependence, Program
-from edhas_jax.config.run_settings import SIMULATION_SETTINGS
+from edhas_jax.config.run_settings import setting_span
 from edhas_jax.core import runtime, structs
 from edhas_jax.export.fmu_inputs import (
     ExternalSource,
@@ -133,10 +133,11 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
     """
     external, parameter_inputs = parse_inputs(machine, inputs)
     candidates, parameter_paths = _settable_variables(machine, external, parameter_inputs)
-    span = SIMULATION_SETTINGS[STEP].span
+    span = setting_span(STEP, type(machine))
     candidates.append(Variable(STEP, "s", "", "largest internal time step", Causality.PARAMETER, largest_step, span))
     replaced = replaced_signals(external)
-    set_points = {n: getattr(machine, n, None) for n in ("reference", "target") if n not in replaced}
+    drives = machine.drives if machine.is_own else ("reference", "target")
+    set_points = {n: getattr(machine, n, None) for n in drives if n not in replaced}
     recorded = {n: r for n, r in set_points.items() if isinstance(r, Recorded)}
 
     def machine_with(values, intervals, input_time) -> Rig:
@@ -154,7 +155,7 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
     states = tuple(sorted(example.initial_state()))
     signals = runtime.eval_shape(lambda y: evaluate_signals(example, y, 0.0, 1.0), {n: jnp.zeros(()) for n in states})
     hidden = {"time", *(v.name for v in candidates), *replaced}
-    outputs = [n for n in SIGNALS if n in signals and n not in hidden]
+    outputs = [n for n in machine.signals if n in signals and n not in hidden]
 
     def initial_state(a: _Arguments):
         y = machine_with(a.values, a.recorded, a.input_time).initial_state()
@@ -212,7 +213,7 @@ def _settable_variables(
     rows = list_parameters(machine)
     varied = {(path, p.name) for p, path in (find_parameter(machine, name) for name in parameter_inputs)}
     inputs = [Variable(i.name, i.unit, "", i.doc, Causality.INPUT, 0.0) for i in external_inputs(machine, external)]
-    other_names = {*SIGNALS, STEP, *(v.name for v in inputs)}
+    other_names = {*machine.signals, STEP, *(v.name for v in inputs)}
     names = short_names(machine)
     parameters, paths = [], {}
     for p, value, path in rows:
@@ -232,6 +233,8 @@ def _untranslatable_part(machine: Rig) -> str:
             trace_to_ir(lambda y, m=single: step(m, y, 0.0, 1.0)[0], jnp.float64, carry)
         except Untranslatable:
             return f"the effect {effect.id}"
+    if machine.is_own:
+        return f"the rig {type(machine).__name__}"
     return f"the controller {type(machine.controller).__name__}"
 
 
@@ -261,7 +264,7 @@ def _inputs(program: Program, roots) -> set[int]:
 
 def _signal(machine: Rig, name: str) -> Signal:
     """A signal; without a controller the reference is the command."""
-    if isinstance(machine.controller, OpenLoop) and name in ("reference", "reference_velocity"):
+    if not machine.is_own and isinstance(machine.controller, OpenLoop) and name in ("reference", "reference_velocity"):
         unit = SIGNALS[name].unit.replace("m", "V")
         return Signal(unit, unit, SIGNALS[name].doc.replace("set point of the piston", "command"))
-    return SIGNALS[name]
+    return machine.signals[name]

@@ -22,6 +22,7 @@ from edhas_jax.machine.components.set_points import Chirp, Recorded, Sine, Step
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.rigs import RIGS, Rig, components_by_name
 
+SET_POINTS: dict[str, type] = {"sine": Sine, "step": Step, "chirp": Chirp, "recorded": Recorded}
 COMPONENT_KINDS: dict[str, dict[str, type]] = {
     "amplifier": {"voltage": VoltageAmplifier, "current": CurrentAmplifier},
     "controller": {
@@ -31,10 +32,13 @@ COMPONENT_KINDS: dict[str, dict[str, type]] = {
         "open_loop": OpenLoop,
     },
     "sampling": {"continuous": Continuous, "sampled": Sampled},
-    "reference": {"sine": Sine, "step": Step, "chirp": Chirp, "recorded": Recorded},
-    "target": {"sine": Sine, "step": Step, "chirp": Chirp, "recorded": Recorded},
+    "reference": SET_POINTS,
+    "target": SET_POINTS,
 }
+"""The components that a section of a configuration selects by `kind`, on the rigs of the package."""
 
+DRIVE_LIMIT = 1e12  # SI, of the set points of a rig of one's own, whose unit only it knows
+SLOWEST = 1e-4  # times and frequencies of these, over those of the drives of the package
 ORDER_TOLERANCE = 1e-9  # relative rounding error up to which two values in a prescribed order count as equal
 
 
@@ -201,10 +205,22 @@ def format_span(p: Parameter) -> str:
 
 def _as_mounted(p: Parameter, path: str, machine: Rig) -> Parameter:
     """The declaration of a parameter on this machine: with an open-loop controller the reference is in volts."""
-    if path == "reference" and p.unit == "m" and isinstance(machine.controller, OpenLoop):
+    if path in machine.drives and p.unit == "m":
+        value = machine.drives[path].value if p.name == "step_size" else 0.0
+        low = -DRIVE_LIMIT if p.span[0] < 0.0 else 0.0
+        return dataclasses.replace(p, unit=machine.drive_unit(path), span=(low, DRIVE_LIMIT), default=value)
+    if path in machine.drives and p.unit in ("s", "Hz"):
+        return dataclasses.replace(p, span=(SLOWEST * p.span[0], p.span[1] / SLOWEST))
+    if path == "reference" and p.unit == "m" and machine.drive_unit(path) == "V":
         volts = (p.span[0] * 1e3, p.span[1] * 1e3)
         return dataclasses.replace(p, unit="V", span=volts, default=12.0, doc=p.doc.replace("set point", "command"))
     return p
+
+
+def component_kinds(machine: Rig | type[Rig]) -> dict[str, dict[str, type]]:
+    """The kinds that each section of a configuration of this machine can select, by section."""
+    own = {name: SET_POINTS for name in machine.drives}
+    return own | {name: kinds for name, kinds in COMPONENT_KINDS.items() if hasattr(machine, name)}
 
 
 def _unknown_reason(machine: Rig, owner: str, flat: str, known: list[str]) -> str:

@@ -1,4 +1,4 @@
-"""The three rigs: which components each has, and how the sections of the equations are joined.
+"""The three rigs of the package: which components each has, and how the sections of the equations are joined.
 
 A rig is a pytree of parameters. Its method `evaluate` computes every signal of one instant and the rate of every
 state; batching and differentiation are JAX transformations of this function. A state is a dict of scalars in SI by
@@ -9,12 +9,11 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-from edhas_jax.core.structs import struct
 from edhas_jax.machine.components.accumulator import Accumulator
 from edhas_jax.machine.components.check_valve import CheckValve
 from edhas_jax.machine.components.coil_and_amplifier import Coil, CurrentAmplifier, VoltageAmplifier
 from edhas_jax.machine.components.controller_sampling import Continuous, Sampled
-from edhas_jax.machine.components.controllers import Coordination, PositionController, Supply
+from edhas_jax.machine.components.controllers import Coordination, OpenLoop, PositionController, Supply
 from edhas_jax.machine.components.cylinder import Cylinder, ReversingValve
 from edhas_jax.machine.components.mover import EndStops, Mover
 from edhas_jax.machine.components.oil import Oil
@@ -37,15 +36,39 @@ from edhas_jax.machine.equations.pump import pump_initial_state, pump_rates
 from edhas_jax.machine.interface import slots
 from edhas_jax.machine.interface.controller_base import Controller
 from edhas_jax.machine.interface.signals import Signals
+from edhas_jax.machine.rig_base import Rig, State
 
-State = dict[str, Any]
 Amplifier = VoltageAmplifier | CurrentAmplifier
 Sampling = Continuous | Sampled
 SetPoint = Sine | Step | Chirp | Recorded
 
 
-@struct
-class ActuatorBench:
+def _advance(machine: Rig, y: State, k: State, t, h) -> State:
+    """The state after a step, with the sample and the command of a sampled controller that are due in it."""
+    return machine.sampling.advance(machine, y, k, t, h)
+
+
+def _cycle(machine: Rig) -> Sine | None:
+    """The sine that drives a bench; None for another set point."""
+    return machine.reference if isinstance(machine.reference, Sine) else None
+
+
+def _drive_unit(machine: Rig, name: str) -> str:
+    """Metres; volts for the reference of an open loop, which is the command."""
+    return "V" if name == "reference" and isinstance(machine.controller, OpenLoop) else "m"
+
+
+def _replaceable_parts(machine: Rig) -> tuple:
+    """What may be code of the user: effects and controller."""
+    return (*machine.effects, machine.controller)
+
+
+def _with_default_numbers(machine: Rig) -> Rig:
+    """The rig with the same kind of amplifier and controller."""
+    return type(machine)(amplifier=type(machine.amplifier)(), controller=type(machine.controller)())
+
+
+class ActuatorBench(Rig):
     """The linear actuator alone: coil, mover, end stops, controller."""
 
     name: ClassVar[str] = "actuator_bench"
@@ -61,6 +84,9 @@ class ActuatorBench:
     stops: EndStops = EndStops()
     effects: tuple[Effect, ...] = ()
 
+    advance, cycle, drive_unit = _advance, property(_cycle), _drive_unit
+    with_default_numbers, replaceable_parts = _with_default_numbers, _replaceable_parts
+
     def initial_state(self) -> State:
         """The state at rest."""
         return actuator_initial_state(self)
@@ -68,19 +94,7 @@ class ActuatorBench:
     def evaluate(
         self, y: State, t, h, y_start: State, orifice_linearisation: Callable | None = None
     ) -> tuple[Signals, State]:
-        """Evaluate the equations: every signal and the rate of every state at one instant.
-
-        Args:
-            y: state by name, SI.
-            t: time [s].
-            h: time step [s] that is being taken.
-            y_start: state at the start of the step, which standstill friction needs.
-            orifice_linearisation: function (name, flow, area, drop) -> flow by which a step replaces the derivatives
-                of orifice flows; None leaves the tangents.
-
-        Returns:
-            The signals, and the rates by state name; the rate of an oil node is that of its strain pressure [Pa/s].
-        """
+        """Every signal and the rate of every state; see `Rig.evaluate`."""
         s = parameter_signals(self, y, t, h, orifice_linearisation)
         s.set(**reference_signals(self.reference, t, 1.0))
         set_electrical_signals(self, y, s)
@@ -89,8 +103,7 @@ class ActuatorBench:
         return s, rates | effect_rates(s)
 
 
-@struct
-class PumpBench:
+class PumpBench(Rig):
     """Actuator, pump, check valves, outlet volume, load orifice and accumulator."""
 
     name: ClassVar[str] = "pump_bench"
@@ -113,6 +126,9 @@ class PumpBench:
     accumulator: Accumulator = Accumulator()
     effects: tuple[Effect, ...] = ()
 
+    advance, cycle, drive_unit = _advance, property(_cycle), _drive_unit
+    with_default_numbers, replaceable_parts = _with_default_numbers, _replaceable_parts
+
     def initial_state(self) -> State:
         """The state at rest, every pressure at that of the accumulator."""
         return actuator_initial_state(self) | pump_initial_state(self)
@@ -120,7 +136,7 @@ class PumpBench:
     def evaluate(
         self, y: State, t, h, y_start: State, orifice_linearisation: Callable | None = None
     ) -> tuple[Signals, State]:
-        """Every signal and the rate of every state; the arguments are those of `ActuatorBench.evaluate`."""
+        """Every signal and the rate of every state; see `Rig.evaluate`."""
         s = parameter_signals(self, y, t, h, orifice_linearisation)
         s.set(**reference_signals(self.reference, t, 1.0))
         set_electrical_signals(self, y, s)
@@ -130,12 +146,12 @@ class PumpBench:
         return s, rates | effect_rates(s)
 
 
-@struct
-class ActuatorSystem:
+class ActuatorSystem(Rig):
     """The whole actuator: the pump feeds a cylinder through a reversing valve; `target` is the cylinder's set point."""
 
     name: ClassVar[str] = "actuator_system"
     slots: ClassVar[tuple] = slots.SYSTEM_SLOTS
+    duration: ClassVar[float] = 0.6
 
     target: SetPoint = Step(step_size=15e-3)
     reference: SetPoint = Sine(ramp_time=0.0)
@@ -157,6 +173,9 @@ class ActuatorSystem:
     cylinder: Cylinder = Cylinder()
     effects: tuple[Effect, ...] = ()
 
+    advance, drive_unit = _advance, _drive_unit
+    with_default_numbers, replaceable_parts = _with_default_numbers, _replaceable_parts
+
     def initial_state(self) -> State:
         """The state at rest, every pressure at that of the accumulator, the cylinder at 0."""
         y = actuator_initial_state(self) | pump_initial_state(self)
@@ -166,7 +185,7 @@ class ActuatorSystem:
     def evaluate(
         self, y: State, t, h, y_start: State, orifice_linearisation: Callable | None = None
     ) -> tuple[Signals, State]:
-        """Every signal and the rate of every state; the arguments are those of `ActuatorBench.evaluate`."""
+        """Every signal and the rate of every state; see `Rig.evaluate`."""
         s = parameter_signals(self, y, t, h, orifice_linearisation)
         target, _ = self.target.value_and_rate(t)
         s.set(target=target, cylinder_position=y["cylinder_position"], cylinder_velocity=y["cylinder_velocity"])
@@ -181,7 +200,6 @@ class ActuatorSystem:
         return s, rates | effect_rates(s)
 
 
-Rig = ActuatorBench | PumpBench | ActuatorSystem
 RIGS: dict[str, type[Rig]] = {rig.name: rig for rig in (ActuatorBench, PumpBench, ActuatorSystem)}
 
 

@@ -33,11 +33,13 @@ class BenchAccuracy:
 
     Args:
         trigger: of the start of the record against that of the run, for each run [s].
+        recorder_filter: of the weight of an anti-alias filter that all channels may have; 0 for a recorder without one.
         settings: of the value of a parameter in each run (relative), by name.
         signals: of the sensors, by signal.
     """
 
     trigger: float = 2e-4
+    recorder_filter: float = 1.0
     settings: Mapping[str, float] = dataclasses.field(default_factory=dict)
     signals: Mapping[str, SensorAccuracy] = dataclasses.field(default_factory=dict)
 
@@ -62,7 +64,7 @@ def with_defaults(
     for name, usual in offsets.items():
         sensor = stated.signals.get(name, SensorAccuracy())
         sensors[name] = dataclasses.replace(sensor, offset=usual if sensor.offset is None else sensor.offset)
-    return BenchAccuracy(stated.trigger, settings | dict(stated.settings), sensors)
+    return BenchAccuracy(stated.trigger, stated.recorder_filter, settings | dict(stated.settings), sensors)
 
 
 def _usual_setting_accuracy(machine: Rig, name: str) -> float:

@@ -9,11 +9,11 @@ from edhas_jax.config.problem_list import ProblemList
 from edhas_jax.config.yaml_with_lines import yaml_type
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, to_si
-from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.measurements.accuracy import BenchAccuracy, SensorAccuracy
 from edhas_jax.measurements.campaign import Channel
 
-KEYS = ("trigger", "settings", "signals")
+KEYS = ("trigger", "recorder_filter", "settings", "signals")
 MAX_RELATIVE = 1.0  # a larger relative standard deviation is a mistake in the unit
 
 
@@ -23,15 +23,17 @@ class AccuracyReader:
     Args:
         problems: collects what is wrong.
         channels: the measured signals of the campaign.
+        signals: the signals of its machine.
         canonical_name: the name of a parameter as in the conditions of a run, from its key and the name in the file;
             None, and a problem, where the machine has none.
     """
 
     def __init__(
-        self, problems: ProblemList, channels: Mapping[str, Channel],
+        self, problems: ProblemList, channels: Mapping[str, Channel], signals: Mapping[str, Signal],
         canonical_name: Callable[[tuple, str], str | None],
     ):  # fmt: skip
-        self._problems, self._channels, self._canonical_name = problems, channels, canonical_name
+        self._problems, self._channels, self._about = problems, channels, signals
+        self._canonical_name = canonical_name
 
     def read(self, section: Any) -> BenchAccuracy:
         """Read the section; None is a campaign without it. All sizes are standard deviations."""
@@ -40,7 +42,11 @@ class AccuracyReader:
         trigger = BenchAccuracy().trigger
         if "trigger" in section:
             trigger = self._size(("accuracy", "trigger"), section["trigger"], "s", "0.2 ms")
-        return BenchAccuracy(trigger, self._settings(section.get("settings")), self._signals(section.get("signals")))
+        recorder_filter = BenchAccuracy().recorder_filter
+        if "recorder_filter" in section:
+            recorder_filter = self._size(("accuracy", "recorder_filter"), section["recorder_filter"], "-", "0")
+        settings, signals = self._settings(section.get("settings")), self._signals(section.get("signals"))
+        return BenchAccuracy(trigger, recorder_filter, settings, signals)
 
     def _settings(self, section: Any) -> dict[str, float]:
         found: dict[str, float] = {}
@@ -62,7 +68,7 @@ class AccuracyReader:
             if name not in self._channels:
                 self._problems.add(key, f"is not measured in this campaign; {suggest(str(name), self._channels)}")
                 continue
-            unit, shown = SIGNALS[name].unit, self._channels[name].unit
+            unit, shown = self._about[name].unit, self._channels[name].unit
             readers = {
                 "gain": lambda k, v: self._share(k, v, "0.3 %"),
                 "offset": lambda k, v, si=unit, example=f"0.1 {shown}": self._size(k, v, si, example),

@@ -3,6 +3,8 @@
 import dataclasses
 import enum
 import functools
+import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +61,9 @@ class Channel:
         correlation: coefficients a_1 … a_p of the autoregressive model of the noise from sample to sample,
             e_t = Σ a_k e_{t−k} + innovation; empty for white noise. `noise` is the standard deviation of e.
         resolution: step between two neighbouring values of the recorder (SI); 0 if it is too fine to be seen.
+        model_error: standard deviation (SI) of what the model may leave beside the noise; part of `noise` once the data
+            are checked.
+        limits: ends of the range of the sensor (SI), at which it says only that the signal is there or beyond.
     """
 
     unit: str
@@ -67,6 +72,8 @@ class Channel:
     measured_noise: float | None = None
     correlation: tuple[float, ...] = ()
     resolution: float = 0.0
+    model_error: float = 0.0
+    limits: tuple[float, float] = (-math.inf, math.inf)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,6 +89,7 @@ class BenchRun:
         signals: measured signals (samples,) by name (SI); NaN where a sample is missing, absent if not measured.
         lines: line (or row) of the file for each sample (samples,).
         reference: the recorded set point, where the campaign has one.
+        drives: the recorded drives of a rig of one's own, by name.
     """
 
     name: str
@@ -92,6 +100,12 @@ class BenchRun:
     signals: dict[str, np.ndarray]
     lines: np.ndarray
     reference: Recorded | None = None
+    drives: Mapping[str, Recorded] = dataclasses.field(default_factory=dict)
+
+    @property
+    def recordings(self) -> dict[str, Recorded]:
+        """What was recorded of the drives, by the name of the drive."""
+        return dict(self.drives) | ({} if self.reference is None else {"reference": self.reference})
 
     @functools.cached_property
     def interval(self) -> float:
@@ -162,8 +176,8 @@ class Campaign:
             if name in self.uncertain:
                 value = value * (get_parameter(machine, name) / get_parameter(self.machine, name))
             values[name] = value
-        if run.reference is not None:
-            machine = replace(machine, reference=run.reference)
+        if run.recordings:
+            machine = replace(machine, **run.recordings)
         return set_parameters(machine, values)
 
     def uncertain_in(self, machine: Rig) -> dict[str, float]:

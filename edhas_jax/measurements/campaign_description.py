@@ -5,33 +5,32 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from edhas_jax.config.machine_reader import MachineReader
 from edhas_jax.config.problem_list import ProblemList, problem_lines
-from edhas_jax.config.recorded_signal import encode_samples
+from edhas_jax.config.rig_reader import read_rig
 from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, read_text_file, yaml_type
 from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
-from edhas_jax.core.trusted_code import Trust
+from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
-from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import COMPONENT_KINDS, ParameterError, find_parameter, list_parameters
-from edhas_jax.machine.rigs import RIGS, Rig
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import BenchAccuracy
 from edhas_jax.measurements.accuracy_reader import AccuracyReader
 from edhas_jax.measurements.campaign import CampaignError, Channel, Remark, Severity, Use
+from edhas_jax.measurements.drive_columns import read_drive_columns, recorded_placeholders
 from edhas_jax.measurements.record_timing import RecordTiming, read_run_in, read_time, read_timing
 from edhas_jax.measurements.run_reader import ColumnSource
+from edhas_jax.measurements.sensor_keys import read_sensor_keys
 from edhas_jax.simulation.integrator import evaluate_signals
 
 CAMPAIGN_FILE = "campaign.yaml"
 DEFAULT_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)  # in the machine unless listed without
 KEYS = (
-    "name", "rig", "parameters", "without", "uncertain", "amplifier", "controller", "reference", "time", "signals",
-    "accuracy", "runs",
+    "name", "rig", "parameters", "effects", "without", "uncertain", "amplifier", "controller", "reference", "time",
+    "signals", "drives", "accuracy", "runs",
 )  # fmt: skip
 RUN_KEYS = ("file", "use", "start", "window", "running")  # of a run, besides its conditions
 # short names of parameters by section or kind of controller
@@ -74,7 +73,7 @@ class CampaignDescription(ProblemList):
         accuracy: what is stated about the accuracy of the bench.
         sources: the columns of these signals in the files.
         time: the column of the time stamps.
-        set_point: the column with the recorded set point, or None.
+        recorded: the columns with recorded drives, by drive; the set point of the piston is `reference`.
         run_entries: the entries of the runs.
         remarks: severity, key and sentence of everything that is left out or worth knowing.
     """
@@ -83,11 +82,12 @@ class CampaignDescription(ProblemList):
         super().__init__([])
         self.remarks: list[tuple[Severity, tuple, str]] = []
         self._data, self.folder, self._trust = data, folder, trust
-        self.add_unknown_keys((), data, KEYS)
         # the name of a folder may be no text in UTF-8
         self.name = str(data.get("name") or folder.resolve().name.encode("utf-8", "replace").decode())
-        reference = data.get("reference")
-        self.set_point = self._read_set_point(reference)
+        self.rig = read_rig(data.get("rig"), folder, TrustedCode.of(trust), self.add)
+        own = () if self.rig is None or not self.rig.is_own else tuple(self.rig.drives)
+        self.add_unknown_keys((), data, (*KEYS, *own))
+        self.recorded = read_drive_columns(self, data, self.rig)
         self.machine = self._read_machine()
         self.uncertain: dict[str, float] = {}
         self.channels: dict[str, Channel] = {}
@@ -98,7 +98,8 @@ class CampaignDescription(ProblemList):
         if self.machine is not None:
             self._read_uncertain()
             self._read_signals()
-            self.accuracy = AccuracyReader(self, self.channels, self._canonical_name).read(data.get("accuracy"))
+            reader = AccuracyReader(self, self.channels, self.machine.signals, self._canonical_name)
+            self.accuracy = reader.read(data.get("accuracy"))
             self._read_runs()
 
     def _mapping(self, value: Any, key: tuple, example: str) -> Mapping[str, Any]:
@@ -107,28 +108,21 @@ class CampaignDescription(ProblemList):
         self.add(key, f"a mapping belongs here, for example `{example}`, not {yaml_type(value)}")
         return {}
 
-    def _read_set_point(self, reference: Any) -> ColumnSource | None:
-        """The column of `reference: xref` or `reference: {column: xref, unit: mm}`."""
-        if isinstance(reference, str):
-            return ColumnSource(reference, "")
-        if not isinstance(reference, Mapping) or "column" not in reference or set(reference) & {"kind", "file"}:
-            return None
-        self.add_unknown_keys(("reference",), reference, ("column", "unit"))
-        return ColumnSource(str(reference["column"]), str(reference.get("unit", "")))
-
     def _read_machine(self) -> Rig | None:
         """The rig with its parameters and all default effects except those listed under `without`."""
         data = self._data
-        config = {key: data[key] for key in ("rig", "parameters", *COMPONENT_KINDS) if key in data}
+        if self.rig is None:
+            return None
+        sections = self.rig.drives if self.rig.is_own else COMPONENT_KINDS
+        config = {key: data[key] for key in ("parameters", *sections) if key in data} | {"rig": self.rig}
         for section in ("amplifier", "controller"):
             if isinstance(config.get(section), Mapping):
                 kind = config[section].get("kind", "position") if section == "controller" else section
                 config[section] = {SHORT_NAMES.get(str(kind), {}).get(n, n): v for n, v in config[section].items()}
-        if self.set_point:
-            placeholder = Recorded(values=np.zeros(2), interval=1.0)
-            config["reference"] = {"kind": "recorded", **encode_samples(placeholder)}
-        rig = RIGS.get(str(data.get("rig")))
-        available = [effect.id for effect in DEFAULT_EFFECTS if rig is None or set(effect.slots) <= set(rig.slots)]
+        config |= recorded_placeholders(self.recorded)
+        slots = set(self.rig.slots)
+        usual = () if self.rig.is_own else DEFAULT_EFFECTS
+        available = [effect.id for effect in usual if set(effect.slots) <= slots]
         without = data.get("without") or []
         if not isinstance(without, list):
             self.add(("without",), f"a list belongs here, for example `[lugre_friction]`, not {yaml_type(without)}")
@@ -137,6 +131,8 @@ class CampaignDescription(ProblemList):
             if name not in available:
                 self.add(("without", k), f"no refined effect `{name}` of this rig; {suggest(str(name), available)}")
         config["effects"] = [name for name in available if name not in without]
+        if self.rig.is_own:
+            config["effects"] = data.get("effects")
         reader = MachineReader(config, self.folder, (), self._trust)
         self.problems += reader.problems
         return None if self.problems else reader.machine
@@ -197,14 +193,15 @@ class CampaignDescription(ProblemList):
         for name, value in section.items():
             key = ("signals", name)
             entry = {"unit": value} if isinstance(value, str) else self._mapping(value, key, "{unit: A, noise: 0.02}")
-            self.add_unknown_keys(key, entry, ("unit", "noise", "column"))
+            self.add_unknown_keys(key, entry, ("unit", "noise", "column", "model_error", "limits"))
             if name not in available:
-                problem = f"{self.machine.name} has no such signal" if name in SIGNALS else "unknown signal"
+                known = name in SIGNALS or name in self.machine.signals
+                problem = f"{self.machine.name} has no such signal" if known else "unknown signal"
                 self._leave_out(key, f"{problem}; {suggest(str(name), available)}")
                 continue
             try:
-                unit, si = str(entry.get("unit") or ""), SIGNALS[name].unit
-                size = to_si(f"1 {unit}", si, f"1 {SIGNALS[name].display_unit}") - to_si(f"0 {unit}", si)
+                unit, about = str(entry.get("unit") or ""), self.machine.signals[name]
+                size = to_si(f"1 {unit}", about.unit, f"1 {about.display_unit}") - to_si(f"0 {unit}", about.unit)
             except UnitError as error:
                 self._leave_out((*key, "unit"), str(error))
                 continue
@@ -213,7 +210,8 @@ class CampaignDescription(ProblemList):
                 sentence = f"the standard deviation of the sensor noise in {unit or 'its unit'} must be above 0"
                 self._leave_out((*key, "noise"), f"{sentence}; got {entry['noise']}")
                 continue
-            self.channels[name] = Channel(unit, noise * size)
+            more = read_sensor_keys(self, key, entry, about, size)
+            self.channels[name] = Channel(unit, noise * size, **more)
             self.sources[name] = ColumnSource(str(entry.get("column", name)), unit)
         if section and not self.channels and not self.problems:
             self.problems += [(key, sentence) for _, key, sentence in self.remarks if key[0] == "signals"]

@@ -27,14 +27,14 @@ def read_campaign(path: Path | str, trust: Trust = ()) -> Campaign:
     path = Path(path)
     path = path / CAMPAIGN_FILE if path.is_dir() else path
     description, remarks = read_description(path, trust=trust)
-    reader = RunReader(description.machine, description.time, description.sources, description.set_point)
+    reader = RunReader(description.machine, description.time, description.sources, description.recorded)
     runs = [run for entry in description.run_entries if (run := reader.read(*entry)) is not None]
     remarks = (*remarks, *reader.remarks)
     if not runs:
         raise CampaignError("\n".join([*brief_lines(remarks), f"{path}: no run can be used"]))
     machine = description.machine
-    if runs[0].reference is not None:
-        machine = structs.replace(machine, reference=runs[0].reference)
+    if runs[0].recordings:
+        machine = structs.replace(machine, **runs[0].recordings)
     return Campaign(
         description.name, path.parent, machine, description.uncertain, description.channels, tuple(runs), remarks,
         stated_accuracy=description.accuracy,

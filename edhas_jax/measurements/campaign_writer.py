@@ -1,13 +1,14 @@
 """Write a campaign as a folder with `campaign.yaml` and one CSV file per run."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity, from_si
-from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters, short_names
 from edhas_jax.measurements.accuracy import BenchAccuracy
 from edhas_jax.measurements.campaign import Campaign, CampaignError
@@ -45,7 +46,7 @@ def write_campaign(campaign: Campaign, folder: Path) -> list[Path]:
             columns = {"time [ms]": 1e3 * run.time}
             for name, values in run.signals.items():
                 unit = campaign.channels[name].unit
-                columns[f"{name} [{unit}]"] = from_si(values, SIGNALS[name].unit, unit)
+                columns[f"{name} [{unit}]"] = from_si(values, campaign.machine.signals[name].unit, unit)
             path = folder / f"{run.name}.csv"
             table = np.stack(list(columns.values()), axis=1)
             np.savetxt(path, table, NUMBER_FORMAT, ",", header=",".join(columns), comments="", encoding="utf-8")
@@ -55,18 +56,20 @@ def write_campaign(campaign: Campaign, folder: Path) -> list[Path]:
     return paths
 
 
-def accuracy_lines(accuracy: BenchAccuracy) -> list[str]:
+def accuracy_lines(accuracy: BenchAccuracy, signals: Mapping[str, Signal]) -> list[str]:
     """The section `accuracy:` of a campaign; nothing for the defaults."""
     if accuracy == BenchAccuracy():
         return []
     lines = ["accuracy:   # standard deviations", f"  trigger: {exact_quantity(accuracy.trigger, 's')}"]
+    if accuracy.recorder_filter != BenchAccuracy().recorder_filter:
+        lines.append(f"  recorder_filter: {accuracy.recorder_filter!r}")
     lines += ["  settings:"] if accuracy.settings else []
     lines += [f"    {name}: {share!r}" for name, share in accuracy.settings.items()]
     lines += ["  signals:"] if accuracy.signals else []
     for name, sensor in accuracy.signals.items():
         words = [f"gain: {sensor.gain!r}", f"shift: {exact_quantity(sensor.shift, 's')}"]
         if sensor.offset is not None:
-            words.append(f"offset: {exact_quantity(sensor.offset, SIGNALS[name].unit)}")
+            words.append(f"offset: {exact_quantity(sensor.offset, signals[name].unit)}")
         lines.append(f"    {name}: {{{', '.join(words)}}}")
     return lines
 
@@ -88,10 +91,10 @@ def campaign_text(campaign: Campaign) -> str:
     lines += [f"  {name}: {spread:g}" for name, spread in campaign.uncertain.items()]
     lines.append("signals:   # unit in the files, standard deviation of the noise in that unit")
     for name, channel in campaign.channels.items():
-        noise = from_si(channel.noise, SIGNALS[name].unit, channel.unit)
+        noise = from_si(channel.noise, campaign.machine.signals[name].unit, channel.unit)
         stated = f", noise: {noise:.6g}" if math.isfinite(noise) else ""
         lines.append(f"  {name}: {{unit: {channel.unit}{stated}}}")
-    lines += accuracy_lines(campaign.stated_accuracy)
+    lines += accuracy_lines(campaign.stated_accuracy, machine.signals)
     lines.append("runs:")
     for run in campaign.runs:
         words = [f"file: {yaml_text(run.name + '.csv')}", f"use: {run.use.value}"]

@@ -121,7 +121,9 @@ def compare(
     if not runs:
         raise CampaignError("\n".join(map(str, remarks)))
     available = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
-    signals = tuple(dict.fromkeys([*campaign.channels, *(n for n in EXPLANATORY_SIGNALS if n in available)]))
+    explanatory = machine.signals if machine.is_own else EXPLANATORY_SIGNALS
+    others = (n for n in explanatory if n in available and n != "time")
+    signals = tuple(dict.fromkeys([*campaign.channels, *others]))
     model = MeasurementModel(campaign, machine, (), runs, instruments, signals, replay)
     report_progress("choosing the time step")
     resolution = choose_time_resolution(model, np.zeros(0))
@@ -148,6 +150,6 @@ def compare(
 
 def _sine_set_point(machine: Rig) -> tuple[float, float]:
     """Frequency [Hz] and ramp time [s] of a sine set point; NaN and 0 for any other."""
-    if isinstance(machine.reference, Sine) and has_parameter(machine, "reference.frequency"):
+    if isinstance(getattr(machine, "reference", None), Sine) and has_parameter(machine, "reference.frequency"):
         return float(get_parameter(machine, "reference.frequency")), float(machine.reference.ramp_time)
     return float("nan"), 0.0

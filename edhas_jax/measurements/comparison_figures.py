@@ -6,9 +6,9 @@ Errors are drawn as model − measured, so that they lie above zero where the mo
 import numpy as np
 
 from edhas_jax.core.literal_text import figure_text
-from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.core.plot_style import COLOURS, GREY, INK, time_unit
 from edhas_jax.core.units import display_unit, format_quantity, from_si
-from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.measurements.comparison import Comparison, RunComparison
 from edhas_jax.measurements.residual_patterns import Pattern
@@ -21,6 +21,7 @@ BIN_COUNT = 30
 MIN_SAMPLES_PER_BIN = 4
 NOISE_BAND_COLOUR = GRID_COLOUR = "#d8dee4"
 BINNED_OVER = ("phase", "piston_position", "piston_velocity", "current", "outlet_pressure")
+MOST_BINNED = 5  # signals of a rig of one's own over which errors are drawn
 
 
 def draw_traces(comparison: Comparison, signal: str):
@@ -32,22 +33,24 @@ def draw_traces(comparison: Comparison, signal: str):
     rows = -(-len(runs) // columns)
     figure = Figure(figsize=(3.3 * columns + 0.6, 2.9 * rows + 0.4), layout="constrained")
     cells = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[2.2, 1.0] * rows)
-    unit = SIGNALS[signal].display_unit
+    about = comparison.machine.signals[signal]
+    unit = about.display_unit
     noise = comparison.campaign.channels[signal].noise
     for k, compared in enumerate(runs):
         row, column = divmod(k, columns)
         above, below = cells[2 * row, column], cells[2 * row + 1, column]
         shown = _shown_samples(compared)
-        time = 1e3 * compared.run.time[shown]
-        measured = _in_unit(signal, compared.run.signals[signal][shown], unit)
-        model = _in_unit(signal, compared.model[signal][shown], unit)
-        half_width = 2.0 * _width_in_unit(signal, noise, unit)
+        scale, time_name = time_unit(float(compared.run.time[-1]))
+        time = scale * compared.run.time[shown]
+        measured = _in_unit(about, compared.run.signals[signal][shown], unit)
+        model = _in_unit(about, compared.model[signal][shown], unit)
+        half_width = 2.0 * _width_in_unit(about, noise, unit)
         above.fill_between(time, model - half_width, model + half_width, color=COLOURS[1], alpha=0.25, lw=0)
         above.plot(time, measured, ".", ms=2.2, color=COLOURS[0], label="measured")
         above.plot(time, model, color=COLOURS[1], lw=1.1, label="model ± 2 noise")
         below.axhspan(-2, 2, color=NOISE_BAND_COLOUR, lw=0)
         below.plot(time, -compared.residuals[signal][shown], lw=0.8, color=COLOURS[0])
-        below.set_xlabel("time, ms" if row == rows - 1 else "", fontsize=8, color=INK)
+        below.set_xlabel(f"time, {time_name}" if row == rows - 1 else "", fontsize=8, color=INK)
         frequency = format_quantity(compared.frequency, "Hz") if np.isfinite(compared.frequency) else ""
         title = f"{figure_text(compared.run.name)}  {frequency}   {compared.rms_over_noise[signal]:.2f} × noise"
         above.set_title(title, fontsize=9, loc="left", color=INK)
@@ -71,7 +74,10 @@ def draw_binned_residuals(comparison: Comparison):
     """
     from matplotlib.figure import Figure
 
-    abscissae = [a for a in BINNED_OVER if a in comparison.runs[0].model or a == "phase" and _all_cyclic(comparison)]
+    machine, binned = comparison.machine, BINNED_OVER
+    if machine.is_own:
+        binned = [n for n in machine.signals if n != "time"][:MOST_BINNED]
+    abscissae = [a for a in binned if a in comparison.runs[0].model or a == "phase" and _all_cyclic(comparison)]
     signals = comparison.signals
     size = 2.7 * len(abscissae) + 1.6, 1.75 * len(signals) + 0.7
     figure = Figure(figsize=size, layout="constrained")
@@ -83,13 +89,13 @@ def draw_binned_residuals(comparison: Comparison):
             cell.axhspan(-1, 1, color=NOISE_BAND_COLOUR, lw=0)
             for compared, shade in zip(comparison.runs, shades, strict=True):
                 if signal in compared.residuals:
-                    at, mean = _binned(compared, signal, axis)
+                    at, mean = _binned(comparison, compared, signal, axis)
                     cell.plot(at, mean, color=shade, lw=1.2, label=figure_text(compared.run.name))
             _style_axes(cell)
             if column == 0:
                 cell.set_ylabel(f"{signal.replace('_', ' ')}\n{ERROR_LABEL}", fontsize=8, color=INK)
             if row == len(signals) - 1:
-                cell.set_xlabel(_axis_label(axis), fontsize=8, color=INK)
+                cell.set_xlabel(_axis_label(comparison, axis), fontsize=8, color=INK)
     handles, labels = cells[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
     return figure
@@ -154,29 +160,30 @@ def draw_pattern(comparison: Comparison, pattern: Pattern):
     figure = Figure(figsize=(6.4, 3.4), layout="constrained")
     axes = figure.subplots()
     runs = [compared for compared in comparison.runs if pattern.signal in compared.residuals]
-    unit = SIGNALS[pattern.signal].display_unit
+    about = comparison.machine.signals[pattern.signal]
+    unit = about.display_unit
     noise = comparison.campaign.channels[pattern.signal].noise
-    scale = _width_in_unit(pattern.signal, noise, unit)
+    scale = _width_in_unit(about, noise, unit)
     axes.axhspan(-2 * scale, 2 * scale, color=NOISE_BAND_COLOUR, lw=0, label="± 2 noise")
     shades = _run_colours(len(runs))
     axis = pattern.axis if pattern.axis != "time" or not _all_cyclic(comparison) else "phase"
     for compared, shade in zip(runs, shades, strict=True):
-        at = _abscissa(compared, axis)
+        at = _abscissa(comparison, compared, axis)
         axes.plot(at, -scale * compared.residuals[pattern.signal], ".", ms=1.2, alpha=0.25, color=shade)
-        middle, mean = _binned(compared, pattern.signal, axis)
+        middle, mean = _binned(comparison, compared, pattern.signal, axis)
         axes.plot(middle, scale * mean, color=shade, lw=1.4, label=figure_text(compared.run.name))
     if pattern.stated and pattern.axis != "time":
-        _draw_stated(axes, runs, pattern, scale / noise)
-    axes.set_xlabel(_axis_label(axis), fontsize=9, color=INK)
+        _draw_stated(axes, comparison, runs, pattern, scale / noise)
+    axes.set_xlabel(_axis_label(comparison, axis), fontsize=9, color=INK)
     axes.set_ylabel(f"{pattern.signal.replace('_', ' ')}: model − measured, {unit}", fontsize=9, color=INK)
     axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     _style_axes(axes)
     return figure
 
 
-def _draw_stated(axes, runs: list[RunComparison], pattern: Pattern, scale: float) -> None:
+def _draw_stated(axes, comparison: Comparison, runs: list[RunComparison], pattern: Pattern, scale: float) -> None:
     """Draw the error that the sentence of a pattern states; `scale` is the display unit for one SI unit."""
-    at = np.concatenate([_abscissa(compared, pattern.axis) for compared in runs])
+    at = np.concatenate([_abscissa(comparison, compared, pattern.axis) for compared in runs])
     order = np.argsort(at)
     order = order[np.linspace(0, len(order) - 1, MAX_STATED_POINTS).astype(int)] if len(order) else order
     stated = scale * np.concatenate(pattern.stated)
@@ -190,9 +197,9 @@ def _run_colours(count: int):
     return COLOURS[:count] if count <= len(COLOURS) else colormaps["viridis"](np.linspace(0.9, 0.0, count))
 
 
-def _axis_label(axis: str) -> str:
+def _axis_label(comparison: Comparison, axis: str) -> str:
     labels = {"phase": "phase in the cycle, 0 … 1", "time": "time, s"}
-    return labels.get(axis) or f"{axis.replace('_', ' ')}, {SIGNALS[axis].display_unit}"
+    return labels.get(axis) or f"{axis.replace('_', ' ')}, {comparison.machine.signals[axis].display_unit}"
 
 
 def _all_cyclic(comparison: Comparison) -> bool:
@@ -206,16 +213,17 @@ def _shown_samples(compared: RunComparison) -> np.ndarray:
     return compared.run.time >= end - length
 
 
-def _abscissa(compared: RunComparison, axis: str) -> np.ndarray:
+def _abscissa(comparison: Comparison, compared: RunComparison, axis: str) -> np.ndarray:
     """The samples of the quantity over which residuals are drawn, in its display unit."""
     if axis == "phase":
         return compared.phase
-    return compared.run.time if axis == "time" else _in_unit(axis, compared.model[axis], SIGNALS[axis].display_unit)
+    about = comparison.machine.signals[axis]
+    return compared.run.time if axis == "time" else _in_unit(about, compared.model[axis], about.display_unit)
 
 
-def _binned(compared: RunComparison, signal: str, axis: str) -> tuple[np.ndarray, np.ndarray]:
+def _binned(comparison: Comparison, compared: RunComparison, signal: str, axis: str) -> tuple[np.ndarray, np.ndarray]:
     """Centres of bins of equal width along a quantity, and the mean error over noise in each, without sparse bins."""
-    at, values = _abscissa(compared, axis), -compared.residuals[signal]
+    at, values = _abscissa(comparison, compared, axis), -compared.residuals[signal]
     ok = np.isfinite(at) & np.isfinite(values)
     if not ok.any():
         return np.zeros(0), np.zeros(0)
@@ -227,13 +235,13 @@ def _binned(compared: RunComparison, signal: str, axis: str) -> tuple[np.ndarray
     return (0.5 * (edges[1:] + edges[:-1]))[full], sums[full] / count[full]
 
 
-def _in_unit(signal: str, values: np.ndarray, unit: str) -> np.ndarray:
-    return from_si(values, SIGNALS[signal].unit, "" if unit == "-" else unit)
+def _in_unit(about: Signal, values: np.ndarray, unit: str) -> np.ndarray:
+    return from_si(values, about.unit, "" if unit == "-" else unit)
 
 
-def _width_in_unit(signal: str, width: float, unit: str) -> float:
+def _width_in_unit(about: Signal, width: float, unit: str) -> float:
     """A difference (SI) in a unit that may have an offset."""
-    return float(_in_unit(signal, np.array(width), unit) - _in_unit(signal, np.array(0.0), unit))
+    return float(_in_unit(about, np.array(width), unit) - _in_unit(about, np.array(0.0), unit))
 
 
 def _style_axes(axes) -> None:

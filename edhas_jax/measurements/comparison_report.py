@@ -4,7 +4,6 @@ import numpy as np
 
 from edhas_jax.core import html_page
 from edhas_jax.core.units import format_quantity
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.checks.data_summary import data_sentences
 from edhas_jax.measurements.comparison import Comparison
 from edhas_jax.measurements.comparison_figures import (
@@ -91,7 +90,7 @@ def _figures_of_merit_table(comparison: Comparison) -> str:
     table = figures_of_merit(comparison)
     body = []
     for (run, signal), row in zip(table.index, table.itertuples(index=False), strict=True):
-        unit = SIGNALS[signal].unit
+        unit = comparison.machine.signals[signal].unit
         optional = ((row.harmonic, "{:.0f}"), (row.amplitude, "{:.4f}"), (np.degrees(row.phase), "{:+.2f}°"),
                     (1e3 * row.delay, "{:+.3f} ms"))  # fmt: skip
         body.append([

@@ -9,17 +9,14 @@ import jax
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from edhas_jax.machine.parameters import ParameterError, get_parameter
+from edhas_jax.machine.parameters import ParameterError, get_parameter, short_names
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, has_parameter
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.replay import Replay, machine_with_replay
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 from edhas_jax.simulation.batch_trajectories import simulate_batch
-from edhas_jax.simulation.integrator import LARGEST_STEP
 
-# a parameter of every rig: the batch needs at least one parameter that varies between lanes
-PLACEHOLDER_PARAMETER = "force_constant"
 MAX_TIMESTAMP_ERROR = 1e-4  # in sample intervals; time stamps further off the regular grid need interpolation
 
 
@@ -78,14 +75,14 @@ class MeasurementModel:
         varied = {u.name for u, of_machine in zip(self.unknowns, self._is_of_machine, strict=True) if of_machine}
         for name in sorted(varied & conditions - set(campaign.uncertain)):
             raise ParameterError(f"{name}: is set by the runs, so it cannot be sought; name it as uncertain")
-        self._lane_parameters = tuple(sorted(varied | conditions)) or (PLACEHOLDER_PARAMETER,)
+        self._lane_parameters = tuple(sorted(varied | conditions)) or (placeholder_parameter(machine),)
         self._nominal = {n: float(get_parameter(machine, n)) for n in varied}
         self._run_values = [{n: float(get_parameter(m, n)) for n in self._lane_parameters} for m in machines]
         self._groups = _group_runs(self.runs, machines)
 
     def min_steps_per_sample(self) -> int:
         """The smallest number of time steps per sample that keeps to the integrator's largest step in every run."""
-        return max(1, math.ceil(self.longest_interval() / LARGEST_STEP - 1e-9))
+        return max(1, math.ceil(self.longest_interval() / self.machine.largest_step() - 1e-9))
 
     def longest_interval(self) -> float:
         """The longest sample interval of the runs [s]."""
@@ -149,8 +146,11 @@ class MeasurementModel:
                 slopes = {s: trace[:n, lanes] for s, trace in traces.slopes.items()} if with_sensitivities else None
                 values, slopes = self.instruments.record(grid[:n], values, slopes, self.unknowns, points[p].x)
                 values = {s: self._at_time_stamps(r, group, v) for s, v in values.items()}
+                inside = {s: self._within_limits(s, v) for s, v in values.items()}
                 if with_sensitivities:
                     slopes = {s: self._at_time_stamps(r, group, v) for s, v in slopes.items()}
+                    slopes = {s: v if inside[s] is None else v * inside[s][1][:, None] for s, v in slopes.items()}
+                values = {s: v if inside[s] is None else inside[s][0] for s, v in values.items()}
                 results[p][r] = PredictedSignals(values, slopes)
         return results
 
@@ -167,6 +167,14 @@ class MeasurementModel:
             derivatives.append(float(derivative))
         return values, derivatives
 
+    def _within_limits(self, signal: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """What a sensor that ends at its limits shows, and where it still moves (1 or 0); None for one without."""
+        channel = self.campaign.channels.get(signal)
+        if channel is None or not any(map(math.isfinite, channel.limits)):
+            return None
+        shown = np.clip(values, *channel.limits)
+        return shown, (shown == values).astype(float)
+
     def _sample_count(self, r: int, group: _RunGroup) -> int:
         return math.ceil(self.runs[r].time[-1] / group.interval - MAX_TIMESTAMP_ERROR) + 1
 
@@ -179,6 +187,12 @@ class MeasurementModel:
         if not np.isfinite(rows).all():
             return np.full((len(time), *rows.shape[1:]), np.nan)
         return CubicSpline(interval * np.arange(len(rows)), rows)(time)
+
+
+def placeholder_parameter(machine: Rig) -> str:
+    """A parameter of the machine: a batch needs at least one that varies between its lanes."""
+    names = short_names(machine)
+    return next((n for n in names.values() if n == "force_constant"), None) or next(iter(names.values()))
 
 
 def _group_runs(runs: Sequence[BenchRun], machines: Sequence[Rig]) -> list[_RunGroup]:

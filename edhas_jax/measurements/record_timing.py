@@ -10,7 +10,7 @@ import numpy as np
 
 from edhas_jax.config.problem_list import ProblemList
 from edhas_jax.core.units import UnitError, format_quantity, to_si
-from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Remark, Severity
 
 START_TOLERANCE = 1.5  # sample intervals; a clock that starts within it of zero is not changed
@@ -154,7 +154,7 @@ def read_run_in(
         problems.add((*key, "running"), f"yes or no belongs here, not {running}")
     if running is not True:
         return timing
-    if not isinstance(machine.reference, Sine) or isinstance(machine, ActuatorSystem):
+    if machine.cycle is None:
         problems.add((*key, "running"), "needs a bench that is driven by a sine: only its cycles say what came before")
         return timing
     own = {name.rpartition(".")[2]: value for name, value in conditions.items()}

@@ -57,6 +57,8 @@ def machine_with_replay(campaign: Campaign, run: BenchRun, machine: Rig, replay:
     machine = campaign.machine_of(run, machine)
     if replay is Replay.SET_POINT:
         return machine
+    if machine.is_own:
+        raise CampaignError(f"{run.file}: the drives of {machine.name} are what its `drives` name; nothing is replayed")
     if isinstance(machine, ActuatorSystem):
         raise CampaignError(f"{run.file}: {machine.name} sets its pump's set point by itself; nothing can be replayed")
     if replay.value not in run.signals:

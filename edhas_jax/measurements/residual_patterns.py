@@ -7,11 +7,12 @@ model: "outlet pressure: the model is 3 % too high" means that the measured pres
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from edhas_jax.core.units import format_number, format_quantity
-from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.measurements.comparison import Comparison, RunComparison
 
 MIN_SHARE = 0.15  # share of the excess over the noise that a pattern must explain
@@ -69,6 +70,7 @@ def find_patterns(comparison: Comparison) -> list[Pattern]:
 
 
 def _patterns_of_signal(comparison: Comparison, signal: str) -> list[Pattern]:
+    about = comparison.machine.signals
     runs = [compared for compared in comparison.runs if signal in compared.residuals]
     residuals = [compared.residuals[signal] for compared in runs]
     if not all(np.isfinite(compared.model[signal]).all() for compared in runs):
@@ -80,7 +82,7 @@ def _patterns_of_signal(comparison: Comparison, signal: str) -> list[Pattern]:
     count, excess = len(remaining), float(remaining @ remaining) - len(remaining)
     if excess < (NEGLIGIBLE_RESIDUAL**2 - 1.0) * count:
         return []
-    shapes = _candidate_shapes(runs, signal)
+    shapes = _candidate_shapes(about, runs, signal)
     columns = [np.concatenate([v[ok] for v, ok in zip(shape.values, measured, strict=True)]) for shape in shapes]
     run_of_sample = np.concatenate([np.full(ok.sum(), k) for k, ok in enumerate(measured)])
     noise = comparison.campaign.channels[signal].noise
@@ -97,14 +99,15 @@ def _patterns_of_signal(comparison: Comparison, signal: str) -> list[Pattern]:
             break
         column, shape = columns[best], shapes[best]
         size = float(remaining @ column) / float(column @ column)
-        sentence = _sentence(shape, signal, size * noise, span) + _trend_clause(runs, remaining, column, run_of_sample)
+        sentence = _sentence(about, shape, signal, size * noise, span)
+        sentence += _trend_clause(runs, remaining, column, run_of_sample)
         stated = tuple(size * noise * values for values in shape.values)
         patterns.append(Pattern(signal, shape.axis, largest / excess, largest, sentence, stated))
         remaining = remaining - size * column
-    return patterns or [_without_pattern(signal, remaining, noise, excess)]
+    return patterns or [_without_pattern(about, signal, remaining, noise, excess)]
 
 
-def _candidate_shapes(runs: list[RunComparison], signal: str) -> list[_Shape]:
+def _candidate_shapes(about: Mapping[str, Signal], runs: list[RunComparison], signal: str) -> list[_Shape]:
     """Offset, gain and delay of the signal, functions of every other signal, and regions of the stroke."""
     name = _display_name(signal)
     ones = [np.ones(len(compared.run.time)) for compared in runs]
@@ -113,15 +116,15 @@ def _candidate_shapes(runs: list[RunComparison], signal: str) -> list[_Shape]:
     middle = float(np.mean(np.concatenate([values[:1] for values in modelled])))
     span = max(np.ptp(values) for values in modelled)
     if span > 0.0:
-        shapes.append(_gain_shape(signal, [v - middle for v in modelled], float(span)))
+        shapes.append(_gain_shape(about, signal, [v - middle for v in modelled], float(span)))
     rates = [np.gradient(v, compared.run.time) for v, compared in zip(modelled, runs, strict=True)]
     shapes.append(_Shape("time", [-rate * 1e-3 for rate in rates], f"{name}: the model is {{delay}} {{late}}"))
     for axis in runs[0].model:
         values = [compared.model[axis] for compared in runs]
         largest = max(float(np.abs(v).max()) for v in values)
-        if largest <= 0.0 or SIGNALS[axis].unit == "Pa" or axis == signal:
+        if largest <= 0.0 or about[axis].unit == "Pa" or axis == signal:
             continue
-        other, at_largest = _display_name(axis), _quantity(axis, largest)
+        other, at_largest = _display_name(axis), _quantity(about[axis], largest)
         signs = f"{{size}} {{high}} while {other} is positive, and {{size}} {{low}} while it is negative"
         sentence = f"{name}: the model is {signs}"
         shapes.append(_Shape(axis, [np.tanh(v / (STEP_WIDTH * largest)) for v in values], sentence))
@@ -136,13 +139,13 @@ def _candidate_shapes(runs: list[RunComparison], signal: str) -> list[_Shape]:
     return shapes + _stroke_regions(runs, name)
 
 
-def _gain_shape(signal: str, values: list[np.ndarray], span: float) -> _Shape:
+def _gain_shape(about: Mapping[str, Signal], signal: str, values: list[np.ndarray], span: float) -> _Shape:
     """The error of a signal in proportion to its deviation `values` from the start; its range is `span`, SI."""
     # a signal of both signs is too large where it is positive and where it is negative
     is_one_sided = min(float(v.min()) for v in values) > -0.05 * span
     sentence = (
         f"{_display_name(signal)}: the model is {{share}} {'{high}' if is_one_sided else '{large}'} "
-        f"({{size}} over its range of {_quantity(signal, span)})"
+        f"({{size}} over its range of {_quantity(about[signal], span)})"
     )
     return _Shape(signal, [v / span for v in values], sentence)
 
@@ -171,15 +174,15 @@ def _stroke_position(compared: RunComparison, sign: float) -> np.ndarray:
     return position
 
 
-def _sentence(shape: _Shape, signal: str, size: float, span: float) -> str:
+def _sentence(about: Mapping[str, Signal], shape: _Shape, signal: str, size: float, span: float) -> str:
     """The sentence of a shape for an error of the model `size` of a signal with the range `span`, both in SI."""
     share = size / span if span > 0.0 else 0.0  # of the model; the sentence relates it to the measured signal
     if shape.axis == signal and share > MAX_RELATIVE_ERROR:
         how = "in the opposite direction" if share > 2.0 - MAX_RELATIVE_ERROR else "hardly at all"
-        moves = f"where the model moves by {_quantity(signal, span)}, the measured signal moves {how}"
+        moves = f"where the model moves by {_quantity(about[signal], span)}, the measured signal moves {how}"
         return f"{_display_name(signal)}: {moves}"
     return shape.sentence.format(
-        size=_quantity(signal, abs(size)),
+        size=_quantity(about[signal], abs(size)),
         share=f"{format_number(100.0 * abs(share / (1.0 - share)), 2)} %" if shape.axis == signal else "",
         high="too high" if size > 0.0 else "too low", low="too low" if size > 0.0 else "too high",
         large="too large" if size > 0.0 else "too small", late="late" if size > 0.0 else "early",
@@ -209,8 +212,10 @@ def _trend_clause(
     return clause
 
 
-def _without_pattern(signal: str, remaining: np.ndarray, noise: float, excess: float) -> Pattern:
-    size = _quantity(signal, noise * math.sqrt(excess / len(remaining)))
+def _without_pattern(
+    about: Mapping[str, Signal], signal: str, remaining: np.ndarray, noise: float, excess: float
+) -> Pattern:
+    size = _quantity(about[signal], noise * math.sqrt(excess / len(remaining)))
     sentence = f"{_display_name(signal)}: the model is wrong by {size} (rms) without a simple pattern"
     return Pattern(signal, "phase", 1.0, excess, sentence)
 
@@ -219,7 +224,7 @@ def _display_name(name: str) -> str:
     return DISPLAY_NAMES.get(name, name.replace("_", " "))
 
 
-def _quantity(signal: str, size: float) -> str:
+def _quantity(about: Signal, size: float) -> str:
     """A size of a signal (SI) with two significant digits and its unit."""
-    number, _, unit = format_quantity(size, SIGNALS[signal].unit).partition(" ")
+    number, _, unit = format_quantity(size, about.unit).partition(" ")
     return f"{format_number(float(number), 2)} {unit}".rstrip()

@@ -10,9 +10,7 @@ from edhas_jax.config.recorded_signal import RecordingError, resample_uniformly
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, display_unit, to_si
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
-from edhas_jax.machine.components.controllers import OpenLoop
 from edhas_jax.machine.components.set_points import Recorded
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Use
 from edhas_jax.measurements.checks.signal_checks import true_intervals
@@ -42,14 +40,15 @@ class RunReader:
         machine: the machine of the campaign.
         time: the column of the time stamps.
         sources: the columns of the measured signals, by signal.
-        set_point: the column of the recorded set point, if there is one.
+        recorded: the columns of the recorded drives, by drive; that of the set point is `reference`.
     """
 
     def __init__(
-        self, machine: Rig, time: ColumnSource, sources: Mapping[str, ColumnSource], set_point: ColumnSource | None
-    ):
+        self, machine: Rig, time: ColumnSource, sources: Mapping[str, ColumnSource],
+        recorded: Mapping[str, ColumnSource],
+    ):  # fmt: skip
         self.remarks: list[Remark] = []
-        self._machine, self._time, self._sources, self._set_point = machine, time, sources, set_point
+        self._machine, self._time, self._sources, self._recorded = machine, time, sources, recorded
 
     def read(
         self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming = RecordTiming()
@@ -85,7 +84,7 @@ class RunReader:
             part, time, used, remarks = timing.apply(file, time)
             self.remarks += remarks
             order = order[part]
-            reference = self._recorded_set_point(table, order, time) if self._set_point else None
+            drives = {name: self._recorded_drive(name, table, order, time) for name in self._recorded}
         except TableError as error:
             self._remark(error.line, f"{error}; the run is left out")
             return None
@@ -106,12 +105,12 @@ class RunReader:
                 sentence = f"column `{source.column}` has no unit; {source.unit} is assumed, as stated in the campaign"
                 self._remark(self._header_line, sentence, Severity.WARNING)
             try:
-                signals[signal] = self._in_si(source, column, SIGNALS[signal].unit)[order]
+                signals[signal] = self._in_si(source, column, self._machine.signals[signal].unit)[order]
             except UnitError as error:
                 sentence = f"column `{source.column}`: {error}; {signal} is left out of this run"
                 self._remark(self._header_line, sentence)
-        set_point = self._set_point.column if self._set_point else None
-        known = {self._time.column, set_point, *(source.column for source in self._sources.values())}
+        drives_read = (source.column for source in self._recorded.values())
+        known = {self._time.column, *drives_read, *(source.column for source in self._sources.values())}
         unused = [f"`{column[:MAX_QUOTED]}`" for column in table.columns if column not in known]
         if unused:
             more = f" and {len(unused) - MAX_NAMES} more" if len(unused) > MAX_NAMES else ""
@@ -126,7 +125,8 @@ class RunReader:
         if len(time) < MIN_SAMPLES:
             self._remark(0, f"at least {MIN_SAMPLES} samples are needed; there are {len(time)}; the run is left out")
             return None
-        return BenchRun(name, file, use, conditions, time, signals, table.lines[order], reference)
+        reference = drives.pop("reference", None) if not self._machine.is_own else None
+        return BenchRun(name, file, use, conditions, time, signals, table.lines[order], reference, drives)
 
     def _without_missing_values(self, signals: dict[str, np.ndarray], lines: np.ndarray) -> dict[str, np.ndarray]:
         """The signals that have values, with NaN for impossible ones; missing samples are reported."""
@@ -136,7 +136,8 @@ class RunReader:
             excessive = np.flatnonzero(np.abs(values) > MAX_SIZE)
             if len(excessive):
                 count = "1 value" if len(excessive) == 1 else f"{len(excessive)} values"
-                sentence = f"{signal}: {count} beyond {MAX_SIZE:.0e} {SIGNALS[signal].unit}; taken as missing"
+                unit = self._machine.signals[signal].unit
+                sentence = f"{signal}: {count} beyond {MAX_SIZE:.0e} {unit}; taken as missing"
                 self._remark(int(lines[excessive[0]]), sentence)
             values = np.where(np.abs(values) <= MAX_SIZE, values, np.nan)
             if not np.isfinite(values).any():
@@ -206,29 +207,32 @@ class RunReader:
             self._remark(int(table.lines[k]), f"{problem}; {left_out}")
         return np.flatnonzero(increasing), time[increasing]
 
-    def _recorded_set_point(self, table: Table, order: np.ndarray, time: np.ndarray) -> Recorded:
-        """The recorded set point, in metres, or in volts where it is the command of an open loop."""
-        source, machine = self._set_point, self._machine
+    def _recorded_drive(self, drive: str, table: Table, order: np.ndarray, time: np.ndarray) -> Recorded:
+        """A recorded drive in its SI unit: the set point in metres, or in volts as the command of an open loop."""
+        source, machine = self._recorded[drive], self._machine
+        what = "set point" if drive == "reference" else drive.replace("_", " ")
         name = source.column
         if name not in table.columns:
-            sentence = f"no column `{name}` with the set point ({suggest(name, table.columns)})"
+            sentence = f"no column `{name}` with the {what} ({suggest(name, table.columns)})"
             raise TableError(self._header_line, sentence)
         column = table.columns[name]
         if not column.unit and not source.unit:
-            remedy = f"write for example `{name} [mm]` there, or `reference: {{column: {name}, unit: mm}}`"
+            usual = display_unit(machine.drive_unit(drive))
+            remedy = f"write for example `{name} [{usual}]` there, or `{drive}: {{column: {name}, unit: {usual}}}`"
             sentence = f"column `{name}`: a unit is missing; {remedy}"
             raise TableError(self._header_line, sentence)
-        is_command, unit = isinstance(machine.controller, OpenLoop), column.unit or source.unit
+        si, unit = machine.drive_unit(drive), column.unit or source.unit
         try:
-            if is_command and isinstance(machine.amplifier, CurrentAmplifier) and _is_current(unit):
+            amplifier = getattr(machine, "amplifier", None)
+            if si == "V" and isinstance(amplifier, CurrentAmplifier) and _is_current(unit):
                 values = self._in_si(source, column, "A") / float(machine.amplifier.amplifier_gain)
             else:
-                values = self._in_si(source, column, "V" if is_command else "m")
+                values = self._in_si(source, column, si)
             return resample_uniformly(self._file, time, values[order])
         except UnitError as error:
             raise TableError(self._header_line, f"column `{name}`: {error}") from None
         except RecordingError as error:
-            raise TableError(0, f"set point `{name}`: {str(error).removeprefix(f'{self._file}: ')}") from None
+            raise TableError(0, f"{what} `{name}`: {str(error).removeprefix(f'{self._file}: ')}") from None
 
 
 def _is_current(unit: str) -> bool:

@@ -151,7 +151,7 @@ def _common_grid(campaign: Campaign, truth: Rig) -> tuple[float, dict[str, np.nd
         error = np.abs(run.time - intervals[0] * np.arange(len(run.time))).max()
         if error > MAX_TIMESTAMP_ERROR * intervals[0]:
             raise CampaignError(f"{run.file}: only runs that are sampled evenly, all at one rate, can be synthesised")
-        if run.reference is not None:
+        if run.recordings:
             raise CampaignError(f"{run.file}: a run with a recorded set point cannot be synthesised")
     machines = [campaign.machine_of(run, truth) for run in campaign.runs]
     names = dict.fromkeys(name for run in campaign.runs for name in run.conditions)

@@ -12,7 +12,7 @@ MAX_COARSE_ERROR_OVER_NOISE = 1.0  # the same, small enough to locate a minimum
 # to step, as they do at a coarse step where friction sticks and valves bounce
 MAX_DERIVATIVE = 2.0
 MAX_HALVINGS = 3  # of the coarse step for the sake of derivatives: a motion may be chaotic at any step
-SMALLEST_STEP = 2.5e-6  # s; the step is not halved any further
+SMALLEST_STEP = 0.125  # of the step with which a run of the machine begins; it is not halved any further
 
 
 class TimeResolution(NamedTuple):
@@ -67,7 +67,7 @@ def _accurate_resolution(model: MeasurementModel, x: np.ndarray, share: float) -
     """The resolution by the error of the signals alone."""
     n, coarse_steps, error = model.min_steps_per_sample(), None, np.inf
     coarse = model.predict_all_runs(x, n)
-    while model.longest_interval() / n > SMALLEST_STEP:
+    while model.longest_interval() / n > SMALLEST_STEP * model.machine.time_step:
         fine = model.predict_all_runs(x, 2 * n)
         change = _largest_change(model, coarse, fine)
         for steps, error in ((n, 4.0 / 3.0 * change), (2 * n, change / 3.0)):

@@ -79,6 +79,9 @@ def uncertain_unknowns(campaign: Campaign, machine: Rig | None = None) -> tuple[
 def relative_unknown(machine: Rig, name: str, spread: float) -> UnknownParameter:
     """A parameter of a machine as an unknown with a log-normal prior around its present value.
 
+    The prior of a number of a rig of one's own that can have either sign is normal, with a share of its value as
+    standard deviation.
+
     Args:
         machine: gives the centre.
         name: name of the parameter.
@@ -88,4 +91,7 @@ def relative_unknown(machine: Rig, name: str, spread: float) -> UnknownParameter
         ParameterError: the machine has no such parameter.
     """
     p, _ = find_parameter(machine, name)
-    return UnknownParameter(name, float(get_parameter(machine, name)), spread, p.unit, p.span)
+    value = float(get_parameter(machine, name))
+    if machine.is_own and p.span[0] < 0.0:
+        return UnknownParameter(name, value, spread * abs(value), p.unit, p.span, ParameterScale.LINEAR)
+    return UnknownParameter(name, value, spread, p.unit, p.span)

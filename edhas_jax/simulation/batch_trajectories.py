@@ -20,7 +20,7 @@ from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig, State
 from edhas_jax.simulation.integrator import evaluate_signals, step
 from edhas_jax.simulation.loop_cache import cached_loop, key_of
-from edhas_jax.simulation.run import Precision
+from edhas_jax.simulation.run_settings import Precision
 
 Observe = Callable[[Rig, State, Any, Any], dict[str, Any]]  # (machine, state, time, step) → signals by name
 
@@ -78,13 +78,14 @@ def simulate_batch(
     lanes = [columns]
     if seeds is not None:
         lanes.append({n: np.asarray(seeds.get(n, np.zeros(count)), dtype) for n in columns})
-    recording = None
-    if isinstance(machine.reference, Recorded) and _has_interval(machine.reference, steps_per_sample * step_size):
-        recording = numbers.reference
-        numbers = structs.replace(numbers, reference=_ANY_INTERVAL)
+    recordings = {}
+    for drive in _drives_with_intervals(machine):
+        if _is_recorded(machine, drive, steps_per_sample * step_size):
+            recordings[drive] = getattr(numbers, drive)
+            numbers = structs.replace(numbers, **{drive: _ANY_INTERVAL})
     observer = signals if callable(signals) else NamedSignals(tuple(signals))
     loop = cached_loop(TrajectoryLoop, numbers, tuple(columns), observer, seeds is not None, dtype, dtype=dtype)
-    found = loop.run(numbers, lanes, recording, step_size, steps_per_sample, lengths)
+    found = loop.run(numbers, lanes, recordings, step_size, steps_per_sample, lengths)
     return Traces(*found, *[None] * (seeds is None))
 
 
@@ -92,12 +93,12 @@ class TrajectoryLoop:
     """Time steps of runs, and the signals of the states that they pass through.
 
     With `seeded`, everything is followed by its derivative along a change of the parameters that each run has of its
-    own. `machine` counts only by its structure; where its set point is a `RecordedInterval`, every sample has its own.
+    own. `machine` counts only by its structure; where a drive is a `RecordedInterval`, every sample has its own.
     """
 
     def __init__(self, machine: Rig, varied: Sequence[str], observer: Observe, seeded: bool, dtype):
         self._dtype = np.dtype(dtype)
-        names, interval = dict.fromkeys(varied, 0.0), _interval_of(machine)
+        names, interval = dict.fromkeys(varied, 0.0), _intervals_of(machine)
         self._state = {n: 0.0 for n in machine.initial_state()}
         keyed = isinstance(observer, NamedSignals)
 
@@ -123,7 +124,7 @@ class TrajectoryLoop:
             (values, *seeds), (y, *dy), (base, h) = lane, carry, uniform
 
             def one(values, y):
-                return step(set_parameters(_with_interval(base, here), values), y, n * h, h)[0]
+                return step(set_parameters(_with_intervals(base, here), values), y, n * h, h)[0]
 
             return with_tangent(one, (values, y), (*seeds, *dy))
 
@@ -132,7 +133,7 @@ class TrajectoryLoop:
             base, h = uniform
 
             def one(values, y):
-                found = observer(set_parameters(_with_interval(base, here), values), y, t, h)
+                found = observer(set_parameters(_with_intervals(base, here), values), y, t, h)
                 return {n: jnp.asarray(v, self._dtype) for n, v in found.items()}
 
             return with_tangent(one, (values, y), (*seeds, *dy))
@@ -152,8 +153,8 @@ class TrajectoryLoop:
         self._evaluate = compile_loop(LoopBody(evaluate, dtype, signals, lane, given, key=key("evaluate"), vectors=1))
 
     def run(
-        self, machine: Rig, lanes: Sequence[dict[str, np.ndarray]], recording: Recorded | None, step_size: float,
-        steps_per_sample: int, lengths: np.ndarray,
+        self, machine: Rig, lanes: Sequence[dict[str, np.ndarray]], recordings: Mapping[str, Recorded],
+        step_size: float, steps_per_sample: int, lengths: np.ndarray,
     ) -> tuple[dict[str, np.ndarray], ...]:  # fmt: skip
         """Signals (samples, runs), and with seeds their derivatives; NaN beyond the `lengths` of the runs.
 
@@ -161,7 +162,7 @@ class TrajectoryLoop:
         """
         most = lengths.max()
         out = tuple({s: np.full((most, len(lengths)), np.nan) for s in self._signals} for _ in lanes)
-        intervals = None if recording is None else RecordedInterval.split(recording, int(most))
+        intervals = {n: RecordedInterval.split(r, int(most)) for n, r in recordings.items()} or None
         # long runs first, and runs of one length together
         order = np.argsort(-lengths, kind="stable")
         width = self._advance.lanes
@@ -191,14 +192,23 @@ class TrajectoryLoop:
 _ANY_INTERVAL = RecordedInterval(interval=1.0, index=0.0, value=0.0, slope=0.0, quadratic=0.0, cubic=0.0)
 
 
-def _has_interval(recording: Recorded, interval: float) -> bool:
-    """Whether a recording starts at 0 and its samples are `interval` [s] apart: then a sample needs one interval."""
-    return float(recording.start) == 0.0 and abs(float(recording.interval) / interval - 1.0) <= 1e-9
+def _drives_with_intervals(machine: Rig) -> tuple[str, ...]:
+    """The drives that a time loop takes interval by interval where they are recorded."""
+    return tuple(machine.drives) if machine.is_own else ("reference",)
 
 
-def _interval_of(machine: Rig) -> RecordedInterval | None:
-    return machine.reference if isinstance(machine.reference, RecordedInterval) else None
+def _is_recorded(machine: Rig, drive: str, interval: float) -> bool:
+    """Whether a drive is a recording from 0 on with samples `interval` [s] apart: then a sample needs one interval."""
+    recorded = getattr(machine, drive)
+    if not isinstance(recorded, Recorded) or float(recorded.start) != 0.0:
+        return False
+    return abs(float(recorded.interval) / interval - 1.0) <= 1e-9
 
 
-def _with_interval(machine: Rig, interval: RecordedInterval | None) -> Rig:
-    return machine if interval is None else structs.replace(machine, reference=interval)
+def _intervals_of(machine: Rig) -> dict[str, RecordedInterval] | None:
+    drives = {n: getattr(machine, n) for n in _drives_with_intervals(machine)}
+    return {n: drive for n, drive in drives.items() if isinstance(drive, RecordedInterval)} or None
+
+
+def _with_intervals(machine: Rig, intervals: Mapping[str, RecordedInterval] | None) -> Rig:
+    return structs.replace(machine, **intervals) if intervals else machine

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from edhas_jax.compiler.derivative_graph import defer_partials, linearize
 from edhas_jax.compiler.sparse_elimination import StrainUnknown, solve
 from edhas_jax.machine.equations.orifice_flow import orifice_slopes
-from edhas_jax.machine.interface.signals import SIGNALS, OrificeConnection, Signals
+from edhas_jax.machine.interface.signals import OrificeConnection, Signals
 from edhas_jax.machine.rigs import Rig, State
 
 DEFAULT_STEP = 20e-6  # s
@@ -75,10 +75,10 @@ def step_with_outputs(
     output_names = [n for n in values if n.startswith(output)]
     k = solve(graph, {n: 2.0 * values[n] for n in y}, 2.0 / h, strains, output_names)
     at_midstep = {n.removeprefix(output): values[n] + 0.5 * k.pop(n) for n in output_names}
-    return machine.sampling.advance(machine, y, k, t, h), k, at_midstep
+    return machine.advance(y, k, t, h), k, at_midstep
 
 
 def evaluate_signals(machine: Rig, y: State, t, h) -> dict[str, Any]:
-    """The signals of `SIGNALS` that this machine has, by name in SI, in the state `y` at time `t` [s]."""
+    """The signals of a machine, by name in SI, in the state `y` at time `t` [s]."""
     values = machine.evaluate(y, t, h, y)[0].values()
-    return {n: jnp.asarray(v) for n, v in values.items() if n in SIGNALS}
+    return {n: jnp.asarray(v) for n, v in values.items() if n in machine.signals}

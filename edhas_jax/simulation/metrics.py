@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig, Sine
+from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
 
 SETTLING_BAND = 0.02  # share of the step within which the cylinder counts as settled
 GRID_PER_CYCLE = 400  # points per cycle of the grid on which a first harmonic is computed
@@ -74,7 +74,7 @@ def compute_metrics(machine: Rig, signals: dict, energy: dict, volume: dict) -> 
     first, last = metric_window(machine, t[-1])
     inside = (t >= first - 1e-12) & (t <= last + 1e-12)
     out = _electrical(signals, energy, t, first, last, inside)
-    if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
+    if machine.cycle is not None:
         out |= _tracking(machine, signals, t, first, last)
     if not isinstance(machine, ActuatorBench):
         out |= _hydraulic(machine, signals, energy, volume, t, first, last, inside)
@@ -93,7 +93,7 @@ def metric_window(machine: Rig, end: float) -> tuple[float, float]:
     Raises:
         RunTooShortError: there is no whole cycle after the ramp.
     """
-    if not isinstance(machine.reference, Sine) or isinstance(machine, ActuatorSystem):
+    if machine.cycle is None:
         return 0.0, end
     period = 1.0 / float(machine.reference.frequency)
     ramp = float(machine.reference.ramp_time)

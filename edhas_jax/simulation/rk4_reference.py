@@ -57,7 +57,7 @@ def runge_kutta_step(machine: Rig, y: State, t, h) -> tuple[State, Any]:
     for n in machine.evaluate(y, t, h, y)[0].record.pressure_rates:
         disagreement = jnp.maximum(disagreement, jnp.abs(h * (k3[n] - k2[n])))
     change = {n: h / 6.0 * (k1[n] + 2.0 * k2[n] + 2.0 * k3[n] + k4[n]) for n in y}
-    return machine.sampling.advance(machine, y, change, t, h), disagreement
+    return machine.advance(y, change, t, h), disagreement
 
 
 def trajectories(

@@ -1,7 +1,6 @@
 """Simulate one machine from rest: settings of a run, choice of the step, and the finished run with its results."""
 
 import dataclasses
-import enum
 import math
 from collections.abc import Callable, Mapping
 
@@ -9,13 +8,14 @@ import jax
 import numpy as np
 import pandas as pd
 
-from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.machine.rigs import ActuatorSystem, Rig
+from edhas_jax.core.units import format_quantity
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation import energy_balance
-from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP
 from edhas_jax.simulation.metrics import Metric, compute_metrics
 from edhas_jax.simulation.run_checks import Record, check_run, step_change
 from edhas_jax.simulation.run_figure import plot_run
+from edhas_jax.simulation.run_settings import Simulation
+from edhas_jax.simulation.signal_metrics import metric_declarations, signal_metrics
 from edhas_jax.simulation.step_choice import search_accuracy, search_step, step_status
 from edhas_jax.simulation.time_loop import check_names, initial_loop_state, integrate
 from edhas_jax.simulation.validity import Status
@@ -23,41 +23,6 @@ from edhas_jax.simulation.validity import Status
 SAMPLES_PER_CALL = 256  # samples between two reports of progress; fixed, so that a longer run compiles nothing anew
 INTERRUPTED = "interrupted; "  # note on the step of an interrupted run
 UNCONFIRMED = "no step was found that half of it confirms; valves or contacts may move differently in every cycle"
-
-
-class Precision(enum.Enum):
-    """The floating-point type of a run."""
-
-    FLOAT64 = "float64"
-    FLOAT32 = "float32"
-
-
-@dataclasses.dataclass(frozen=True)
-class Simulation:
-    """Settings of a run, in SI.
-
-    Give `step`, or give `accuracy` to have every signal resolved. With neither the step is 20 µs, or halved until half
-    of it changes flow, power and stroke by less than 1 %.
-
-    Attributes:
-        duration: simulated time [s]; None is 0.5 s on a bench and 0.6 s for the system.
-        step: largest time step [s]; the step taken divides the sample interval.
-        accuracy: largest estimated error of any signal, as a share of its range.
-        sample_rate: samples per second [Hz].
-        precision: floating-point type.
-    """
-
-    duration: float | None = None
-    step: float | None = None
-    accuracy: float | None = None
-    sample_rate: float = 5000.0
-    precision: Precision = Precision.FLOAT64
-
-    def length(self, machine: Rig) -> float:
-        """The duration [s] for this machine."""
-        if self.duration is not None:
-            return self.duration
-        return 0.6 if isinstance(machine, ActuatorSystem) else 0.5
 
 
 class SimulationError(RuntimeError):
@@ -119,13 +84,16 @@ class Run:
     @property
     def metrics(self) -> dict[str, Metric]:
         """The metrics of the run by name, over whole cycles where the run has cycles; see `compute_metrics`."""
+        if self.machine.is_own:
+            found, about = signal_metrics(self.signals["time"], self.signals), metric_declarations(self.machine)
+            return {name: Metric(float(value), *about[name]) for name, value in found.items()}
         return compute_metrics(self.machine, self.signals, self.energy, self.volume)
 
     def frame(self) -> pd.DataFrame:
         """The signals as a table in SI, one row per sample, indexed by time [s]; units in `frame.attrs["units"]`."""
         table = pd.DataFrame({n: v for n, v in self.signals.items() if n != "time"}, index=self.signals["time"])
         table.index.name = "time"
-        table.attrs["units"] = {n: SIGNALS[n].unit for n in self.signals}
+        table.attrs["units"] = {n: self.machine.signals[n].unit for n in self.signals}
         return table
 
     def row_groups(self) -> Mapping[str, str]:
@@ -133,12 +101,12 @@ class Run:
         return energy_balance.row_groups(self.machine) if self.groups is None else self.groups
 
     def ledger(self) -> pd.DataFrame:
-        """The energy balance of the whole run: group, energy [J] and share of the electrical input, by row."""
+        """The energy balance of the whole run: group, energy [J] and share of the input, by row."""
         groups = self.row_groups()
         table = pd.DataFrame(
             {"group": pd.Series(groups), "energy": pd.Series({n: float(v[-1]) for n, v in self.energy.items()})}
         )
-        table["share"] = table["energy"] / table.loc["electrical input", "energy"]
+        table["share"] = table["energy"] / table.loc[table["group"] == "input", "energy"].sum()
         table.index.name = "row"
         return table.sort_values("energy", ascending=False)
 
@@ -146,12 +114,14 @@ class Run:
         """The energy that the balance does not account for, as a share of all energy converted."""
         groups = self.row_groups()
         total = {n: float(v[-1]) for n, v in self.energy.items()}
+        if "input" not in groups.values():
+            return 0.0
         missing = sum(v if groups[n] == "input" else -v for n, v in total.items())
         return missing / max(sum(abs(v) for n, v in total.items() if groups[n] != "stored") / 2, 1e-300)
 
     def volume_residual(self) -> float:
         """The oil that the balance does not account for, as a share of the oil delivered; 0 without a pump."""
-        if not self.volume:
+        if "delivery_flow_a" not in self.volume:
             return 0.0
         total = {n: float(v[-1]) for n, v in self.volume.items()}
         stored = sum(v for n, v in total.items() if n.startswith("oil, "))
@@ -194,7 +164,7 @@ def simulate(
     if simulation.accuracy is not None:
         return _simulate_to_accuracy(machine, simulation, on_progress)
     report, asked = on_progress or (lambda share: None), simulation.step is not None
-    largest_step = simulation.step if asked else DEFAULT_STEP
+    largest_step = simulation.step if asked else machine.time_step
 
     def attempt(step: float) -> tuple[Run, str]:
         return _simulate_with_step(machine, simulation, step, lambda share: report((1.0 + 2.0 * share) / 3.0))
@@ -209,14 +179,14 @@ def simulate(
     if found.interrupted:
         return _finished(found.finest or run, "step {}", remark="the check of the step was interrupted")
     if asked:
-        remedy = f"use step: {found.confirmed.step * 1e6:.4g} us" if found.confirmed else UNCONFIRMED
+        remedy = f"use step: {_step_text(machine, found.confirmed.step)}" if found.confirmed else UNCONFIRMED
         return _finished(run, "step {} (as asked)", *step_status(found.first_change, run.step, remedy))
     name, change = found.last_change
     if found.confirmed is None:
         kept = found.finest or run
         status = step_status(found.last_change, 2.0 * kept.step, UNCONFIRMED)
         return _finished(kept, "step {} (the smallest of those tried)", *status)
-    chosen = "default" if found.confirmed is run else f"chosen, since {run.step * 1e6:.4g} µs is too large"
+    chosen = "default" if found.confirmed is run else f"chosen, since {_step_text(machine, run.step)} is too large"
     return _finished(found.confirmed, f"step {{}} ({chosen}; half of it changes {name} by {100 * change:.1g} %)")
 
 
@@ -225,14 +195,20 @@ def _finished(run: Run, note: str, status: Status = Status.OK, reason: str = "",
     if status is Status.OK:
         status, reason = check_run(run.record, run.energy_residual(), run.volume_residual())
     reason = "; ".join(filter(None, (reason, remark)))
-    return dataclasses.replace(run, step_note=note.format(f"{run.step * 1e6:.4g} µs"), status=status, reason=reason)
+    note = note.format(_step_text(run.machine, run.step))
+    return dataclasses.replace(run, step_note=note, status=status, reason=reason)
+
+
+def _step_text(machine: Rig, step: float) -> str:
+    """A time step as text: in microseconds, of a rig of one's own in the unit that suits it."""
+    return format_quantity(step, "s") if machine.is_own else f"{step * 1e6:.4g} µs"
 
 
 def _simulate_to_accuracy(machine: Rig, simulation: Simulation, on_progress) -> Run:
     """Halve the step until the estimated error of every signal is within the accuracy."""
     asked = f"{100 * simulation.accuracy:.2g} %"
     found = search_accuracy(
-        simulation.accuracy, 2.0 * DEFAULT_STEP, lambda h: _simulate_with_step(machine, simulation, h, on_progress)
+        simulation.accuracy, 2.0 * machine.time_step, lambda h: _simulate_with_step(machine, simulation, h, on_progress)
     )
     if found.failure:
         raise SimulationError(found.failure, found.run)
@@ -253,13 +229,15 @@ def _simulate_to_accuracy(machine: Rig, simulation: Simulation, on_progress) -> 
 
 def _simulate_with_step(machine: Rig, simulation: Simulation, largest_step: float, on_progress) -> tuple[Run, str]:
     """Simulate with a fixed step, up to a failure if there is one; the second value describes it, or is empty."""
-    if not 0.0 < largest_step <= LARGEST_STEP:
-        raise ValueError(f"step {largest_step * 1e6:.4g} µs: must lie above 0 and at most {LARGEST_STEP * 1e6:.0f} µs")
-    interval = 1.0 / simulation.sample_rate
+    if not 0.0 < largest_step <= machine.largest_step() * (1.0 + 1e-9):
+        limit = _step_text(machine, machine.largest_step())
+        raise ValueError(f"step {_step_text(machine, largest_step)}: must lie above 0 and at most {limit}")
+    rate = simulation.rate(machine)
+    interval = 1.0 / rate
     per_sample = max(1, math.ceil(interval / largest_step - 1e-9))
     dtype = np.dtype(simulation.precision.value)
     h = dtype.type(interval / per_sample)
-    samples = int(math.floor(simulation.length(machine) * simulation.sample_rate + 1e-9)) + 1
+    samples = int(math.floor(simulation.length(machine) * rate + 1e-9)) + 1
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
     loop, blocks, note = initial_loop_state(numbers, h), [], ""
     try:
@@ -281,15 +259,15 @@ def _simulate_with_step(machine: Rig, simulation: Simulation, largest_step: floa
         return {n: np.concatenate(arrays)[:valid].astype(float) for n, arrays in columns.items()}
 
     signals = joined({n: [b.signals[n] for b in blocks] for n in blocks[0].signals})
-    signals["time"] = np.arange(valid) / simulation.sample_rate
+    signals["time"] = np.arange(valid) / rate
     energy = joined({n: [b.balance.energy[n] for b in blocks] for n in blocks[0].balance.energy})
     volume = joined({n: [b.balance.volume[n] for b in blocks] for n in blocks[0].balance.volume})
     run = Run(machine, simulation, signals, energy, volume, float(h), note)
     if failed_step < 0 or failed_step > (samples - 1) * per_sample:
         return run, ""
     name = check_names(machine)[int(loop.failed_check)]
-    what = "left its physical range" if name in SIGNALS else "is not a finite number"
+    what = "left its physical range" if name in machine.signals else "is not a finite number"
     return run, (
-        f"at {failed_step * float(h):.6g} s {name} {what} (step {float(h) * 1e6:.4g} µs); "
+        f"at {failed_step * float(h):.6g} s {name} {what} (step {_step_text(machine, float(h))}); "
         "the machine is outside what the model describes, or the step is too large for it: try a smaller step"
     )

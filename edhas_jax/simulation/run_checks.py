@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import RunTooShortError, compute_metrics, mean_rate, metric_window
 from edhas_jax.simulation.validity import REASONS, Status, failed_tests
 
@@ -62,6 +62,8 @@ class Record:
 
 def step_change(coarse: Record, fine: Record) -> tuple[str, float]:
     """The main result that differs most between two runs of one machine with different steps, and by which share."""
+    if fine.machine.is_own:
+        return largest_change(fine.machine, coarse.signals, fine.signals)
     first, last = fine.window
     changes = _changes(coarse.results(first, last), fine.results(first, last))
     if "cylinder_position" in fine.signals:
@@ -86,6 +88,8 @@ def check_run(record: Record, energy_residual: float, volume_residual: float) ->
         volume_residual: error of the oil balance, a share of the oil delivered.
     """
     m, reasons = record.machine, dict(REASONS)
+    if m.is_own:
+        return _check_own(record, energy_residual)
     try:
         metrics = compute_metrics(m, record.signals, record.energy, record.volume)
         values = {n: metric.value for n, metric in metrics.items()}
@@ -103,7 +107,7 @@ def check_run(record: Record, energy_residual: float, volume_residual: float) ->
         reasons[Status.OK] = "within the model's validity"
     if status < Status.HIT_STOPS and _cylinder_at_stop(record):
         status, reasons[Status.HIT_STOPS] = Status.HIT_STOPS, "the cylinder ran onto an end stop"
-    if status.is_valid and isinstance(m.reference, Sine) and not isinstance(m, ActuatorSystem):
+    if status.is_valid and m.cycle is not None:
         time, frequency = record.signals["time"], float(m.reference.frequency)
         if len(time) > 1 and (time[1] - time[0]) * frequency * FEWEST_SAMPLES > 1.0 + 1e-9:
             status = Status.FEW_SAMPLES
@@ -117,10 +121,31 @@ def check_run(record: Record, energy_residual: float, volume_residual: float) ->
     return status, reasons[status]
 
 
+def _check_own(record: Record, energy_residual: float) -> tuple[Status, str]:
+    """The status of a run of a rig of one's own, whose energy balance counts only if it says what goes in."""
+    if not all(np.isfinite(values).all() for values in record.signals.values()):
+        return Status.NOT_FINITE, REASONS[Status.NOT_FINITE]
+    if abs(energy_residual) > LARGEST_RESIDUAL:
+        words = f"the energy balance has an error of {100 * abs(energy_residual):.2g} %"
+        return Status.STEP_TOO_LARGE, f"{words}: take a smaller step, or an equation takes or gives power unsaid"
+    return Status.OK, "finite, within the ranges that the equations state"
+
+
+def largest_change(machine: Rig, coarse: dict[str, np.ndarray], fine: dict[str, np.ndarray]) -> tuple[str, float]:
+    """The signal that differs most between two runs, and its rms difference as a share of its range."""
+    changes, count = {"no signal": 0.0}, min(len(fine["time"]), len(coarse["time"]))
+    for name, values in fine.items():
+        values, span = values[:count], np.ptp(values)
+        if span > 1e-9 * (1.0 + np.abs(values).max()) or span > 0 and machine.signals[name].unit != "Pa":
+            changes[name] = math.sqrt(np.mean((values - coarse[name][:count]) ** 2)) / span
+    name = max(changes, key=changes.__getitem__)
+    return name, changes[name]
+
+
 def _change_of_last_cycles(record: Record) -> tuple[str, float]:
     """The main result that changes most from the last cycle but one to the last; ("", 0) without two cycles."""
     m, end = record.machine, float(record.signals["time"][-1])
-    if not isinstance(m.reference, Sine) or isinstance(m, ActuatorSystem):
+    if m.cycle is None:
         return "", 0.0
     period = 1.0 / float(m.reference.frequency)
     first, last = record.window

@@ -4,10 +4,9 @@ import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.core.name_suggestion import suggest
-from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.core.plot_style import COLOURS, GREY, INK, time_unit
 from edhas_jax.core.units import format_quantity, from_si
-from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import metric_window
 
 GROUP_COLOURS = {
@@ -59,22 +58,25 @@ def plot_run(machine: Rig, signals: dict, ledger, names: list[str] | None = None
     from matplotlib.figure import Figure  # slow to import
 
     if names is None:
-        panels = [(title, [n for n in listed if n in signals]) for title, listed in PANELS]
+        listed = _panels_by_unit(machine) if machine.is_own else PANELS
+        panels = [(title, [n for n in names if n in signals]) for title, names in listed]
         panels = [(title, present) for title, present in panels if present]
     else:
         for name in names:
             if name not in signals or name == "time":
                 raise ValueError(f"no signal `{name}` in this run; {suggest(name, signals)}")
         panels = [(name.replace("_", " "), [name]) for name in names]
-    heights = [1.25] * len(panels) + [BALANCE_HEIGHT]
+    has_balance = bool((ledger["group"] == "input").any())
+    heights = [1.25] * len(panels) + [BALANCE_HEIGHT] * has_balance
     figure = Figure(figsize=(9.5, 1.2 + sum(heights)), layout="constrained")
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     inside = signals["time"] >= _first_shown(machine, signals["time"][-1]) - 1e-12
     axes = None
     for row, (title, listed) in enumerate(panels):
         axes = figure.add_subplot(grid[row], sharex=axes)
-        _draw_panel(axes, signals, title, listed, inside, last=row == len(panels) - 1)
-    _draw_energy_balance(figure.add_subplot(grid[len(panels)]), ledger)
+        _draw_panel(axes, machine, signals, title, listed, inside, last=row == len(panels) - 1)
+    if has_balance:
+        _draw_energy_balance(figure.add_subplot(grid[len(panels)]), ledger)
     effects = ", ".join(e.id.replace("_", " ") for e in machine.effects) or "no effects"
     title = f"{machine.name.replace('_', ' ')}: {_operating_point(machine)}\nwith {effects}"
     figure.suptitle(title, x=0.01, ha="left", fontsize=11, color=INK)
@@ -89,12 +91,23 @@ def _operating_point(machine: Rig) -> str:
             value = getattr(component, p.name)
             if p.name not in DETAILS and np.ndim(value) == 0 and float(value) != 0.0:
                 parts.append(f"{p.name.replace('_', ' ')} {format_quantity(float(value), p.unit)}")
-    return ", ".join(parts[:MOST_CONDITIONS]) or type(machine.reference).__name__.lower()
+    return ", ".join(parts[:MOST_CONDITIONS]) or ("" if machine.is_own else type(machine.reference).__name__.lower())
+
+
+def _panels_by_unit(machine: Rig) -> list[tuple[str, list[str]]]:
+    """The signals of a rig of one's own, those of one unit in one panel, as many as there are colours."""
+    by_unit: dict[str, list[str]] = {}
+    for name, about in machine.signals.items():
+        if name != "time":
+            by_unit.setdefault(about.display_unit, []).append(name)
+    size = len(COLOURS)
+    parts = [names[i : i + size] for names in by_unit.values() for i in range(0, len(names), size)]
+    return [(names[0].replace("_", " ") if len(names) == 1 else "", names) for names in parts]
 
 
 def _first_shown(machine: Rig, end: float) -> float:
     """The time [s] from which a run is drawn."""
-    if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
+    if machine.cycle is not None:
         try:
             first, last = metric_window(machine, end)
         except ValueError:
@@ -103,25 +116,26 @@ def _first_shown(machine: Rig, end: float) -> float:
     return 0.0
 
 
-def _draw_panel(axes, signals: dict, title: str, names: list[str], inside, last: bool) -> None:
+def _draw_panel(axes, machine: Rig, signals: dict, title: str, names: list[str], inside, last: bool) -> None:
     """Draw signals of one unit over time."""
-    unit = SIGNALS[names[0]].display_unit
+    unit = machine.signals[names[0]].display_unit
+    scale, time_name = time_unit(float(signals["time"][-1]))
     colours = iter(COLOURS)
     for name in names[: len(COLOURS)]:
         is_set_point = name in SET_POINTS  # a broad band, which the signal upon it does not hide
         axes.plot(
-            1e3 * signals["time"][inside], from_si(signals[name][inside], SIGNALS[name].unit, unit),
+            scale * signals["time"][inside], from_si(signals[name][inside], machine.signals[name].unit, unit),
             color=SET_POINT_COLOUR if is_set_point else next(colours), lw=5.0 if is_set_point else 1.4,
             label=LABELS.get(name, name.replace("_", " ")),
         )  # fmt: skip
-    axes.set_ylabel(f"{title}\n{unit}", color=INK, fontsize=9)
+    axes.set_ylabel(f"{title}\n{unit}".strip(), color=INK, fontsize=9)
     axes.grid(True, color="#d8dee4", lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=GREY, labelsize=8, labelbottom=last)
     if len(names) > 1:
         axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     if last:
-        axes.set_xlabel("time, ms", color=INK, fontsize=9)
+        axes.set_xlabel(f"time, {time_name}", color=INK, fontsize=9)
 
 
 def _draw_energy_balance(axes, table) -> None:
@@ -137,8 +151,9 @@ def _draw_energy_balance(axes, table) -> None:
         axes.annotate(f" {100 * share:.1f} %", (100 * max(share, 0.0), y), va="center", fontsize=8, color=INK)
     axes.set_xlim(right=118 * max(0.01, *shares))
     axes.axvline(0.0, color=GREY, lw=0.8)
-    total = format_quantity(float(table.loc["electrical input", "energy"]), "J")
-    axes.set_title(f"electrical energy: {total}, by use", fontsize=9, loc="left", color=INK)
+    total = format_quantity(float(table.loc[table["group"] == "input", "energy"].sum()), "J")
+    source = table.index[table["group"] == "input"][0].removesuffix(" input")
+    axes.set_title(f"{source} energy: {total}, by use", fontsize=9, loc="left", color=INK)
     axes.set_xlabel("share of the electrical input, %", fontsize=9, color=INK)
     axes.tick_params(colors=INK, labelsize=8)
     axes.spines[["top", "right", "left"]].set_visible(False)

@@ -4,10 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.simulation.run_checks import step_change
+from edhas_jax.simulation.run_checks import largest_change, step_change
 from edhas_jax.simulation.validity import STEP_SENSITIVITY, Status
 
 MAX_HALVINGS = 6  # of the step, until flow, power and stroke no longer depend on it
@@ -100,7 +97,7 @@ def search_accuracy(accuracy: float, largest_step: float, attempt: Attempt) -> A
             coarse = None
             continue
         if coarse is not None:
-            worst = largest_change(coarse.signals, run.signals)
+            worst = largest_change(run.machine, coarse.signals, run.signals)
             # the error of a second-order rule falls to a quarter: a third of the change remains
             if worst[1] / 3.0 <= accuracy:
                 return AccuracySearch(run, coarse, worst, True, "")
@@ -108,14 +105,3 @@ def search_accuracy(accuracy: float, largest_step: float, attempt: Attempt) -> A
         if run.interrupted:
             break
     return AccuracySearch(run, before, worst, False, failure)
-
-
-def largest_change(coarse: dict[str, np.ndarray], fine: dict[str, np.ndarray]) -> tuple[str, float]:
-    """The signal that differs most between two runs, and its rms difference as a share of its range."""
-    changes, count = {}, min(len(fine["time"]), len(coarse["time"]))
-    for name, values in fine.items():
-        values, span = values[:count], np.ptp(values)
-        if span > 1e-9 * (1.0 + np.abs(values).max()) or span > 0 and SIGNALS[name].unit != "Pa":
-            changes[name] = math.sqrt(np.mean((values - coarse[name][:count]) ** 2)) / span
-    name = max(changes, key=changes.__getitem__)
-    return name, changes[name]

@@ -71,6 +71,9 @@ def failed_tests(m: Rig, values: Mapping[str, Any], periodic, xp=jnp) -> list[tu
         periodic: whether the cycles have converged.
         xp: `jax.numpy`, or `numpy` for the numbers of one run, of which nothing is then compiled.
     """
+    if m.is_own:
+        beyond = [(Status.OUT_OF_RANGE, values[BEYOND_RANGE] > 0.0)] if BEYOND_RANGE in values else []
+        return [*beyond, (Status.NOT_FINITE, ~xp.stack([xp.isfinite(v) for v in values.values()]).all(axis=0))]
     half = 0.5 * m.stops.pump_stroke
     tests = [(Status.NOT_PERIODIC, ~xp.asarray(periodic))]
     if "amplitude_ratio" in values:
@@ -120,7 +123,7 @@ def signal_problems(machine: Rig, signals: Mapping[str, np.ndarray]) -> list[tup
         machine: the machine of the run.
         signals: SI arrays (samples,) by name.
     """
-    found, half = [], 0.5 * float(machine.stops.pump_stroke)
+    found = []
     if not all(np.isfinite(values).all() for values in signals.values()):
         return [(Status.NOT_FINITE, REASONS[Status.NOT_FINITE])]
     with runtime.double_precision():
@@ -128,10 +131,13 @@ def signal_problems(machine: Rig, signals: Mapping[str, np.ndarray]) -> list[tup
     for name, (low, high) in ranges.items():
         if signals[name].min() < low or signals[name].max() > high:
             found.append((Status.OUT_OF_RANGE, f"{name.replace('_', ' ')} leaves the range that the model describes"))
+    if machine.is_own:
+        return found
     if not isinstance(machine, ActuatorBench):
         outlet, pressure = machine.outlet, machine.accumulator.accumulator_pressure
         if float(pressure) > float(outlet.relief_pressure) and float(outlet.relief_conductance) > 0.0:
             found.append((Status.RELIEF_OPEN, REASONS[Status.RELIEF_OPEN]))
+    half = 0.5 * float(machine.stops.pump_stroke)
     if "piston_position" in signals and np.abs(signals["piston_position"]).max() > half:
         found.append((Status.HIT_STOPS, REASONS[Status.HIT_STOPS]))
     return found

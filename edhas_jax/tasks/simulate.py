@@ -12,9 +12,10 @@ from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity, from_si
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.metrics import RunTooShortError
+from edhas_jax.simulation.metrics import Metric, RunTooShortError
 from edhas_jax.simulation.run import Run, Simulation
 from edhas_jax.simulation.run import simulate as simulate_machine
+from edhas_jax.simulation.signal_metrics import KINDS
 from edhas_jax.simulation.validity import Status
 from edhas_jax.tasks.result import with_methods
 
@@ -36,7 +37,7 @@ class RunResult(Run):
         head = f"{name}: {self.machine.name}" if name else self.machine.name
         settings = "; ".join(filter(None, (self.step_note, self.simulation.precision.value, note)))
         return Summary(
-            f"{head}, effects: {effects}", (settings, self._status(), self._metrics_table(), self._energy_table())
+            f"{head}, effects: {effects}", (settings, self._status(), self._metrics_table(), *self._energy_table())
         )
 
     def save(self, folder: Path | str, overwrite: bool = False, figure: bool = True) -> Path:
@@ -63,6 +64,8 @@ class RunResult(Run):
             metrics = self.metrics
         except RunTooShortError as error:
             return f"no metrics: {error}"
+        if self.machine.is_own:
+            return _signals_table(self, metrics)
         rows, records = [], []
         for name, metric in metrics.items():
             unit = "" if metric.display_unit == "-" else metric.display_unit
@@ -70,7 +73,10 @@ class RunResult(Run):
             records.append({"metric": name, "value": metric.value, "unit": metric.unit, "meaning": metric.doc})
         return SummaryTable.of("metrics", ("metric", "value", "unit", "meaning"), rows, records)
 
-    def _energy_table(self) -> SummaryTable:
+    def _energy_table(self) -> tuple[SummaryTable, ...]:
+        """The energy balance; nothing for a rig of one's own that does not state what goes in."""
+        if "input" not in self.row_groups().values():
+            return ()
         rows, records = [], []
         for entry in self.ledger().itertuples():
             records.append({"row": entry.Index, "group": entry.group, "energy": entry.energy, "share": entry.share})
@@ -78,7 +84,22 @@ class RunResult(Run):
                 share = f"{100 * entry.share:.1f} %"
                 rows.append((entry.Index, entry.group, format_quantity(entry.energy, "J"), share))
         caption = f"energy balance error: {abs(self.energy_residual()):.0e} of the energy turned over"
-        return SummaryTable.of("energy", ("row", "group", "energy", "share"), rows, records, "energy ledger", caption)
+        columns = "row", "group", "energy", "share"
+        return (SummaryTable.of("energy", columns, rows, records, "energy ledger", caption),)
+
+
+def _signals_table(run: Run, metrics: Mapping[str, Metric]) -> SummaryTable:
+    """The metrics of a rig of one's own: a row for each signal."""
+    rows, records = [], []
+    for name, about in run.machine.signals.items():
+        if f"mean_{name}" not in metrics:
+            continue
+        of_signal = [metrics[f"{kind}_{name}"].value for kind in KINDS]
+        shown = (f"{from_si(value, about.unit, about.display_unit):.5g}" for value in of_signal)
+        rows.append((name, *shown, "" if about.display_unit == "-" else about.display_unit, about.doc))
+        records += [{"metric": f"{kind}_{name}", "value": value, "unit": about.unit, "meaning": about.doc}
+                    for kind, value in zip(KINDS, of_signal, strict=True)]  # fmt: skip
+    return SummaryTable.of("metrics", ("signal", *KINDS, "unit", "meaning"), rows, records)
 
 
 def simulate(

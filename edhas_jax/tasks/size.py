@@ -17,7 +17,7 @@ from edhas_jax.design.sizing.size import SizedMachine, SizingResult
 from edhas_jax.design.sizing.size import size as solve
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.metrics import METRICS
+from edhas_jax.simulation.signal_metrics import metric_declarations
 from edhas_jax.tasks.python_values import axes, bounds, tolerances
 from edhas_jax.tasks.result import Result, save_figure, with_methods
 
@@ -67,8 +67,9 @@ class SizeResult(Result, SizingResult):
 
     def _metrics(self, names: list[str]) -> SummaryTable:
         rows, records = [], []
-        for metric in (c for c in self.start.metrics.columns if c in METRICS):
-            si_unit, display_unit, _ = METRICS[metric]
+        declared = metric_declarations(self.task.machine)
+        for metric in (c for c in self.start.metrics.columns if c in declared):
+            si_unit, display_unit, _ = declared[metric]
             cells, record = [], {"metric": metric, "unit": si_unit}
             for name, sized in zip(names, (self.start, *self.machines), strict=True):
                 ends = [float(f(sized.metrics[metric])) for f in (min, max)]
@@ -149,7 +150,8 @@ def size(
         task = load_sizing({
             "machine": machine, "free": {n: _without_count(s) for n, s in axes(machine, ranges).items()},
             "objective": {"maximise": _weights(maximise), "minimise": _weights(minimise)},
-            "constraints": bounds(constraints), "points": axes(machine, points), "robust": tolerances(machine, robust),
+            "constraints": bounds(machine, constraints), "points": axes(machine, points),
+            "robust": tolerances(machine, robust),
             "front": str(front), "starts": str(starts), "iterations": str(iterations), "seed": str(seed),
         }, trust)  # fmt: skip
     elif not isinstance(source, SizingTask):

@@ -11,7 +11,7 @@ from edhas_jax.config.machine_config import Config, ConfigError, as_config
 from edhas_jax.config.problem_list import problem_lines
 from edhas_jax.config.yaml_with_lines import KeyPath
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.design.batch.batch import BatchSettings, run_designs
+from edhas_jax.design.batch.batch import BatchSettings, run_designs, settings_of_batch
 from edhas_jax.design.batch.experiment_design import DesignError, full_factorial, latin_hypercube
 from edhas_jax.design.sweep.axes_reader import AxesReader
 from edhas_jax.design.sweep.config import Sweep, load_sweep
@@ -96,8 +96,7 @@ def describe_sweep(
         raise ConfigError("sweep: at least one parameter belongs here, such as piston_clearance=('5 um', '40 um', 20)")
     config = as_config(source, trust)
     if settings is None:
-        base = config.simulation
-        settings = BatchSettings(precision=base.precision, **({"step": base.step} if base.step else {}))
+        settings = BatchSettings(**settings_of_batch(config.machine, config.simulation))
     specs = axes_of(config.machine, parameters)
     fixed = {n: parameters[n] for n, spec in specs.items() if isinstance(spec, str)}
     machine = set_parameters(config.machine, fixed)

@@ -14,9 +14,8 @@ from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, sa
 from edhas_jax.diagnosis.laws.curve_figure import Z_95
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.machine.effects.loading import load_effect
-from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS
-from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.machine.interface.slots import SLOTS, Rule
+from edhas_jax.machine.interface.signals import Signal
+from edhas_jax.machine.interface.slots import Rule
 from edhas_jax.measurements.campaign import Campaign, Severity
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -53,14 +52,16 @@ class CampaignCalculations:
     def open(self) -> dict[str, Any]:
         """The campaign in brief: runs, signals, noise, and what the check of the data found."""
         campaign = self._checked()
+        signals = campaign.machine.signals
         order = list(Severity)
         remarks = sorted(campaign.remarks, key=lambda remark: order.index(remark.severity))
         return {
             "name": campaign.name,
             "rig": campaign.machine.name,
+            "slots": [slot._asdict() | {"rule": slot.rule.value} for slot in campaign.machine.slots],
             "effects": [effect.id for effect in campaign.machine.effects],
-            "signals": {name: SIGNALS[name].display_unit for name in campaign.channels},
-            "noise": {name: self._difference(name, c.noise) for name, c in campaign.channels.items()},
+            "signals": {name: signals[name].display_unit for name in campaign.channels},
+            "noise": {name: self._difference(signals[name], c.noise) for name, c in campaign.channels.items()},
             "noise_table": noise_as_json(campaign),
             "runs": {run.name: {"use": run.use.value, "samples": len(run.time)} for run in campaign.runs},
             "conditions": run_descriptions(campaign),
@@ -74,7 +75,7 @@ class CampaignCalculations:
         comparison, patterns = self._comparison(model, replay, trust)
         return {
             "matrix": comparison.rms_over_noise(),
-            "signals": {name: SIGNALS[name].display_unit for name in comparison.signals},
+            "signals": {name: comparison.machine.signals[name].display_unit for name in comparison.signals},
             "sentences": [
                 self._place(comparison, pattern) | {"text": text}
                 for pattern, text in zip(patterns, sentences(patterns), strict=True)
@@ -99,6 +100,7 @@ class CampaignCalculations:
             width: of the plot, in pixels.
         """
         comparison, _ = self._comparison(model, replay, trust)
+        signals = comparison.machine.signals
         runs = {compared.run.name: compared for compared in comparison.runs}
         out = []
         for run, signal in panels:
@@ -107,13 +109,13 @@ class CampaignCalculations:
                 continue
             time, residual = compared.run.time, compared.residuals[signal]
             rows = {
-                "measured": self._shown(signal, compared.run.signals[signal]),
-                "model": self._shown(signal, compared.model[signal]),
+                "measured": self._shown(signals[signal], compared.run.signals[signal]),
+                "model": self._shown(signals[signal], compared.model[signal]),
                 "residual": residual,
             }
             panel: dict[str, Any] = {
-                "run": run, "signal": signal, "unit": SIGNALS[signal].display_unit,
-                "noise": self._difference(signal, comparison.campaign.channels[signal].noise),
+                "run": run, "signal": signal, "unit": signals[signal].display_unit,
+                "noise": self._difference(signals[signal], comparison.campaign.channels[signal].noise),
                 "rms": compared.rms_over_noise[signal], "range": [float(time[0]), float(time[-1])],
                 "samples": len(time),
             }  # fmt: skip
@@ -127,7 +129,7 @@ class CampaignCalculations:
         """The residual of a signal over a variable: points of each run, and the mean in bins of all runs together."""
         comparison, _ = self._comparison(model, replay, trust)
         runs = [compared for compared in comparison.runs if signal in compared.residuals]
-        x = [self._variable(compared, variable) for compared in runs]
+        x = [self._variable(comparison, compared, variable) for compared in runs]
         y = [compared.residuals[signal] for compared in runs]
         step = max(1, sum(map(len, x)) // MAX_POINTS)
         all_x, all_y = np.concatenate(x), np.concatenate(y)
@@ -137,7 +139,7 @@ class CampaignCalculations:
         count = np.bincount(of_bin, minlength=len(edges) - 1)
         mean = np.bincount(of_bin, all_y[valid], minlength=len(edges) - 1) / np.maximum(count, 1)
         used = count > 0
-        unit = "s" if variable == "time" else SIGNALS[variable].display_unit
+        unit = "s" if variable == "time" else comparison.machine.signals[variable].display_unit
         return {
             "unit": unit,
             "runs": [(c.run.name, a[::step], b[::step]) for c, a, b in zip(runs, x, y, strict=True)],
@@ -186,7 +188,7 @@ class CampaignCalculations:
         curve = found.curve
         place = curve.place
         x_unit, y_unit = law_units(place, float(np.abs(curve.total).max()))
-        is_factor = SLOTS[place.slot].rule is Rule.SCALE
+        is_factor = place.declaration.rule is Rule.SCALE
 
         def shown(values):
             return values if is_factor or values is None else from_si(values, place.value_unit, y_unit)
@@ -194,7 +196,7 @@ class CampaignCalculations:
         over = "".join(f" / {name.replace('_', ' ')}" for name in place.factors)
         return {
             "effect": model.effects[-1].id, "explained_share": curve.explained_share,
-            "x": from_si(curve.nodes, LAW_SIGNALS[place.variable], x_unit), "total": shown(curve.total),
+            "x": from_si(curve.nodes, place.variable_unit, x_unit), "total": shown(curve.total),
             "half": Z_95 * (shown(curve.std) - shown(np.zeros_like(curve.std))), "law": shown(curve.law_values),
             "x_title": f"{place.variable.replace('_', ' ')}, {x_unit}",
             "y_title": f"{place.slot.replace('_', ' ')}{over}" + (f", {y_unit}" if y_unit else ""),
@@ -239,12 +241,14 @@ class CampaignCalculations:
         axis = pattern.axis if pattern.axis in worst.model else "time"
         return {"signal": pattern.signal, "run": worst.run.name, "axis": axis, "range": [first, first + length]}
 
-    def _variable(self, compared: RunComparison, variable: str) -> np.ndarray:
-        return compared.run.time if variable == "time" else self._shown(variable, compared.model[variable])
+    def _variable(self, comparison: Comparison, compared: RunComparison, variable: str) -> np.ndarray:
+        if variable == "time":
+            return compared.run.time
+        return self._shown(comparison.machine.signals[variable], compared.model[variable])
 
     @staticmethod
-    def _shown(signal: str, values):
-        return from_si(values, SIGNALS[signal].unit, SIGNALS[signal].display_unit)
+    def _shown(about: Signal, values):
+        return from_si(values, about.unit, about.display_unit)
 
-    def _difference(self, signal: str, value: float) -> float:
-        return float(self._shown(signal, value) - self._shown(signal, 0.0))
+    def _difference(self, about: Signal, value: float) -> float:
+        return float(self._shown(about, value) - self._shown(about, 0.0))

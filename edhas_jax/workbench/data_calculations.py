@@ -8,7 +8,7 @@ import numpy as np
 
 from edhas_jax.core import runtime
 from edhas_jax.core.units import from_si
-from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.rigs import RIGS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
 from edhas_jax.measurements.campaign_reader import read_campaign
@@ -73,14 +73,14 @@ class DataCalculations:
         recorded = next((r for r in raw.runs if r.name == run), None)
         if recorded is None or signal not in recorded.signals:
             raise WorkspaceError(f"{run} has no {signal}")
-        values = self._shown(signal, recorded.signals[signal])
+        values = self._shown(raw.machine.signals[signal], recorded.signals[signal])
         used = next((r for r in checked.runs if r.name == run), None)
         kept = used.signals.get(signal) if used is not None else None
         left_out = np.isfinite(values) if kept is None else np.isfinite(values) & ~np.isfinite(kept)
         index = thinned(recorded.time, values, -np.inf, np.inf, width)
         bad = np.flatnonzero(left_out)[:MAX_MARKS]
         return {
-            "x": recorded.time[index], "y": values[index], "unit": SIGNALS[signal].display_unit,
+            "x": recorded.time[index], "y": values[index], "unit": raw.machine.signals[signal].display_unit,
             "left_out": (recorded.time[bad], values[bad]),
             "gaps": self._gaps(recorded), "whole": kept is None,
             "limits": self._limits(values),
@@ -112,8 +112,8 @@ class DataCalculations:
         return [end for end in ends if np.mean(valid == end) > 0.01 and ends[0] < ends[1]]
 
     @staticmethod
-    def _shown(signal: str, values: np.ndarray) -> np.ndarray:
-        return from_si(values, SIGNALS[signal].unit, SIGNALS[signal].display_unit)
+    def _shown(about: Signal, values: np.ndarray) -> np.ndarray:
+        return from_si(values, about.unit, about.display_unit)
 
 
 @functools.cache
@@ -121,4 +121,4 @@ def signals_of(rig: str) -> tuple[str, ...]:
     """The signals of a rig."""
     machine = RIGS[rig]()
     found = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
-    return tuple(name for name in SIGNALS if name in found and name != "time")
+    return tuple(name for name in machine.signals if name in found and name != "time")

@@ -12,12 +12,11 @@ from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.units import display_unit, from_si
 from edhas_jax.design.sweep.pareto_front import non_dominated
 from edhas_jax.design.sweep.run import open_sweep
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import list_parameters, set_parameters, short_names
-from edhas_jax.machine.rigs import ActuatorSystem, Sine
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.simulation.metrics import METRICS, RunTooShortError
+from edhas_jax.simulation.metrics import RunTooShortError
 from edhas_jax.simulation.run import Simulation, simulate
+from edhas_jax.simulation.signal_metrics import metric_declarations
 from edhas_jax.workbench.workspace import DESIGNS, RESULTS, Workspace, WorkspaceError
 
 AS_GIVEN_FILE = "as_given.yaml"
@@ -67,7 +66,8 @@ class DesignCalculations:
         return {
             "name": config.name or config.path.stem, "rig": machine.name, "parameters": parameters,
             "effects": [effect.id for effect in machine.effects],
-            "sweepable": not isinstance(machine, ActuatorSystem) and isinstance(machine.reference, Sine),
+            "sweepable": machine.cycle is not None or machine.is_own,
+            "metrics": list(metric_declarations(machine)) if machine.is_own else [],
         }  # fmt: skip
 
     def simulate(self, name: str, trust: list[str], values: Mapping[str, float]) -> dict[str, Any]:
@@ -80,15 +80,15 @@ class DesignCalculations:
         """
         config = self._read(name, trust)
         machine = set_parameters(config.machine, dict(values))
-        run = simulate(machine, config.simulation)
+        run, declared = simulate(machine, config.simulation), metric_declarations(machine)
         time = run.signals["time"]
-        is_cycle = isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem)
+        is_cycle = machine.cycle is not None
         first = time[-1] - CYCLES_SHOWN / float(machine.reference.frequency) if is_cycle else 0.0
         inside = time >= max(first, 0.0) - 1e-12
         signals = {
-            n: from_si(v[inside], SIGNALS[n].unit, SIGNALS[n].display_unit)
+            n: from_si(v[inside], machine.signals[n].unit, machine.signals[n].display_unit)
             for n, v in run.signals.items()
-            if n in SIGNALS and n != "time"
+            if n in machine.signals and n != "time"
         }
         try:
             metrics = {n: float(from_si(m.value, m.unit, m.display_unit)) for n, m in run.metrics.items()}
@@ -96,8 +96,8 @@ class DesignCalculations:
             metrics = {}
         return {
             "time": 1e3 * (time[inside] - time[inside][0]), "signals": signals, "metrics": metrics,
-            "units": {n: SIGNALS[n].display_unit for n in signals},
-            "metric_units": {n: METRICS[n][1] for n in metrics if n in METRICS},
+            "units": {n: machine.signals[n].display_unit for n in signals},
+            "metric_units": {n: declared[n][1] for n in metrics if n in declared},
             "status": run.status.name.lower(), "reason": run.reason, "valid": run.valid, "step": run.step_note,
         }  # fmt: skip
 

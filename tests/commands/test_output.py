@@ -10,7 +10,7 @@ import types
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.commands import progress, progress_file
+from edhas_jax.commands import progress
 from edhas_jax.commands.cli import main
 from edhas_jax.commands.fit import STATUS_NOT_CONVERGED
 from edhas_jax.config.examples import FOLDER, list_examples
@@ -128,7 +128,7 @@ def test_completion_knows_commands_and_options(capsys):
 
 def test_the_file_of_progress_has_each_report_once_also_when_quiet(tmp_path, monkeypatch, capsys):
     file = tmp_path / "reports"
-    monkeypatch.setenv(progress_file.VARIABLE, str(file))
+    monkeypatch.setenv(progress.VARIABLE, str(file))
     with progress.WorkProgress(types.SimpleNamespace(quiet=True), "beginning") as work:
         for share in (0.25, 0.25, 0.5):
             work("fitting", share)

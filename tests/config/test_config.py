@@ -20,7 +20,7 @@ from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.parameters import ParameterError, get_parameter, list_parameters, set_parameters
 from edhas_jax.machine.rigs import RIGS, ActuatorSystem, PumpBench
-from edhas_jax.simulation.run import Precision, Simulation
+from edhas_jax.simulation.run_settings import Precision, Simulation
 from tests.support import CONFIGS
 
 # configurations of sweeps, sensitivities and sizings have tests of their own
@@ -73,7 +73,7 @@ def test_paper_is_the_default_machine():
     config = read_config(CONFIGS / "paper.yaml")
     assert [e.id for e in config.machine.effects] == ["lugre_friction", "piston_leakage", "entrained_air"]
     assert same(config.machine, replace(PumpBench(), effects=tuple(type(e)() for e in config.machine.effects)))
-    assert config.simulation == Simulation(duration=0.5)
+    assert config.simulation == Simulation(sample_rate=5000.0, duration=0.5)
     assert config.name == "paper pump"
     system = read_config(CONFIGS / "paper_step.yaml")
     assert isinstance(system.machine, ActuatorSystem)
@@ -113,7 +113,7 @@ def test_overrides():
     )
     assert get_parameter(config.machine, "piston_clearance") == 15e-6
     assert config.machine.reference.frequency == 20.0
-    assert config.simulation == Simulation(duration=2.0, step=1e-5, precision=Precision.FLOAT32)
+    assert config.simulation == Simulation(sample_rate=5000.0, duration=2.0, step=1e-5, precision=Precision.FLOAT32)
     system = read_config(CONFIGS / "paper_step.yaml", ["target=5 mm", "accuracy=1 %", "sample_rate=1 kHz"])
     assert system.machine.target.step_size == 5e-3
     assert system.simulation == Simulation(duration=0.6, accuracy=0.01, sample_rate=1000.0)
@@ -121,7 +121,7 @@ def test_overrides():
 
 def test_an_override_of_the_step_replaces_the_accuracy(tmp_path):
     (tmp_path / "a.yaml").write_text("rig: actuator_bench\nsimulation: {accuracy: 0.5 %}\n")
-    assert read_config(tmp_path / "a.yaml", ["step=10us"]).simulation == Simulation(step=1e-5)
+    assert read_config(tmp_path / "a.yaml", ["step=10us"]).simulation == Simulation(sample_rate=5000.0, step=1e-5)
 
 
 def test_all_wrong_overrides_are_reported():

@@ -19,7 +19,8 @@ from edhas_jax.machine.effects import EffectError, ParasiticSpring
 from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable, interpolate, table_of, tabulated_class
 from edhas_jax.machine.rigs import ActuatorBench, PumpBench
 from edhas_jax.simulation.batch_trajectories import simulate_batch
-from edhas_jax.simulation.run import Precision, Simulation, simulate
+from edhas_jax.simulation.run import simulate
+from edhas_jax.simulation.run_settings import Precision, Simulation
 from tests.support.convergence import Stretch, convergence
 from tests.support.reference import nominal
 

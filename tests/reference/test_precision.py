@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from edhas_jax.simulation.metrics import metric_window
-from edhas_jax.simulation.run import Precision
+from edhas_jax.simulation.run_settings import Precision
 from tests.support.reference import rms
 
 

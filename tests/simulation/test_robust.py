@@ -9,7 +9,8 @@ from edhas_jax.core.structs import par
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.rigs import ActuatorBench, PumpBench
 from edhas_jax.simulation.metrics import mean_rate
-from edhas_jax.simulation.run import Precision, Simulation, SimulationError, simulate
+from edhas_jax.simulation.run import SimulationError, simulate
+from edhas_jax.simulation.run_settings import Precision, Simulation
 from tests.support.reference import changed, nominal
 
 

@@ -12,7 +12,8 @@ from edhas_jax.core import structs
 from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.rigs import RIGS, ActuatorBench, ActuatorSystem, PumpBench, Rig, Step, components_by_name
 from edhas_jax.simulation.metrics import mean_rate, metric_window
-from edhas_jax.simulation.run import Precision, Run, Simulation, simulate
+from edhas_jax.simulation.run import Run, simulate
+from edhas_jax.simulation.run_settings import Precision, Simulation
 from tests.support import DATA
 
 EFFECTS = {

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import jax
 import numpy as np
@@ -10,10 +11,11 @@ import numpy as np
 from edhas_jax.core import runtime
 from edhas_jax.design.batch.cycle_metrics import cycle_change
 from edhas_jax.design.batch.periodic_solver import LONG_TABLE, BatchState, metrics_with_status, run_to_periodic
+from edhas_jax.design.batch.run_metrics import RunGrid, run_grid, run_own_designs
 from edhas_jax.machine.parameters import get_parameter
-from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP
-from edhas_jax.simulation.run import Precision
+from edhas_jax.simulation.run_settings import Precision, Simulation
 from edhas_jax.simulation.validity import REASONS, STEP_SENSITIVITY, Status
 
 SLOW_CYCLES = 8  # a design that takes more is checked for its sensitivity to the step
@@ -34,6 +36,8 @@ class BatchSettings:
         max_cycles: most cycles of a design.
         soft_start: whether the first cycle is a ramp, whatever ramp the machine has; else the set point starts at once.
         precision: of all numbers.
+        duration: length of a run of a rig of one's own [s]; None is what the rig usually has.
+        sample_rate: samples per second of such a run [Hz]; None is what the rig usually has.
     """
 
     step: float = DEFAULT_STEP
@@ -41,6 +45,26 @@ class BatchSettings:
     max_cycles: int = 16
     soft_start: bool = True
     precision: Precision = Precision.FLOAT64
+    duration: float | None = None
+    sample_rate: float | None = None
+
+    def run_grid(self, machine: Rig) -> RunGrid:
+        """Steps and samples of the runs of a rig of one's own."""
+        step = self.step if self.step >= 0.01 * machine.time_step else None
+        return run_grid(machine, self.duration, self.sample_rate, step)
+
+
+def settings_of_batch(machine: Rig, simulation: Simulation) -> dict[str, Any]:
+    """The fields of `BatchSettings` that follow from the settings of a run.
+
+    These are step and precision, and of a rig of one's own also duration and sample rate.
+    """
+    found: dict[str, Any] = {"precision": simulation.precision}
+    found |= {"step": simulation.step} if simulation.step else {}
+    if not machine.is_own:
+        return found
+    usual = {"step": machine.time_step, "duration": simulation.length(machine), "sample_rate": simulation.rate(machine)}
+    return usual | found
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,7 +90,10 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     Raises:
         BatchError: the machine is not driven by a sine on a bench.
     """
-    if isinstance(machine, ActuatorSystem) or not isinstance(machine.reference, Sine):
+    if machine.is_own:
+        rows = np.arange(len(next(iter(values.values()))))
+        return [Chunk(rows[i : i + LONG_TABLE], 0) for i in range(0, len(rows), LONG_TABLE)]
+    if machine.cycle is None:
         raise BatchError(f"a batch needs a bench that is driven by a sine; this is {machine.name}")
     count = len(next(iter(values.values())))
     varied = [values[n] for n in ("frequency", "reference.frequency") if n in values]
@@ -93,6 +120,10 @@ def run_chunk(
 
     The result depends on the designs and settings alone, not on the number of cores or on the neighbours.
     """
+    if machine.is_own:
+        return run_own_designs(
+            machine, {n: np.asarray(v)[chunk.rows] for n, v in values.items()}, settings.run_grid(machine)
+        )
     dtype = np.dtype(settings.precision.value)
     base = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
     columns = {n: np.asarray(v)[chunk.rows].astype(dtype) for n, v in values.items()}

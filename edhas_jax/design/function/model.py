@@ -23,7 +23,7 @@ from edhas_jax.design.function.sampled_trajectory import SampledTrajectory
 from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.table import metrics_of
 from edhas_jax.machine.parameters import find_parameter, get_parameter, list_parameters, short_names
-from edhas_jax.machine.rigs import ActuatorSystem, Rig, Sine
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP, evaluate_signals
 from edhas_jax.simulation.validity import REASONS, Status
 
@@ -160,7 +160,7 @@ class Model:
         return {name: jnp.asarray(float(get_parameter(self.machine, name)), jnp.result_type(float))}
 
     def _require_periodic(self) -> None:
-        if isinstance(self.machine, ActuatorSystem) or not isinstance(self.machine.reference, Sine):
+        if self.machine.cycle is None:
             raise BatchError(f"metrics of a periodic state need a bench that is driven by a sine; this is "
                              f"{self.machine.name}: take `trajectory`")  # fmt: skip
 

@@ -12,12 +12,14 @@ Source: Griewank & Walther, Evaluating Derivatives, 2008, chapter 15, on the der
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from edhas_jax.design.batch.batch import BatchSettings
 from edhas_jax.design.batch.periodic_solver import BatchState, metrics_with_status, run_to_periodic
+from edhas_jax.design.batch.run_metrics import own_slopes
 from edhas_jax.machine.rigs import Rig
 
 
@@ -33,11 +35,13 @@ class GradientSettings:
         tolerance: relative change of flow, power and stroke over two cycles in a row below which a design is periodic;
             and change of an elasticity (of 1 or of itself, whichever is larger) below which terms are no longer added.
         max_cycles: most cycles of a design, and most terms.
+        run: step, samples and duration of the runs of a rig of one's own, which has no periodic state.
     """
 
     steps_per_cycle: int = 16384
     tolerance: float = 2e-4
     max_cycles: int = 24
+    run: BatchSettings = BatchSettings()
 
 
 class Derivatives(NamedTuple):
@@ -56,6 +60,15 @@ class Derivatives(NamedTuple):
     status: np.ndarray
     cycles: np.ndarray
     terms: int
+
+
+def derivatives_of_runs(
+    machine: Rig, columns: Mapping[str, np.ndarray], names: Sequence[str], metrics: Sequence[str],
+    settings: GradientSettings,
+) -> Derivatives:  # fmt: skip
+    """The derivatives of the metrics of whole runs of a rig of one's own by the parameters `names`."""
+    values, slopes, status = own_slopes(machine, columns, names, metrics, settings.run.run_grid(machine))
+    return Derivatives(values, slopes, status, np.zeros(len(status)), 0)
 
 
 def periodic_state(machine: Rig, columns: Mapping[str, np.ndarray], settings: GradientSettings) -> BatchState:

@@ -57,7 +57,7 @@ def analyse_sensitivity(
 
     columns = task.operating_points()
     points = pd.DataFrame(columns, index=range(len(next(iter(columns.values()))) if columns else 1))
-    settings = GradientSettings(steps_per_cycle=STEPS_PER_CYCLE)
+    settings = GradientSettings(steps_per_cycle=STEPS_PER_CYCLE, run=task.settings)
     local = gradient(task.machine, task.metrics, task.local, columns or None, settings,
                      on_cycle=lambda share: report("elasticities", share)).frame  # fmt: skip
     tables: dict[str, pd.DataFrame] = {}

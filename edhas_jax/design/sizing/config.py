@@ -22,6 +22,7 @@ from edhas_jax.design.task_reader import TaskReader
 from edhas_jax.machine.parameters import ParameterError, get_parameter, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import METRICS
+from edhas_jax.simulation.signal_metrics import metric_declarations
 
 SECTIONS = ("points", "free", "objective", "front", "constraints", "robust", "starts", "iterations", "seed")
 
@@ -34,15 +35,16 @@ class Constraint:
         metric: the metric.
         upper: whether `value` is an upper bound, or else a lower one.
         value: the bound, SI.
+        unit: SI unit of the metric.
     """
 
     metric: str
     upper: bool
     value: float
+    unit: str
 
     def __str__(self) -> str:
-        unit = METRICS[self.metric][0]
-        return f"{self.metric} {'≤' if self.upper else '≥'} {format_quantity(self.value, unit)}"
+        return f"{self.metric} {'≤' if self.upper else '≥'} {format_quantity(self.value, self.unit)}"
 
 
 class ToleranceKind(enum.Enum):
@@ -219,21 +221,22 @@ def _read_objective(r: TaskReader, known: list[str]) -> dict[str, float]:
 
 def _read_constraints(r: TaskReader, known: list[str]) -> tuple[Constraint, ...]:
     constraints = []
+    declared = METRICS if r.machine is None else metric_declarations(r.machine)
     for name, spec in r.section("constraints", "{rms_current: {max: 4 A}}").items():
         key = ("constraints", name)
         if name not in known:
             r.add(key, f"no metric `{name}`; {suggest(str(name), known)}")
         elif not isinstance(spec, Mapping) or not set(spec) & {"min", "max"}:
-            r.add(key, f"`max:` or `min:` and a quantity in {METRICS[name][0]} belong here")
+            r.add(key, f"`max:` or `min:` and a quantity in {declared[name][0]} belong here")
         else:
             r.add_unknown_keys(key, spec, ("min", "max"))
-            unit = METRICS[name][0]
-            p = Parameter(name, 1.0, unit, (-np.inf, np.inf), METRICS[name][2], "", Constraint)
+            unit = declared[name][0]
+            p = Parameter(name, 1.0, unit, (-np.inf, np.inf), declared[name][2], "", Constraint)
             for bound in ("min", "max"):
                 if bound in spec:
                     value = _read_quantity(r, (*key, bound), p, spec[bound])
                     if value is not None:
-                        constraints.append(Constraint(name, bound == "max", value))
+                        constraints.append(Constraint(name, bound == "max", value, unit))
             if {"min", "max"} <= set(spec) and len(constraints) > 1 and constraints[-2].value > constraints[-1].value:
                 r.add(key, "`min` lies above `max`: they cannot be met together")
     return tuple(constraints)

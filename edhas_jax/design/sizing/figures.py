@@ -9,7 +9,7 @@ from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sizing.config import SizingTask
 from edhas_jax.design.sizing.optimiser import FEASIBILITY_TOLERANCE
 from edhas_jax.design.sizing.size import SizingResult
-from edhas_jax.simulation.metrics import METRICS
+from edhas_jax.simulation.signal_metrics import metric_declarations
 
 BEST_COLOUR, START_COLOUR = COLOURS[1], COLOURS[0]
 
@@ -77,12 +77,12 @@ def draw_front(task: SizingTask, result: SizingResult):
     """A matplotlib figure: the two metrics of the objective, averaged over the cases, and the designs on the front."""
     from matplotlib.figure import Figure
 
-    metrics = list(task.weights)
+    metrics, declared = list(task.weights), metric_declarations(task.machine)
     figure = Figure(figsize=(10.5, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
 
     def mean(sized, metric):
-        unit, shown, _ = METRICS[metric]
+        unit, shown, _ = declared[metric]
         return from_si(float(sized.metrics[metric].mean()), unit, shown)
 
     feasible = [sized for sized in result.machines if sized.violation <= FEASIBILITY_TOLERANCE]
@@ -94,7 +94,7 @@ def draw_front(task: SizingTask, result: SizingResult):
     label = "start" if result.start.violation <= FEASIBILITY_TOLERANCE else "start, infeasible"
     left.plot(*start, "s", color=START_COLOUR, ms=6)
     left.annotate(label, start, (7, -11), textcoords="offset points", fontsize=8.5, color=START_COLOUR)
-    labels = [f"{m.replace('_', ' ')}, {METRICS[m][1]}, mean of the points" for m in metrics]
+    labels = [f"{m.replace('_', ' ')}, {declared[m][1]}, mean of the points" for m in metrics]
     left.set(xlabel=labels[0], ylabel=labels[1])
     left.margins(0.1)
     fractions = [[a.fraction_of(s.design[a.name]) for s in feasible] for a in task.variables]

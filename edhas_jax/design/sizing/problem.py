@@ -2,12 +2,13 @@
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Mapping
 
 import numpy as np
 
 from edhas_jax.design.batch.experiment_design import designs_at
-from edhas_jax.design.gradient.fixed_point import GradientSettings
+from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings, derivatives_of_runs
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.design.sizing.config import Constraint, RobustObjective, SizingTask
 from edhas_jax.machine.parameters import get_parameter, set_parameters
@@ -72,10 +73,9 @@ class SizingProblem:
         self.names = [axis.name for axis in task.variables]
         self.steps_per_cycle = steps_per_cycle
         self.machine_seconds = 0.0
-        self.supply = float(get_parameter(task.machine, "supply_voltage"))
-        unsaturated = min(SUPPLY_FACTOR * self.supply, MAX_SUPPLY_VOLTAGE)
-        self._machine = set_parameters(task.machine, {"supply_voltage": unsaturated})
-        self.constraints = (*task.constraints, Constraint("peak_voltage", True, self.supply * (1.0 - SUPPLY_MARGIN)))
+        self.supply, self._machine, self.constraints = math.inf, task.machine, task.constraints
+        if not task.machine.is_own:
+            self._raise_supply()
         points = task.operating_points()
         count = len(next(iter(points.values()))) if points else 1
         corners = list(itertools.product((0.0, 1.0), repeat=len(task.tolerances))) if task.tolerances else []
@@ -83,6 +83,14 @@ class SizingProblem:
         self.cases = [({n: v[k] for n, v in points.items()}, c) for k in range(count) for c in self.corners]
         metrics = [*task.weights, *(constraint.metric for constraint in self.constraints)]
         self._metrics = list(dict.fromkeys(metrics))
+
+    def _raise_supply(self) -> None:
+        """Simulate with a supply that never saturates, and make the real one a constraint."""
+        self.supply = float(get_parameter(self.task.machine, "supply_voltage"))
+        unsaturated = min(SUPPLY_FACTOR * self.supply, MAX_SUPPLY_VOLTAGE)
+        self._machine = set_parameters(self.task.machine, {"supply_voltage": unsaturated})
+        limit = Constraint("peak_voltage", True, self.supply * (1.0 - SUPPLY_MARGIN), "V")
+        self.constraints = (*self.constraints, limit)
 
     def initial_fractions(self) -> np.ndarray:
         """The design variables of the task's machine as fractions of their ranges, shape (d,)."""
@@ -107,11 +115,10 @@ class SizingProblem:
         variables = self.designs(fractions)
         scale = np.stack([axis.derivative_at(variables[axis.name]) for axis in self.task.variables], axis=1)
         columns, factor = self._columns(variables, n)
-        settings = GradientSettings(self.steps_per_cycle, CYCLE_TOLERANCE, MAX_CYCLES)
-        found = forward(self._machine, columns, self.names, self._metrics, settings)
-        frequency = columns.get("frequency", get_parameter(self._machine, "frequency"))
-        cycles = found.cycles + found.terms * len(self.names)
-        self.machine_seconds += float(np.sum(cycles / np.broadcast_to(frequency, n * cases)))
+        settings = GradientSettings(self.steps_per_cycle, CYCLE_TOLERANCE, MAX_CYCLES, self.task.settings)
+        evaluate = derivatives_of_runs if self._machine.is_own else forward
+        found = evaluate(self._machine, columns, self.names, self._metrics, settings)
+        self._count_time(found, columns, n * cases)
         failed = np.isin(found.status, FAILED_STATUSES).reshape(n, cases).any(axis=1)
         metrics = {m: found.values[m].reshape(n, cases) for m in self._metrics}
         slopes = {
@@ -122,7 +129,7 @@ class SizingProblem:
             weights = np.tile(list(self.task.weights.values()), (n, 1))
         objective = (weights * goals).sum(axis=1)
         gradient = (weights[:, :, None] * goal_gradients).sum(axis=1)
-        constraints, constraint_gradients = [], []
+        constraints, constraint_gradients = [np.zeros((n, 0))], [np.zeros((n, 0, len(self.names)))]
         for constraint in self.constraints:
             sign, size = (1.0 if constraint.upper else -1.0), abs(constraint.value) or 1.0
             constraints.append(sign * (metrics[constraint.metric] - constraint.value) / size)
@@ -136,6 +143,16 @@ class SizingProblem:
         return DesignEvaluation(
             objective, gradient, constraints, constraint_gradients, goals, goal_gradients, metrics
         )
+
+    def _count_time(self, found: Derivatives, columns: dict[str, np.ndarray], runs: int) -> None:
+        """Add the simulated time of some runs; each derivative counts as a run."""
+        if self._machine.is_own:
+            grid = self.task.settings.run_grid(self._machine)
+            self.machine_seconds += runs * (1 + len(self.names)) * float(grid.time[-1])
+            return
+        frequency = columns.get("frequency", get_parameter(self._machine, "frequency"))
+        cycles = found.cycles + found.terms * len(self.names)
+        self.machine_seconds += float(np.sum(cycles / np.broadcast_to(frequency, runs)))
 
     def _columns(self, variables: dict[str, np.ndarray], n: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """The columns (SI) of designs × cases, and their derivatives by the designs' own values, (cases, d)."""

@@ -20,7 +20,6 @@ from edhas_jax.design.sizing.optimiser import (
 from edhas_jax.design.sizing.problem import DesignEvaluation, SizingProblem
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.metrics import METRICS
 
 COARSE_STEPS, FINE_STEPS = 1024, 4096  # per cycle, of the search and of the refinement
 SLSQP_ITERATIONS = 15  # of the search from every start, and of the refinement
@@ -233,7 +232,7 @@ def _check_feasible(task: SizingTask, problem: SizingProblem, machines: list[Siz
         worst = values.max() if constraint.upper else values.min()
         excess = (worst - constraint.value) * (1 if constraint.upper else -1)
         if excess > FEASIBILITY_TOLERANCE * abs(constraint.value):
-            violated.append(f"{constraint} ({format_quantity(worst, METRICS[constraint.metric][0])})")
+            violated.append(f"{constraint} ({format_quantity(worst, constraint.unit)})")
     design = ", ".join(
         f"{n} {format_quantity(best.design[n], resolve_parameter(task.machine, n)[0].unit)}" for n in problem.names
     )

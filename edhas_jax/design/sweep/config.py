@@ -22,7 +22,7 @@ from edhas_jax.config.yaml_with_lines import (
 )
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust, TrustedCode
-from edhas_jax.design.batch.batch import BatchError, BatchSettings, plan_chunks
+from edhas_jax.design.batch.batch import BatchError, BatchSettings, plan_chunks, settings_of_batch
 from edhas_jax.design.batch.design_table import read_design_table
 from edhas_jax.design.batch.experiment_design import (
     MAX_DESIGNS,
@@ -36,8 +36,8 @@ from edhas_jax.design.sweep.axes_reader import AxesReader
 from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.parameters import ParameterError, find_parameter, replace_value
-from edhas_jax.machine.rigs import RIGS, Rig
-from edhas_jax.simulation.run import Precision, Simulation
+from edhas_jax.machine.rigs import Rig
+from edhas_jax.simulation.run_settings import Precision, Simulation
 
 SECTIONS = ("name", "base", "machine", "parameters", "sweep", "batch")
 SWEEP_KEYS = {
@@ -168,7 +168,7 @@ class SweepReader(ProblemList):
                 self.machine, self._simulation = config.machine, config.simulation
             except ConfigError as error:
                 self.base_problems += str(error).splitlines()
-        elif isinstance(inline, tuple(RIGS.values())):
+        elif isinstance(inline, Rig):
             self.machine = inline
         elif not isinstance(inline, Mapping):
             self.add(("machine",), f"a mapping such as `machine: {{rig: pump_bench}}` belongs here, not "
@@ -198,7 +198,7 @@ class SweepReader(ProblemList):
     def _read_settings(self) -> BatchSettings:
         """The section `batch:`; step and precision default to those of the base."""
         base = self._simulation
-        values: dict[str, Any] = {"precision": base.precision} | ({"step": base.step} if base.step else {})
+        values = {"precision": base.precision} if self.machine is None else settings_of_batch(self.machine, base)
         section = self._section("batch", "{step: 20 us}") or {}
         self.add_unknown_keys(("batch",), section, (*BATCH_QUANTITIES, "max_cycles", "soft_start", "precision"))
         for name, value in section.items():

@@ -22,7 +22,7 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.design.sweep.config import Sweep
 from edhas_jax.machine.effects.loading import content_hash_of, trusted_as_loaded
 from edhas_jax.machine.effects.tabulated_law import table_of
-from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters
+from edhas_jax.machine.parameters import component_kinds, find_parameter, list_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run import Simulation
 
@@ -39,7 +39,7 @@ def sweep_identity(sweep: Sweep) -> dict[str, Any]:
     settings = dataclasses.asdict(sweep.settings)
     return {
         "rig": sweep.machine.name,
-        "kinds": {s: config_kind(s, getattr(sweep.machine, s)) for s in COMPONENT_KINDS if hasattr(sweep.machine, s)},
+        "kinds": {s: config_kind(sweep.machine, s) for s in component_kinds(sweep.machine)},
         "effects": effect_code(sweep.machine),
         "parameters": {
             f"{path}.{p.name}": [float(v), p.unit]
@@ -98,14 +98,15 @@ def effect_code(machine: Rig) -> dict[str, str]:
     for name, table in tables.items():
         if table is not None:
             sources[name] = " ".join(("table", table.place.slot, table.place.variable, *table.place.factors))
+    if machine.is_own:
+        return sources | {"rig": _code_of(machine)}
     controller = _code_of(machine.controller)
     return sources if controller == "library" else sources | {"controller": controller}
 
 
 def user_code(machine: Rig) -> TrustedCode:
     """The user's code that a machine consists of, with the content that has run in this process."""
-    parts = (*machine.effects, machine.controller)
-    return trusted_as_loaded(type(part) for part in parts if _code_of(part) != "library")
+    return trusted_as_loaded(type(part) for part in machine.replaceable_parts() if _code_of(part) != "library")
 
 
 def _code_of(part) -> str:

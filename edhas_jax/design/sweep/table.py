@@ -12,6 +12,7 @@ from edhas_jax.core.units import display_unit, from_si
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import METRICS
+from edhas_jax.simulation.signal_metrics import Declarations, metric_declarations
 from edhas_jax.simulation.validity import REASONS, Status
 
 TABLE_FILE = "table.parquet"
@@ -69,10 +70,12 @@ def sweep_table(
         shown = display_unit(p.unit, float(np.abs(values).max())) or "-"
         columns.append(_column(name, values, role="parameter", unit=p.unit, shown=shown, doc=p.doc))
     table = pa.table([values for _, values in columns], schema=pa.schema([field for field, _ in columns]))
-    return table if metrics is None else with_results(table, metrics)
+    return table if metrics is None else with_results(table, metrics, metric_declarations(machine))
 
 
-def with_results(table: pa.Table, metrics: Mapping[str, np.ndarray]) -> pa.Table:
+def with_results(
+    table: pa.Table, metrics: Mapping[str, np.ndarray], declared: Declarations | None = None
+) -> pa.Table:
     """Add the results to a table of designs.
 
     The metrics of a design that is not OK are NaN, so that no selection by a metric finds it.
@@ -80,10 +83,14 @@ def with_results(table: pa.Table, metrics: Mapping[str, np.ndarray]) -> pa.Table
     Args:
         table: the designs, a row each.
         metrics: as for `sweep_table`.
+        declared: units and meanings of the metrics; None where the machine is not at hand.
     """
+    if declared is None:
+        others = (n for n in metrics if n not in (*METRICS, *CONVERGENCE_COLUMNS, "status"))
+        declared = METRICS | {n: ("-", "-", n.replace("_", " ")) for n in others}
     columns, ok = [], np.asarray(metrics["status"], float) == Status.OK
-    for name in (n for n in METRICS if n in metrics):
-        unit, shown, doc = METRICS[name]
+    for name in (n for n in declared if n in metrics):
+        unit, shown, doc = declared[name]
         values = np.where(ok, metrics[name], np.nan)
         columns.append(_column(name, values, role="metric", unit=unit, shown=shown, doc=doc))
     for name, doc in CONVERGENCE_COLUMNS.items():

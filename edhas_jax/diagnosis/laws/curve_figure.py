@@ -7,8 +7,7 @@ from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.laws.curve_basis import basis
 from edhas_jax.diagnosis.laws.law_curve import LawCurve
-from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS
-from edhas_jax.machine.interface.slots import SLOTS, Rule
+from edhas_jax.machine.interface.slots import Rule
 
 Z_95 = 1.96  # standard errors on either side of a 95 % band
 LINE_POINTS = 400
@@ -30,9 +29,9 @@ def draw_law_curve(curve: LawCurve, law_name: str = ""):
     figure = Figure(figsize=(7.6, 4.6), layout="constrained")
     axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(5, 1))
     place = curve.place
-    variable_si, value_si = LAW_SIGNALS[place.variable], place.value_unit
+    variable_si, value_si = place.variable_unit, place.value_unit
     variable_unit, value_unit = law_units(place, float(np.abs(curve.total).max()))
-    is_factor = SLOTS[place.slot].rule is Rule.SCALE
+    is_factor = place.declaration.rule is Rule.SCALE
 
     def shown_x(values):
         return from_si(values, variable_si, variable_unit)

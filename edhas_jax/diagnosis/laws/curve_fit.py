@@ -23,7 +23,7 @@ from edhas_jax.diagnosis.laws.law_curve import LawCurve, curve_name
 from edhas_jax.diagnosis.laws.law_samples import law_samples
 from edhas_jax.diagnosis.laws.linearised_model import Linearisation, PointEvaluator, bounded_minimum
 from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable
-from edhas_jax.machine.interface.slots import SLOTS, Rule
+from edhas_jax.machine.interface.slots import Rule
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
@@ -225,7 +225,7 @@ def _with_law(fit: Fit, start: CurveStart, effect: str, values: np.ndarray) -> n
     samples = law_samples(fit, (place,), effect)
     x, weight = samples.values[place.variable], samples.weight(place)
     law = fit_values(start.nodes, x, samples.law - place.neutral, weight) + place.neutral
-    return law * values if SLOTS[place.slot].rule is Rule.SCALE else law + values
+    return law * values if place.declaration.rule is Rule.SCALE else law + values
 
 
 def _share_of_law(start: CurveStart, total: np.ndarray, visible: np.ndarray) -> float | None:

@@ -2,11 +2,11 @@
 
 import functools
 
+from edhas_jax.core import structs
 from edhas_jax.machine.effects import EffectError
-from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
+from edhas_jax.machine.effects.tabulated_law import LawPlace, rig_of, tabulated_class
 from edhas_jax.machine.effects.validation import check_effect
-from edhas_jax.machine.interface.slots import SLOTS
-from edhas_jax.machine.rigs import Rig
+from edhas_jax.machine.rig_base import KindOfMachine, Rig
 
 # variables of a slot, the most usual first; behind a colon the signals by which the curve is multiplied
 _COIL = ("current", "piston_velocity", "piston_position", "voltage")
@@ -70,7 +70,7 @@ def law_places(machine: Rig, slot: str) -> tuple[LawPlace, ...]:
         One place for each variable, and for each product of a curve with further signals; none for a slot that only
         has a meaning together with states of its own.
     """
-    return _law_places(type(machine), type(machine.amplifier), tuple(type(e) for e in machine.effects), slot)
+    return _law_places(KindOfMachine(machine), tuple(type(e) for e in machine.effects), slot)
 
 
 def free_places(machine: Rig) -> tuple[LawPlace, ...]:
@@ -86,21 +86,24 @@ def typical_size(place: LawPlace, factor_size: float = 1.0) -> float:
         place: the place.
         factor_size: typical magnitude of the product of the place's factors, SI.
     """
-    return _TYPICAL_SIZES[place.slot] / factor_size
+    declared = place.declaration
+    return (declared.typical_size if declared.over else _TYPICAL_SIZES[place.slot]) / factor_size
 
 
 @functools.cache
-def _law_places(rig: type[Rig], amplifier: type, effects: tuple[type, ...], slot: str) -> tuple[LawPlace, ...]:
-    machine = rig(amplifier=amplifier(), effects=tuple(effect() for effect in effects))
-    if slot not in {s.name for s in machine.slots} or slot not in _VARIABLES:
+def _law_places(kind: KindOfMachine, effects: tuple[type, ...], slot: str) -> tuple[LawPlace, ...]:
+    machine = structs.replace(kind.machine, effects=tuple(effect() for effect in effects))
+    declared = next((s for s in machine.slots if s.name == slot), None)
+    variables = () if declared is None else declared.over or _VARIABLES.get(slot, ())
+    if not variables:
         return ()
-    is_used = any(SLOTS[slot] in effect.slots for effect in effects)
+    is_used = any(declared in effect.slots for effect in effects)
     if slot in STRUCTURAL_SLOTS and not is_used:
         return ()
     places = []
-    for text in _VARIABLES[slot]:
+    for text in variables:
         variable, *factors = text.split(":")
-        place = LawPlace(slot, variable, tuple(factors))
+        place = LawPlace(slot, variable, tuple(factors), rig_of(machine))
         try:
             check_effect(tabulated_class("a_curve", place, 2)(node_1=0.0, node_2=1.0), machine)
         except EffectError:

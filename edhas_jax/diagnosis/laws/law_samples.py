@@ -9,9 +9,9 @@ import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
+from edhas_jax.machine.effects.tabulated_law import LawPlace, rig_of, tabulated_class
 from edhas_jax.machine.parameters import get_parameter
-from edhas_jax.measurements.measurement_model import PLACEHOLDER_PARAMETER
+from edhas_jax.measurements.measurement_model import placeholder_parameter
 from edhas_jax.simulation.batch_trajectories import simulate_batch
 
 LAW = "law"
@@ -45,7 +45,7 @@ class _Probe(NamedTuple):
 
     def __call__(self, machine, y, t, h) -> dict[str, Any]:
         """The values at one instant, named `slot:signal.place`."""
-        probes = tuple(_probe(slot, name) for slot, name in self.names)
+        probes = tuple(_probe(rig_of(machine), slot, name) for slot, name in self.names)
         s, _ = structs.replace(machine, effects=(*machine.effects, *probes)).evaluate(y, t, h, y)
         made = s.record.contributions
         rows = {pair: made[pair[0]][probe.id] for pair, probe in zip(self.names, probes, strict=True)}
@@ -55,9 +55,9 @@ class _Probe(NamedTuple):
         return {f"{slot}:{name}.{place}": v for (slot, name), row in rows.items() for place, v in enumerate(row)}
 
 
-def _probe(slot: str, name: str):
+def _probe(rig, slot: str, name: str):
     """An effect whose contribution to a slot is a signal."""
-    place = LawPlace(slot, "time", (name,))
+    place = LawPlace(slot, "time", (name,), rig)
     return tabulated_class(f"probe_{name}_at_{slot}", place, 2)(node_1=0.0, node_2=1.0, value_1=1.0, value_2=1.0)
 
 
@@ -83,7 +83,8 @@ def samples_at_slots(fit: Fit, places: Sequence[LawPlace], effect: str | None = 
     for run in fit.problem.model().runs:
         machine = fit.problem.campaign.machine_of(run, fit.machine)
         samples = math.ceil(run.time[-1] / run.interval - 1e-4) + 1
-        values = {PLACEHOLDER_PARAMETER: np.array([float(get_parameter(machine, PLACEHOLDER_PARAMETER))])}
+        name = placeholder_parameter(machine)
+        values = {name: np.array([float(get_parameter(machine, name))])}
         steps = fit.resolution.coarse
         traces = simulate_batch(machine, values, None, run.interval / steps, steps, samples, observer).values
         for key, column in traces.items():

@@ -23,7 +23,7 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
-FILTER_CUTOFFS, FILTER_STD = (0.18, 0.33), 1.0  # over the sample rate; prior standard deviation of their weights
+FILTER_CUTOFFS = 0.18, 0.33  # over the sample rate
 
 
 class DeviationKind(enum.Enum):
@@ -101,7 +101,8 @@ def _sensor_deviations(campaign: Campaign) -> list[Deviation]:
         ]
     found = [deviation for deviation in found if deviation.std > 0.0 and deviation.name in campaign.channels]
     # one anti-alias filter for all channels is usual; any cut-off is nearly a combination of these
-    return found + [Deviation(DeviationKind.FILTER, "", FILTER_STD, cutoff) for cutoff in FILTER_CUTOFFS]
+    std = campaign.accuracy.recorder_filter
+    return found + [Deviation(DeviationKind.FILTER, "", std, cutoff) for cutoff in FILTER_CUTOFFS if std > 0.0]
 
 
 def deviation_columns(

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
-from edhas_jax.machine.components.set_points import Sine
 from edhas_jax.machine.parameters import find_parameter, get_parameter
 from edhas_jax.machine.rigs import ActuatorSystem, Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use, has_parameter
@@ -45,6 +44,8 @@ def feasible_runs(campaign: Campaign, machine: Rig, per_sample: int) -> tuple[Be
     }  # fmt: skip
     if isinstance(machine, ActuatorSystem):  # the pump of a system may saturate while it is far from the set point
         del limits["voltage"]
+    if not limits:
+        return tuple(candidates)
     model = MeasurementModel(campaign, machine, (), candidates, signals=tuple(limits))
     outcomes = model.predict_all_runs(np.zeros(0), per_sample)
     return tuple(
@@ -61,7 +62,7 @@ def candidate_runs(campaign: Campaign) -> list[BenchRun]:
     those of its first run. Empty where the set point of a run is a recording.
     """
     machine, nominal = campaign.machine, campaign.runs[0]
-    if any(run.reference is not None for run in campaign.runs):
+    if any(run.recordings for run in campaign.runs):
         return []
     names = dict.fromkeys(n for run in campaign.runs for n in run.conditions)
     if periodic_duration(machine, {}):
@@ -79,7 +80,7 @@ def candidate_runs(campaign: Campaign) -> list[BenchRun]:
 
 def periodic_duration(machine: Rig, conditions: dict[str, float]) -> float | None:
     """The duration [s] of a run of a bench with a sinusoidal set point; None for any other machine."""
-    if not isinstance(machine.reference, Sine) or isinstance(machine, ActuatorSystem):
+    if machine.cycle is None:
         return None
     frequency = conditions.get("frequency", float(machine.reference.frequency))
     return float(machine.reference.ramp_time) + CYCLES_PER_RUN / frequency

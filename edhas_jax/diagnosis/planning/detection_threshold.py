@@ -7,7 +7,6 @@ import numpy as np
 
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
@@ -31,6 +30,7 @@ class Detectability:
         threshold: value (SI) from which it is detected; NaN where even the strongest plausible effect is not.
         threshold_share: threshold as a share of the strongest plausible effect; above 1 extrapolated.
         x: the simulated point in coordinates next above the threshold, or the strongest one, shape (n,).
+        signal_unit: SI unit of the signal of a sensor fault.
     """
 
     candidate: Candidate
@@ -39,6 +39,7 @@ class Detectability:
     threshold: float
     threshold_share: float
     x: np.ndarray
+    signal_unit: str = "-"
 
     @property
     def detectable(self) -> bool:
@@ -71,7 +72,7 @@ class Detectability:
     def unit(self) -> str:
         """The SI unit of the parameter; an offset has the unit of its signal."""
         is_offset = self.candidate.signal is not None and self.parameter == "offset"
-        return SIGNALS[self.candidate.signal].unit if is_offset else self.unknown.unit
+        return self.signal_unit if is_offset else self.unknown.unit
 
 
 def strength_points(unknowns: list[UnknownParameter]) -> np.ndarray:
@@ -97,16 +98,17 @@ def detectability_of(candidate: Candidate, points: np.ndarray, norms: np.ndarray
         The threshold, interpolated in logarithms of strength and norm.
     """
     unknowns = candidate.unknowns(campaign)
+    unit = campaign.machine.signals[candidate.signal].unit if candidate.signal else "-"
     if not unknowns:
         share = DETECTION_NORM / norms[0] if norms[0] > 0.0 else math.inf
-        return Detectability(candidate, None, 0.0, math.nan, float(share), points[0])
+        return Detectability(candidate, None, 0.0, math.nan, float(share), points[0], unit)
     u = unknowns[0]
     values = np.asarray(u.value(points[:, 0]))
     absent = _absent_value(u, values, norms)
     fades = math.isinf(absent)
     usable = np.isfinite(norms) & (norms > 0.0) & (fades | (values > absent))
     if usable.sum() < 2:
-        return Detectability(candidate, u, 0.0, math.nan, math.inf, points[0])
+        return Detectability(candidate, u, 0.0, math.nan, math.inf, points[0], unit)
     log_strength = -np.log(values) if fades else np.log(np.where(usable, values - absent, 1.0))
     order = np.flatnonzero(usable)[np.argsort(log_strength[usable])]
     strengths, log_norms = log_strength[order], np.log(np.maximum.accumulate(norms[order]))
@@ -121,9 +123,9 @@ def detectability_of(candidate: Candidate, points: np.ndarray, norms: np.ndarray
     share = math.exp(excess) if excess < math.log(MAX_EXTRAPOLATION) else math.inf
     nearest = order[np.searchsorted(strengths, threshold)] if share < 1.0 else order[-1]
     if share > 1.0:
-        return Detectability(candidate, u, absent, math.nan, share, points[nearest])
+        return Detectability(candidate, u, absent, math.nan, share, points[nearest], unit)
     value = math.exp(-threshold) if fades else math.exp(threshold) + absent
-    return Detectability(candidate, u, absent, value, share, points[nearest])
+    return Detectability(candidate, u, absent, value, share, points[nearest], unit)
 
 
 def _absent_value(u: UnknownParameter, values: np.ndarray, norms: np.ndarray) -> float:

@@ -21,7 +21,7 @@ def draw_thresholds(plan: DetectabilityPlan):
     axes = figure.subplots()
     rows = np.arange(len(candidates))[::-1]
     shares = np.clip([s.threshold_share for s in candidates], SHARE_RANGE[0], 1.0)
-    colours = [LOCATION_COLOURS[s.candidate.location] for s in candidates]
+    colours = [LOCATION_COLOURS.get(s.candidate.location, INK) for s in candidates]
     axes.hlines(rows, SHARE_RANGE[0], shares, color="#d8dee4", lw=0.8)  # leads the eye from the name to the dot
     axes.scatter(shares, rows, s=34, color=colours, zorder=3)
     axes.axvline(1.0, color=INK, lw=1.0, ls="--")

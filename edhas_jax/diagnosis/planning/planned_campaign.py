@@ -27,9 +27,9 @@ class PlannedCampaignDescription(CampaignDescription):
         Raises:
             CampaignError: the set point is a recording, or a run would have too few or too many samples.
         """
-        if self.set_point:
+        for drive, source in self.recorded.items():
             raise CampaignError(
-                f"{self.folder / CAMPAIGN_FILE}: `reference: {self.set_point.column}` is recorded with the runs, "
+                f"{self.folder / CAMPAIGN_FILE}: `{drive}: {source.column}` is recorded with the runs, "
                 "so they cannot be planned before they are made; describe the set point instead"
             )
         return tuple(self._planned_run(*row, rate) for row in self.run_entries)

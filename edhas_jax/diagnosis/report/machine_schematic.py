@@ -1,7 +1,7 @@
 """Schematic of the machine (SVG), each component coloured by the probability that an effect is missing there."""
 
 import html
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
@@ -22,6 +22,8 @@ def draw_schematic(machine: Rig, probabilities: Mapping[str, float], measured: t
         probabilities: probability by component, all sensors being the component "sensor".
         measured: names of the measured signals.
     """
+    if machine.is_own:
+        return draw_parts(tuple(dict.fromkeys(slot.location for slot in machine.slots)), probabilities, measured)
     drawing = _Drawing(probabilities)
     bench, system = isinstance(machine, ActuatorBench), isinstance(machine, ActuatorSystem)
     if not bench:
@@ -29,6 +31,24 @@ def draw_schematic(machine: Rig, probabilities: Mapping[str, float], measured: t
         drawing.cylinder() if system else drawing.load()
     drawing.actuator(alone=bench)
     drawing.sensors(measured)
+    return _svg(drawing, probabilities)
+
+
+def draw_parts(parts: Sequence[str], probabilities: Mapping[str, float], measured: tuple[str, ...] = ()) -> str:
+    """Draw the parts of a rig of one's own as SVG: a box for each place at which something can act, in rows.
+
+    Args:
+        parts: names of the parts.
+        probabilities: as for `draw_schematic`.
+        measured: names of the measured signals.
+    """
+    drawing = _Drawing(probabilities)
+    drawing.boxes(parts)
+    drawing.sensors(measured)
+    return _svg(drawing, probabilities)
+
+
+def _svg(drawing: "_Drawing", probabilities: Mapping[str, float]) -> str:
     width, height = SIZE
     labelled = {name: p for name, p in probabilities.items() if p >= MIN_LABELLED_PROBABILITY}
     text = ", ".join(f"{name.replace('_', ' ')} {p:.0%}" for name, p in labelled.items()) or "nowhere"
@@ -64,6 +84,17 @@ class _Drawing:
                 self._box("mover", x, 144, 12, 28, 2)
         self._label("coil", 250, 102)
         self._label("mover", 250, 222)
+
+    def boxes(self, parts: Sequence[str]) -> None:
+        """One box per part, joined in the order of their declaration."""
+        columns, width, height = 4, 130, 64
+        for k, part in enumerate(parts):
+            row, column = divmod(k, columns)
+            x, y = 30 + 176 * column, 40 + 110 * row
+            if column and k:
+                self._line(x - 46, y + height / 2, x, y + height / 2, 5, PIPE_COLOUR)
+            self._box(part, x, y, width, height, 6)
+            self._label(part, x + width / 2, y + height / 2 + 4)
 
     def pump(self) -> None:
         """Two opposed chambers, four check valves, suction and delivery lines, oil."""

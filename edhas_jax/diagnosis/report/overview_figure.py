@@ -3,15 +3,12 @@
 import numpy as np
 
 from edhas_jax.core.literal_text import figure_text
-from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.core.plot_style import COLOURS, GREY, INK, time_unit
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.report.residual_stages import USE_TITLES, draw_stages
 from edhas_jax.diagnosis.search.conclusions import conclusions
 from edhas_jax.diagnosis.search.result import Diagnosis
-from edhas_jax.machine.components.set_points import Sine
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import get_parameter
-from edhas_jax.machine.rigs import ActuatorSystem
 from edhas_jax.measurements.campaign import BenchRun, Use
 from edhas_jax.measurements.residuals import rms_over_noise
 
@@ -47,7 +44,7 @@ def draw_overview(diagnosis: Diagnosis):
     panels[2].set_ylim(panels[1].get_ylim())
     for axes in panels[:2]:
         axes.tick_params(labelbottom=False)
-    panels[2].set_xlabel("time, ms", fontsize=9, color=INK)
+    panels[2].set_xlabel(f"time, {time_unit(float(runs[0].time[-1]))[1]}", fontsize=9, color=INK)
     score_axes, stage_axes = figure.add_subplot(grid[:3, 1]), figure.add_subplot(grid[3:, 1])
     _draw_scores(score_axes, diagnosis)
     draw_stages(stage_axes, diagnosis, runs[0].use)
@@ -59,9 +56,9 @@ def draw_overview(diagnosis: Diagnosis):
 
 def _draw_signal(axes, diagnosis: Diagnosis, run: BenchRun, signal: str) -> None:
     """The measured signal of one run; a model that is nearly right would hide it."""
-    about, shown = SIGNALS[signal], _shown_samples(diagnosis, run)
+    about, shown = diagnosis.campaign.machine.signals[signal], _shown_samples(diagnosis, run)
     points = from_si(run.signals[signal][shown], about.unit, about.display_unit)
-    axes.plot(1e3 * run.time[shown], points, color=INK, lw=1.2)
+    axes.plot(time_unit(float(run.time[-1]))[0] * run.time[shown], points, color=INK, lw=1.2)
     use = ", held out" if run.use is Use.HOLDOUT else ""
     heading = f"measured {signal.replace('_', ' ')}, {figure_text(run.name)}{use}"
     axes.set_title(heading, fontsize=10, loc="left", color=INK)
@@ -71,11 +68,12 @@ def _draw_signal(axes, diagnosis: Diagnosis, run: BenchRun, signal: str) -> None
 
 def _draw_error(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, residual: np.ndarray, title: str) -> None:
     """What a model leaves of a signal, in its unit, with a band of two standard deviations of the noise."""
-    about, shown = SIGNALS[signal], _shown_samples(diagnosis, run)
+    about, shown = diagnosis.campaign.machine.signals[signal], _shown_samples(diagnosis, run)
     scale = from_si(diagnosis.campaign.channels[signal].noise, about.unit, about.display_unit)
     scale -= from_si(0.0, about.unit, about.display_unit)
     axes.axhspan(-2 * scale, 2 * scale, color="#d8dee4", lw=0, label="± 2 noise")
-    axes.plot(1e3 * run.time[shown], scale * residual[shown], color=COLOURS[0], lw=0.9, label="measured − model")
+    time = time_unit(float(run.time[-1]))[0] * run.time[shown]
+    axes.plot(time, scale * residual[shown], color=COLOURS[0], lw=0.9, label="measured − model")
     heading = f"{title}: {rms_over_noise([residual]):.2f} × noise"
     axes.set_title(heading, fontsize=10, loc="left", color=INK)
     axes.set_ylabel(about.display_unit, fontsize=9, color=INK)
@@ -86,7 +84,7 @@ def _draw_error(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, residual
 def _shown_samples(diagnosis: Diagnosis, run: BenchRun) -> np.ndarray:
     """Mask of the samples that are drawn: the last cycles of a sine, otherwise all."""
     machine, start = diagnosis.campaign.machine_of(run), run.time[0]
-    if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
+    if machine.cycle is not None:
         start = run.time[-1] - CYCLES_SHOWN / float(get_parameter(machine, "frequency"))
     return run.time >= start
 

@@ -25,7 +25,7 @@ from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_curve
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
-from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.rig_base import Rig
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.checks.data_summary import data_sentences
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
@@ -257,14 +257,14 @@ def _candidate_table(diagnosis: Diagnosis) -> str:
 
 def parameter_texts(candidate: Candidate, fitted: Fit) -> list[str]:
     """The parameters of a candidate in a fit as text, with standard errors and units."""
-    own = candidate.own_unknowns(fitted.problem.unknowns)
+    own, machine = candidate.own_unknowns(fitted.problem.unknowns), fitted.problem.machine
     return [
         f"{name.replace('_', ' ')} "
-        + format_with_error(fitted.values[u.name], fitted.standard_errors[u.name], _unit(candidate, u))
+        + format_with_error(fitted.values[u.name], fitted.standard_errors[u.name], _unit(candidate, u, machine))
         for name, u in own.items()
     ]
 
 
-def _unit(candidate: Candidate, u: UnknownParameter) -> str:
+def _unit(candidate: Candidate, u: UnknownParameter, machine: Rig) -> str:
     """The SI unit of an unknown; a sensor offset has the unit of its signal."""
-    return SIGNALS[candidate.signal].unit if candidate.signal and u.name.endswith(".offset") else u.unit
+    return machine.signals[candidate.signal].unit if candidate.signal and u.name.endswith(".offset") else u.unit

@@ -6,6 +6,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.sensor_models import SensorGain, SensorOffset
@@ -24,6 +25,7 @@ class SensorError:
         measured: mean of measured − simulated true signal.
         std: standard error of `measured` due to the noise.
         modelled: mean error that the fitted sensor fault predicts.
+        about: the signal.
     """
 
     candidate: Candidate
@@ -32,6 +34,7 @@ class SensorError:
     measured: np.ndarray
     std: np.ndarray
     modelled: np.ndarray
+    about: Signal
 
 
 def estimate_sensor_error(fitted: Fit, candidate: Candidate) -> SensorError:
@@ -59,4 +62,5 @@ def estimate_sensor_error(fitted: Fit, candidate: Candidate) -> SensorError:
     noise = base.campaign.channels[signal].noise
     x, measured, modelled = (np.array([v[b].mean() for b in bins]) for v in (x, measured, modelled))
     std = noise / np.sqrt([len(b) for b in bins])
-    return SensorError(candidate, over_rate, x, measured, std, modelled)
+    about = fitted.problem.machine.signals[candidate.signal]
+    return SensorError(candidate, over_rate, x, measured, std, modelled, about)

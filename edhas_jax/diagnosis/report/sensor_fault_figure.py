@@ -3,7 +3,6 @@
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.report.sensor_fault import SensorError
-from edhas_jax.machine.interface.signals import SIGNALS
 
 Z_95 = 1.96  # standard errors on either side of a 95 % interval
 
@@ -16,7 +15,7 @@ def draw_sensor_fault(error: SensorError):
     """
     from matplotlib.figure import Figure
 
-    about = SIGNALS[error.candidate.signal]
+    about = error.about
     figure = Figure(figsize=(7.6, 4.2), layout="constrained")
     axes = figure.subplots()
     zero = from_si(0.0, about.unit, about.display_unit)

@@ -11,10 +11,8 @@ import numpy as np
 from edhas_jax.core.html_page import json_element
 from edhas_jax.core.plot_style import COLOURS, GREY
 from edhas_jax.core.units import from_si
-from edhas_jax.machine.components.set_points import Sine
-from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import get_parameter
-from edhas_jax.machine.rigs import ActuatorSystem
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.residual_matrix import run_descriptions
 from edhas_jax.measurements.residuals import rms_over_noise
@@ -48,11 +46,12 @@ def render_trace_viewer(campaign: Campaign, states: Mapping[str, Mapping[str, Ma
         default=(0.0, 0, ""),
     )
     signals = [n for n in campaign.channels if any(n in run.signals for run in runs)]
+    about = campaign.machine.signals
     data = {
         "runs": [_run(campaign, run, states) for run in runs],
         "run": worst_run, "signal": worst_signal or signals[0],
-        "units": {n: SIGNALS[n].display_unit for n in signals},
-        "noise": {n: _difference_in_display_unit(n, campaign.channels[n].noise) for n in signals},
+        "units": {n: about[n].display_unit for n in signals},
+        "noise": {n: _difference_in_display_unit(about[n], campaign.channels[n].noise) for n in signals},
         "models": [{"name": name, "colour": MODEL_COLOURS[name]} for name in states],
         "hidden": [name for name in states if name == "before"], "colour": COLOURS[0],
     }  # fmt: skip
@@ -78,7 +77,7 @@ def _run(campaign: Campaign, run: BenchRun, states) -> dict[str, Any]:
     time = 1e3 * run.time[::stride]
     machine = campaign.machine_of(run)
     start = time[0]
-    if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
+    if machine.cycle is not None:
         start = max(start, time[-1] - INITIAL_CYCLES * 1e3 / float(get_parameter(machine, "frequency")))
     out = {
         "count": len(time), "first": float(time[0]), "step": float((time[-1] - time[0]) / max(1, len(time) - 1)),
@@ -89,7 +88,8 @@ def _run(campaign: Campaign, run: BenchRun, states) -> dict[str, Any]:
         residuals = {state: rows[run.name][name] for state, rows in states.items()}
         noise = campaign.channels[name].noise
         rows = {"measured": measured, **{state: measured - noise * v for state, v in residuals.items()}}
-        out["signals"][name] = {state: _encode(_in_display_unit(name, v[::stride])) for state, v in rows.items()}
+        about = machine.signals[name]
+        out["signals"][name] = {state: _encode(_in_display_unit(about, v[::stride])) for state, v in rows.items()}
         out["levels"][name] = {state: f"{rms_over_noise([v]):.2f} × noise" for state, v in residuals.items()}
     return out
 
@@ -103,9 +103,9 @@ def _encode(values: np.ndarray) -> dict[str, Any]:
     return {"offset": offset, "scale": scale, "data": base64.b64encode(codes.astype("<i2").tobytes()).decode()}
 
 
-def _in_display_unit(name: str, values):
-    return from_si(values, SIGNALS[name].unit, SIGNALS[name].display_unit)
+def _in_display_unit(about: Signal, values):
+    return from_si(values, about.unit, about.display_unit)
 
 
-def _difference_in_display_unit(name: str, value: float) -> float:
-    return float(_in_display_unit(name, value) - _in_display_unit(name, 0.0))
+def _difference_in_display_unit(about: Signal, value: float) -> float:
+    return float(_in_display_unit(about, value) - _in_display_unit(about, 0.0))

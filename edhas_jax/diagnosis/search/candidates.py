@@ -16,7 +16,7 @@ from edhas_jax.diagnosis.likelihood.bench_deviations import bench_deviations
 from edhas_jax.machine.effects import LIBRARY, Effect, EffectError
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.interface.slots import is_used
-from edhas_jax.machine.rigs import Rig
+from edhas_jax.machine.rig_base import KindOfMachine, Rig
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.sensor_models import SensorDelay, SensorGain, SensorLag, SensorModel, SensorOffset
@@ -139,17 +139,17 @@ def can_mount(machine: Rig, kind: type[Effect]) -> bool:
         return False
     if any(is_used(slot, mounted) for slot in kind.slots if slot.name in SINGLE_EFFECT_SLOTS):
         return False
-    return _has_parts_for(type(machine), type(machine.amplifier), type(machine.controller), kind)
+    return _has_parts_for(KindOfMachine(machine), kind)
 
 
 @functools.cache
-def _has_parts_for(rig, amplifier, controller, kind) -> bool:
+def _has_parts_for(of: KindOfMachine, kind: type[Effect]) -> bool:
     """Whether a machine has the slots of an effect and the signals it reads; tried on one with default parameters."""
     try:
-        check_effect(kind(), rig(amplifier=amplifier(), controller=controller()))
+        check_effect(kind(), of.machine)
     except EffectError:
         return False
-    return set(kind.slots) <= set(rig.slots)
+    return set(kind.slots) <= set(of.machine.slots)
 
 
 def build_problem(

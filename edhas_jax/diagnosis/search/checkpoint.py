@@ -153,9 +153,8 @@ def diagnosis_identity(
     samples = hashlib.sha256()
     for run in campaign.runs:
         tables = {"time": run.time, **run.signals}
-        if run.reference is not None:
-            recorded = run.reference
-            tables["set point"] = np.append(np.asarray(recorded.values), [recorded.interval, recorded.start])
+        for drive, recorded in run.recordings.items():
+            tables[f"drive {drive}"] = np.append(np.asarray(recorded.values), [recorded.interval, recorded.start])
         for name, values in tables.items():
             samples.update(f"{run.name} {name} {len(values)} ".encode())
             samples.update(np.ascontiguousarray(values, "<f8").tobytes())

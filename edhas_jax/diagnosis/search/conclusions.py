@@ -4,10 +4,12 @@ import math
 
 from edhas_jax.core.units import format_quantity, format_with_error
 from edhas_jax.diagnosis.calibration.confounding import model_error_sentence, weak_combinations
+from edhas_jax.diagnosis.laws.curve_onset import onset
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
-from edhas_jax.machine.interface.signals import SIGNALS
+from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
 
 DEVIATION_UNITS = {DeviationKind.TRIGGER: "s", DeviationKind.SHIFT: "s"}  # others are relative
@@ -65,11 +67,11 @@ def uncertainty_sentences(diagnosis: Diagnosis) -> list[str]:
 
 def bench_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:
     """What the bench did: the clear deviations as texts of what, run, size with standard error, and accuracy."""
-    rows = []
+    rows, signals = [], diagnosis.campaign.machine.signals
     for row in diagnosis.bench_deviations():
         deviation = row.deviation
         unit = DEVIATION_UNITS.get(deviation.kind, "-")
-        unit = SIGNALS[deviation.name].unit if deviation.kind is DeviationKind.OFFSET else unit
+        unit = signals[deviation.name].unit if deviation.kind is DeviationKind.OFFSET else unit
         what = " ".join(part for part in (deviation.kind.value, deviation.name.replace("_", " ")) if part)
         size, error = row.value * deviation.std, row.std * deviation.std
         texts = format_with_error(size, error, unit), format_quantity(deviation.std, unit)
@@ -91,6 +93,20 @@ def _adequate_sentence(diagnosis: Diagnosis) -> str:
     )
 
 
+def _onset_sentence(trial: Trial) -> str | None:
+    """At which level a free curve begins; None where it does not begin at one."""
+    if not isinstance(trial.candidate, CurveCandidate) or trial.evaluated is None:
+        return None
+    table, place = trial.candidate.table(trial.evaluated.fit), trial.candidate.place
+    level = onset(table.nodes, table.values)
+    if level is None:
+        return None
+    name, place_name = (text.replace("_", " ") for text in (place.variable, place.slot))
+    shown = format_quantity(float(f"{level:.2g}"), place.variable_unit)
+    what = f"The curve over {name} as {place_name} begins at {shown}"
+    return f"{what}: hardly anything acts below it, more and more above."
+
+
 def _unknown_effect_sentences(diagnosis: Diagnosis, use: Use) -> list[str]:
     """Where an unknown effect acts, the best free curve there, and accepted candidates at their prior bound."""
     component = next(iter(diagnosis.location_probabilities()), "the machine").replace("_", " ")
@@ -100,6 +116,8 @@ def _unknown_effect_sentences(diagnosis: Diagnosis, use: Use) -> list[str]:
             f"What explains most of it is {best.candidate.text}; residual over noise then "
             f"{best.evaluated.rms_over_noise(use):.2f}."
         )
+        if diagnosis.campaign.machine.is_own:
+            out += [sentence for trial in diagnosis.free_trials if (sentence := _onset_sentence(trial)) is not None]
     for member in diagnosis.members:
         for name in member.implausible:
             u = member.candidate.own_unknowns(diagnosis.final.problem.unknowns)[name]

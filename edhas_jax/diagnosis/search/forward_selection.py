@@ -44,6 +44,7 @@ UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects lea
 RUNNER_UP_SHARE, MISFIT_SHARE = 0.5, 0.1
 # free terms that are fitted, their least predicted share of the misfit, and the largest number of steps
 FREE_TRIALS, MIN_FREE_SHARE, FREE_STEPS = 2, 0.2, 12
+OWN_FREE_TRIALS, OWN_FREE_STEPS = 4, 60  # the same of a rig of one's own, where curves take the place of a library
 
 Report = Callable[[str], None]
 
@@ -213,10 +214,11 @@ def _localise(
     baseline, trials = rounds[0].baseline, []
     terms = [*score_free_curves(test, baseline.fit, report), *score_memory_terms(test, baseline.fit, report)]
     terms.sort(key=lambda score: -score.chi_square_fall)
-    for score in terms[:FREE_TRIALS]:
+    is_own = baseline.fit.machine.is_own
+    for score in terms[: OWN_FREE_TRIALS if is_own else FREE_TRIALS]:
         if score.predicted_gain > MIN_FREE_SHARE * baseline.excess:
             report(f"fitting {score.candidate.text}")
-            trial = try_candidate(baseline, (), score, resolution, FREE_STEPS)
+            trial = try_candidate(baseline, (), score, resolution, OWN_FREE_STEPS if is_own else FREE_STEPS)
             trials.append(refine_trial(baseline, trial, resolution))
     effects = [score.candidate for score in rounds[0].scores]
     shares = component_shares(test, baseline, effects, [*rounds[0].trials, *trials], terms)

@@ -24,8 +24,7 @@ from edhas_jax.diagnosis.search.free_term import FreeTerm, score_free_term
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.base import state
-from edhas_jax.machine.effects.tabulated_law import LAW_SIGNALS, LawPlace
-from edhas_jax.machine.interface.slots import SLOTS
+from edhas_jax.machine.effects.tabulated_law import LawPlace
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
@@ -57,7 +56,7 @@ class MemoryTerm(FreeTerm):
 
 def coefficient_unit(place: LawPlace) -> str:
     """SI unit of the coefficients of a place."""
-    return f"{SLOTS[place.slot].unit}/({LAW_SIGNALS[place.variable]})"
+    return f"{place.declaration.unit}/({place.variable_unit})"
 
 
 @functools.cache
@@ -75,7 +74,7 @@ def memory_class(place: LawPlace) -> type[Effect]:
 
     body = {f"coefficient_{k}": par(0.0, coefficient_unit(place), LIMITS, f"c_{k}") for k in numbers}
     body |= {"__annotations__": dict.fromkeys(body, float)}
-    body |= {f"memory_{k}": state(LAW_SIGNALS[place.variable], f"{place.variable} of the past") for k in numbers}
+    body |= {f"memory_{k}": state(place.variable_unit, f"{place.variable} of the past") for k in numbers}
     body |= {
         "__module__": __name__,
         "__doc__": f"Memory of {place.variable} at the slot {place.slot}.\n\nSource: a sum of exponentials.",

@@ -21,7 +21,8 @@ from edhas_jax.diagnosis.search.result import Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.machine.effects import LIBRARY, Effect
-from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
+from edhas_jax.machine.effects.tabulated_law import LawPlace, rig_of, tabulated_class
+from edhas_jax.machine.rig_base import Rig
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import PredictedSignals
@@ -139,7 +140,7 @@ class StageDecoder:
         return Round(
             self.fit(plain["baseline"], mounted), tuple(self.score(s) for s in plain["scores"]), trials,
             None if plain["accepted"] is None else trials[plain["accepted"]],
-            None if plain["law"] is None else _law_from_plain(plain["law"]),
+            None if plain["law"] is None else _law_from_plain(plain["law"], self.campaign.machine),
         )  # fmt: skip
 
     def trial(self, plain: Plain, mounted: Sequence[Candidate]) -> Trial:
@@ -177,12 +178,12 @@ class StageDecoder:
 
 
 def _law_as_plain(law: LawDeviation) -> Plain:
-    return {"name": law.id, "place": list(law.place), "nodes": list(law.nodes), "spread": law.spread}
+    return {"name": law.id, "place": list(law.place[:3]), "nodes": list(law.nodes), "spread": law.spread}
 
 
-def _law_from_plain(plain: Plain) -> LawDeviation:
+def _law_from_plain(plain: Plain, machine: Rig) -> LawDeviation:
     slot, variable, factors = plain["place"]
-    place, nodes = LawPlace(slot, variable, tuple(factors)), tuple(plain["nodes"])
+    place, nodes = LawPlace(slot, variable, tuple(factors), rig_of(machine)), tuple(plain["nodes"])
     return LawDeviation(tabulated_class(plain["name"], place, len(nodes)), None, place, plain["spread"], nodes)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
+from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.screening import Score
@@ -91,7 +92,8 @@ def try_candidate(
 
     The fit starts from the calibrated values. If it achieves less than 30 % of the predicted fall of χ², it is
     restarted nearer the prior mean, because a wrong model biases the calibrated values; also if a calibrated parameter
-    is implausible and less than half of the misfit is removed.
+    is implausible and less than half of the misfit is removed. A free term of a rig of one's own begins without
+    influence first.
 
     Args:
         baseline: the model without the candidate.
@@ -112,9 +114,14 @@ def try_candidate(
     count = len(problem.unknowns) - len(score.x)
     calibrated_start = np.concatenate([start_coordinates(problem, fitted.values)[:count], score.x])
     shrunk_start = np.concatenate([RESTART_PRIOR_SHARE * calibrated_start[:count], score.x])
+    starts = [calibrated_start, shrunk_start]
+    if isinstance(candidate, FreeTerm) and fitted.machine.is_own:
+        # far from the calibrated model the linear prediction overshoots: begin without influence as well
+        without = np.concatenate([np.ones(count), np.zeros(len(score.x))])
+        starts = [without * calibrated_start, without * shrunk_start, *starts]
     best: EvaluatedFit | None = None
     distorted = is_distorted(baseline)
-    for start in (calibrated_start, shrunk_start):
+    for start in starts:
         try:
             found = fit_coarse(problem, start, resolution.coarse, max_steps, _give_up_rule(baseline.cost, reached))
         except FitError:

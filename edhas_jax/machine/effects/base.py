@@ -43,7 +43,8 @@ class Effect:
     A subclass declares parameters with `par` and states with `state`, and defines one method per slot, with the slot's
     name from `edhas_jax.machine.interface.slots`: `method(self, s, z)`, where `s` holds the signals and parameters of
     the machine and `z` the effect's own states. It returns the contribution in the slot's unit. An effect with states
-    also defines `rates(self, s, z)`, which returns a dict {state: d state/dt}.
+    also defines `rates(self, s, z)`, which returns a dict {state: d state/dt}. An effect at the slots
+    of a rig of one's own names it: `class Overflow(Effect, rig=TwoTanks)`.
 
     The step linearises all contributions, so a stiff effect is integrated implicitly without further code. Use
     `jax.numpy`, and `jnp.where` instead of `if` for decisions that depend on values.
@@ -66,7 +67,8 @@ class Effect:
     looks_like: ClassVar[str] = ""
     confused_with: ClassVar[tuple[str, ...]] = ()
 
-    def __init_subclass__(cls):
+    def __init_subclass__(cls, rig: Any = None):
+        known = SLOTS if rig is None else {slot.name: slot for slot in rig.slots}
         for other in (base for base in cls.__bases__ if base is not Effect):
             rule = "an effect is final; derive from Effect" if issubclass(other, Effect) else "derive from Effect alone"
             raise EffectError(f"{cls.__name__} derives from {other.__name__}: {rule} and reuse code by calling it")
@@ -74,14 +76,14 @@ class Effect:
         cls.states = {n: v for n, v in vars(cls).items() if isinstance(v, EffectState)}
         public = {n: v for n, v in vars(cls).items() if not n.startswith("_")}
         for name, value in public.items():
-            if name in SLOTS or name == "rates":
+            if name in known or name == "rates":
                 if not isinstance(value, types.FunctionType):
                     raise EffectError(f"{cls.__name__}.{name}: define it as `def {name}(self, s, z)`")
             elif callable(value) or isinstance(value, classmethod):
-                raise EffectError(f"{cls.__name__}.{name} is no slot; {suggest(name, SLOTS)}")
-        cls.slots = tuple(SLOTS[n] for n in public if n in SLOTS)
+                raise EffectError(f"{cls.__name__}.{name} is no slot; {suggest(name, known)}")
+        cls.slots = tuple(known[n] for n in public if n in known)
         if not cls.slots:
-            raise EffectError(f"{cls.__name__} enters no slot; valid: {', '.join(SLOTS)}")
+            raise EffectError(f"{cls.__name__} enters no slot; valid: {', '.join(known)}")
         if cls.states and "rates" not in public:
             raise EffectError(f"{cls.__name__} has states ({', '.join(cls.states)}) but no method `rates`")
         structs.struct(cls)

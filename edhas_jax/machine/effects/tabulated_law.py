@@ -8,7 +8,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -41,21 +41,48 @@ class LawPlace(NamedTuple):
         slot: name of the slot.
         variable: signal over which the curve is given.
         factors: signals by which the curve is multiplied; most laws have none.
+        rig: the rig of one's own that declares the slot; None for the slots and signals of the package.
     """
 
     slot: str
     variable: str
     factors: tuple[str, ...] = ()
+    rig: Any = None
+
+    @property
+    def declaration(self) -> Slot:
+        """The slot."""
+        return slots_of(self.rig)[self.slot]
+
+    @property
+    def variable_unit(self) -> str:
+        """SI unit of the variable."""
+        return law_signals(self.rig)[self.variable]
 
     @property
     def value_unit(self) -> str:
         """SI unit of the curve's values: that of the slot, divided by those of the factors."""
-        return quotient_unit(SLOTS[self.slot].unit, [LAW_SIGNALS[n] for n in self.factors])
+        return quotient_unit(self.declaration.unit, [law_signals(self.rig)[n] for n in self.factors])
 
     @property
     def neutral(self) -> float:
         """The value at which the law has no influence: 1 for a factor, 0 for a term that is added."""
-        return 1.0 if SLOTS[self.slot].rule is Rule.SCALE else 0.0
+        return 1.0 if self.declaration.rule is Rule.SCALE else 0.0
+
+
+def rig_of(machine: Any) -> Any:
+    """What `LawPlace.rig` is on a machine."""
+    return type(machine) if machine.is_own else None
+
+
+def slots_of(rig: Any) -> dict[str, Slot]:
+    """The slots at which a law can act by name, on a rig of one's own or, with None, on those of the package."""
+    return SLOTS if rig is None else {slot.name: slot for slot in rig.slots}
+
+
+def law_signals(rig: Any) -> dict[str, str]:
+    """SI unit of every signal over which a law can be tabulated, by name; for `rig` see `slots_of`."""
+    return LAW_SIGNALS if rig is None else LAW_SIGNALS | {n: about.unit for n, about in rig.signals.items()}
 
 
 def quotient_unit(unit: str, divisors: Sequence[str]) -> str:
@@ -118,9 +145,9 @@ def tabulated_class(name: str, place: LawPlace, count: int) -> type[Effect]:
     Raises:
         EffectError: unknown slot or signal, or a number of nodes that is not supported.
     """
-    if place.slot not in SLOTS:
+    if place.slot not in slots_of(place.rig):
         raise EffectError(f"no slot `{place.slot}`")
-    unknown = [n for n in (place.variable, *place.factors) if n not in LAW_SIGNALS]
+    unknown = [n for n in (place.variable, *place.factors) if n not in law_signals(place.rig)]
     if unknown:
         raise EffectError(f"no law can be tabulated over `{unknown[0]}`")
     if not MIN_NODES <= count <= MAX_NODES:
@@ -138,7 +165,7 @@ def tabulated_class(name: str, place: LawPlace, count: int) -> type[Effect]:
             value = value * factor
         return value
 
-    variable_unit, value_unit = LAW_SIGNALS[place.variable], place.value_unit
+    variable_unit, value_unit = place.variable_unit, place.value_unit
     numbers = {
         f"node_{k}": par(
             float(k), variable_unit, LIMITS, f"node {k} of the table, {place.variable}",
@@ -163,7 +190,7 @@ def tabulated_class(name: str, place: LawPlace, count: int) -> type[Effect]:
     }
     # compiled loops are cached by the name of the class, so it holds all that the program depends on
     words = ("tabulated", name, place.slot, "over", place.variable, *place.factors, str(count))
-    return type("".join(part.title() for part in "_".join(words).split("_")), (Effect,), body)
+    return type("".join(part.title() for part in "_".join(words).split("_")), (Effect,), body, rig=place.rig)
 
 
 def interpolate(x, nodes: list, values: list):
@@ -200,7 +227,8 @@ def _numbers(effect: Effect, what: str, count: int) -> list:
     return [getattr(effect, f"{what}_{k}") for k in range(1, count + 1)]
 
 
-def signals_at(slot: Slot) -> tuple[str, ...]:
+def signals_at(slot: Slot, rig: Any = None) -> tuple[str, ...]:
     """Names of the signals over which a law at a slot can be tabulated: those of the slot first."""
-    elsewhere = {n for other in SLOTS.values() for n in other.local_signals} - SIGNALS.keys()
-    return (*slot.local_signals, *(n for n in LAW_SIGNALS if n not in {*slot.local_signals, *elsewhere}))
+    own = SIGNALS if rig is None else rig.signals
+    elsewhere = {n for other in SLOTS.values() for n in other.local_signals} - own.keys()
+    return (*slot.local_signals, *(n for n in law_signals(rig) if n not in {*slot.local_signals, *elsewhere}))

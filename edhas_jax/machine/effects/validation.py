@@ -118,7 +118,7 @@ def _dry_run(machine, zero):
 def _checked(effect: Effect, method: str, machine: Any, dtype: Any) -> Callable:
     """The method with its result checked; an error in the user's code becomes an `EffectError` of one sentence."""
     cls, inner = type(effect), getattr(effect, method)
-    unit = SLOTS[method].unit if method in SLOTS else ""
+    unit = next((slot.unit for slot in cls.slots if slot.name == method), "")
 
     def call(s, z):
         try:

@@ -26,6 +26,9 @@ class Slot(NamedTuple):
         rule: how contributions combine.
         doc: what a contribution does.
         local_signals: signals that exist at this slot beside those of the whole machine.
+        over: of a slot that a rig of one's own declares, the signals over which a curve can be drawn there, the most
+            usual first; behind a colon the signals by which the curve is multiplied.
+        typical_size: of the same, the size of a contribution that matters, in `unit`.
     """
 
     name: str
@@ -34,6 +37,30 @@ class Slot(NamedTuple):
     rule: Rule
     doc: str
     local_signals: tuple[str, ...] = ()
+    over: tuple[str, ...] = ()
+    typical_size: float = 1.0
+
+    def apply(self, base, s: Signals):
+        """See `apply_slot`."""
+        return apply_slot(self, base, s)
+
+
+def slot(
+    location: str, unit: str, doc: str, over: str | tuple[str, ...] = (), typical_size: float = 1.0, *,
+    scales: bool = False,
+) -> Slot:  # fmt: skip
+    """Declare a slot of a rig of one's own, to be assigned to a class attribute, which names it.
+
+    Args:
+        location: part of the machine, by the name that its picture in a report has.
+        unit: SI unit of a contribution, "-" for a factor.
+        doc: what a contribution does.
+        over: signals over which a curve can be drawn there, the most usual first.
+        typical_size: size of a contribution that matters, in `unit`.
+        scales: whether contributions are multiplied; else they are added.
+    """
+    over = (over,) if isinstance(over, str) else tuple(over)
+    return Slot("", location, unit, Rule.SCALE if scales else Rule.ADD, doc, (), over, typical_size)
 
 
 SUPPLY_VOLTAGE = Slot("supply_voltage_change", "coil", "V", Rule.ADD, "added to the voltage limit of the supply")

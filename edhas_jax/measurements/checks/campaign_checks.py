@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Remark, Severity
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.checks.delay_checks import DelayCheck
 from edhas_jax.measurements.checks.impossible_samples import find_impossible_samples, find_signal_outliers
@@ -91,12 +91,20 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
             remarks += [*causes, *found] or check_quality(campaign, run, name, ratios[name])
         cleaned.append(dataclasses.replace(run, signals=signals))
     campaign = _with_runs(campaign, cleaned)
+    campaign = dataclasses.replace(campaign, channels={n: _with_model_error(c) for n, c in campaign.channels.items()})
     for name in campaign.channels:
         remarks += check_saturation(campaign, name, models)
     remarks += DelayCheck(campaign, models).check()
     order = {run.file: k for k, run in enumerate(campaign.runs)}
     ordered = sorted(dict.fromkeys(remarks), key=lambda r: (order.get(r.file, -1), r.line))
     return dataclasses.replace(campaign, remarks=tuple(ordered), is_checked=True)
+
+
+def _with_model_error(channel: Channel) -> Channel:
+    """A channel whose noise contains what the model may leave beside it, which is taken as white."""
+    if not channel.model_error:
+        return channel
+    return dataclasses.replace(channel, noise=math.hypot(channel.noise, channel.model_error), correlation=())
 
 
 def _with_runs(campaign: Campaign, runs: list[BenchRun]) -> Campaign:

@@ -6,12 +6,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 from edhas_jax.measurements.checks.held_values import find_held_values
 from edhas_jax.measurements.checks.noise_records import cycle_length, even_index
 from edhas_jax.measurements.checks.outlier_search import Record, find_outliers
-from edhas_jax.measurements.checks.signal_checks import is_clipped_at, is_supply_limit, stuck_intervals, true_intervals
+from edhas_jax.measurements.checks.signal_checks import (
+    is_clipped_at,
+    is_sensor_limit,
+    is_supply_limit,
+    stuck_intervals,
+    true_intervals,
+)
 from edhas_jax.measurements.checks.spike_detection import find_spikes
 
 MIN_MODEL_MOTION = 10.0  # motion of the model, in standard deviations of the noise, while a sensor is stuck
@@ -64,7 +69,7 @@ def find_impossible_samples(
     Returns:
         A mask (samples,), and a remark for each kind with the run, the times and the reason.
     """
-    values, noise, unit = run.signals[name], campaign.channels[name].noise, SIGNALS[name].unit
+    values, noise, unit = run.signals[name], campaign.channels[name].noise, campaign.machine.signals[name].unit
     model = models[run.name][name] if run.name in models else None
     machine = campaign.machine_of(run)
     found, remarks = np.zeros(len(values), bool), []
@@ -86,7 +91,7 @@ def find_impossible_samples(
     low, high = np.nanmin(values), np.nanmax(values)
     limits = [v for v in (low, high) if low < high and is_clipped_at(values, v)]
     for limit in limits:
-        if name == "voltage" and is_supply_limit(campaign, run, limit):
+        if is_sensor_limit(campaign, name, limit) or name == "voltage" and is_supply_limit(campaign, run, limit):
             continue
         beyond = "below" if limit == low else "above"
         text = format_quantity(limit, unit)

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edhas_jax.core.units import from_si
-from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel
+from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.checks.noise_correlation import (
     Autocovariance,
     autocorrelation_of,
@@ -102,7 +101,10 @@ def with_measured_noise(campaign: Campaign) -> Campaign:
             shown = measured.nearest(stated) if math.isfinite(measured.high) else measured.low
             is_measured = abs(used / measured.nearest(stated) - 1.0) < MAX_NOISE_DEVIATION
             correlation = measured.correlation_at(used) if is_measured else ()
-        channels[name] = Channel(channel.unit, used, stated, shown, correlation, resolution)
+        channels[name] = dataclasses.replace(
+            channel, noise=used, stated_noise=stated, measured_noise=shown, correlation=correlation,
+            resolution=resolution,
+        )  # fmt: skip
     return dataclasses.replace(campaign, channels=channels)
 
 
@@ -198,7 +200,8 @@ def noise_sentence(campaign: Campaign) -> str | None:
         stated, measured = channel.stated_noise, channel.measured_noise
         if stated is None or measured is None or abs(measured / stated - 1.0) <= MAX_NOISE_DEVIATION:
             continue
-        size = from_si(1.0, SIGNALS[name].unit, channel.unit) - from_si(0.0, SIGNALS[name].unit, channel.unit)
+        unit = campaign.machine.signals[name].unit
+        size = from_si(1.0, unit, channel.unit) - from_si(0.0, unit, channel.unit)
         text = f"{name} {size * stated:.3g} {channel.unit} stated, {size * measured:.3g} {channel.unit} measured"
         (used if channel.noise == measured else kept).append(text)
     if not used and not kept:
@@ -221,7 +224,7 @@ def noise_as_json(campaign: Campaign) -> dict[str, dict[str, Any]]:
     return {
         name: {
             "stated": channel.noise if channel.stated_noise is None else channel.stated_noise,
-            "measured": channel.measured_noise, "used": channel.noise, "unit": SIGNALS[name].unit,
+            "measured": channel.measured_noise, "used": channel.noise, "unit": campaign.machine.signals[name].unit,
         }
         for name, channel in campaign.channels.items()
     }  # fmt: skip

@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from edhas_jax.machine.components.set_points import Sine
-from edhas_jax.machine.rigs import ActuatorSystem, Rig
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun
 from edhas_jax.measurements.checks.noise_correlation import LAGS, Autocovariance, lagged_products, restore
 from edhas_jax.measurements.checks.time_axis_checks import GAP_IN_INTERVALS, MAX_JITTER, jitter
@@ -54,7 +53,7 @@ class Residual(NamedTuple):
 
 def cycle_length(machine: Rig) -> float | None:
     """The period of a sine set point [s]; None for any other."""
-    if not isinstance(machine.reference, Sine) or isinstance(machine, ActuatorSystem):
+    if machine.cycle is None:
         return None
     return 1.0 / float(machine.reference.frequency)
 

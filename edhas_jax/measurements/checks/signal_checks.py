@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from edhas_jax.core.units import to_si
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 from edhas_jax.measurements.checks.noise_records import fast_noise
 from edhas_jax.measurements.checks.time_axis_checks import GAP_IN_INTERVALS, MAX_JITTER, jitter
@@ -31,7 +30,7 @@ def check_quality(campaign: Campaign, run: BenchRun, name: str, ratios: Mapping[
     Yields:
         A warning on slow sampling or noise.
     """
-    values, channel, unit = run.signals[name], campaign.channels[name], SIGNALS[name].unit
+    values, channel, unit = run.signals[name], campaign.channels[name], campaign.machine.signals[name].unit
     error = _interpolation_error(run, values)
     if jitter(run) > MAX_JITTER or np.isfinite(error).sum() < 2 * MIN_STUCK_SAMPLES:
         return
@@ -119,7 +118,15 @@ def is_clipped_at(values: np.ndarray, extreme: float) -> bool:
     return bool(occurs) and counts[found == extreme][0] >= MIN_CLIPPING_RATIO * max(others.max(initial=1), 1)
 
 
+def is_sensor_limit(campaign: Campaign, name: str, value: float) -> bool:
+    """Whether a value is an end of the range that the campaign states for the sensor."""
+    limits = [limit for limit in campaign.channels[name].limits if np.isfinite(limit)]
+    return any(abs(value - limit) <= 1e-6 * abs(limit) + 1e-12 for limit in limits)
+
+
 def is_supply_limit(campaign: Campaign, run: BenchRun, value: float) -> bool:
     """Whether a command stands at the supply voltage, where the controller itself limits it."""
+    if campaign.machine.is_own:
+        return False
     limit = float(campaign.machine_of(run).supply.supply_voltage)
     return abs(abs(value) / limit - 1.0) < 0.01

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
-from edhas_jax.machine.components.set_points import Sine
-from edhas_jax.machine.rigs import ActuatorSystem, Rig
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity
 
 GAP_IN_INTERVALS = 1.5  # sample intervals between two time stamps above which samples are missing
@@ -45,7 +44,7 @@ def check_time_axis(run: BenchRun, machine: Rig) -> Iterator[Remark]:
         yield warn(
             k, f"time stamps jitter: steps deviate from {interval_text} by {scatter:.0%} rms; the worst one is {worst}"
         )
-    if isinstance(machine.reference, Sine) and not isinstance(machine, ActuatorSystem):
+    if machine.cycle is not None:
         period = 1.0 / float(machine.reference.frequency)
         if period / interval < MIN_SAMPLES_PER_CYCLE:
             yield warn(0, f"sampled too slowly: {period / interval:.1f} samples per cycle of the set point, at least "

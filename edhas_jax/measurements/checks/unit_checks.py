@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from edhas_jax.core.units import format_quantity, to_si
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 
 MIN_FACTOR = 5.0  # factor between signal and model below which a wrong model may be the cause
@@ -37,7 +36,7 @@ def check_units(
     factor = _factor(run, name, models)
     if factor is None:
         return
-    stated, unit = campaign.channels[name].unit, SIGNALS[name].unit
+    stated, unit = campaign.channels[name].unit, campaign.machine.signals[name].unit
 
     def warn(sentence: str) -> Remark:
         return Remark(Severity.WARNING, run.file, 1, f"{name}: {sentence}")

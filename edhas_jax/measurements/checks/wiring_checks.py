@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from edhas_jax.core.units import from_si, to_si
-from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 from edhas_jax.measurements.checks.noise_records import fast_noise
 
@@ -145,7 +144,7 @@ def _are_exchanged(campaign: Campaign, run: BenchRun, model: Mapping[str, np.nda
 
 def _read_as(campaign: Campaign, run: BenchRun, source: str, name: str) -> np.ndarray:
     """The numbers of one signal in its file, read in the unit of another (SI)."""
-    unit, other_unit = SIGNALS[name].unit, SIGNALS[source].unit
+    unit, other_unit = (campaign.machine.signals[n].unit for n in (name, source))
     if unit == other_unit:
         return run.signals[source]
     numbers = from_si(run.signals[source], other_unit, campaign.channels[source].unit)

@@ -210,7 +210,7 @@ class DesignView:
 
     def _draw_cycle(self, seconds: float | None = None) -> None:
         run = self._run
-        names = [n for n in FIRST_SIGNALS if n in run["signals"]]
+        names = [n for n in FIRST_SIGNALS if n in run["signals"]] or list(run["signals"])[: len(FIRST_SIGNALS)]
         panels = []
         for name in names:
             curves = [(name.replace("_", " "), run["time"], run["signals"][name])]
@@ -223,7 +223,8 @@ class DesignView:
         self._status.set_text(f"{state} · {run['step']}{took}")
         self._metrics.clear()
         with self._metrics:
-            for name in SHOWN_METRICS:
+            shown = SHOWN_METRICS if set(SHOWN_METRICS) & run["metrics"].keys() else run["metrics"]
+            for name in shown:
                 if name in run["metrics"]:
                     unit = run["metric_units"].get(name, "")
                     with ui.column().classes("gap-0"):

@@ -2,7 +2,7 @@
 
 from nicegui import ui
 
-from edhas_jax.diagnosis.report.machine_schematic import draw_schematic
+from edhas_jax.diagnosis.report.machine_schematic import draw_parts, draw_schematic
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.rigs import RIGS
 from edhas_jax.workbench.workspace import DIAGNOSED
@@ -35,9 +35,10 @@ class MachineView:
             self._note.set_text("There is no campaign in this folder yet.")
             return
         probabilities = self._probabilities()
-        rig = RIGS[summary["rig"]]
-        self._drawing.set_content(draw_schematic(rig(), probabilities, tuple(summary["signals"])))
-        parts = list(dict.fromkeys([*(slot.location for slot in rig.slots), "sensor"]))
+        rig, measured = RIGS.get(summary["rig"]), tuple(summary["signals"])
+        parts = list(dict.fromkeys([*(slot["location"] for slot in summary["slots"]), "sensor"]))
+        drawn = draw_parts(parts[:-1], probabilities, measured) if rig is None else None
+        self._drawing.set_content(drawn or draw_schematic(rig(), probabilities, measured))
         self._note.set_text(
             "Click a part." if self._page.workspace.result(DIAGNOSED) else
             "Colours come with a diagnosis. Click a part to see its equations, effects and suspects."
@@ -61,22 +62,22 @@ class MachineView:
     def _choose(self, part: str) -> None:
         self._part = part
         summary, workspace = self._page.summary, self._page.workspace
-        rig = RIGS[summary["rig"]]
         diagnosis = workspace.result(DIAGNOSED) or {}
         self._detail.clear()
         with self._detail:
             title = part.replace("_", " ").capitalize()
             p = self._probabilities().get(part)
             ui.label(title + (f": {p:.0%}" if p is not None else "")).classes("wb-h").props("data-mark=part")
-            slots = [slot for slot in rig.slots if slot.location == part]
+            slots = [slot for slot in summary["slots"] if slot["location"] == part]
+            names = {slot["name"] for slot in summary["slots"]}
             if slots:
                 ui.label("Terms of its equations that an effect can change").classes("font-semibold")
                 with ui.element("ul").classes("wb-list"):
                     for slot in slots:
                         with ui.element("li"):
-                            unit = "" if slot.unit == "-" else f" [{slot.unit}]"
-                            ui.label(f"{slot.name.replace('_', ' ')}{unit}: {slot.doc}")
-            here = [kind for kind in LIBRARY if kind.slots[0].location == part and set(kind.slots) <= set(rig.slots)]
+                            unit = "" if slot["unit"] == "-" else f" [{slot['unit']}]"
+                            ui.label(f"{slot['name'].replace('_', ' ')}{unit}: {slot['doc']}")
+            here = [k for k in LIBRARY if k.slots[0].location == part and {s.name for s in k.slots} <= names]
             mounted = [kind for kind in here if kind.id in summary["effects"]]
             self._list_effects("In the model", mounted)
             ui.label("Suspects").classes("font-semibold")

@@ -9,7 +9,6 @@ from nicegui import ui
 from edhas_jax.core.units import format_quantity, format_with_error
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.interface.slots import SLOTS
-from edhas_jax.machine.rigs import RIGS
 from edhas_jax.workbench.views.law_curve import show_law_curve
 from edhas_jax.workbench.views.matrix import error_matrix
 from edhas_jax.workbench.workspace import DIAGNOSED, effect_id
@@ -45,8 +44,8 @@ class Suspects:
         for name in (*decisions.added, *decisions.rejected, *self._tried_alone()):
             rows.setdefault(name, {"effect": name})
         if summary is not None:
-            rig = RIGS[summary["rig"]]
-            free = [k.id for k in LIBRARY if set(k.slots) <= set(rig.slots) and k.id not in summary["effects"]]
+            names = {slot["name"] for slot in summary["slots"]}
+            free = [k.id for k in LIBRARY if {s.name for s in k.slots} <= names and k.id not in summary["effects"]]
             self._effect.set_options({name: name.replace("_", " ") for name in free}, value=self._effect.value)
         self._cards.clear()
         with self._cards:

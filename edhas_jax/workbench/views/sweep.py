@@ -68,7 +68,8 @@ class SweepPanel:
                 ranged, value=defaults[2 if len(defaults) > 2 else 1], label="vertical", with_input=True
             )
             self._y.classes("min-w-48")
-            metrics = [*(() if self._opened["rig"] == "actuator_bench" else PUMP_METRICS), *METRICS]
+            usual = [*(() if self._opened["rig"] == "actuator_bench" else PUMP_METRICS), *METRICS]
+            metrics = self._opened["metrics"] or usual
             self._metric = ui.select(metrics, value=metrics[0], label="metric").classes("min-w-44")
             for field in (self._x, self._y, self._metric):
                 field.props("dense options-dense outlined")

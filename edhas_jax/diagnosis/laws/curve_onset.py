@@ -1,0 +1,35 @@
+"""Where a curve begins: no influence below a level of its variable, and a rise beyond it."""
+
+import numpy as np
+
+MIN_SHARE = 0.6  # of the variation of a curve that a hinge has to explain
+MIN_ADVANTAGE = 1.3  # of the variation that a straight line leaves over that which the hinge leaves
+
+
+def onset(nodes: np.ndarray, values: np.ndarray) -> float | None:
+    """The level at which a curve begins, by the best hinge b · max(x − x₀, 0) + c.
+
+    The values at neighbouring nodes are negatively correlated where the data do not tell them apart; a binomial filter
+    takes out what alternates from node to node.
+
+    Args:
+        nodes: (n,), increasing.
+        values: of the curve at the nodes (n,).
+
+    Returns:
+        x₀ in the unit of the nodes; None where no hinge describes the curve, or a straight line does as well.
+    """
+    padded = np.concatenate([values[:1], values, 2.0 * values[-1:] - values[-2:-1]])
+    smooth = 0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:]
+
+    def left(column: np.ndarray) -> float:
+        matrix = np.stack([column, np.ones(len(nodes))], axis=1)
+        return float(np.sum(np.square(matrix @ np.linalg.lstsq(matrix, smooth, rcond=None)[0] - smooth)))
+
+    total = float(np.sum(np.square(smooth - smooth.mean())))
+    levels = np.linspace(nodes[1], nodes[-2], 8 * len(nodes))
+    remainders = [left(np.maximum(nodes - level, 0.0)) for level in levels]
+    best = int(np.argmin(remainders))
+    if remainders[best] > (1.0 - MIN_SHARE) * total or left(nodes) < MIN_ADVANTAGE * remainders[best]:
+        return None
+    return float(levels[best])

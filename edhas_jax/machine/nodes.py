@@ -1,0 +1,144 @@
+"""Nodes at which the parts of a rig of one's own connect: oil sums flows, a moving body sums forces.
+
+Equations written with them read like a circuit diagram: make the nodes, connect the parts, ask for the rates. Each
+connection takes from one node what it gives to the other, so that no oil is lost, and the power that is lost in it is a
+row of the energy balance.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from edhas_jax.machine.components.accumulator import Accumulator
+from edhas_jax.machine.components.oil import Oil
+from edhas_jax.machine.equations.orifice_flow import orifice_flow
+from edhas_jax.machine.interface.signals import Signals
+
+
+class Node:
+    """A point of a hydraulic circuit: a pressure, and the sum of what flows in.
+
+    Attributes:
+        s: the signals.
+        name: signal of its pressure.
+        pressure: absolute [Pa].
+        inflow: sum of the flows into it so far [m³/s].
+    """
+
+    def __init__(self, s: Signals, name: str, pressure):
+        self.s, self.name, self.pressure = s, name, pressure
+        self.inflow = jnp.zeros_like(pressure)
+        s.set(**{name: pressure})
+
+    def add(self, flow) -> None:
+        """A flow into the node [m³/s], such as that of a piston that moves into its volume."""
+        self.inflow = self.inflow + flow
+
+    def flow_to(self, other: "Node", flow, row: str, group: str = "fluid") -> Any:
+        """Let a flow leave for another node.
+
+        Args:
+            other: the node that it reaches.
+            flow: [m³/s], positive from this node to the other.
+            row: row of the energy balance that counts the power lost on the way; "" counts none.
+            group: group of this row, "delivered" for the load.
+
+        Returns:
+            The flow.
+        """
+        self.add(-flow)
+        other.add(flow)
+        if row:
+            self.s.record_power(row, group, self.pressure - other.pressure, flow)
+        return flow
+
+    def orifice_to(self, other: "Node", machine: Any, area, row: str, group: str = "fluid") -> Any:
+        """Let oil flow through an orifice of `area` [m²] to another node, positive or negative, and return the flow.
+
+        The rig needs the parts `oil` and `orifice`; the step linearises the root of the pressure drop so that it does
+        not oscillate where the drop changes sign.
+        """
+        return self.flow_to(other, orifice_flow(machine, self.s, row, area, (self.name, other.name)), row, group)
+
+
+class OilNode(Node):
+    """A volume of oil, whose pressure is a state of the rig: volume/β dp/dt = inflow.
+
+    Args:
+        s: the signals.
+        name: the state.
+        oil: the oil.
+        volume: [m³]; where it changes, `add` what the moving wall displaces.
+        capacity: capacity beside that of the oil [m³/Pa], or None.
+    """
+
+    def __init__(self, s: Signals, name: str, oil: Oil, volume, capacity=None):
+        super().__init__(s, name, getattr(s, name))
+        self._oil, self._volume, self._capacity = oil, volume, capacity
+
+    def rates(self) -> dict[str, Any]:
+        """The rate of the state; after all connections."""
+        return self._oil.rate(self.name, self.inflow, self._volume, self.s, self._capacity)
+
+
+class Reservoir(Node):
+    """A tank whose pressure stays as it is, however much flows in or out."""
+
+    def rates(self) -> dict[str, Any]:
+        """No rate; after all connections the energy that the tank takes up is counted."""
+        self.s.record_power(self.name.removesuffix("_pressure"), "stored", self.pressure, self.inflow)
+        return {}
+
+
+class GasNode(Node):
+    """An accumulator: a gas volume behind oil, whose change of volume [m³] is a state of the rig.
+
+    Args:
+        s: the signals.
+        name: signal of its pressure.
+        state: the state, which starts at 0.
+        accumulator: the gas.
+    """
+
+    def __init__(self, s: Signals, name: str, state: str, accumulator: Accumulator):
+        super().__init__(s, name, accumulator.pressure(getattr(s, state)))
+        self._state = state
+
+    def rates(self) -> dict[str, Any]:
+        """The rate of the state; after all connections."""
+        self.s.record_power(f"{self.name.removesuffix('_pressure')}: compression", "stored", self.pressure, self.inflow)
+        return {self._state: -self.inflow}
+
+
+class Body:
+    """A mass or a shaft, whose speed is a state of the rig: inertia · d(speed)/dt = sum of forces or torques.
+
+    Args:
+        s: the signals.
+        name: the state: speed [m/s] or [rad/s].
+        inertia: mass [kg] or moment of inertia [kg·m²].
+    """
+
+    def __init__(self, s: Signals, name: str, inertia):
+        self.s, self.name, self.speed, self._inertia = s, name, getattr(s, name), inertia
+        self.force = jnp.zeros_like(self.speed)
+        s.record_stored_energy(f"{name}: motion", 0.5 * inertia * jnp.square(self.speed))
+
+    def add(self, force, row: str = "", group: str = "mechanical") -> None:
+        """A force [N] or torque [N·m] along the speed.
+
+        Args:
+            force: positive where it accelerates.
+            row: row of the energy balance that counts its power; "" where a part on the other side counts it.
+            group: of this row: "input" for a drive, "delivered" for a load, "mechanical" for what is lost.
+        """
+        self.force = self.force + force
+        if row:
+            self.s.record_power(row, group, force if group == "input" else -force, self.speed)
+
+    def rates(self) -> dict[str, Any]:
+        """The rate of the state; after all forces."""
+        return {self.name: self.force / self._inertia}
+
+
+

@@ -1,0 +1,146 @@
+"""Rigs of the user: load a class from a file or a module, and check its declarations and its equations before a run."""
+
+import dataclasses
+import math
+from collections import Counter
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from edhas_jax.core import runtime, structs
+from edhas_jax.core.source_location import locate
+from edhas_jax.core.trusted_code import Trust, TrustedCode
+from edhas_jax.core.units import UnitError, to_si
+from edhas_jax.machine.effects.base import EffectError
+from edhas_jax.machine.effects.loading import load_user_class
+from edhas_jax.machine.effects.validation import check_number, check_parameters, code_reason
+from edhas_jax.machine.interface.signals import UnknownNameError
+from edhas_jax.machine.rig_base import Rig, RigError
+
+RESERVED = ("name", "rig", "effects", "parameters", "simulation", "time", "time_step")  # keys and signals of every rig
+
+
+def load_rig(spec: str, base_dir: Path | str = ".", trust: Trust = ()) -> type[Rig]:
+    """Load a rig class.
+
+    Args:
+        spec: "my_rig.py:TwoTanks" or "package.module:TwoTanks".
+        base_dir: folder from which a relative file is looked up.
+        trust: files and modules that may run, besides those that were allowed by `edhas trust`.
+
+    Returns:
+        The class, checked; an unchanged file gives the same class again, and is not run again.
+
+    Raises:
+        RigError: code that was not allowed to run, a missing file or class, an error in the file, an incorrect
+            declaration, or equations that fail.
+    """
+    source, colon, name = (part.strip() for part in str(spec).rpartition(":"))
+    if not colon:
+        raise RigError(f"{name} names no class; write {name}:ClassName")
+    try:
+        cls = load_user_class(source, name, Path(base_dir), Rig, TrustedCode.of(trust))
+    except EffectError as error:
+        raise RigError(str(error)) from error
+    check_rig(cls)
+    return cls
+
+
+def check_rig(cls: type[Rig]) -> None:
+    """Check declarations and equations of a rig class; the equations are traced, and nothing is computed.
+
+    Raises:
+        RigError: what is wrong, with class, file and line.
+    """
+    machine = cls()
+    for field in dataclasses.fields(cls):
+        part = getattr(machine, field.name)
+        if field.name != "effects" and not dataclasses.is_dataclass(part):
+            raise RigError(f"{locate(cls, field.name)}: a part is a component of the package, or a class of your own "
+                           "with the decorator edhas_jax.struct; a number is declared with par")  # fmt: skip
+        if field.name not in ("effects", *cls.drives):
+            try:
+                check_parameters(type(part))
+            except EffectError as error:
+                raise RigError(str(error)) from None
+    _check_names(cls)
+    _check_units(cls)
+    known = machine.known_numbers()
+    for name, st in cls.states.items():
+        if isinstance(st.initial, str) and st.initial not in known:
+            raise RigError(f"{locate(cls, name)}: starts at `{st.initial}`, which is no parameter of this rig")
+        start = known[st.initial] if isinstance(st.initial, str) else st.initial
+        if not math.isfinite(start):
+            raise RigError(f"{locate(cls, name)}: starts at {start}; a finite number belongs here")
+    numbers = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
+    try:
+        runtime.eval_shape(_dry_run, numbers, np.float64(0.0))
+    except (RigError, EffectError) as error:
+        raise RigError(str(error)) from error
+
+
+def _dry_run(machine: Rig, zero):
+    """Evaluate the equations once, with what they return checked."""
+    cls = type(machine)
+    where = locate(cls, "equations")
+    y = {n: zero + jnp.asarray(value, zero.dtype) for n, value in machine.initial_state().items()}
+    try:
+        s, rates = machine.evaluate(y, zero, zero, y)
+    except (RigError, EffectError):
+        raise
+    except Exception as error:
+        raise RigError(f"{locate(cls, 'equations', error)}: {_reason(error, cls)}") from error
+    if not isinstance(rates, dict) or set(rates) != set(cls.states):
+        missing = [n for n in cls.states if n not in (rates if isinstance(rates, dict) else ())]
+        beyond = [n for n in rates if n not in cls.states] if isinstance(rates, dict) else []
+        words = f"no rate of {', '.join(missing)}" if missing else f"a rate of {', '.join(beyond)}, which is no state"
+        raise RigError(f"{where}: gives {words}; return a dict with the rate of every state")
+    values = s.values()
+    unset = [n for n in cls.signals if n not in values]
+    if unset:
+        raise RigError(f"{where}: does not set the signal `{unset[0]}`; write s.set({unset[0]}=…)")
+    try:
+        for name, st in cls.states.items():
+            check_number(where, rates[name], f"a real number in ({st.unit})/s as rate of {name}", zero.dtype)
+        for name, about in cls.signals.items():
+            check_number(where, values[name], f"a real number in {about.unit} as {name}", zero.dtype)
+    except EffectError as error:
+        raise RigError(str(error)) from None
+    return rates
+
+
+def _check_names(cls: type[Rig]) -> None:
+    """No name has two meanings."""
+    machine = cls()
+    parts = {f.name for f in dataclasses.fields(cls)} - {"effects", *cls.drives}
+    numbers = {n for n in machine.known_numbers() if "." not in n}
+    groups = (*(("a signal", n) for n in cls.signals), *(("a number", n) for n in numbers),
+              *(("a part", n) for n in parts), *(("a slot", slot.name) for slot in cls.slots))  # fmt: skip
+    count = Counter(name for _, name in groups)
+    for what, name in groups:
+        if count[name] > 1 or name in RESERVED and name != "time":
+            raise RigError(f"{locate(cls, name)}: the name `{name}` ({what}) is taken; every name has one meaning")
+
+
+def _check_units(cls: type[Rig]) -> None:
+    """Every declared unit is one."""
+    units = {n: about.unit for n, about in cls.signals.items()} | {slot.name: slot.unit for slot in cls.slots}
+    for part in (getattr(cls(), f.name) for f in dataclasses.fields(cls) if f.name not in ("effects", *cls.drives)):
+        if dataclasses.is_dataclass(part):
+            units |= {p.name: p.unit for p in structs.parameters(type(part))}
+    for name, unit in units.items():
+        try:
+            to_si("1" if unit == "-" else f"1 {unit}", unit)
+        except UnitError:
+            raise RigError(f'{locate(cls, name)}: {name} is declared in "{unit}", which is not a unit') from None
+
+
+def _reason(error: Exception, cls: type[Rig]) -> str:
+    """What is wrong in the equations of a rig, and what to do instead."""
+    if isinstance(error, UnknownNameError):
+        return str(error)
+    if isinstance(error, AttributeError) and type(getattr(error, "obj", None)).__name__ == "SimpleNamespace":
+        return f"`y` has no state `{error.name}`; the states: {', '.join(cls.states) or 'none'}"
+    return code_reason(error)

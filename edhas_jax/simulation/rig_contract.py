@@ -1,0 +1,216 @@
+"""What every rig must satisfy, tried on one: declarations, slots, a run, the step, derivatives, conservation."""
+
+import functools
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from edhas_jax.core import runtime
+from edhas_jax.core.units import format_quantity
+from edhas_jax.machine.effects import LIBRARY, EffectError
+from edhas_jax.machine.effects.tabulated_law import LawPlace, rig_of, tabulated_class
+from edhas_jax.machine.effects.validation import check_effect
+from edhas_jax.machine.interface.slots import SLOTS
+from edhas_jax.machine.parameters import get_parameter, short_names
+from edhas_jax.machine.rig_base import Rig
+from edhas_jax.simulation.batch_trajectories import simulate_batch
+from edhas_jax.simulation.integrator import evaluate_signals, step_with_outputs
+from edhas_jax.simulation.run import Simulation, SimulationError, simulate
+
+SAMPLES = 60  # of the runs that are compared
+MOST_HALVINGS = 10  # of the step, until it resolves the fastest motion
+SMALLEST_ORDER = 1.6  # in some halving, of the step: two, less what kinks in the equations cost
+NEGLIGIBLE_CHANGE = 1e-8  # of a signal over its range, below which rounding hides the order
+LARGEST_DIFFERENCE = 1e-2  # of derivative and difference quotient, over the largest derivative by this parameter
+SMALLEST_ELASTICITY = 1e-4  # below which rounding hides a difference
+DIFFERENCE_STEP = 1e-5  # relative change of a parameter in a difference quotient
+LARGEST_LOSS = 1e-6  # of oil, over what flowed through a node
+
+
+class Finding(NamedTuple):
+    """The outcome of one check: its name, whether it passed, and a sentence with its figures."""
+
+    check: str
+    passed: bool
+    sentence: str
+
+
+def check_contract(machine: Rig, on_progress: Callable[[str], None] | None = None) -> list[Finding]:
+    """Try a machine, whose declarations are checked already, against the contract.
+
+    Args:
+        machine: the machine with the numbers and drives at which it is tried.
+        on_progress: called with the name of each check.
+
+    Returns:
+        A finding for each check, in the order in which they were made; after a run that fails nothing more is tried.
+    """
+    checks = [slots_act, run_is_valid, step_has_order, batch_equals_run, derivatives_agree, oil_is_conserved]
+    findings: list[Finding] = []
+    with runtime.double_precision():
+        for check in checks:
+            if on_progress is not None:
+                on_progress(check.__name__.replace("_", " "))
+            findings += check(machine)
+            if check is run_is_valid and not findings[-1].passed:
+                break
+    return findings
+
+
+def slots_act(machine: Rig) -> Iterator[Finding]:
+    """An effect at every slot of its own is called, with the signals over which curves can be drawn there."""
+    for slot in (s for s in machine.slots if s.name not in SLOTS):
+        variables = slot.over or ("time",)
+        failed = []
+        for text in variables:
+            variable, *factors = text.split(":")
+            place = LawPlace(slot.name, variable, tuple(factors), rig_of(machine))
+            try:
+                check_effect(tabulated_class("a_curve", place, 2)(node_1=0.0, node_2=1.0), machine)
+            except EffectError as error:
+                failed.append(str(error))
+        curves = ", ".join(variables)
+        yield Finding(f"slot {slot.name}", not failed, failed[0] if failed else f"acts; curves over {curves}")
+    mounted = [kind.id for kind in LIBRARY if _mounts(machine, kind)]
+    if mounted:
+        yield Finding("library", True, f"{len(mounted)} effects of the library mount: {', '.join(mounted)}")
+
+
+def run_is_valid(machine: Rig) -> Iterator[Finding]:
+    """A run of the usual length is finite and within its ranges, and half the step gives the same."""
+    try:
+        run = simulate(machine, Simulation())
+    except SimulationError as error:
+        yield Finding("run", False, str(error))
+        return
+    yield Finding("run", run.valid, f"{run.duration:g} s: {run.reason}; {run.step_note}")
+    if "input" in run.row_groups().values():
+        words = f"closes to {abs(run.energy_residual()):.0e} of the energy turned over"
+        yield Finding("energy balance", abs(run.energy_residual()) < 1e-2, words)
+
+
+def step_has_order(machine: Rig) -> Iterator[Finding]:
+    """Halving a step that is small enough reduces its error to a quarter."""
+    before, changes, order = _trace(machine, 1), [], -math.inf
+    sizes = {n: _size(v) for n, v in before.items()}
+    for k in range(1, MOST_HALVINGS + 1):
+        trace = _trace(machine, 2**k)
+        changes.append(max(_rms(trace[n] - before[n]) / sizes[n] for n in sizes))
+        before = trace
+        if len(changes) > 1 and changes[-1] > 0.0:
+            order = max(order, math.log2(changes[-2] / changes[-1]))
+        if order >= SMALLEST_ORDER or changes[-1] < NEGLIGIBLE_CHANGE:
+            break
+    first, last = (format_quantity(machine.time_step / 2.0**k, "s") for k in (0, len(changes)))
+    words = f"half of {first} changes signals by {changes[0]:.0e} of their range; order {order:.2f} down to {last}"
+    yield Finding("step", order >= SMALLEST_ORDER or changes[-1] < NEGLIGIBLE_CHANGE, words)
+
+
+def batch_equals_run(machine: Rig) -> Iterator[Finding]:
+    """A lane of a batch is the single run."""
+    settings = Simulation(duration=_interval(machine) * (SAMPLES - 1), step=machine.time_step)
+    run, lane = simulate(machine, settings).signals, _trace(machine, 1)
+    worst = max(_rms(run[n][: len(v)] - v[: len(run[n])]) / _size(v) for n, v in lane.items())
+    yield Finding("batch", worst < 1e-9, f"a lane differs from the single run by {worst:.0e} of a signal's range")
+
+
+def derivatives_agree(machine: Rig) -> Iterator[Finding]:
+    """The derivative of every signal by every number agrees with the difference quotient."""
+    names, worst, culprit = list(short_names(machine).values()), 0.0, ""
+    observed = _observed(machine)
+    for name in names:
+        value = float(get_parameter(machine, name))
+        change = DIFFERENCE_STEP * (abs(value) or 1.0)
+        slopes = _simulated(machine, {name: [value]}, {name: np.ones(1)}, observed).slopes
+        ends = _simulated(machine, {name: [value - change, value + change]}, None, observed).values
+        differences = {n: (v[:, 1] - v[:, 0]) / (2.0 * change) for n, v in ends.items()}
+        for n in observed:
+            size = max(_rms(differences[n]), SMALLEST_ELASTICITY * _rms(ends[n][:, 0]) / max(abs(value), 1e-300))
+            found = _rms(slopes[n][:, 0] - differences[n]) / max(size, 1e-300)
+            if size > 0.0 and not found <= worst:
+                worst, culprit = found, f"{n} by {name}"
+    passed = worst < LARGEST_DIFFERENCE
+    words = f"{len(names)} numbers; derivative and difference differ by {worst:.0e} at most ({culprit or 'none'})"
+    yield Finding("derivatives", passed, words)
+
+
+def oil_is_conserved(machine: Rig) -> Iterator[Finding]:
+    """What flows into every node of oil is what its compression takes up."""
+    y0 = machine.initial_state()
+    nodes = tuple(machine.evaluate(y0, 0.0, 1.0, y0)[0].record.oil_nodes)
+    if not nodes:
+        return
+    h, count = machine.time_step, 200
+
+    def inflows(s):
+        found = {}
+        for n in nodes:
+            node = s.record.oil_nodes[n]
+            capacity = node.volume * machine.oil.compressibility(node.pressure, s)
+            found[n] = s.record.pressure_rates[n] * (capacity if node.extra_capacity is None else
+                                                     capacity + node.extra_capacity)  # fmt: skip
+            found[f"volume {n}"] = node.volume + jnp.zeros_like(node.pressure)
+        return found
+
+    @functools.partial(jax.jit)
+    def advance(k, carry):
+        y, into, taken, turned = carry
+        after, _, seen = step_with_outputs(machine, y, k * h, h, inflows)
+        s = machine.evaluate(y, k * h, h, y)[0]
+        into = {n: into[n] + h * seen[n] for n in nodes}
+        turned = {n: turned[n] + h * jnp.abs(seen[n]) for n in nodes}
+        taken = {n: taken[n] + seen[f"volume {n}"] * machine.oil.strain(y[n], after[n], s) for n in nodes}
+        return after, into, taken, turned
+
+    zeros = {n: jnp.zeros(()) for n in nodes}
+    start = {n: jnp.asarray(v, float) for n, v in y0.items()}
+    _, into, taken, turned = jax.lax.fori_loop(0, count, advance, (start, zeros, zeros, zeros))
+    for n in nodes:
+        loss = abs(float(into[n] - taken[n])) / max(float(turned[n]), 1e-300)
+        extra = machine.evaluate(y0, 0.0, 1.0, y0)[0].record.oil_nodes[n].extra_capacity is not None
+        words = f"{count} steps lose {loss:.0e} of the oil that flowed"
+        yield Finding(f"oil, {n}", extra or loss < LARGEST_LOSS, words + ("; it has further capacity" if extra else ""))
+
+
+def _mounts(machine: Rig, kind) -> bool:
+    try:
+        check_effect(kind(), machine)
+    except EffectError:
+        return False
+    return set(kind.slots) <= set(machine.slots)
+
+
+def _observed(machine: Rig) -> tuple[str, ...]:
+    """The signals that the machine has, without the time."""
+    found = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
+    return tuple(n for n in machine.signals if n in found and n != "time")
+
+
+def _interval(machine: Rig) -> float:
+    return 10.0 * machine.time_step
+
+
+def _trace(machine: Rig, refinement: int) -> dict[str, np.ndarray]:
+    """The signals of the machine as it is, (samples,), with a step that is `refinement` times smaller."""
+    name = next(iter(short_names(machine).values()))
+    observed = _observed(machine)
+    found = _simulated(machine, {name: [float(get_parameter(machine, name))]}, None, observed, refinement).values
+    return {n: v[:, 0] for n, v in found.items()}
+
+
+def _simulated(machine: Rig, columns, seeds, observed, refinement: int = 1):
+    columns = {n: np.asarray(v, float) for n, v in columns.items()}
+    step = machine.time_step / refinement
+    return simulate_batch(machine, columns, seeds, step, 10 * refinement, SAMPLES, observed)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _size(values: np.ndarray) -> float:
+    return max(float(np.ptp(values)), 1e-9 * _rms(values), 1e-300)

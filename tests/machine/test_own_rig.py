@@ -1,0 +1,168 @@
+"""Rigs of one's own: what a class declares is the machine, and what is declared wrongly is refused with a reason."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from edhas_jax import Effect, Recorded, Rig, Sine, change, drive, get, par, signal, simulate, slot, state, struct
+from edhas_jax.machine.effects import EffectError
+from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable
+from edhas_jax.machine.effects.validation import check_effect
+from edhas_jax.machine.own_rig import check_rig
+from edhas_jax.machine.parameters import ParameterError, list_parameters, short_names
+from edhas_jax.machine.rig_base import RigError
+from edhas_jax.machine.rigs import PumpBench
+from edhas_jax.simulation.batch_trajectories import simulate_batch
+from edhas_jax.simulation.run_settings import Simulation
+
+
+@struct
+class Lag:
+    """A first-order lag."""
+
+    time_constant: float = par(2.0, "s", (0.1, 100.0), "time constant")
+
+
+class TwoLags(Rig):
+    """Two lags side by side with inputs of their own: linear, with solutions in closed form."""
+
+    time_step, duration = 0.05, 10.0
+
+    first_input = drive("V", "input of the first lag", 1.0)
+    second_input = drive("A", "input of the second lag", 0.0)
+    slow: Lag = Lag(time_constant=4.0)
+    fast: Lag = Lag()
+    start: float = par(0.5, "V", (-10.0, 10.0), "start of the first lag")
+    first = state("V", "first lag", "start")
+    second = state("A", "second lag", 0.0)
+    rate_of_input = signal("V/s", "rate of the first input")
+    push = slot("first_lag", "V/s", "added to the rate of the first lag", "first", 0.1)
+
+    def equations(self, y, s):
+        s.set(rate_of_input=s.first_input_rate + 0.0 * y.first)
+        return {
+            "first": self.push.apply((s.first_input - y.first) / self.slow.time_constant, s),
+            "second": (s.second_input - y.second) / self.fast.time_constant,
+        }
+
+
+def test_a_rig_is_what_its_class_declares():
+    check_rig(TwoLags)
+    machine = TwoLags()
+    assert machine.name == "two_lags" and list(machine.states) == ["first", "second"]
+    assert list(machine.signals) == ["time", "first_input", "second_input", "first", "second", "rate_of_input"]
+    assert [(slot.name, slot.location) for slot in machine.slots] == [("push", "first_lag")]
+    names = short_names(machine)
+    assert names["slow", "time_constant"] == "slow.time_constant" and names["two_lags", "start"] == "start"
+    units = {path: p.unit for p, _, path in list_parameters(machine) if p.name == "step_size"}
+    assert units == {"first_input": "V", "second_input": "A"}
+    changed = change(machine, start="-1 V", **{"fast.time_constant": 3.0})
+    assert float(get(changed, "start")) == -1.0 and changed.initial_state() == {"first": -1.0, "second": 0.0}
+    assert float(machine.start) == 0.5, "a machine is not changed in place"
+    with pytest.raises(ParameterError, match="ambiguous"):
+        change(machine, time_constant=1.0)
+
+
+def test_a_run_is_the_solution_in_closed_form():
+    run = simulate(TwoLags(), Simulation(duration=10.0, sample_rate=10.0))
+    t = run.signals["time"]
+    # the midpoint rule replaces e^(−h/τ) by its Padé approximant: the error grows to (h/τ)²/12 · (t/τ) e^(−t/τ)
+    bound = 0.5 * (0.05 / 4.0) ** 2 / 12.0 * np.exp(-1.0)
+    assert np.abs(run.signals["first"] - (1.0 - 0.5 * np.exp(-t / 4.0))).max() < 1.05 * bound
+    assert run.valid and run.metrics["final_first"].value == run.signals["first"][-1]
+    assert run.metrics["mean_first"].value == pytest.approx(np.trapezoid(run.signals["first"], t) / t[-1])
+
+
+def test_two_recorded_drives_act_each_on_its_own_lag():
+    """In a batch a recording is taken interval by interval; both give what the analytic drives give."""
+    interval, count = 0.5, 41
+    sine = Sine(amplitude=1.0, frequency=0.1, ramp_time=0.0)
+    t = interval * np.arange(count)
+    omega = 2 * np.pi * 0.1
+    recorded = TwoLags(
+        first_input=Recorded(values=np.sin(omega * t), interval=interval),
+        second_input=Recorded(values=np.full(count, 3.0), interval=interval),
+    )
+    traces = simulate_batch(recorded, {"start": np.zeros(2)}, None, 0.05, 10, count, ("first", "second")).values
+    exact = simulate(change(TwoLags(first_input=sine), start=0.0), Simulation(duration=20.0, sample_rate=2.0)).signals
+    # a cubic through samples at twenty per cycle follows a sine to 1e-3
+    assert np.abs(traces["first"][:, 0] - exact["first"]).max() < 2e-3
+    assert np.abs(traces["second"][:, 1] - 3.0 * (1.0 - np.exp(-t / 2.0))).max() < 1e-4
+
+
+def test_the_rate_of_a_drive_is_there_for_imposed_motion():
+    sine = Sine(amplitude=2.0, frequency=0.1, ramp_time=0.0)
+    run = simulate(TwoLags(first_input=sine), Simulation(duration=10.0, sample_rate=10.0))
+    omega = 2 * np.pi * 0.1
+    assert np.abs(run.signals["rate_of_input"] - 2.0 * omega * np.cos(omega * run.signals["time"])).max() < 1e-9
+
+
+class Push(Effect, rig=TwoLags):
+    """A constant push.
+
+    Source: none, a test.
+    """
+
+    strength: float = par(0.25, "V/s", (-10.0, 10.0), "rate", plausible=(0.1, 1.0))
+
+    def push(self, s, z):
+        return self.strength + 0.0 * s.first
+
+
+def test_an_effect_acts_at_a_slot_of_the_rig_and_nowhere_else():
+    machine = TwoLags(effects=(Push(),))
+    end = simulate(machine, Simulation(duration=100.0, sample_rate=1.0)).signals["first"][-1]
+    assert end == pytest.approx(1.0 + 0.25 * 4.0, abs=1e-6)
+    with pytest.raises(EffectError, match="does not have"):
+        check_effect(Push(), PumpBench())
+    table = LawTable("curve", LawPlace("push", "first", (), TwoLags), np.array([0.0, 1.0]), np.array([0.25, 0.25]))
+    assert table.place.value_unit == "V/s"
+    same = simulate(TwoLags(effects=(table.effect(),)), Simulation(duration=100.0, sample_rate=1.0)).signals["first"]
+    assert same[-1] == pytest.approx(end, abs=1e-9)
+
+
+def rig(**body):
+    """A class with one state and these attributes in place of the usual ones."""
+    usual = {"x": state("m", "position"), "equations": lambda self, y, s: {"x": -y.x}, "__doc__": "A test."}
+    return type("Wrong", (Rig,), usual | body)
+
+
+def mistakes():
+    """What is declared, and what is said about it."""
+    yield {"equations": lambda self, y, s: {}}, "no rate of x"
+    yield {"equations": lambda self, y, s: {"x": -y.x, "v": y.x}}, "which is no state"
+    yield {"equations": lambda self, y, s: {"x": -y.speed}}, "no state `speed`"
+    yield {"equations": lambda self, y, s: {"x": -s.stiffness}}, "stiffness"
+    yield {"flow": signal("m^3/s", "flow")}, "does not set the signal `flow`"
+    yield {"x": state("m", "position", "nowhere")}, "no parameter of this rig"
+    yield {"x": state("furlong per", "position")}, "not a unit"
+    yield {"gain": par(1.0, "-", (0.0, 2.0), "gain"), "lag": Lag(), "__annotations__": {"gain": float}}, None
+    yield {"effects_": 3.0, "__annotations__": {"effects_": float}}, "a part is a component"
+    yield {"gain": par(3.0, "-", (0.0, 2.0), "gain")}, "outside its own span"
+    yield {"equations": lambda self, y, s: {"x": -y.x if y.x > 0 else y.x}}, "jnp.where"
+
+
+@pytest.mark.parametrize(("body", "reason"), list(mistakes()), ids=lambda value: str(value)[:30])
+def test_a_mistake_is_named(body, reason):
+    if reason is None:
+        return check_rig(rig(**body))
+    with pytest.raises(RigError, match=reason):
+        check_rig(rig(**body))
+
+
+def test_a_name_has_one_meaning():
+    with pytest.raises(RigError, match="declared twice|taken"):
+        check_rig(rig(time=signal("s", "time again")))
+    with pytest.raises(RigError, match="taken"):
+        check_rig(rig(wrong=par(1.0, "-", (0.0, 2.0), "named like the rig")))
+    with pytest.raises(RigError, match="Rig alone"):
+        type("Derived", (TwoLags,), {})
+    with pytest.raises(RigError, match="equations"):
+        type("Empty", (Rig,), {})
+
+
+def test_the_rigs_of_the_package_obey_the_same_interface():
+    machine = PumpBench()
+    assert isinstance(machine, Rig) and not machine.is_own and machine.signals["current"].unit == "A"
+    assert machine.cycle is machine.reference and machine.with_default_numbers().effects == ()
+    assert jnp.isfinite(machine.largest_step())
