@@ -187,6 +187,10 @@ class LoopEngine(abc.ABC):
             Untranslatable: the body or its derivative uses an operation that this engine has no counterpart for.
         """
 
+    def device_names(self) -> str:
+        """The devices on which the loops run; empty where it is the one on which JAX computes."""
+        return ""
+
     def probably_slower(self, loop: Loop | AdjointLoop) -> str:
         """Why the next engine is likely to be faster for this compiled loop; empty if nothing says so."""
         return ""

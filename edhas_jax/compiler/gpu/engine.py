@@ -1,6 +1,7 @@
 """The GPU engine: loops of many lanes as kernels for NVIDIA GPUs, launched through their driver."""
 
 import functools
+from collections import Counter
 from collections.abc import Callable
 
 import jax
@@ -9,8 +10,10 @@ import numpy as np
 from edhas_jax.compiler.gpu.cuda_driver import CudaDriver, CudaError, Device, load_driver
 from edhas_jax.compiler.gpu.rates import Rates, estimated_rates
 from edhas_jax.compiler.loop_engine import AdjointLoop, Loop, LoopBody, LoopEngine, Untranslatable
+from edhas_jax.compiler.native_engine import processor_problem
 from edhas_jax.core import runtime
 
+LEAST_CAPABILITY = (7, 0)
 # of a thread, beyond which the kernel is taken only if it is asked for: its values come from memory in every step
 MOST_LOCAL_BYTES = 2048
 
@@ -71,14 +74,18 @@ class GpuEngine(LoopEngine):
         least = self.rates(dtype).least_lanes()
         return least is not None and lanes >= least
 
+    def device_names(self) -> str:
+        """See `LoopEngine.device_names`."""
+        names = Counter(device.name for device in self.devices())
+        return ", ".join(f"{count} × {name}" for name, count in names.items())
+
     def description(self) -> str:
         """What this engine takes without being asked for, in words."""
-        names = ", ".join(dict.fromkeys(device.name for device in self.devices()))
         shares = []
         for dtype in ("float32", "float64"):
             least = self.rates(dtype).least_lanes()
             shares.append(f"{dtype} {'none' if least is None else f'from {least:,} designs on'}")
-        return f"takes batches in {', in '.join(shares)} (estimated for {len(self.devices())} × {names}, not measured)"
+        return f"takes batches in {', in '.join(shares)} (estimated for {self.device_names()}, not measured)"
 
     def _loaded(self, make: Callable):
         """What `make` makes, once the driver has compiled its kernels."""
@@ -94,16 +101,17 @@ class GpuEngine(LoopEngine):
 
     def _look(self) -> tuple[str, list[Device]]:
         """Why this engine cannot serve, and the devices that could."""
-        from edhas_jax.compiler.gpu.ptx import LEAST_CAPABILITY, ptx_problem
-
         try:
             devices = self._load().devices()
         except CudaError as error:
             return str(error), []
-        except ImportError as error:
-            return f"llvmlite cannot be imported ({error})", []
         able = [device for device in devices if device.capability >= LEAST_CAPABILITY]
         if not able:
             older = f"older than compute capability {'.'.join(map(str, LEAST_CAPABILITY))}"
             return f"all GPUs are {older}" if devices else "the driver shows no GPU", []
-        return ptx_problem(), able
+        problem = processor_problem()  # what is the same for all lanes is computed by machine code for the processor
+        if not problem:
+            from edhas_jax.compiler.gpu.ptx import ptx_problem
+
+            problem = ptx_problem()
+        return problem, able

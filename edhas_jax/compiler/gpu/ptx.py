@@ -9,7 +9,6 @@ from llvmlite import binding as llvm
 from edhas_jax.compiler.object_cache import ObjectCache
 
 TRIPLE = "nvptx64-nvidia-cuda"
-LEAST_CAPABILITY = (7, 0)
 
 
 def target(capability: tuple[int, int]) -> str:

@@ -27,7 +27,6 @@ from edhas_jax.design.sweep.identity import (
     identity_hash,
     machine_text,
     sweep_identity,
-    versions,
 )
 from edhas_jax.design.sweep.manifest import (
     FORMAT_VERSION,
@@ -147,7 +146,7 @@ class SweepFolder:
             "format": FORMAT_VERSION, "name": sweep.name, "state": "unfinished", "hash": self.hash,
             "sweep": sweep_description(sweep),
             "designs": len(sweep), "chunks": len(self._chunks),
-            **versions(), **device(),
+            **self.identity["versions"], **device(),
             "begun": _now(), "finished": None, "computed_on": [],
             "identity": self.identity, "machine": machine_text(sweep), "files": files,
         })  # fmt: skip

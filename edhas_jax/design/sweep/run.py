@@ -60,7 +60,8 @@ def run_sweep(
         store.check_space(len(sweep) - done)
         text, code = machine_text(sweep), user_code(sweep.machine)
         jobs = [
-            ChunkJob(n, text, code, {k: v[c.rows] for k, v in sweep.designs.items()}, c.steps_per_cycle, sweep.settings)
+            ChunkJob(n, text, code, {k: v[c.rows] for k, v in sweep.designs.items()}, c.steps_per_cycle, sweep.settings,
+                     c.many_lanes)  # fmt: skip
             for n, c in enumerate(chunks)
             if n not in finished
         ]
@@ -86,8 +87,9 @@ def _compute_in(executor: concurrent.futures.Executor, jobs: list[ChunkJob]) -> 
                 what = "the workers or their scheduler were lost" if lost else f"a worker failed: {what}"
                 raise SweepError(f"{what}. Finished chunks are kept; "
                                  "the same command resumes the sweep") from error  # fmt: skip
-            if result.versions != versions():
-                theirs = ", ".join(f"{k} {v}" for k, v in result.versions.items() if versions()[k] != v)
+            ours = versions(jobs[0].many_lanes)
+            if result.versions != ours:
+                theirs = ", ".join(f"{k} {v}" for k, v in result.versions.items() if ours[k] != v)
                 raise SweepError(f"a worker runs other versions ({theirs}); install the versions of this machine")
             yield result
     finally:
