@@ -47,3 +47,35 @@ def assembled(ptx: str, architecture: str, most_registers: int = 255) -> Assembl
         registers = re.search(r"Used (\d+) registers", words)
         spilled = re.search(r"(\d+) bytes spill stores, (\d+) bytes spill loads", words)
         return Assembled(int(registers[1]), (int(spilled[1]), int(spilled[2])), target.read_bytes())
+
+
+def loop_instructions(code: bytes) -> dict[str, int]:
+    """The instructions of the step in machine code, which is its longest loop without another one inside, by kind.
+
+    `all`, `fma` and `mufu` (special functions), and `double`, those that the units for float64 carry out.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "kernel.cubin"
+        file.write_bytes(code)
+        listing = subprocess.run([tool("nvdisasm"), "-c", file], capture_output=True, text=True, check=True).stdout
+    labels: dict[str, int] = {}
+    operations: list[str] = []
+    branches: list[tuple[int, str]] = []
+    for line in listing.splitlines():
+        if found := re.match(r"\s*(\.L_\w+):", line):
+            labels[found[1]] = len(operations)
+        elif found := re.match(r"\s*/\*[0-9a-f]+\*/\s+(?:@!?U?P\w+\s+)?([A-Z][\w.]*)(.*)", line):
+            if found[1].startswith("BRA") and (target := re.search(r"\((\.L_\w+)\)", found[2])):
+                branches.append((len(operations), target[1]))
+            operations.append(found[1])
+    loops = [(labels[target], place) for place, target in branches if labels.get(target, place + 1) <= place]
+    # a branch to itself ends the code
+    loops = [(begin, end) for begin, end in loops if end > begin]
+    inner = [a for a in loops if not any(b != a and a[0] <= b[0] and b[1] <= a[1] for b in loops)]
+    begin, end = max(inner, key=lambda loop: loop[1] - loop[0])
+    step = [operation for operation in operations[begin : end + 1] if operation != "NOP"]
+    double = ("DFMA", "DADD", "DMUL", "DSETP", "DMNMX")
+    return {
+        "all": len(step), "fma": sum(o.split(".")[0] in ("FFMA", "DFMA", "FFMA2") for o in step),
+        "mufu": sum(o.startswith("MUFU") for o in step), "double": sum(o.split(".")[0] in double for o in step),
+    }  # fmt: skip
