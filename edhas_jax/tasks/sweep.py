@@ -19,7 +19,7 @@ from edhas_jax.design.sweep.config import Sweep, load_sweep
 from edhas_jax.design.sweep.dataset import SweepData, to_dataset
 from edhas_jax.design.sweep.folder import sweep_description
 from edhas_jax.design.sweep.identity import machine_text, versions
-from edhas_jax.design.sweep.run import open_sweep, run_sweep
+from edhas_jax.design.sweep.run import open_sweep, stream_sweep
 from edhas_jax.design.sweep.table import sweep_table, to_result
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
@@ -72,7 +72,7 @@ def sweep(
                 from edhas_jax.design.sweep.dask_cluster import dask_executor
 
                 executor = stack.enter_context(dask_executor(cluster))
-            run_sweep(task, kept, executor, on_progress)
+            stream_sweep(task, kept, executor, on_progress)
             return to_dataset(open_sweep(kept))
     metrics = run_designs(task.machine, task.designs, task.settings, on_progress)
     on_gpu = many_lanes(len(task), task.settings.precision.value)
