@@ -130,7 +130,8 @@ def _first_that_can(body: LoopBody, method: str):
         except Untranslatable as error:
             _say_once(f"the {engine.name} engine cannot run a loop of this machine: {error}", engine)
             continue
-        if os.environ.get(VARIABLE) or not engine.probably_slower(loop):
+        # without machine code for the processor only XLA would follow, which is slower still
+        if os.environ.get(VARIABLE) or NATIVE.unavailable() or not engine.probably_slower(loop):
             return loop
     raise EngineError("no engine can run this loop")  # XLA takes every body
 

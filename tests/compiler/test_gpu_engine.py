@@ -1,6 +1,7 @@
 """The GPU as a loop engine: when it serves, and whole tasks on it, on a driver with devices in host memory."""
 
 import dataclasses
+import json
 import warnings
 
 import jax
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import edhas_jax as edhas
+from edhas_jax.commands.cli import main
 from edhas_jax.compiler import engines
 from edhas_jax.compiler.engines import EngineError, compile_adjoint_loop, compile_loop, engine_statuses, many_lanes
 from edhas_jax.compiler.gpu.adjoint import SEGMENT_STEPS, GpuAdjointLoop
@@ -97,8 +99,19 @@ def test_a_step_that_does_not_fit_the_registers_stays_on_the_processor_unless_a_
     offered(multiprocessors=132, local_bytes=lambda registers: 9000)
     body = LoopBody(lambda n, c, lane, uniform: c + 1.0, "float32", 0.0, {}, (), many_lanes=True)
     assert type(compile_loop(body)) is NativeLoop
-    monkeypatch.setenv("EDHAS_ENGINE", "gpu")
-    assert type(compile_loop(body)) is GpuLoop
+    with monkeypatch.context() as patch:
+        patch.setenv("EDHAS_ENGINE", "gpu")
+        assert type(compile_loop(body)) is GpuLoop
+    # nor where only XLA would follow
+    monkeypatch.setattr(type(engines.NATIVE), "unavailable", lambda self: "JAX computes on an accelerator here")
+    assert many_lanes(1, "float32") and type(compile_loop(body)) is GpuLoop
+
+
+def test_the_command_says_why_a_gpu_serves(offered, capsys):
+    offered(multiprocessors=132)
+    assert main(["device", "--json"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["engines"]}
+    assert rows["gpu"]["serves"] and "estimated for 1 × Fake GPU, not measured" in rows["gpu"]["reason"]
 
 
 def test_loops_of_one_lane_and_with_arrays_go_to_others(gpu):

@@ -20,6 +20,7 @@ _FUNCTION_LOCAL_BYTES, _FUNCTION_REGISTERS = 3, 4
 _JIT_MAX_REGISTERS, _JIT_LOG, _JIT_LOG_BYTES = 0, 5, 6
 _POINTER_DEVICE = 9
 LOG_BYTES = 4096
+UNKNOWN_CLOCK = 1.5e9  # [Hz], where the driver gives none
 
 
 class CudaError(RuntimeError):
@@ -154,7 +155,8 @@ class CudaDriver:
         major, minor, multiprocessors, clock = (
             self._attribute(attribute, handle) for attribute in (_MAJOR, _MINOR, _MULTIPROCESSORS, _CLOCK)
         )
-        return Device(number, name.value.decode(errors="replace"), (major, minor), multiprocessors, 1e3 * clock)
+        clock = 1e3 * clock or UNKNOWN_CLOCK
+        return Device(number, name.value.decode(errors="replace"), (major, minor), multiprocessors, clock)
 
     def _handle(self, number: int) -> ctypes.c_int:
         handle = ctypes.c_int()
