@@ -127,7 +127,8 @@ def open_sweep(folder: Path | str, wanted: Callable[[Sequence[str]], Collection[
 
     Args:
         folder: the folder of the sweep.
-        wanted: which of the metrics are to be in the table, from the names of all; None: all.
+        wanted: which of the metrics are to be in the table, from the names of all; None: all. With it the table is
+            only to be read, and has no reasons.
 
     Returns:
         The table of all designs with units and meanings.
@@ -143,7 +144,9 @@ def open_sweep(folder: Path | str, wanted: Callable[[Sequence[str]], Collection[
         if finished:
             whole = data.schema_arrow
             metrics = [f.name for f in whole if (f.metadata or {}).get(b"role") == b"metric"]
-            left_out = set() if wanted is None else set(metrics) - set(wanted(metrics))
+            if wanted is None:
+                return to_result(data.read(), manifest)
+            left_out = {"reason", *metrics} - set(wanted(metrics))
             return to_result(data.read([n for n in whole.names if n not in left_out]), manifest, whole)
         data = data.read()
     results: dict[str, np.ndarray] = {n: np.full(len(data), np.nan) for n in ("cycles", "residual", "status")}

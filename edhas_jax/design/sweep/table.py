@@ -106,23 +106,25 @@ def _column(name: str, values, kind: pa.DataType | None = None, **metadata: str)
     return pa.field(name, column.type, metadata={k: v for k, v in metadata.items() if v}), column
 
 
-def to_frame(data: pa.Table) -> pd.DataFrame:
-    """An Arrow table as a data frame."""
-    return pd.DataFrame({name: _numbers_or_texts(data[name]) for name in data.column_names})
+def to_frame(data: pa.Table, copy: bool = True) -> pd.DataFrame:
+    """An Arrow table as a data frame; without `copy` its numbers may be those of the table, not to be written to."""
+    columns = {name: _numbers_or_texts(data[name]) for name in data.column_names}
+    return pd.DataFrame(columns, copy=copy)
 
 
-def _numbers_or_texts(column: pa.ChunkedArray) -> np.ndarray:
+def _numbers_or_texts(column: pa.ChunkedArray) -> np.ndarray | pd.Series:
     if not pa.types.is_dictionary(column.type):
         return column.to_numpy(zero_copy_only=False)
-    codes = column.unify_dictionaries().combine_chunks()
-    texts = np.array(codes.dictionary.to_pylist(), object)
-    return texts[codes.indices.to_numpy()] if len(texts) else np.empty(0, object)
+    return column.cast(pa.string()).to_pandas()
 
 
-def to_result(data: pa.Table, manifest: Mapping[str, Any], schema: pa.Schema | None = None) -> SweepResult:
-    """A sweep's Arrow table as a result, with units and meanings from its schema, or that of the whole table."""
-    whole = data.schema if schema is None else schema
-    metadata = {f.name: {k.decode(): v.decode() for k, v in (f.metadata or {}).items()} for f in whole}
+def to_result(data: pa.Table, manifest: Mapping[str, Any], whole: pa.Schema | None = None) -> SweepResult:
+    """A sweep's Arrow table as a result, with units and meanings from its schema.
+
+    Where `data` has some columns only, `whole` is the schema of all.
+    """
+    schema = data.schema if whole is None else whole
+    metadata = {f.name: {k.decode(): v.decode() for k, v in (f.metadata or {}).items()} for f in schema}
     fields = {n: (t.get("unit", "-"), t.get("shown", "-"), t.get("doc", "")) for n, t in metadata.items()}
     parameters, metrics = (tuple(n for n, t in metadata.items() if t.get("role") == r) for r in ("parameter", "metric"))
-    return SweepResult(to_frame(data), parameters, metrics, fields, manifest)
+    return SweepResult(to_frame(data, copy=whole is None), parameters, metrics, fields, manifest)
