@@ -41,10 +41,11 @@ def run_sweep_plot(options) -> None:
     """
     from edhas_jax.config.run_folder import ResultFileError
     from edhas_jax.design.sweep.design_selection import FigureError
-    from edhas_jax.design.sweep.figures import draw_sweep
+    from edhas_jax.design.sweep.figures import draw_sweep, metrics_of_figures
     from edhas_jax.design.sweep.run import open_sweep
 
-    result = open_sweep(options.result)
+    # a table of millions of designs is read only as far as it is drawn
+    result = open_sweep(options.result, lambda names: metrics_of_figures(names, options.metric, options.pareto))
     kinds = ("heat", "parallel", "pareto") if options.kind == "all" else (options.kind,)
     out = console(options)
     for kind in kinds:

@@ -28,8 +28,8 @@ def add_parser(commands) -> None:
 def run(options) -> int | None:
     """Simulate the designs of a sweep that have no result yet; print how many ended with which status."""
     from edhas_jax.design.sweep.config import load_sweep
-    from edhas_jax.design.sweep.dataset import sweep_summary
-    from edhas_jax.design.sweep.run import open_sweep, run_sweep
+    from edhas_jax.design.sweep.run import stream_sweep, sweep_parts
+    from edhas_jax.design.sweep.sweep_summary import summary_of_parts
 
     sweep = load_sweep(options.config, own_code(options))
     require_own_code(options, sweep.machine)
@@ -40,7 +40,7 @@ def run(options) -> int | None:
         progress = _SweepProgress(work, name)
         try:
             with _executor(options.cluster) as executor:
-                run_sweep(sweep, folder, executor, progress.report, lambda remark: out.print(remark, soft_wrap=True))
+                stream_sweep(sweep, folder, executor, progress.report, lambda remark: out.print(remark, soft_wrap=True))
         except KeyboardInterrupt:
             finished = f"{progress.done:,} of {len(sweep):,} designs are finished and saved in {folder}"
             print(f"edhas: interrupted; {finished}; the same command resumes the sweep", file=sys.stderr)
@@ -48,7 +48,7 @@ def run(options) -> int | None:
     computed = len(sweep) - progress.initially_done
     seconds = time.perf_counter() - began
     effort = f"{computed:,} computed in {seconds:.1f} s" if computed else "all of them computed before"
-    summary = sweep_summary(open_sweep(folder))
+    summary = summary_of_parts(sweep_parts(folder))
     summary = dataclasses.replace(summary, title=f"{name}: {len(sweep):,} designs, {effort}")
     finish(options, out, summary, folder, f"plot sweep {quoted(folder)}")
     return None

@@ -1,17 +1,20 @@
 """Which engine runs a loop: the first one that can, and what is said of those that cannot.
 
-`EDHAS_ENGINE=native` or `xla` asks for one; without it the native engine serves where it can, XLA everywhere else.
+`EDHAS_ENGINE=gpu`, `native` or `xla` asks for one. Without it a GPU takes the loops of so many lanes that it is faster,
+the native engine the others where it can, XLA everything else.
 """
 
 import os
 import warnings
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from edhas_jax.compiler.gpu.engine import GpuEngine
 from edhas_jax.compiler.loop_engine import AdjointLoop, Loop, LoopBody, LoopEngine, Untranslatable
 from edhas_jax.compiler.native_engine import NativeEngine
 from edhas_jax.compiler.xla_engine import XlaEngine
 
-ENGINES: tuple[LoopEngine, ...] = (NativeEngine(), XlaEngine())  # in the order in which they are asked
+GPU, NATIVE = GpuEngine(), NativeEngine()
+ENGINES: tuple[LoopEngine, ...] = (GPU, NATIVE, XlaEngine())  # in the order in which they are asked
 VARIABLE = "EDHAS_ENGINE"
 
 
@@ -31,8 +34,11 @@ class EngineStatus(NamedTuple):
     reason: str
 
 
-def serving_engine() -> LoopEngine:
-    """The engine that is asked first for every loop.
+def serving_engine(many_lanes: bool = False) -> LoopEngine:
+    """The engine that is asked first for a loop.
+
+    Args:
+        many_lanes: whether the loop has as many lanes as `many_lanes` wants for a GPU.
 
     Raises:
         EngineError: `EDHAS_ENGINE` names an engine that is not there or cannot serve.
@@ -48,11 +54,27 @@ def serving_engine() -> LoopEngine:
             raise EngineError(f"{VARIABLE}={asked}: this engine cannot serve here: {problem}")
         return engine
     for engine in ENGINES:
+        if engine.for_many_lanes and (not many_lanes or engine.unavailable()):
+            continue
         problem = engine.unavailable()
         if not problem:
             return engine
-        _say_once(f"the {engine.name} engine cannot serve: {problem}")
+        _say_once(f"the {engine.name} engine cannot serve: {problem}", engine)
     raise EngineError("no engine can serve")  # XLA always can
+
+
+def many_lanes(lanes: int, dtype: Any) -> bool:
+    """Whether a loop over so many lanes goes to a GPU: one that is asked for, or that is faster by the estimate.
+
+    The choice is made for a task as a whole, by all its lanes, so that no design depends on which others are left.
+    """
+    asked = os.environ.get(VARIABLE, "")
+    if asked:
+        return asked == GPU.name
+    if GPU.unavailable():
+        return False
+    # without machine code for the processor XLA would serve, which launches every step on its own
+    return bool(NATIVE.unavailable()) or GPU.pays(lanes, dtype)
 
 
 def engine_statuses() -> list[EngineStatus]:
@@ -64,18 +86,20 @@ def engine_statuses() -> list[EngineStatus]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EngineFallback)
         serving = serving_engine()
-    rows = []
+    asked, rows = os.environ.get(VARIABLE), []
     for engine in ENGINES:
-        problem = engine.unavailable()
-        if engine is serving:
-            reason = f"{VARIABLE}={engine.name}" if os.environ.get(VARIABLE) else "the first that can serve"
+        problem, serves = engine.unavailable(), engine is serving
+        if serves:
+            reason = f"{VARIABLE}={engine.name}" if asked else "the first that can serve"
         elif problem:
             reason = problem
+        elif engine.for_many_lanes and not asked:
+            serves, reason = True, GPU.description()
         elif ENGINES.index(engine) < ENGINES.index(serving):
             reason = f"passed over because of {VARIABLE}={serving.name}"
         else:
             reason = f"takes the loops that the {serving.name} engine cannot run"
-        rows.append(EngineStatus(engine.name, engine is serving, reason))
+        rows.append(EngineStatus(engine.name, serves, reason))
     return rows
 
 
@@ -97,21 +121,29 @@ def compile_adjoint_loop(body: LoopBody) -> AdjointLoop:
 
 
 def _first_that_can(body: LoopBody, method: str):
-    serving = serving_engine()
+    serving = serving_engine(body.many_lanes)
     for engine in ENGINES[ENGINES.index(serving) :]:
         if engine.unavailable() or engine.outside_scope(body):
             continue
         try:
-            return getattr(engine, method)(body)
+            loop = getattr(engine, method)(body)
         except Untranslatable as error:
-            _say_once(f"the {engine.name} engine cannot run a loop of this machine: {error}")
+            _say_once(f"the {engine.name} engine cannot run a loop of this machine: {error}", engine)
+            continue
+        # without machine code for the processor only XLA would follow, which is slower still
+        if os.environ.get(VARIABLE) or NATIVE.unavailable() or not engine.probably_slower(loop):
+            return loop
     raise EngineError("no engine can run this loop")  # XLA takes every body
 
 
 _said: set[str] = set()
 
 
-def _say_once(problem: str) -> None:
-    if problem not in _said:
-        _said.add(problem)
-        warnings.warn(f"{problem}; XLA serves instead (same results to rounding, slower)", EngineFallback, stacklevel=3)
+def _say_once(problem: str, engine: LoopEngine) -> None:
+    if problem in _said:
+        return
+    _said.add(problem)
+    following = (e for e in ENGINES[ENGINES.index(engine) + 1 :] if not e.unavailable())
+    name = next(following).name
+    name = "XLA" if name == "xla" else f"the {name} engine"
+    warnings.warn(f"{problem}; {name} serves instead (same results to rounding, slower)", EngineFallback, stacklevel=3)

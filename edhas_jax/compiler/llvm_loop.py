@@ -1,25 +1,10 @@
 """LLVM assembly of a time loop around a scalar program, for blocks of lanes with the carry in registers."""
 
-from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from edhas_jax.compiler.llvm_ops import Processor, VectorCode
+from edhas_jax.compiler.program_code import InputSource, ProgramCode
 from edhas_jax.compiler.scalar_ir import Dependence, Program
-
-
-class InputSource(NamedTuple):
-    """Where an input of the program comes from.
-
-    Attributes:
-        table: "carry", "lane", "uniform" or "sample_inputs", the argument of `run` (see `loop_assembly`) that holds
-            the input; or "step", the number of the step.
-        row: the row of the table.
-    """
-
-    table: str
-    row: int = 0
-
 
 _MODULE = """{declarations}
 define void @run(ptr %carry, ptr %lane, ptr %uniform, ptr %sample_inputs, ptr %carry_samples,
@@ -105,39 +90,8 @@ def loop_assembly(
         The LLVM assembly.
     """
     code, vectors = VectorCode(program.type, processor), range(processor.vectors)
-    schedule = program.schedule()
-    varies = _varies_by_lane(program, schedule, sources)
-    contracted = _select_multiply_adds(program, schedule, varies)
-    contracted_products = set(contracted.values())
-    registers: dict[int, list[str]] = {}
-    inputs = {program.nodes[i][1]: i for i in schedule if program.nodes[i][0] == "input"}
-
-    def emit_operation(i: int, j: int) -> str:
-        """The code of node i for vector j of the block."""
-        op, *args = program.nodes[i]
-        if i not in contracted:
-            return code.operation(op, [registers[k][j] for k in args])
-        product = contracted[i]
-        a, b = (registers[k][j] for k in program.nodes[product][1:])
-        addend = registers[args[1] if product == args[0] else args[0]][j]
-        if op == "sub" and product == args[0]:
-            addend = code.neg(addend)
-        return code.multiply_add(code.neg(a) if op == "sub" and product == args[1] else a, b, addend)
-
-    def emit_level(level: Dependence) -> None:
-        """The code of all nodes that are computed at one level of the loop nest."""
-        for i in schedule:
-            op, *args = program.nodes[i]
-            own_level = min(program.dependence[i], Dependence.CARRY)
-            if own_level != level or op == "input" or i in contracted_products:
-                continue
-            if op in ("const", "bool"):
-                text = code.number(args[0]) if op == "const" else code.boolean(args[0])
-                registers[i] = [text] * len(vectors)
-            elif varies[i]:
-                registers[i] = [emit_operation(i, j) for j in vectors]
-            else:
-                registers[i] = [emit_operation(i, 0)] * len(vectors)
+    emitted = ProgramCode(program, code, sources)
+    registers, inputs = emitted.registers, emitted.inputs
 
     initial = [
         [code.load(_address(code, "%carry", "%block", carry_rows, r, j)) for j in vectors] for r in range(carry_rows)
@@ -151,7 +105,7 @@ def loop_assembly(
             registers[inputs[k]] = [code.splat(code.load_scalar(address))] * len(vectors)
         elif k in inputs and source.table == "carry":
             registers[inputs[k]] = [f"%c{source.row}.{j}" for j in vectors]
-    emit_level(Dependence.INVARIANT)
+    emitted.append_level(Dependence.INVARIANT)
     block_setup = code.take_lines()
     for r in range(carry_rows):
         for j in vectors:
@@ -166,12 +120,12 @@ def loop_assembly(
                 _address(code, "%sample_inputs", input_block, sample_input_rows, source.row, j) for j in vectors
             ]
             registers[inputs[k]] = [code.load(address) for address in addresses]
-    emit_level(Dependence.SAMPLE)
+    emitted.append_level(Dependence.SAMPLE)
     sample_setup = code.take_lines()
     step_number = [code.splat(code.assign(f"sitofp i64 %n to {code.scalar}"))] * len(vectors)
     registers |= {inputs[k]: step_number for k, source in enumerate(sources) if k in inputs and source.table == "step"}
-    emit_level(Dependence.STEP)
-    emit_level(Dependence.CARRY)
+    emitted.append_level(Dependence.STEP)
+    emitted.append_level(Dependence.CARRY)
     step = code.take_lines()
     new = [registers[program.outputs[r]] for r in range(carry_rows)]
     for r in range(carry_rows):
@@ -209,32 +163,3 @@ def _address(code: VectorCode, table: str, block: str, rows: int, row: int, j: i
     block_offset = code.assign(f"mul i64 {block}, {rows * lanes}")
     offset = code.assign(f"add i64 {block_offset}, {row * lanes + j * code.width}")
     return code.assign(f"getelementptr {code.scalar}, ptr {table}, i64 {offset}")
-
-
-def _varies_by_lane(program: Program, schedule: Sequence[int], sources: Sequence[InputSource]) -> dict[int, bool]:
-    """Whether a value differs from lane to lane; one that does not is computed once for all vectors of a block."""
-    varies: dict[int, bool] = {}
-    for i in schedule:
-        op, *args = program.nodes[i]
-        if op == "input":
-            varies[i] = sources[args[0]].table in ("carry", "lane", "sample_inputs")
-        else:
-            varies[i] = any(varies[k] for k in program.operands(i))
-    return varies
-
-
-def _select_multiply_adds(program: Program, schedule: Sequence[int], varies: dict[int, bool]) -> dict[int, int]:
-    """{sum or difference: product that is contracted with it to a fused multiply-add}.
-
-    A product is contracted where it has no other use. The choice is made here and not by LLVM, which would choose
-    depending on the number of interleaved vectors, so that results would not be reproducible to the bit.
-    """
-    uses = Counter(k for i in schedule for k in program.operands(i)) + Counter(program.outputs.values())
-    place = {i: (min(program.dependence[i], Dependence.CARRY), varies[i]) for i in schedule}
-    contracted: dict[int, int] = {}
-    for i in schedule:
-        op, *args = program.nodes[i]
-        if op in ("add", "sub"):
-            products = [k for k in args if program.nodes[k][0] == "mul" and uses[k] == 1 and place[k] == place[i]]
-            contracted.update((i, k) for k in products[:1])
-    return contracted

@@ -67,6 +67,10 @@ class VectorCode:
         """The declarations of all called functions."""
         return list(self._declarations)
 
+    def append(self, text: str) -> None:
+        """Append an instruction without a result."""
+        self._lines.append(text)
+
     def assign(self, text: str) -> str:
         """Append the assignment of an instruction, given as text, to a new register."""
         self._count += 1

@@ -36,6 +36,7 @@ class LoopBody:
             in the cache without tracing the body. None: the traced body is the key.
         vectors: how many vectors of lanes the native engine interleaves; None: its default.
         single_lane: the loop is run for one lane at a time.
+        many_lanes: the loop is run for so many lanes that a GPU is faster than the processor (`engines.many_lanes`).
     """
 
     step: Callable
@@ -48,6 +49,7 @@ class LoopBody:
     key: str | None = None
     vectors: int | None = None
     single_lane: bool = False
+    many_lanes: bool = False
 
     @property
     def inputs(self) -> dict[str, Any]:
@@ -151,9 +153,15 @@ class AdjointLoop(abc.ABC):
 
 
 class LoopEngine(abc.ABC):
-    """What compiles loops and runs them."""
+    """What compiles loops and runs them.
+
+    Attributes:
+        name: by which it is asked for.
+        for_many_lanes: whether it is asked only for loops with many lanes, and not missed where it cannot serve.
+    """
 
     name: str
+    for_many_lanes: bool = False
 
     @abc.abstractmethod
     def unavailable(self) -> str:
@@ -178,6 +186,14 @@ class LoopEngine(abc.ABC):
         Raises:
             Untranslatable: the body or its derivative uses an operation that this engine has no counterpart for.
         """
+
+    def device_names(self) -> str:
+        """The devices on which the loops run; empty where it is the one on which JAX computes."""
+        return ""
+
+    def probably_slower(self, loop: Loop | AdjointLoop) -> str:
+        """Why the next engine is likely to be faster for this compiled loop; empty if nothing says so."""
+        return ""
 
 
 def lane_count(carry: Any) -> int:

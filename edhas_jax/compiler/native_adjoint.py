@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from edhas_jax.compiler.backward_body import backward_body
 from edhas_jax.compiler.loop_engine import AdjointLoop, LoopBody, lane_count
 from edhas_jax.compiler.native_loop import NativeLoop
 from edhas_jax.compiler.threads import run_threaded
@@ -25,25 +25,14 @@ class NativeCheckpoints(NamedTuple):
 class NativeAdjointLoop(AdjointLoop):
     """`AdjointLoop` in machine code.
 
-    With w a cotangent of the carry, a step back is  (w, v) ← (wᵀ ∂step/∂carry, v + wᵀ ∂step/∂lane).
-
     Raises:
         Untranslatable: the body, or its derivative, uses an operation that has no counterpart in the scalar IR.
     """
 
     def __init__(self, body: LoopBody):
-        def back(n, cotangents, lane, uniform, before):
-            by_carry, by_lane = cotangents
-            _, pull = jax.vjp(lambda carry, lane: body.step(n, carry, lane, uniform), before, lane)
-            by_carry, share = pull(by_carry)
-            return by_carry, jax.tree.map(jnp.add, by_lane, share)
-
         self._ahead = NativeLoop(body)
         # a step back holds all values of the step ahead: those of a second vector would not fit the nearest cache
-        self._back = NativeLoop(
-            dataclasses.replace(body, step=back, carry=(body.carry, body.lane), sample_inputs=body.carry, vectors=1),
-            backwards=True,
-        )
+        self._back = NativeLoop(dataclasses.replace(backward_body(body), vectors=1), backwards=True)
 
     def run(self, carry: Any, lane: Any, uniform: Any, steps: int, threads: int = 1) -> tuple[Any, NativeCheckpoints]:
         """See `AdjointLoop.run`."""

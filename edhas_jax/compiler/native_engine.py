@@ -19,7 +19,7 @@ class NativeEngine(LoopEngine):
         """See `LoopEngine.unavailable`."""
         if runtime.platform() != "cpu":
             return f"JAX computes on an accelerator here ({runtime.platform()}), where XLA serves"
-        return _processor_problem()
+        return processor_problem()
 
     def outside_scope(self, body: LoopBody) -> str:
         """See `LoopEngine.outside_scope`."""
@@ -40,7 +40,7 @@ class NativeEngine(LoopEngine):
 
 
 @functools.cache
-def _processor_problem() -> str:
+def processor_problem() -> str:
     """Why LLVM cannot compile for this processor; empty if it can."""
     try:
         from edhas_jax.compiler.llvm_jit import host

@@ -7,22 +7,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from edhas_jax.compiler.jaxpr_to_ir import trace_to_ir
+from edhas_jax.compiler.body_program import body_program
 from edhas_jax.compiler.llvm_jit import function, host
-from edhas_jax.compiler.llvm_loop import InputSource, loop_assembly
+from edhas_jax.compiler.llvm_loop import loop_assembly
 from edhas_jax.compiler.loop_engine import Loop, LoopBody, LoopResult, Untranslatable, lane_count
-from edhas_jax.compiler.scalar_ir import Dependence
 from edhas_jax.compiler.threads import run_threaded
 from edhas_jax.core import runtime
 
-_DEPENDENCE = {
-    "carry": Dependence.CARRY,
-    "lane": Dependence.INVARIANT,
-    "uniform": Dependence.INVARIANT,
-    "sample_inputs": Dependence.SAMPLE,
-}
 SAMPLES_PER_CHUNK = 64  # samples that are evaluated at once: their tables stay in the second-level cache
-
 
 class NativeLoop(Loop):
     """A `LoopBody` compiled by LLVM; its machine code is kept in the cache folder.
@@ -40,20 +32,9 @@ class NativeLoop(Loop):
         vectors = 1 if body.single_lane else body.vectors
         if vectors is not None:
             processor = dataclasses.replace(processor, vectors=vectors)
-        structures = {name: jax.tree.structure(tree) for name, tree in body.inputs.items()}
 
         def text() -> str:
-            depends = [jax.tree.map(lambda _, n=n: _DEPENDENCE[n], tree) for n, tree in body.inputs.items()]
-            if body.tangents is not None:
-                kinds = {False: Dependence.CARRY, True: Dependence.TANGENT}
-                depends[0] = jax.tree.map(kinds.__getitem__, body.tangents)
-            with runtime.double_precision():
-                program, out = trace_to_ir(body.step, self.dtype, Dependence.STEP, *depends)
-            if out != structures["carry"]:
-                raise ValueError(f"the body turns {structures['carry']} into {out}")
-            rows = {name: structure.num_leaves for name, structure in structures.items()}
-            inputs = (InputSource(name, row) for name, count in rows.items() for row in range(count))
-            sources = [InputSource("step"), *inputs]
+            program, sources, rows = body_program(body)
             counts = rows["carry"], rows["lane"], rows.get("sample_inputs", 0)
             return loop_assembly(program, processor, sources, *counts, backwards)
 

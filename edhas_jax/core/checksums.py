@@ -4,9 +4,9 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from edhas_jax.core.regular_file import read_regular_file, require_regular_file
+from edhas_jax.core.regular_file import open_regular_file, read_regular_file, require_regular_file
 
 CHECKSUM_KEY = "checksum"
 
@@ -36,6 +36,26 @@ def read_checked(path: Path, wanted: str | None) -> bytes | None:
     """
     content = read_result(path)
     return content if content is not None and digest(content) == wanted else None
+
+
+def digest_of_file(file: BinaryIO) -> str:
+    """As `digest`, of an open file of any size, which is at its beginning afterwards."""
+    file.seek(0)
+    found = hashlib.file_digest(file, "sha256").hexdigest()[:16]
+    file.seek(0)
+    return found
+
+
+def open_checked(path: Path, wanted: str | None) -> BinaryIO | None:
+    """As `read_checked`, for a file that is too large to be read as a whole: open, at its beginning."""
+    try:
+        file = open_regular_file(path)
+    except FileNotFoundError:
+        return None
+    if digest_of_file(file) == wanted:
+        return file
+    file.close()
+    return None
 
 
 def with_checksum(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ import errno
 import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 _KINDS = {
     stat.S_IFDIR: "is a folder, not a file",
@@ -38,6 +39,23 @@ def require_regular_file(path: Path) -> int:
     return status.st_size
 
 
+def open_regular_file(path: Path) -> BinaryIO:
+    """Open a regular file of any size to read it.
+
+    Raises:
+        FileKindError: it is no regular file.
+        OSError: it cannot be read.
+    """
+    require_regular_file(path)
+    # the file may have been replaced by a pipe since: then it is not waited for
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    file = os.fdopen(descriptor, "rb")
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        file.close()
+        raise FileKindError(errno.EINVAL, "is not a file", str(path))
+    return file
+
+
 def read_regular_file(path: Path, limit: int) -> bytes:
     """Read a whole regular file.
 
@@ -50,11 +68,7 @@ def read_regular_file(path: Path, limit: int) -> bytes:
         OSError: it cannot be read.
     """
     size = require_regular_file(path)
-    # the file may have been replaced by a pipe since: then it is not waited for
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-    with open(descriptor, "rb") as file:
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise FileKindError(errno.EINVAL, "is not a file", str(path))
+    with open_regular_file(path) as file:
         data = file.read(limit + 1) if size <= limit else b""
     if max(size, len(data)) > limit:
         message = f"has {size / 1e6:.4g} MB; at most {limit / 1e6:.4g} MB are read"

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.compiler.engines import compile_loop
+from edhas_jax.compiler.engines import compile_loop, many_lanes
 from edhas_jax.compiler.loop_engine import LoopBody
 from edhas_jax.compiler.threads import run_threaded
 from edhas_jax.core import runtime, structs
@@ -84,7 +84,8 @@ def simulate_batch(
             recordings[drive] = getattr(numbers, drive)
             numbers = structs.replace(numbers, **{drive: _ANY_INTERVAL})
     observer = signals if callable(signals) else NamedSignals(tuple(signals))
-    loop = cached_loop(TrajectoryLoop, numbers, tuple(columns), observer, seeds is not None, dtype, dtype=dtype)
+    choices = tuple(columns), observer, seeds is not None, dtype, many_lanes(count, dtype)
+    loop = cached_loop(TrajectoryLoop, numbers, *choices, dtype=dtype)
     found = loop.run(numbers, lanes, recordings, step_size, steps_per_sample, lengths)
     return Traces(*found, *[None] * (seeds is None))
 
@@ -96,7 +97,7 @@ class TrajectoryLoop:
     own. `machine` counts only by its structure; where a drive is a `RecordedInterval`, every sample has its own.
     """
 
-    def __init__(self, machine: Rig, varied: Sequence[str], observer: Observe, seeded: bool, dtype):
+    def __init__(self, machine: Rig, varied: Sequence[str], observer: Observe, seeded: bool, dtype, many_lanes=False):
         self._dtype = np.dtype(dtype)
         names, interval = dict.fromkeys(varied, 0.0), _intervals_of(machine)
         self._state = {n: 0.0 for n in machine.initial_state()}
@@ -145,12 +146,17 @@ class TrajectoryLoop:
         self._signals = dict.fromkeys(shown, 0.0)
         state, signals, given = doubled(self._state), doubled(self._signals), (machine, 0.0)
         lane = doubled(names), state, 0.0, interval
+        options = {"many_lanes": many_lanes}
         # both take one step only: one vector compiles fastest
-        self._start = compile_loop(LoopBody(start, dtype, state, doubled(names), given, key=key("start"), vectors=1))
-        self._advance = compile_loop(
-            LoopBody(advance, dtype, state, doubled(names), given, sample_inputs=interval, key=key("advance"))
+        self._start = compile_loop(
+            LoopBody(start, dtype, state, doubled(names), given, key=key("start"), vectors=1, **options)
         )
-        self._evaluate = compile_loop(LoopBody(evaluate, dtype, signals, lane, given, key=key("evaluate"), vectors=1))
+        self._advance = compile_loop(
+            LoopBody(advance, dtype, state, doubled(names), given, interval, key=key("advance"), **options)
+        )
+        self._evaluate = compile_loop(
+            LoopBody(evaluate, dtype, signals, lane, given, key=key("evaluate"), vectors=1, **options)
+        )
 
     def run(
         self, machine: Rig, lanes: Sequence[dict[str, np.ndarray]], recordings: Mapping[str, Recorded],

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from edhas_jax.compiler.engines import many_lanes
 from edhas_jax.config.machine_config import Config, ConfigError, as_config
 from edhas_jax.config.problem_list import problem_lines
 from edhas_jax.config.yaml_with_lines import KeyPath
@@ -18,7 +19,7 @@ from edhas_jax.design.sweep.config import Sweep, load_sweep
 from edhas_jax.design.sweep.dataset import SweepData, to_dataset
 from edhas_jax.design.sweep.folder import sweep_description
 from edhas_jax.design.sweep.identity import machine_text, versions
-from edhas_jax.design.sweep.run import open_sweep, run_sweep
+from edhas_jax.design.sweep.run import open_sweep, stream_sweep
 from edhas_jax.design.sweep.table import sweep_table, to_result
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
@@ -71,12 +72,13 @@ def sweep(
                 from edhas_jax.design.sweep.dask_cluster import dask_executor
 
                 executor = stack.enter_context(dask_executor(cluster))
-            run_sweep(task, kept, executor, on_progress)
+            stream_sweep(task, kept, executor, on_progress)
             return to_dataset(open_sweep(kept))
     metrics = run_designs(task.machine, task.designs, task.settings, on_progress)
+    on_gpu = many_lanes(len(task), task.settings.precision.value)
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     made = {"name": task.name, "machine": machine_text(task), "date": now, "sweep": sweep_description(task)}
-    return to_dataset(to_result(sweep_table(task.machine, task.designs, metrics), made | versions()))
+    return to_dataset(to_result(sweep_table(task.machine, task.designs, metrics), made | versions(on_gpu)))
 
 
 def describe_sweep(

@@ -253,8 +253,8 @@ def test_the_engine_that_is_asked_for_serves(engine):
 
 
 def test_an_engine_that_is_not_there_is_an_error(monkeypatch):
-    monkeypatch.setenv("EDHAS_ENGINE", "gpu")
-    with pytest.raises(EngineError, match="EDHAS_ENGINE=gpu: there is no such engine; one of native, xla"):
+    monkeypatch.setenv("EDHAS_ENGINE", "abacus")
+    with pytest.raises(EngineError, match="EDHAS_ENGINE=abacus: there is no such engine; one of gpu, native, xla"):
         engines.serving_engine()
 
 

@@ -179,7 +179,7 @@ def test_another_machine_or_version_is_refused(workdir, finished, capsys, monkey
     (workdir / "tiny.yaml").write_text(TEXT)
 
     newer = identity.versions() | {"jax": "99.0"}
-    monkeypatch.setattr(identity, "versions", lambda: newer)
+    monkeypatch.setattr(identity, "versions", lambda *_: newer)
     assert main([*COMMAND, "--out", str(finished)]) == 2
     assert "99.0 now" in capsys.readouterr().err
 

@@ -8,9 +8,16 @@ from typing import Any
 import jax
 import numpy as np
 
+from edhas_jax.compiler.engines import many_lanes
 from edhas_jax.core import runtime
 from edhas_jax.design.batch.cycle_metrics import cycle_change
-from edhas_jax.design.batch.periodic_solver import LONG_TABLE, BatchState, metrics_with_status, run_to_periodic
+from edhas_jax.design.batch.periodic_solver import (
+    GPU_TABLE,
+    LONG_TABLE,
+    BatchState,
+    metrics_with_status,
+    run_to_periodic,
+)
 from edhas_jax.design.batch.run_metrics import RunGrid, run_grid, run_own_designs
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
@@ -69,10 +76,17 @@ def settings_of_batch(machine: Rig, simulation: Simulation) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True)
 class Chunk:
-    """The designs that are run together: their rows in the table, and the steps that each takes per cycle."""
+    """The designs that are run together.
+
+    Attributes:
+        rows: of the designs in the table.
+        steps_per_cycle: that each takes.
+        many_lanes: whether the table has so many designs that a GPU is faster (`engines.many_lanes`).
+    """
 
     rows: np.ndarray
     steps_per_cycle: int
+    many_lanes: bool = False
 
 
 __all__ = ["REASONS", "BatchError", "BatchSettings", "Chunk", "Status", "plan_chunks", "run_chunk", "run_designs"]
@@ -83,7 +97,7 @@ class BatchError(ValueError):
 
 
 def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchSettings) -> list[Chunk]:
-    """Cut a table of designs into chunks, the same for the same table wherever it is run.
+    """Cut a table of designs into chunks, the same for the same table wherever the same engine runs it.
 
     Designs that take the same number of steps per cycle go together, so that a slow frequency keeps no other waiting.
 
@@ -100,10 +114,11 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     frequency = np.asarray(varied[0] if varied else get_parameter(machine, "reference.frequency"), float)
     frequency = np.broadcast_to(frequency, (count,))
     steps = steps_per_cycle(frequency, settings.step)
-    chunks = []
+    chunks, on_gpu = [], many_lanes(count, settings.precision.value)
+    length = GPU_TABLE if on_gpu else LONG_TABLE
     for n in np.unique(steps):
         rows = np.flatnonzero(steps == n)
-        chunks += [Chunk(rows[i : i + LONG_TABLE], int(n)) for i in range(0, len(rows), LONG_TABLE)]
+        chunks += [Chunk(rows[i : i + length], int(n), on_gpu) for i in range(0, len(rows), length)]
     return chunks
 
 
@@ -128,25 +143,25 @@ def run_chunk(
     base = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
     columns = {n: np.asarray(v)[chunk.rows].astype(dtype) for n, v in values.items()}
     options = dtype.type(settings.tolerance), settings.max_cycles, settings.soft_start
-    state = run_to_periodic(base, columns, chunk.steps_per_cycle, *options)
+    state = run_to_periodic(base, columns, chunk.steps_per_cycle, *options, many_lanes=chunk.many_lanes)
     out = metrics_with_status(base, columns, state.metrics, state.done) | {"cycles": state.cycles}
     out = {n: np.asarray(v, float) for n, v in out.items()}
     slow = np.flatnonzero((out["cycles"] > SLOW_CYCLES) & (out["status"] == Status.OK))
     if len(slow):
         state, columns = jax.tree.map(lambda leaf: leaf[slow], (state, columns))
-        sensitive = _step_sensitive(base, columns, state, chunk.steps_per_cycle, dtype)
+        sensitive = _step_sensitive(base, columns, state, chunk, dtype)
         out["status"][slow[sensitive]] = Status.STEP_TOO_LARGE
     return out
 
 
-def _step_sensitive(base: Rig, columns: dict[str, np.ndarray], state: BatchState, steps: int, dtype) -> np.ndarray:
+def _step_sensitive(base: Rig, columns: dict[str, np.ndarray], state: BatchState, chunk: Chunk, dtype) -> np.ndarray:
     """Which designs (designs,) change by more than `STEP_SENSITIVITY` when they go on with a √2 longer step.
 
     Designs that take long to become periodic are near to losing their period, where the step matters most.
     """
-    coarser = int(round(steps / math.sqrt(2.0)))
+    coarser = int(round(chunk.steps_per_cycle / math.sqrt(2.0)))
     # a tolerance below zero: none of these cycles is the last one
-    after = run_to_periodic(base, columns, coarser, dtype.type(-1.0), CHECK_CYCLES, False, state)
+    after = run_to_periodic(base, columns, coarser, dtype.type(-1.0), CHECK_CYCLES, False, state, chunk.many_lanes)
     return ~(np.asarray(_change_of(after.metrics, state.metrics)) <= STEP_SENSITIVITY)
 
 

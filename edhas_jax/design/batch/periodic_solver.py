@@ -29,6 +29,7 @@ from edhas_jax.simulation.validity import status_of
 
 # tables are filled up to one of two lengths, so that another number of designs compiles nothing
 SHORT_TABLE, LONG_TABLE = 1024, 4096
+GPU_TABLE = 32 * LONG_TABLE  # of a GPU, which takes tens of thousands of designs at a time
 # vectors of designs interleaved: four hide the latency of results, two leave no core idle where few designs are left
 MANY_VECTORS, FEW_VECTORS = 4, 2
 CHANGE = "_change"  # among the metrics: their change in the last cycle
@@ -75,7 +76,7 @@ class StackedLeaves:
 
 def run_to_periodic(
     machine: Rig, columns: Mapping[str, np.ndarray], steps: int, tolerance, max_cycles: int, soft: bool,
-    start: BatchState | None = None,
+    start: BatchState | None = None, many_lanes: bool = False,
 ) -> BatchState:  # fmt: skip
     """Run designs until each is periodic, or `max_cycles` are over.
 
@@ -90,8 +91,9 @@ def run_to_periodic(
         max_cycles: most cycles of a design.
         soft: whether the first cycle is a ramp.
         start: where the designs begin; None: at rest.
+        many_lanes: whether they are part of a task with so many designs that a GPU is faster (`engines.many_lanes`).
     """
-    loop = cached_loop(CycleLoop, machine, tuple(sorted(columns)), tolerance.dtype, dtype=tolerance.dtype)
+    loop = cached_loop(CycleLoop, machine, tuple(sorted(columns)), tolerance.dtype, many_lanes, dtype=tolerance.dtype)
     count, rows = _filled_rows(columns)
     start = None if start is None else jax.tree.map(lambda leaf: leaf[rows], start)
     columns = {n: v[rows] for n, v in columns.items()}
@@ -102,7 +104,7 @@ def run_to_periodic(
 class CycleLoop:
     """Whole cycles of many designs; `machine` and the `varied` parameters count only by their structure."""
 
-    def __init__(self, machine: Rig, varied: Sequence[str], dtype):
+    def __init__(self, machine: Rig, varied: Sequence[str], dtype, many_lanes: bool = False):
         def step(n, carry, values, uniform):
             base, steps, ramp = uniform
             return cycle_step(set_parameters(base, values), *carry, n, steps, ramp > 0.5)
@@ -112,7 +114,8 @@ class CycleLoop:
         carry = {n: 0.0 for n in machine.initial_state()}, sums
         self._carry = jax.tree.structure(carry)
         lane, key = dict.fromkeys(varied, 0.0), key_of(machine, "cycle", tuple(varied))
-        body = LoopBody(step, dtype, carry, lane, (machine, 0.0, 0.0), key=key, vectors=FEW_VECTORS)
+        given = machine, 0.0, 0.0
+        body = LoopBody(step, dtype, carry, lane, given, key=key, vectors=FEW_VECTORS, many_lanes=many_lanes)
         self._few = compile_loop(body)
         self._many = functools.cache(lambda: self._few.with_vectors(MANY_VECTORS))
 

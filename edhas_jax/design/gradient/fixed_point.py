@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from edhas_jax.compiler.engines import many_lanes
 from edhas_jax.design.batch.batch import BatchSettings
 from edhas_jax.design.batch.periodic_solver import BatchState, metrics_with_status, run_to_periodic
 from edhas_jax.design.batch.run_metrics import own_slopes
@@ -74,7 +75,8 @@ def derivatives_of_runs(
 def periodic_state(machine: Rig, columns: Mapping[str, np.ndarray], settings: GradientSettings) -> BatchState:
     """The designs of `columns` (SI), each run to its periodic state."""
     options = settings.steps_per_cycle, np.asarray(settings.tolerance), settings.max_cycles, True
-    return run_to_periodic(machine, columns, *options)
+    on_gpu = many_lanes(len(next(iter(columns.values()))), float)
+    return run_to_periodic(machine, columns, *options, many_lanes=on_gpu)
 
 
 def status_of(machine: Rig, columns: Mapping[str, np.ndarray], state: BatchState, settings, converged) -> np.ndarray:

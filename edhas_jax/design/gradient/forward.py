@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from edhas_jax.compiler.engines import compile_loop
+from edhas_jax.compiler.engines import compile_loop, many_lanes
 from edhas_jax.compiler.loop_engine import LoopBody
 from edhas_jax.compiler.multi_jvp import multi_jvp
 from edhas_jax.core import runtime
@@ -55,8 +55,10 @@ def forward(
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
     count = len(next(iter(columns.values())))
     state = periodic_state(base, columns, settings) if state is None else state
-    groups = _groups(names) if count >= DESIGNS_OF_A_VECTOR else [None]
-    loops = [cached_loop(TangentLoop, base, tuple(columns), group) for group in groups]
+    # a thread of a GPU has registers for one tangent at most
+    on_gpu = many_lanes(count * len(names), float)
+    groups = _groups(names) if count >= DESIGNS_OF_A_VECTOR and not on_gpu else [None]
+    loops = [cached_loop(TangentLoop, base, tuple(columns), group, on_gpu) for group in groups]
     found = []
     for k, (loop, group) in enumerate(zip(loops, groups, strict=True)):
 
@@ -93,7 +95,7 @@ class TangentLoop:
     a design and a parameter and has one tangent.
     """
 
-    def __init__(self, machine: Rig, varied: Sequence[str], group: tuple[str, ...] | None):
+    def __init__(self, machine: Rig, varied: Sequence[str], group: tuple[str, ...] | None, many_lanes: bool = False):
         self._group, self._tangents = group, range(len(group) if group else 1)
 
         def advance(n, carry, lane, uniform):
@@ -114,6 +116,7 @@ class TangentLoop:
         lane = dict.fromkeys(varied, 0.0), {} if group else dict.fromkeys(varied, 0.0)
         # one vector of so many tangents fills the nearest cache
         options = {"vectors": 1, "tangents": (_filled(state, False), _filled(tangents, True))} if group else {}
+        options |= {"many_lanes": many_lanes}
         self._loop = compile_loop(LoopBody(advance, float, (state, tangents), lane, (machine, 0.0), **options))
 
     def run(self, machine: Rig, columns, y, names, metrics, settings: GradientSettings, on_cycle) -> Tangents:

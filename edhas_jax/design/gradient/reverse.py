@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.compiler.engines import compile_adjoint_loop
+from edhas_jax.compiler.engines import compile_adjoint_loop, many_lanes
 from edhas_jax.compiler.loop_engine import LoopBody
 from edhas_jax.core import runtime
 from edhas_jax.design.batch.cycle_metrics import cycle_metrics, cycle_step, empty_sums
@@ -23,6 +23,7 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.loop_cache import cached_loop
 
 DESIGNS_PER_SWEEP = 256  # so that the checkpoints do not grow with the number of designs
+GPU_DESIGNS_PER_SWEEP = 16384
 
 
 def reverse(
@@ -50,10 +51,11 @@ def reverse(
     columns = {n: np.asarray(column, float) for n, column in columns.items()}
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
     state = periodic_state(base, columns, settings) if state is None else state
-    loop = cached_loop(CycleAdjoint, base, tuple(columns))
-    parts = []
-    for first in range(0, len(state.cycles), DESIGNS_PER_SWEEP):
-        last = first + DESIGNS_PER_SWEEP
+    on_gpu = many_lanes(len(state.cycles), float)
+    loop = cached_loop(CycleAdjoint, base, tuple(columns), on_gpu)
+    parts, length = [], GPU_DESIGNS_PER_SWEEP if on_gpu else DESIGNS_PER_SWEEP
+    for first in range(0, len(state.cycles), length):
+        last = first + length
         some, y = ({n: v[first:last] for n, v in table.items()} for table in (columns, state.y))
         parts.append(loop.run(base, some, y, names, metrics, settings, terms))
     values, slopes, converged, most = zip(*parts, strict=True)
@@ -67,7 +69,7 @@ def reverse(
 class CycleAdjoint:
     """The cycle of many designs and its reverse-mode derivative."""
 
-    def __init__(self, machine: Rig, varied: Sequence[str]):
+    def __init__(self, machine: Rig, varied: Sequence[str], many_lanes: bool = False):
         def step(n, carry, values, uniform):
             base, steps = uniform
             return cycle_step(set_parameters(base, values), *carry, n, steps, False)
@@ -78,9 +80,10 @@ class CycleAdjoint:
         self._sums = {n: np.asarray(v, float) for n, v in empty_sums(machine, float).items()}
         y, values = dict.fromkeys(machine.initial_state(), 0.0), dict.fromkeys(varied, 0.0)
         uniform = machine, 0.0
-        self._loop = compile_adjoint_loop(LoopBody(step, float, (y, self._sums), values, uniform))
+        options = {"many_lanes": many_lanes}
+        self._loop = compile_adjoint_loop(LoopBody(step, float, (y, self._sums), values, uniform, **options))
         # a cycle begins its sums anew: for all terms but the first only the states matter
-        self._state_loop = compile_adjoint_loop(LoopBody(state_step, float, y, values, uniform))
+        self._state_loop = compile_adjoint_loop(LoopBody(state_step, float, y, values, uniform, **options))
 
     def run(self, machine, columns, y, names, metrics, settings: GradientSettings, terms: int | None):
         """(metrics, their slopes, converged, terms) of some designs that begin the cycle at the states `y`."""

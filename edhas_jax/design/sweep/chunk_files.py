@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,8 +32,11 @@ class ChunkFile(NamedTuple):
     columns: dict[str, np.ndarray]
 
 
-def write_chunk_file(folder: Path, sweep: str, rows: np.ndarray, result: ChunkResult) -> None:
+def write_chunk_file(folder: Path, sweep: str, rows: np.ndarray, result: ChunkResult) -> Path:
     """Write the file of a chunk into the folder of a sweep, which appears under its name only when it is complete.
+
+    Returns:
+        Its path.
 
     Raises:
         OSError: it cannot be written.
@@ -48,24 +52,24 @@ def write_chunk_file(folder: Path, sweep: str, rows: np.ndarray, result: ChunkRe
     for other in (folder / CHUNKS_FOLDER).glob(f"{result.number:06d}-*.parquet"):
         if other.name != name:
             other.unlink()
+    return folder / CHUNKS_FOLDER / name
 
 
-def read_chunk_files(folder: Path) -> dict[int, ChunkFile | None]:
-    """The chunk files in the folder of a sweep by number; None for one that is damaged or was changed."""
-    found: dict[int, ChunkFile | None] = {}
+def each_chunk_file(folder: Path) -> Iterator[tuple[int, Path, ChunkFile | None]]:
+    """Number, path and content of the chunk files in the folder of a sweep, one after the other.
+
+    The content is None where the file is damaged or was changed; an intact one of the same number may follow.
+    """
     for path in sorted((folder / CHUNKS_FOLDER).glob("*.parquet")):
         match = _NAME.fullmatch(path.name)
-        if match is None:
-            continue
-        content = _read(path, match[2])
-        if content is not None or int(match[1]) not in found:
-            found[int(match[1])] = content
-    return found
+        if match is not None:
+            yield int(match[1]), path, read_chunk_file(path)
 
 
-def _read(path: Path, checksum: str) -> ChunkFile | None:
+def read_chunk_file(path: Path) -> ChunkFile | None:
+    """The content of a chunk file; None if it is damaged or was changed."""
     try:
-        content = read_checked(path, checksum)
+        content = read_checked(path, _NAME.fullmatch(path.name)[2])
         if content is None:
             return None
         data = pq.read_table(pa.BufferReader(content))

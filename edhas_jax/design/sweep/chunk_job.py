@@ -25,6 +25,7 @@ class ChunkJob:
         values: by parameter the values (SI) of its designs, shape (designs,).
         steps_per_cycle: integration steps per cycle of the set point.
         settings: settings of the batch.
+        many_lanes: as of the `Chunk`.
     """
 
     number: int
@@ -33,6 +34,7 @@ class ChunkJob:
     values: Mapping[str, np.ndarray]
     steps_per_cycle: int
     settings: BatchSettings
+    many_lanes: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,8 +58,8 @@ def compute_chunk(job: ChunkJob) -> ChunkResult:
     """Run all designs of one chunk in this process."""
     rows = np.arange(len(next(iter(job.values.values()))))
     machine = _build_machine(job.machine, job.code)
-    metrics = run_chunk(machine, job.values, Chunk(rows, job.steps_per_cycle), job.settings)
-    return ChunkResult(job.number, metrics, versions(), device())
+    metrics = run_chunk(machine, job.values, Chunk(rows, job.steps_per_cycle, job.many_lanes), job.settings)
+    return ChunkResult(job.number, metrics, versions(job.many_lanes), device(job.many_lanes))
 
 
 @functools.lru_cache(maxsize=8)

@@ -13,9 +13,9 @@ import xarray as xr
 from edhas_jax.config.result_files import ResultFileError
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.source_location import first_line
-from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
-from edhas_jax.core.units import format_quantity
+from edhas_jax.core.summary import Summary
 from edhas_jax.design.sweep.figures import draw_sweep
+from edhas_jax.design.sweep.sweep_summary import sweep_summary
 from edhas_jax.design.sweep.table import NOT_RUN, SweepResult
 from edhas_jax.simulation.validity import REASONS, Status
 
@@ -130,31 +130,6 @@ def open_dataset(path: Path | str) -> SweepData:
         raise ResultFileError(f"{path}: cannot be read: {first_line(error) or type(error).__name__}") from None
     data["status"] = data["status"].astype(str)
     return SweepData(data.data_vars, data.coords, data.attrs)
-
-
-def sweep_summary(result: SweepResult) -> Summary:
-    """How many designs ended with which status, and the range of each parameter and metric."""
-    frame = result.frame
-    statuses = frame.groupby(["status", "reason"], sort=False).size()
-    counts = [(status, int(n), reason) for (status, reason), n in statuses.items()]
-    tones = {"ok": Tone.GOOD, NOT_RUN: Tone.CAUTION}
-    rows = [(Toned(s, tones.get(s, Tone.BAD)), f"{n:,}", reason) for s, n, reason in counts]
-    records = [{"status": s, "designs": n, "meaning": reason} for s, n, reason in counts]
-    ranges = []
-    for role, names in (("parameter", result.parameters), ("metric", result.metrics)):
-        for name in names:
-            values = frame[name].to_numpy(float)
-            values = values[np.isfinite(values)]
-            if len(values):
-                unit = result.fields[name][0]
-                ranges.append({"name": name, "role": role, "from": values.min(), "to": values.max(), "unit": unit})
-    texts = [(r["name"], r["role"], *(format_quantity(float(r[e]), r["unit"]) for e in ("from", "to"))) for r in ranges]
-    name = result.manifest.get("name") or "sweep"
-    title = f"{name}: {len(frame):,} designs of {', '.join(result.parameters)}"
-    return Summary(title, (
-        SummaryTable.of("statuses", ("status", "designs", "meaning"), rows, records),
-        SummaryTable.of("ranges", ("name", "", "from", "to"), texts, ranges),
-    ))  # fmt: skip
 
 
 def _attributes(result: SweepResult, name: str, role: str) -> Mapping[str, str]:

@@ -1,10 +1,12 @@
 """Selection of the designs that a figure of a sweep shows, with labels in engineering units and a title."""
 
 import dataclasses
+import functools
 import textwrap
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 
 from edhas_jax.core.literal_text import figure_text, one_line
 from edhas_jax.core.name_suggestion import suggest
@@ -45,12 +47,12 @@ class DesignSelection:
         """Whether the designs are every combination of the values of each parameter."""
         return self.result.manifest["sweep"]["kind"] == "grid"
 
-    @property
+    @functools.cached_property
     def ok(self) -> np.ndarray:
         """Marks the selected designs that were run successfully, shape (designs,)."""
         return self.selected & (self.result.frame["status"] == "ok").to_numpy()
 
-    @property
+    @functools.cached_property
     def failed(self) -> np.ndarray:
         """Marks the selected designs that have failed, shape (designs,)."""
         return self.selected & ~self.result.frame["status"].isin(["ok", NOT_RUN]).to_numpy()
@@ -72,7 +74,9 @@ class DesignSelection:
     def varied(self) -> list[str]:
         """The parameters that vary among the selected designs, without those of the slices."""
         names = [n for n in self.result.parameters if n not in self.slices]
-        return [n for n in names if len(np.unique(self.values(n)[self.selected])) > 1]
+        columns = {n: self.values(n)[self.selected] for n in names}
+        return [n for n, column in columns.items() if column.min() < column.max()]
+
 
     def quantity(self, name: str, value: float) -> str:
         """A value (SI) of a column as text."""
@@ -133,6 +137,14 @@ def select_designs(result: SweepResult, slices: Sequence[str] = ()) -> DesignSel
     if not selected.any():
         raise FigureError("no design lies in all these slices")
     return DesignSelection(result, selected, texts)
+
+
+def few_levels(values: np.ndarray, most: int) -> np.ndarray | None:
+    """The distinct values, ascending; None if there are more than `most`."""
+    if len(pd.unique(values[: 100 * most])) > most:  # spares counting those of millions of samples
+        return None
+    levels = np.sort(pd.unique(values))
+    return levels if len(levels) <= most else None
 
 
 def require_one_of(name: str, valid: Sequence[str], what: str) -> str:

@@ -2,13 +2,22 @@
 
 from collections.abc import Sequence
 
-from edhas_jax.design.sweep.design_selection import choose_metric, require_one_of, select_designs
+from edhas_jax.design.sweep.design_selection import DEFAULT_METRICS, choose_metric, require_one_of, select_designs
 from edhas_jax.design.sweep.heat_map import draw_heat_map
-from edhas_jax.design.sweep.parallel_coordinates import draw_parallel_coordinates
-from edhas_jax.design.sweep.pareto_front import draw_pareto_front
+from edhas_jax.design.sweep.parallel_coordinates import CONTEXT_METRICS, draw_parallel_coordinates
+from edhas_jax.design.sweep.pareto_front import ACTUATOR_OBJECTIVES, PUMP_OBJECTIVES, draw_pareto_front
 from edhas_jax.design.sweep.table import SweepResult
 
 KINDS = ("heat", "parallel", "pareto")
+
+
+def metrics_of_figures(
+    available: Sequence[str], metric: str | None = None, objectives: Sequence[str] | None = None
+) -> set[str]:
+    """The metrics that the figures of a sweep need, of those `available`; arguments else as of `draw_sweep`."""
+    pairs = (*PUMP_OBJECTIVES, *ACTUATOR_OBJECTIVES) if objectives is None else objectives
+    wanted = {metric, *DEFAULT_METRICS, *CONTEXT_METRICS, *available[:1], *(text.partition(":")[0] for text in pairs)}
+    return wanted & set(available)
 
 
 def draw_sweep(

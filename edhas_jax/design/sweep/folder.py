@@ -6,19 +6,22 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-import pandas as pd
-import pyarrow as pa
 import pyarrow.parquet as pq
 
 from edhas_jax.core.atomic_file import PARTIAL_SUFFIX, atomic_write
-from edhas_jax.core.checksums import digest
+from edhas_jax.core.checksums import digest_of_file
 from edhas_jax.design.batch.batch import Chunk
-from edhas_jax.design.sweep.chunk_files import CHUNKS_FOLDER, is_chunk_name, read_chunk_files, write_chunk_file
+from edhas_jax.design.sweep.chunk_files import (
+    CHUNKS_FOLDER,
+    each_chunk_file,
+    is_chunk_name,
+    read_chunk_file,
+    write_chunk_file,
+)
 from edhas_jax.design.sweep.chunk_job import ChunkResult
 from edhas_jax.design.sweep.config import Sweep
 from edhas_jax.design.sweep.identity import (
@@ -27,18 +30,18 @@ from edhas_jax.design.sweep.identity import (
     identity_hash,
     machine_text,
     sweep_identity,
-    versions,
 )
 from edhas_jax.design.sweep.manifest import (
     FORMAT_VERSION,
     MANIFEST_FILE,
     ManifestError,
     SweepError,
-    read_listed_file,
+    open_listed_file,
     read_manifest,
     write_manifest,
 )
-from edhas_jax.design.sweep.table import TABLE_FILE, sweep_table, to_frame
+from edhas_jax.design.sweep.table import TABLE_FILE, sweep_table
+from edhas_jax.design.sweep.table_windows import windows, write_table
 from edhas_jax.simulation.metrics import METRICS
 
 DESIGNS_FILE, LOCK_FILE = "designs.parquet", ".lock"
@@ -52,7 +55,7 @@ class SweepFolder:
         path: the folder.
         identity: everything the results depend on.
         hash: a short hash of it.
-        table: the finished table, a row per design in SI; None before the sweep is finished.
+        is_finished: whether the table of all designs is there and intact.
         remarks: what was found damaged or incomplete and is made anew, a sentence each.
 
     Raises:
@@ -63,9 +66,10 @@ class SweepFolder:
         self.path, self._sweep, self._chunks = Path(path), sweep, chunks
         self.identity = sweep_identity(sweep)
         self.hash = identity_hash(self.identity)
-        self.table: pd.DataFrame | None = None
+        self.is_finished = False
         self.remarks: list[str] = []
         self._lock, self._devices = None, {}
+        self._files: dict[int, Path] = {}
 
     def __enter__(self) -> "SweepFolder":
         with contextlib.ExitStack() as stack, self._report_write_errors():
@@ -107,8 +111,8 @@ class SweepFolder:
         """Check that a folder without a usable manifest is empty, or the incomplete or damaged one of this sweep."""
         names = {p.name for p in self.path.iterdir()} if self.path.exists() else set()
         files = {p.name for p in (self.path / CHUNKS_FOLDER).glob("*")}
-        chunks = [chunk for chunk in read_chunk_files(self.path).values() if chunk is not None]
-        of_this_sweep = sum(chunk.sweep == self.hash for chunk in chunks)
+        chunks = [chunk.sweep for _, _, chunk in each_chunk_file(self.path) if chunk is not None]
+        of_this_sweep = chunks.count(self.hash)
         foreign = [n for n in names if n not in OWN_NAMES and not (n.startswith(".") and n.endswith(PARTIAL_SUFFIX))]
         if not of_this_sweep and (foreign or not all(map(is_chunk_name, files))):
             raise SweepError(f"{self.path}: is not the folder of a sweep; name another with --out")
@@ -121,23 +125,28 @@ class SweepFolder:
                                 "the sweep begins anew")  # fmt: skip
 
     def _check_files(self, manifest: dict) -> None:
-        """Read the table of a finished sweep, and write the designs anew if they are damaged."""
-        if read_listed_file(self.path, manifest, DESIGNS_FILE) is None:
+        """Check the table of a finished sweep, and write the designs anew if they are damaged."""
+        if not self._is_intact(manifest, DESIGNS_FILE):
             self.remarks.append(f"{self.path / DESIGNS_FILE}: is missing or damaged and is written anew")
             write_manifest(self.path, manifest | {"files": manifest.get("files", {}) | self._write_designs()})
         if manifest["state"] == "finished":
-            content = read_listed_file(self.path, manifest, TABLE_FILE)
-            if content is None:
+            self.is_finished = self._is_intact(manifest, TABLE_FILE)
+            if not self.is_finished:
                 self.remarks.append(f"{self.path / TABLE_FILE}: is missing, damaged or not the table of this sweep, "
                                     "and is written anew from the finished chunks")  # fmt: skip
-            else:
-                self.table = to_frame(pq.read_table(pa.BufferReader(content)))
+
+    def _is_intact(self, manifest: dict, name: str) -> bool:
+        file = open_listed_file(self.path, manifest, name)
+        if file is not None:
+            file.close()
+        return file is not None
 
     def _write_designs(self) -> dict[str, str]:
         """Write the table of designs; its name and checksum."""
         with atomic_write(self.path / DESIGNS_FILE) as file:
             pq.write_table(sweep_table(self._sweep.machine, self._sweep.designs), file)
-            return {DESIGNS_FILE: digest(file.read_bytes())}
+            with file.open("rb") as written:
+                return {DESIGNS_FILE: digest_of_file(written)}
 
     def _create(self) -> None:
         """Write the designs and the manifest of a sweep that begins."""
@@ -147,24 +156,26 @@ class SweepFolder:
             "format": FORMAT_VERSION, "name": sweep.name, "state": "unfinished", "hash": self.hash,
             "sweep": sweep_description(sweep),
             "designs": len(sweep), "chunks": len(self._chunks),
-            **versions(), **device(),
+            **self.identity["versions"], **device(),
             "begun": _now(), "finished": None, "computed_on": [],
             "identity": self.identity, "machine": machine_text(sweep), "files": files,
         })  # fmt: skip
 
-    def finished(self) -> dict[int, dict[str, np.ndarray]]:
-        """The finished chunks by number: by metric the values (SI) of their designs; a damaged one is not finished."""
-        chunks = {}
-        for number, file in read_chunk_files(self.path).items():
-            rows = None if file is None else file.columns.pop("design", None)
+    def finished(self) -> set[int]:
+        """The numbers of the finished chunks; a damaged one is not finished."""
+        damaged = set()
+        for number, path, file in each_chunk_file(self.path):
+            rows = None if file is None else file.columns.get("design")
             usable = rows is not None and number < len(self._chunks) and file.sweep == self.hash
             if usable and np.array_equal(rows, self._chunks[number].rows):
-                chunks[number] = file.columns
+                self._files[number] = path
                 self._devices[number] = file.device
             elif number < len(self._chunks):
-                self.remarks.append(f"{self.path / CHUNKS_FOLDER}: chunk {number} is damaged or was changed; its "
-                                    f"{len(self._chunks[number].rows):,} designs are computed again")  # fmt: skip
-        return chunks
+                damaged.add(number)
+        for number in sorted(damaged - set(self._files)):
+            self.remarks.append(f"{self.path / CHUNKS_FOLDER}: chunk {number} is damaged or was changed; its "
+                                f"{len(self._chunks[number].rows):,} designs are computed again")  # fmt: skip
+        return set(self._files)
 
     def check_space(self, designs: int) -> None:
         """Raise SweepError if the results of so many designs would fill the disk."""
@@ -177,26 +188,32 @@ class SweepFolder:
     def write(self, result: ChunkResult) -> None:
         """Write the file of a chunk, which appears under its name only when it is complete."""
         with self._report_write_errors():
-            write_chunk_file(self.path, self.hash, self._chunks[result.number].rows, result)
+            path = write_chunk_file(self.path, self.hash, self._chunks[result.number].rows, result)
+        self._files[result.number] = path
         self._devices[result.number] = dict(result.device)
 
-    def complete(self, chunks: Mapping[int, Mapping[str, np.ndarray]]) -> pd.DataFrame:
-        """Write the table of all designs and mark the manifest as finished; returns the table in SI."""
-        metrics: dict[str, np.ndarray] = {}
-        for number, columns in chunks.items():
-            for name, column in columns.items():
-                metrics.setdefault(name, np.full(len(self._sweep), np.nan))[self._chunks[number].rows] = column
-        data = sweep_table(self._sweep.machine, self._sweep.designs, metrics)
+    def complete(self) -> None:
+        """Write the table of all designs from the finished chunks, and mark the manifest as finished."""
+        designs = sweep_table(self._sweep.machine, self._sweep.designs)
+        rows = [chunk.rows for chunk in self._chunks]
         used = [json.loads(d) for d in sorted({json.dumps(device) for device in self._devices.values()})]
         with self._report_write_errors():
             with atomic_write(self.path / TABLE_FILE) as file:
-                pq.write_table(data, file)
-                checksum = digest(file.read_bytes())
+                write_table(designs, windows(rows, self._results_of, len(self._sweep)), file)
+                with file.open("rb") as written:
+                    checksum = digest_of_file(written)
             manifest = read_manifest(self.path)
             files = manifest["files"] | {TABLE_FILE: checksum}
             changes = {"state": "finished", "finished": _now(), "computed_on": used, "files": files}
             write_manifest(self.path, manifest | changes)
-        return to_frame(data)
+
+    def _results_of(self, number: int) -> dict[str, np.ndarray]:
+        """The results of a finished chunk."""
+        file = read_chunk_file(self._files[number])
+        if file is None:
+            raise SweepError(f"{self._files[number]}: was changed or removed while the sweep ran; "
+                             "the same command computes its designs again")  # fmt: skip
+        return {name: column for name, column in file.columns.items() if name != "design"}
 
     @contextlib.contextmanager
     def _report_write_errors(self):

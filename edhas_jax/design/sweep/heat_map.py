@@ -1,6 +1,7 @@
 """Heat maps of a sweep: a metric over two parameters, with panels for, or averages over, the other parameters."""
 
 import numpy as np
+import pandas as pd
 
 from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.design.sweep.design_selection import (
@@ -8,6 +9,7 @@ from edhas_jax.design.sweep.design_selection import (
     FAILED_COLOUR,
     DesignSelection,
     FigureError,
+    few_levels,
     require_one_of,
     tick_label,
 )
@@ -15,6 +17,7 @@ from edhas_jax.design.sweep.design_selection import (
 MAX_PANEL_COLUMNS, MAX_PANEL_ROWS = 4, 3
 DESIGNS_PER_CELL = 25  # intended, of sampled designs
 MAX_EXACT_VALUES = 12  # distinct values of a parameter that get a cell each; more are binned
+VARIANCE_DESIGNS = 100_000  # evenly spread over the table, of which this share is calculated
 VARIANCE_BINS = 10  # of a parameter, for the share of variance that it explains
 
 
@@ -52,7 +55,7 @@ def draw_heat_map(selection: DesignSelection, metric: str, x: str | None, y: str
     rows = _panel_values(selection, others, 1, MAX_PANEL_ROWS)
     fixed = {}
     for name in others[2:]:  # parameters beyond rows and columns are fixed at their middle value
-        levels = np.unique(selection.result.frame[name][selection.selected])
+        levels = np.sort(pd.unique(selection.result.frame[name][selection.selected]))
         fixed[name] = levels[len(levels) // 2]
     figure = Figure(figsize=(1.6 + 3.4 * len(columns) + (2.6 if len(columns) == 1 else 0),
                              1.3 + 2.9 * len(rows) + (1.4 if len(rows) == 1 else 0)), layout="constrained")  # fmt: skip
@@ -84,7 +87,9 @@ def draw_heat_map(selection: DesignSelection, metric: str, x: str | None, y: str
 
 def _explained_variance(selection: DesignSelection, metric: str, name: str) -> float:
     """The variance of the mean metric over bins of a parameter."""
-    values, parameter = selection.values(metric)[selection.ok], selection.values(name)[selection.ok]
+    rows = np.flatnonzero(selection.ok)
+    rows = rows[:: max(len(rows) // VARIANCE_DESIGNS, 1)]
+    values, parameter = selection.values(metric)[rows], selection.values(name)[rows]
     if len(values) < 2:
         return 0.0
     order = values[np.argsort(parameter, kind="stable")]
@@ -95,7 +100,7 @@ def _panel_values(selection: DesignSelection, others: list[str], position: int, 
     """The values of the parameter at a position of `others`, a panel each: at most `limit`, spread over its range."""
     if len(others) <= position:
         return [{}]
-    levels = np.unique(selection.result.frame[others[position]][selection.selected])
+    levels = np.sort(pd.unique(selection.result.frame[others[position]][selection.selected]))
     chosen = np.unique(np.linspace(0, len(levels) - 1, min(limit, len(levels))).round().astype(int))
     return [{others[position]: levels[i]} for i in chosen]
 
@@ -108,21 +113,20 @@ def _cells(selection: DesignSelection, metric: str, x: str, y: str, fixed: dict[
     edges, index = [], []
     for name in (x, y):
         values = selection.values(name)
-        levels = np.unique(values[selection.selected])
-        if selection.is_grid or len(levels) <= MAX_EXACT_VALUES:
+        chosen = values[selection.selected]
+        levels = np.sort(pd.unique(chosen)) if selection.is_grid else few_levels(chosen, MAX_EXACT_VALUES)
+        if levels is not None:
             edges.append(_cell_edges(levels, selection.is_log(name)))
         else:
             count = int(np.clip(np.sqrt(inside.sum() / DESIGNS_PER_CELL), 3, 40))
             spacing = np.geomspace if selection.is_log(name) else np.linspace
-            edges.append(spacing(levels[0], levels[-1], count + 1))
+            edges.append(spacing(chosen.min(), chosen.max(), count + 1))
         index.append(np.clip(np.searchsorted(edges[-1], values, side="right") - 1, 0, len(edges[-1]) - 2))
     shape = (len(edges[1]) - 1, len(edges[0]) - 1)
 
     def total(mask, weights=None):
-        at = (index[1][mask], index[0][mask])
-        out = np.zeros(shape)
-        np.add.at(out, at, 1.0 if weights is None else weights[mask])
-        return out
+        at = index[1][mask] * shape[1] + index[0][mask]
+        return np.bincount(at, None if weights is None else weights[mask], shape[0] * shape[1]).reshape(shape)
 
     good = inside & selection.ok
     count = total(good)

@@ -14,7 +14,7 @@ import jaxlib
 import numpy as np
 
 import edhas_jax
-from edhas_jax.compiler.engines import serving_engine
+from edhas_jax.compiler.engines import many_lanes, serving_engine
 from edhas_jax.config.writer import config_kind, dump_config
 from edhas_jax.core import runtime
 from edhas_jax.core.trusted_code import TrustedCode
@@ -48,7 +48,7 @@ def sweep_identity(sweep: Sweep) -> dict[str, Any]:
         },
         "designs": {"count": len(sweep), "names": list(sweep.designs), "sha256": digest.hexdigest()},
         "settings": settings | {"precision": sweep.settings.precision.value},
-        "versions": versions(),
+        "versions": versions(many_lanes(len(sweep), sweep.settings.precision.value)),
     }
 
 
@@ -62,15 +62,19 @@ def machine_text(sweep: Sweep) -> str:
     return dump_config(sweep.machine, Simulation(precision=sweep.settings.precision))
 
 
-def versions() -> dict[str, str]:
-    """The versions that determine the results, with a hash of the model's own code."""
+def versions(on_gpu: bool = False) -> dict[str, str]:
+    """The versions that determine the results, with a hash of the model's own code.
+
+    Args:
+        on_gpu: whether the designs are so many that a GPU is faster (`engines.many_lanes`).
+    """
     return {
         "edhas_jax": edhas_jax.__version__,
         "model code": runtime.code_hash(MODEL_PACKAGES)[:12],
         "jax": jax.__version__,
         "jaxlib": jaxlib.__version__,
         "llvmlite": _installed_version("llvmlite"),
-        "engine": serving_engine().name,
+        "engine": serving_engine(on_gpu).name,
     }
 
 
@@ -82,11 +86,16 @@ def _installed_version(package: str) -> str:
         return "none"
 
 
-def device() -> dict[str, str]:
-    """The processor on which this process computes, and the compiler flags."""
+def device(on_gpu: bool = False) -> dict[str, str]:
+    """The processor on which this process computes, and the compiler flags.
+
+    Args:
+        on_gpu: as of `versions`.
+    """
+    kind = str(jax.devices()[0].device_kind)
     return {
         "platform": jax.default_backend(),
-        "device": str(jax.devices()[0].device_kind),
+        "device": serving_engine(on_gpu).device_names() or kind,
         "xla_flags": os.environ.get("XLA_FLAGS", ""),
     }
 

@@ -2,12 +2,12 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from edhas_jax.config.run_folder import ResultFileError
 from edhas_jax.core.atomic_file import atomic_write
-from edhas_jax.core.checksums import CHECKSUM_KEY, has_valid_checksum, read_checked, read_result, with_checksum
-from edhas_jax.core.regular_file import FileKindError, read_regular_file
+from edhas_jax.core.checksums import CHECKSUM_KEY, has_valid_checksum, open_checked, with_checksum
+from edhas_jax.core.regular_file import FileKindError, open_regular_file, read_regular_file
 
 FORMAT_VERSION = 2  # the first had no checksums
 MAX_MANIFEST_BYTES = 500_000_000  # the samples of a recording may be in it
@@ -60,12 +60,15 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         raise ManifestError(f"{folder}: {MANIFEST_FILE} is damaged or not one of a sweep: {error}") from None
 
 
-def read_listed_file(folder: Path, manifest: dict[str, Any], name: str) -> bytes | None:
-    """The content of a file of the folder; None if it is missing or not the one that the manifest lists.
+def open_listed_file(folder: Path, manifest: dict[str, Any], name: str) -> BinaryIO | None:
+    """A file of the folder, open; None if it is missing or not the one that the manifest lists.
 
     Raises:
         OSError: there is such a name, but it cannot be read.
     """
     if manifest["format"] == FORMAT_VERSION:
-        return read_checked(folder / name, manifest.get("files", {}).get(name))
-    return read_result(folder / name)
+        return open_checked(folder / name, manifest.get("files", {}).get(name))
+    try:
+        return open_regular_file(folder / name)
+    except FileNotFoundError:
+        return None

@@ -8,6 +8,7 @@ from edhas_jax.design.sweep.design_selection import (
     FAILED_COLOUR,
     DesignSelection,
     FigureError,
+    few_levels,
     tick_label,
 )
 
@@ -95,8 +96,8 @@ def _axis_scale(selection: DesignSelection, name: str) -> tuple[np.ndarray, list
     log = selection.is_log(name)
     z, ends = (np.log(np.maximum(values, 1e-300)), np.log([low, high])) if log else (values, np.array([low, high]))
     width = max(ends[1] - ends[0], 1e-300)
-    levels = np.unique(values[shown])
-    if len(levels) <= MAX_EXACT_TICKS:
+    levels = few_levels(values[shown], MAX_EXACT_TICKS)
+    if levels is not None:
         marks = levels
     else:
         marks = (LogLocator(subs=(1.0, 2.0, 5.0)) if log else MaxNLocator(6)).tick_values(low, high)

@@ -16,15 +16,39 @@ from edhas_jax.design.sweep.design_selection import (
 FRONT_COLOUR = COLOURS[1]
 PUMP_OBJECTIVES = ("mean_flow:max", "mean_electrical_power:min")
 ACTUATOR_OBJECTIVES = ("tracking_error:min", "mean_electrical_power:min")
+FEW_DESIGNS = 5000
+MOST_POINTS, PIXELS = 100_000, (900, 600)  # points that are all drawn; pixels of the diagram, roughly
 MAX_TABLE_ROWS = 6  # designs of the front that are listed with their parameters
 
 
 def non_dominated(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Indices of the rows that no other row dominates (larger is better in both), ascending in the first column."""
+    if len(first) > 2 * FEW_DESIGNS:
+        # the front of some designs rules most of the others out, of which sorting all would take long
+        some = np.arange(0, len(first), len(first) // FEW_DESIGNS)
+        best = some[non_dominated(first[some], second[some])]
+        after = np.searchsorted(first[best], first, side="right")
+        rival = np.append(second[best], -np.inf)[after]  # the best second value among those with a larger first one
+        left = np.flatnonzero(~(rival > second))
+        if len(left) <= len(first) // 2:
+            return left[non_dominated(first[left], second[left])]
     order = np.lexsort((-second, -first))
     best = np.maximum.accumulate(second[order])
     keep = np.concatenate([[True], second[order][1:] > best[:-1]])
     return order[keep][::-1]
+
+
+def _drawn(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Indices of the points to draw: where many lie on one pixel of the picture, one of them."""
+    if len(x) <= MOST_POINTS:
+        return np.arange(len(x))
+    pixel = np.zeros(len(x), np.int64)
+    for values, count in ((x, PIXELS[0]), (y, PIXELS[1])):
+        span = np.ptp(values) or 1.0
+        pixel = pixel * count + np.minimum((values - values.min()) / span * count, count - 1).astype(np.int64)
+    first = np.full(PIXELS[0] * PIXELS[1], -1)
+    first[pixel[::-1]] = np.arange(len(x))[::-1]
+    return first[first >= 0]
 
 
 def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | None):
@@ -63,7 +87,8 @@ def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | No
     figure = Figure(figsize=(9.0, 7.6), layout="constrained")
     axes, below = figure.subplots(2, 1, height_ratios=(3.0, 1.0))
     size = 14 if len(good) < 1000 else 5
-    axes.scatter(horizontal, vertical, s=size, color=COLOURS[0], alpha=0.45, lw=0, label="designs")
+    drawn = _drawn(horizontal, vertical)
+    axes.scatter(horizontal[drawn], vertical[drawn], s=size, color=COLOURS[0], alpha=0.45, lw=0, label="designs")
     axes.plot(horizontal[front], vertical[front], "-", color=FRONT_COLOUR, lw=1.0, zorder=3)
     axes.plot(horizontal[front], vertical[front], "o", color=FRONT_COLOUR, ms=5 if len(front) < 60 else 3, zorder=4,
               label=f"Pareto front: {len(front):,} non-dominated designs")  # fmt: skip

@@ -1,10 +1,13 @@
 """Run a sweep chunk by chunk, resume an interrupted one, and read its result."""
 
 import concurrent.futures
+import contextlib
+import itertools
 import os
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 import pandas as pd
@@ -12,13 +15,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from edhas_jax.design.batch.batch import plan_chunks
-from edhas_jax.design.sweep.chunk_files import read_chunk_files
+from edhas_jax.design.sweep.chunk_files import each_chunk_file
 from edhas_jax.design.sweep.chunk_job import ChunkJob, ChunkResult, compute_chunk
 from edhas_jax.design.sweep.config import Sweep
 from edhas_jax.design.sweep.folder import DESIGNS_FILE, SweepFolder
 from edhas_jax.design.sweep.identity import machine_text, user_code, versions
-from edhas_jax.design.sweep.manifest import SweepError, read_listed_file, read_manifest
-from edhas_jax.design.sweep.table import TABLE_FILE, SweepResult, to_result, with_results
+from edhas_jax.design.sweep.manifest import SweepError, open_listed_file, read_manifest
+from edhas_jax.design.sweep.table import TABLE_FILE, TEXT_COLUMNS, SweepResult, to_result, with_results
+from edhas_jax.design.sweep.table_windows import WINDOW
+
+MOST_PENDING = 256  # chunks that are handed to workers at a time
 
 
 def run_sweep(
@@ -45,61 +51,84 @@ def run_sweep(
     Raises:
         SweepError: the folder holds something else or cannot be written, or the workers failed.
     """
+    stream_sweep(sweep, folder, executor, on_progress, on_remark)
+    return open_sweep(folder).frame
+
+
+def stream_sweep(
+    sweep: Sweep,
+    folder: Path | str,
+    executor: concurrent.futures.Executor | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+    on_remark: Callable[[str], None] = warnings.warn,
+) -> None:
+    """As `run_sweep`, from chunk to file and from the files to the table, without ever holding the results of all."""
     chunks = plan_chunks(sweep.machine, sweep.designs, sweep.settings)
     with SweepFolder(sweep, folder, chunks) as store:
-        finished = {} if store.table is not None else store.finished()
+        finished = set() if store.is_finished else store.finished()
         for remark in store.remarks:
             on_remark(remark)
-        if store.table is not None:
-            if on_progress is not None:
-                on_progress(len(sweep), len(sweep))
-            return store.table
-        done = sum(len(chunks[n].rows) for n in finished)
+        done = len(sweep) if store.is_finished else sum(len(chunks[n].rows) for n in finished)
         if on_progress is not None:
             on_progress(done, len(sweep))
+        if store.is_finished:
+            return
         store.check_space(len(sweep) - done)
         text, code = machine_text(sweep), user_code(sweep.machine)
-        jobs = [
-            ChunkJob(n, text, code, {k: v[c.rows] for k, v in sweep.designs.items()}, c.steps_per_cycle, sweep.settings)
+        jobs = (
+            ChunkJob(n, text, code, {k: v[c.rows] for k, v in sweep.designs.items()}, c.steps_per_cycle, sweep.settings,
+                     c.many_lanes)  # fmt: skip
             for n, c in enumerate(chunks)
             if n not in finished
-        ]
+        )
         for result in map(compute_chunk, jobs) if executor is None else _compute_in(executor, jobs):
             store.write(result)
-            finished[result.number] = result.metrics
             done += len(chunks[result.number].rows)
             if on_progress is not None:
                 on_progress(done, len(sweep))
-        return store.complete(finished)
+        store.complete()
 
 
-def _compute_in(executor: concurrent.futures.Executor, jobs: list[ChunkJob]) -> Iterator[ChunkResult]:
-    """The results of an executor's workers as they arrive."""
-    futures = [executor.submit(compute_chunk, job) for job in jobs]
+def _compute_in(executor: concurrent.futures.Executor, jobs: Iterator[ChunkJob]) -> Iterator[ChunkResult]:
+    """The results of an executor's workers as they arrive; `MOST_PENDING` jobs are handed out at a time."""
+    waiting: dict[concurrent.futures.Future, ChunkJob] = {}
     try:
-        for future in concurrent.futures.as_completed(futures):
-            try:
-                result = future.result()
-            except (Exception, concurrent.futures.CancelledError) as error:
-                what = str(error).splitlines()[0] if str(error) else type(error).__name__
-                lost = isinstance(error, concurrent.futures.CancelledError)
-                what = "the workers or their scheduler were lost" if lost else f"a worker failed: {what}"
-                raise SweepError(f"{what}. Finished chunks are kept; "
-                                 "the same command resumes the sweep") from error  # fmt: skip
-            if result.versions != versions():
-                theirs = ", ".join(f"{k} {v}" for k, v in result.versions.items() if versions()[k] != v)
-                raise SweepError(f"a worker runs other versions ({theirs}); install the versions of this machine")
-            yield result
+        while True:
+            for job in itertools.islice(jobs, MOST_PENDING - len(waiting)):
+                waiting[executor.submit(compute_chunk, job)] = job
+            if not waiting:
+                return
+            done, _ = concurrent.futures.wait(waiting, return_when=concurrent.futures.FIRST_COMPLETED)
+            for future in done:
+                yield _checked(future, waiting.pop(future))
     finally:
-        for future in futures:
+        for future in waiting:
             future.cancel()
 
 
-def open_sweep(folder: Path | str) -> SweepResult:
+def _checked(future: concurrent.futures.Future, job: ChunkJob) -> ChunkResult:
+    """The result of a worker that runs the same versions."""
+    try:
+        result = future.result()
+    except (Exception, concurrent.futures.CancelledError) as error:
+        what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        lost = isinstance(error, concurrent.futures.CancelledError)
+        what = "the workers or their scheduler were lost" if lost else f"a worker failed: {what}"
+        raise SweepError(f"{what}. Finished chunks are kept; the same command resumes the sweep") from error
+    ours = versions(job.many_lanes)
+    if result.versions != ours:
+        theirs = ", ".join(f"{k} {v}" for k, v in result.versions.items() if ours[k] != v)
+        raise SweepError(f"a worker runs other versions ({theirs}); install the versions of this machine")
+    return result
+
+
+def open_sweep(folder: Path | str, wanted: Callable[[Sequence[str]], Collection[str]] | None = None) -> SweepResult:
     """Read the result of a sweep; designs that have not been run yet have the status "not_run".
 
     Args:
         folder: the folder of the sweep.
+        wanted: which of the metrics are to be in the table, from the names of all; None: all. With it the table is
+            only to be read, and has no reasons.
 
     Returns:
         The table of all designs with units and meanings.
@@ -109,22 +138,58 @@ def open_sweep(folder: Path | str) -> SweepResult:
     """
     folder = Path(folder)
     manifest = read_manifest(folder)
-    # without its table a finished sweep is read from its chunks
-    finished = manifest["state"] == "finished" and os.path.lexists(folder / TABLE_FILE)
-    name = TABLE_FILE if finished else DESIGNS_FILE
+    finished = _has_table(folder, manifest)
+    with _opened(folder, manifest, TABLE_FILE if finished else DESIGNS_FILE) as file:
+        data = pq.ParquetFile(file, read_dictionary=TEXT_COLUMNS if finished else [])
+        if finished:
+            whole = data.schema_arrow
+            metrics = [f.name for f in whole if (f.metadata or {}).get(b"role") == b"metric"]
+            if wanted is None:
+                return to_result(data.read(), manifest)
+            left_out = {"reason", *metrics} - set(wanted(metrics))
+            return to_result(data.read([n for n in whole.names if n not in left_out]), manifest, whole)
+        data = data.read()
+    results: dict[str, np.ndarray] = {n: np.full(len(data), np.nan) for n in ("cycles", "residual", "status")}
+    for _, _, chunk in each_chunk_file(folder):
+        if chunk is not None and chunk.sweep == manifest["hash"]:
+            rows = chunk.columns.pop("design")
+            for name, column in chunk.columns.items():
+                results.setdefault(name, np.full(len(data), np.nan))[rows] = column
+    return to_result(with_results(data, results), manifest)
+
+
+def sweep_parts(folder: Path | str) -> Iterator[SweepResult]:
+    """As `open_sweep`, in parts of some designs each.
+
+    Raises:
+        SweepError: see `open_sweep`.
+    """
+    folder = Path(folder)
+    manifest = read_manifest(folder)
+    if not _has_table(folder, manifest):
+        yield open_sweep(folder)
+        return
+    with _opened(folder, manifest, TABLE_FILE) as file:
+        data = pq.ParquetFile(file, read_dictionary=TEXT_COLUMNS)
+        for batch in data.iter_batches(WINDOW):
+            yield to_result(pa.Table.from_batches([batch]), manifest, data.schema_arrow)
+
+
+def _has_table(folder: Path, manifest: Mapping[str, Any]) -> bool:
+    """Whether the sweep is finished; without its table it is read from its chunks."""
+    return manifest["state"] == "finished" and os.path.lexists(folder / TABLE_FILE)
+
+
+@contextlib.contextmanager
+def _opened(folder: Path, manifest: dict[str, Any], name: str) -> Iterator[BinaryIO]:
+    """A file of the folder; whatever is wrong with it is a `SweepError`."""
     try:
-        content = read_listed_file(folder, manifest, name)
-        if content is None:
+        file = open_listed_file(folder, manifest, name)
+        if file is None:
             raise ValueError(f"{name} is damaged or was changed; the command that made the folder repairs it")
-        data = pq.read_table(pa.BufferReader(content))
-    except (OSError, ValueError, pa.ArrowException) as error:
+        with file:
+            yield file
+    except (OSError, ValueError, KeyError, pa.ArrowException) as error:
+        if isinstance(error, SweepError):
+            raise
         raise SweepError(f"{folder}: unreadable or half-written: {error}") from None
-    if finished:
-        return to_result(data, manifest)
-    metrics: dict[str, np.ndarray] = {n: np.full(len(data), np.nan) for n in ("cycles", "residual", "status")}
-    for file in read_chunk_files(folder).values():
-        if file is not None and file.sweep == manifest["hash"]:
-            rows = file.columns.pop("design")
-            for name, column in file.columns.items():
-                metrics.setdefault(name, np.full(len(data), np.nan))[rows] = column
-    return to_result(with_results(data, metrics), manifest)

@@ -16,6 +16,7 @@ from edhas_jax.simulation.signal_metrics import Declarations, metric_declaration
 from edhas_jax.simulation.validity import REASONS, Status
 
 TABLE_FILE = "table.parquet"
+TEXT_COLUMNS = ["status", "reason"]  # a few texts many times: read as numbers of a dictionary
 NOT_RUN = "not_run"
 CONVERGENCE_COLUMNS = {
     "cycles": "cycles that were run",
@@ -28,8 +29,8 @@ class SweepResult:
     """The result of a sweep, finished or not.
 
     Attributes:
-        frame: a row per design in SI; its column `status` is "ok", the reason of a failure, or "not_run". Only designs
-            that are "ok" have metrics, the others NaN.
+        frame: a row per design in SI, with all columns or those that were asked for; its column `status` is "ok", the
+            reason of a failure, or "not_run". Only designs that are "ok" have metrics, the others NaN.
         parameters: columns that are varied parameters.
         metrics: columns that are metrics.
         fields: by column its SI unit, the unit it is shown in, and its meaning.
@@ -95,11 +96,12 @@ def with_results(
         columns.append(_column(name, values, role="metric", unit=unit, shown=shown, doc=doc))
     for name, doc in CONVERGENCE_COLUMNS.items():
         columns.append(_column(name, metrics[name], role="account", unit="-", shown="-", doc=doc))
-    statuses = [None if np.isnan(s) else Status(int(s)) for s in metrics["status"]]
+    codes, place = np.unique(np.nan_to_num(metrics["status"], nan=-1.0).astype(int), return_inverse=True)
+    statuses = [None if code < 0 else Status(code) for code in codes]
     names = [NOT_RUN if s is None else s.name.lower() for s in statuses]
-    columns.append(_column("status", names, pa.string(), doc="outcome of the run"))
     reasons = ["not run yet" if s is None else REASONS[s] for s in statuses]
-    columns.append(_column("reason", reasons, pa.string(), doc="why"))
+    for name, texts, doc in (("status", names, "outcome of the run"), ("reason", reasons, "why")):
+        columns.append(_column(name, pa.array(texts, pa.string()).take(pa.array(place)), pa.string(), doc=doc))
     for field, values in columns:
         table = table.append_column(field, values)
     return table
@@ -111,14 +113,25 @@ def _column(name: str, values, kind: pa.DataType | None = None, **metadata: str)
     return pa.field(name, column.type, metadata={k: v for k, v in metadata.items() if v}), column
 
 
-def to_frame(data: pa.Table) -> pd.DataFrame:
-    """An Arrow table as a data frame."""
-    return pd.DataFrame({name: data[name].to_numpy(zero_copy_only=False) for name in data.column_names})
+def to_frame(data: pa.Table, copy: bool = True) -> pd.DataFrame:
+    """An Arrow table as a data frame; without `copy` its numbers may be those of the table, not to be written to."""
+    columns = {name: _numbers_or_texts(data[name]) for name in data.column_names}
+    return pd.DataFrame(columns, copy=copy)
 
 
-def to_result(data: pa.Table, manifest: Mapping[str, Any]) -> SweepResult:
-    """A sweep's Arrow table as a result, with units and meanings from its schema."""
-    metadata = {f.name: {k.decode(): v.decode() for k, v in (f.metadata or {}).items()} for f in data.schema}
+def _numbers_or_texts(column: pa.ChunkedArray) -> np.ndarray | pd.Series:
+    if not pa.types.is_dictionary(column.type):
+        return column.to_numpy(zero_copy_only=False)
+    return column.cast(pa.string()).to_pandas()
+
+
+def to_result(data: pa.Table, manifest: Mapping[str, Any], whole: pa.Schema | None = None) -> SweepResult:
+    """A sweep's Arrow table as a result, with units and meanings from its schema.
+
+    Where `data` has some columns only, `whole` is the schema of all.
+    """
+    schema = data.schema if whole is None else whole
+    metadata = {f.name: {k.decode(): v.decode() for k, v in (f.metadata or {}).items()} for f in schema}
     fields = {n: (t.get("unit", "-"), t.get("shown", "-"), t.get("doc", "")) for n, t in metadata.items()}
     parameters, metrics = (tuple(n for n, t in metadata.items() if t.get("role") == r) for r in ("parameter", "metric"))
-    return SweepResult(to_frame(data), parameters, metrics, fields, manifest)
+    return SweepResult(to_frame(data, copy=whole is None), parameters, metrics, fields, manifest)
