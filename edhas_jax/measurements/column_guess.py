@@ -17,6 +17,7 @@ from edhas_jax.measurements.tables.table import Column, Table
 TIME_NAMES = "time", "t", "zeit", "timestamp", "clock", "temps", "tiempo", "sekunden", "seconds"
 SET_POINT_NAMES = (
     "reference", "ref", "set_point", "setpoint", "sollwert", "soll", "target", "demand", "qg", "xref", "xsoll",
+    "reference_position", "position_reference", "position_setpoint", "target_position", "position_demand",
 )  # fmt: skip
 # what columns are called, by signal, in the order of preference
 SIGNAL_NAMES = {

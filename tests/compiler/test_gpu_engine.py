@@ -27,7 +27,7 @@ from edhas_jax.design.gradient.reverse import reverse
 from edhas_jax.design.sweep.identity import device, versions
 from edhas_jax.machine.effects import LugreFriction
 from edhas_jax.simulation.batch_trajectories import simulate_batch
-from edhas_jax.simulation.run import Precision
+from edhas_jax.simulation.run_settings import Precision
 from tests.compiler.test_loop_engines import EPS, decay_body
 from tests.support.fake_cuda import FakeCuda, fake_engine
 

@@ -127,7 +127,8 @@ class DataView:
                 return
             ui.label("Check of the data").classes("wb-h")
             samples = sum(row["samples"] for row in summary["runs"].values())
-            counts = f"{len(summary['runs'])} runs, {len(summary['signals'])} signals, {samples:,} samples."
+            runs, signals = len(summary["runs"]), len(summary["signals"])
+            counts = f"{runs} run{'s' * (runs != 1)}, {signals} signal{'s' * (signals != 1)}, {samples:,} samples."
             ui.label(counts).props("data-mark=check")
             if not summary["remarks"]:
                 ui.label("No errors, no warnings: all data are used.")
