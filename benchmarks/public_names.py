@@ -36,7 +36,11 @@ def problems(found) -> list[str]:
     if not inspect.isclass(found):
         return missing + undocumented(found, text)
     if dataclasses.is_dataclass(found):
-        own = [f.name for f in dataclasses.fields(found) if "par" not in f.metadata and not f.name.startswith("_")]
+        # a part of a machine is described by its own class
+        own = [
+            f.name for f in dataclasses.fields(found)
+            if "par" not in f.metadata and not f.name.startswith("_") and not is_part(f.default)
+        ]  # fmt: skip
         inherited = " ".join(inspect.getdoc(base) or "" for base in found.__mro__)
         missing += [f"attribute {n}" for n in own if not re.search(rf"^\s+{n}:", inherited, re.MULTILINE)]
     for name, method in vars(found).items():
@@ -47,12 +51,17 @@ def problems(found) -> list[str]:
     return missing
 
 
+def is_part(value) -> bool:
+    """Whether a default value is a component with a docstring of its own, or a collection of such."""
+    return value == () or (dataclasses.is_dataclass(value) and bool(inspect.getdoc(type(value))))
+
+
 def undocumented(function, text: str) -> list[str]:
     """The arguments and the result that a docstring does not mention."""
     signature = inspect.signature(function)
     plain = [p for p in signature.parameters.values() if p.name not in SKIPPED and p.kind is not p.VAR_KEYWORD]
     missing = [f"argument {p.name}" for p in plain if not re.search(rf"(^\s+{p.name}:|`{p.name}`)", text, re.MULTILINE)]
-    if len(plain) == 1 or "arguments as of" in text or "arguments and errors as of" in text:
+    if len(plain) == 1 or "arguments as of" in text or "; see `" in text or "arguments and errors as of" in text:
         missing = []  # one argument is what the first sentence is about
     returns = signature.return_annotation not in (None, "None", inspect.Signature.empty)
     says = "Returns:" in text or not text.startswith(("Run ", "Simulate ", "Read ", "Make ", "Write "))

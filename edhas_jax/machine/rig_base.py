@@ -123,7 +123,12 @@ class Rig:
         return getattr(own, name)
 
     def equations(self, y: types.SimpleNamespace, s: Signals) -> dict[str, Any]:
-        """The rate of every state, its SI unit per second."""
+        """The rate of every state by name, its SI unit per second.
+
+        Args:
+            y: the states by name, SI.
+            s: the parameters, drives and states by name, SI; signals that are measured are set here.
+        """
         raise NotImplementedError
 
     def initial_state(self) -> State:
@@ -166,7 +171,7 @@ class Rig:
         return known | {name: value for _, name, value in rows if count[name] == 1}
 
     def advance(self, y: State, k: State, t, h) -> State:
-        """The state after a step of `h` [s] from time `t` [s] that changes it by `k`."""
+        """The state after a step of `h` [s] from the state `y` at time `t` [s] that changes it by `k`."""
         return {n: y[n] + k[n] for n in y}
 
     def replaceable_parts(self) -> tuple[Any, ...]:

@@ -44,7 +44,7 @@ SetPoint = Sine | Step | Chirp | Recorded
 
 
 def _advance(machine: Rig, y: State, k: State, t, h) -> State:
-    """The state after a step, with the sample and the command of a sampled controller that are due in it."""
+    """The state after a step, with what a sampled controller does in it; see `Rig.advance`."""
     return machine.sampling.advance(machine, y, k, t, h)
 
 
@@ -54,7 +54,7 @@ def _cycle(machine: Rig) -> Sine | None:
 
 
 def _drive_unit(machine: Rig, name: str) -> str:
-    """Metres; volts for the reference of an open loop, which is the command."""
+    """Metres; volts for the reference of an open loop, which is the command; see `Rig.drive_unit`."""
     return "V" if name == "reference" and isinstance(machine.controller, OpenLoop) else "m"
 
 

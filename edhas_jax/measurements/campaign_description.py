@@ -180,8 +180,8 @@ class CampaignDescription(ProblemList):
     def _read_time(self) -> ColumnSource:
         section = self._mapping(self._data.get("time"), ("time",), "{column: t, unit: ms}")
         self.add_unknown_keys(("time",), section, ("column", "unit", "start"))
-        start = read_time(self, ("time", "start"), section["start"]) if "start" in section else None
-        self._timing = RecordTiming(start)
+        at = "time", "start"
+        self._timing = RecordTiming(read_time(self, at, section["start"]) if "start" in section else None)
         return ColumnSource(str(section.get("column", "time")), str(section.get("unit", "")))
 
     def _read_signals(self) -> None:
@@ -213,8 +213,11 @@ class CampaignDescription(ProblemList):
             more = read_sensor_keys(self, key, entry, about, size)
             self.channels[name] = Channel(unit, noise * size, **more)
             self.sources[name] = ColumnSource(str(entry.get("column", name)), unit)
-        if section and not self.channels and not self.problems:
-            self.problems += [(key, sentence) for _, key, sentence in self.remarks if key[0] == "signals"]
+
+    def all_problems(self) -> list[tuple[tuple, str]]:
+        """The problems; with the signals that are left out, if there are any or if no signal remains."""
+        left_out = [(key, sentence) for _, key, sentence in self.remarks if key[0] == "signals"]
+        return self.problems + left_out if self.problems or not self.channels else []
 
     def _read_noise(self, entry: Mapping[str, Any]) -> float | None:
         """The stated noise in the unit of the signal; NaN if none is stated, None if it is not a positive number."""
@@ -242,8 +245,7 @@ class CampaignDescription(ProblemList):
             if not isinstance(file, str):
                 self.add((*key, "file"), "missing; write for example `file: run1.csv`")
             if use not in [u.value for u in Use]:
-                found = f"got {use}" if use is not None else "it is missing"
-                self.add((*key, "use"), f"one of fit, holdout belongs here; {found}")
+                self.add((*key, "use"), f"one of fit, holdout belongs here; got {use or 'nothing'}")
             conditions, given = {}, {}
             for name, value in row.items():
                 if name in RUN_KEYS or (canonical := self._canonical_name((*key, name), name)) is None:
@@ -252,8 +254,7 @@ class CampaignDescription(ProblemList):
                     self.add((*key, name), f"given twice, also as {given[canonical]}")
                 given[canonical] = name
                 p, _ = find_parameter(self.machine, canonical)
-                size = self.read_quantity((*key, name), p, value)
-                if size is not None:
+                if (size := self.read_quantity((*key, name), p, value)) is not None:
                     conditions[canonical] = size
             timing = read_run_in(self, key, row, read_timing(self, key, row, self._timing), self.machine, conditions)
             if not self.problems:
@@ -261,6 +262,8 @@ class CampaignDescription(ProblemList):
                 stem = Path(file).stem
                 name = stem if stem not in names else f"{stem}-{k + 1}"
                 self.run_entries.append(RunEntry(name, self.folder / file, Use(use), conditions, timing))
+            elif isinstance(file, str) and not (self.folder / file).is_file():
+                self.add((*key, "file"), f"there is no file {file}")  # without other problems the run is left out
 
 
 def read_description(
@@ -286,7 +289,7 @@ def read_description(
     except YamlError as error:
         raise CampaignError(f"{path}:{error.line}: {error}" if error.line else f"{path}: {error}") from None
     found = description(data, path.parent, trust)
-    problems += [(line_of(lines, key), f"{key_text(key)}: {sentence}") for key, sentence in found.problems]
+    problems += [(line_of(lines, key), f"{key_text(key)}: {sentence}") for key, sentence in found.all_problems()]
     if problems:
         problems.sort(key=lambda problem: problem[0])
         raise CampaignError(problem_lines(f"{path}:{line}: {sentence}" for line, sentence in problems))

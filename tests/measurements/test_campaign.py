@@ -192,3 +192,18 @@ def test_a_campaign_without_a_usable_run_is_an_error(folder):
         read_campaign(folder)
     with pytest.raises(CampaignError, match="no such file"):
         read_campaign(folder / "elsewhere")
+
+
+def test_all_problems_of_a_campaign_are_told_at_once(tmp_path):
+    (tmp_path / "campaign.yaml").write_text(
+        "rig: pump_bench\n"
+        "uncertain: {mover_dampin: 0.25}\n"
+        "signals:\n  voltage: {unit: Vx, noise: 1}\n  courrent: {unit: A}\n"
+        "runs:\n  - {file: none.csv, use: fitt, frequency: 10 s}\n"
+    )
+    with pytest.raises(CampaignError) as refused:
+        read_campaign(tmp_path)
+    lines = str(refused.value).splitlines()
+    wrong = "mover_dampin", "signals.voltage.unit", "signals.courrent", "runs[0].use", "runs[0].frequency", "none.csv"
+    for part in wrong:
+        assert sum(part in line for line in lines) == 1

@@ -66,7 +66,7 @@ class FitProblem:
         return MeasurementModel(self.campaign, self.machine, self.unknowns, runs, self.instruments)
 
     def corrected(self, run: BenchRun, predicted: PredictedSignals) -> PredictedSignals:
-        """The predicted signals of a run with the solver's error removed, where it is known."""
+        """The `predicted` signals of a `run` with the solver's error removed, where it is known."""
         if self.solver_error is None or run.name not in self.solver_error:
             return predicted
         error = self.solver_error[run.name]

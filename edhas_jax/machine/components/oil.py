@@ -29,7 +29,7 @@ class Oil:
         return None if gas is None else gas * self.oil_bulk_modulus
 
     def compressibility(self, pressure, s: Signals):
-        """The compressibility 1/β [1/Pa] at `pressure` [Pa], with the contributions of effects."""
+        """The compressibility 1/β [1/Pa] at `pressure` [Pa], with what effects contribute from the signals `s`."""
         return apply_slot(OIL_COMPRESSIBILITY, 1.0 / self.oil_bulk_modulus, s.with_local(pressure=pressure))
 
     def viscosity(self, s: Signals):
@@ -64,7 +64,9 @@ class Oil:
         return {name: rate * (1.0 + pole / jnp.square(pressure))}
 
     def strain(self, before, after, s: Signals):
-        """The volume strain ∫ dp/β between two pressures [Pa], by Simpson's rule.
+        """The volume strain ∫ dp/β between the pressures `before` and `after` [Pa], by Simpson's rule.
+
+        Effects contribute from the signals `s`.
 
         The variable of integration is w, in which the integrand is nearly constant.
         """

@@ -64,7 +64,10 @@ class Chirp:
 class Recorded:
     """A recorded signal replayed: cubic Hermite interpolation of samples at equal steps, held after the last.
 
-    `values` has shape (n,), n ≥ 2, in SI; the first sample is at `start` [s], before which it is held.
+    Attributes:
+        values: the samples, (n,), n ≥ 2, SI.
+        interval: time between two samples [s].
+        start: time of the first sample [s], before which it is held.
     """
 
     values: object

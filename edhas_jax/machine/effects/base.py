@@ -89,7 +89,7 @@ class Effect:
         structs.struct(cls)
 
     def rates(self, s: Signals, z: types.SimpleNamespace) -> dict[str, Any]:
-        """The rates of the effect's own states; none by default."""
+        """The rates of the effect's own states `z` by name, from the signals `s`, SI; none by default."""
         return {}
 
 

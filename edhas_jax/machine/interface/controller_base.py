@@ -43,9 +43,9 @@ class Controller:
         return {}
 
     def command(self, y: dict[str, Any], s: Signals):
-        """The voltage command [V] before the supply limit."""
+        """The voltage command [V] before the supply limit, from the own states `y` and the signals `s`, SI."""
         raise NotImplementedError
 
     def rates(self, y: dict[str, Any], s: Signals) -> dict[str, Any]:
-        """The rate of every state, SI unit of the state per second; none by default."""
+        """The rate of every state of `y` from the signals `s`, SI unit of the state per second; none by default."""
         return {}
