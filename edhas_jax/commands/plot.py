@@ -14,7 +14,10 @@ def add_parser(commands) -> None:
     parser = results.add_parser("sweep", help="heat maps, parallel coordinates and Pareto front of a sweep")
     parser.add_argument("result", type=Path, help="folder of a sweep, finished or not")
     parser.add_argument("--kind", choices=("heat", "parallel", "pareto", "all"), default="all")
-    parser.add_argument("--metric", help="what the colour shows (default: mean_flow, or the first there is)")
+    parser.add_argument(
+        "--metric",
+        help="what the colour shows (default: mean_flow; on a heat map the first that depends on two parameters)",
+    )
     parser.add_argument("--x", metavar="NAME", help="parameter to the right")
     parser.add_argument("--y", metavar="NAME", help="parameter upwards")
     parser.add_argument(

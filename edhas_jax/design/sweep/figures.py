@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from edhas_jax.design.sweep.design_selection import DEFAULT_METRICS, choose_metric, require_one_of, select_designs
-from edhas_jax.design.sweep.heat_map import draw_heat_map
+from edhas_jax.design.sweep.heat_map import HEAT_METRICS, draw_heat_map, metric_of_two_parameters
 from edhas_jax.design.sweep.parallel_coordinates import CONTEXT_METRICS, draw_parallel_coordinates
 from edhas_jax.design.sweep.pareto_front import ACTUATOR_OBJECTIVES, PUMP_OBJECTIVES, draw_pareto_front
 from edhas_jax.design.sweep.table import SweepResult
@@ -16,7 +16,8 @@ def metrics_of_figures(
 ) -> set[str]:
     """The metrics that the figures of a sweep need, of those `available`; arguments else as of `draw_sweep`."""
     pairs = (*PUMP_OBJECTIVES, *ACTUATOR_OBJECTIVES) if objectives is None else objectives
-    wanted = {metric, *DEFAULT_METRICS, *CONTEXT_METRICS, *available[:1], *(text.partition(":")[0] for text in pairs)}
+    objectives = (text.partition(":")[0] for text in pairs)
+    wanted = {metric, *DEFAULT_METRICS, *CONTEXT_METRICS, *HEAT_METRICS, *available[:1], *objectives}
     return wanted & set(available)
 
 
@@ -35,7 +36,7 @@ def draw_sweep(
     Args:
         result: the result of a sweep.
         kind: one of `KINDS`.
-        metric: shown as colour.
+        metric: shown as colour; by default mean flow, on a heat map the first that depends on two parameters.
         x: horizontal parameter of a heat map.
         y: vertical parameter of a heat map.
         slices: texts such as "frequency=20 Hz" that restrict the designs.
@@ -51,7 +52,8 @@ def draw_sweep(
     """
     selection = select_designs(result, slices)
     if kind == "heat":
-        return draw_heat_map(selection, choose_metric(result, metric), x, y, average)
+        shown = metric_of_two_parameters(selection) if metric is None else choose_metric(result, metric)
+        return draw_heat_map(selection, shown, x, y, average)
     if kind == "parallel":
         return draw_parallel_coordinates(selection, choose_metric(result, metric))
     require_one_of(kind, KINDS, "no kind of figure")
