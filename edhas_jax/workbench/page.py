@@ -38,6 +38,7 @@ class Page:
     Attributes:
         dark: whether the page is dark.
         summary: the campaign in brief, see `CampaignCalculations.open`; None where it could not be read.
+        readings: grows whenever `summary` or `problems` change.
     """
 
     def __init__(self, session: Session):
@@ -51,6 +52,7 @@ class Page:
         self._begun: set[str] = set()  # views whose building has begun, and those that are built
         self._built: set[str] = set()
         self.problems: list[str] = []
+        self.readings = 0
 
     async def build(self) -> None:
         """Build the page; what needs a calculation follows when the browser is connected."""
@@ -101,6 +103,7 @@ class Page:
     async def read_campaign(self) -> None:
         """Read the campaign anew; what is wrong with it stands in `problems`."""
         self.summary, self.problems = None, []
+        self.readings += 1
         if not self.workspace.has_campaign:
             return
         try:
@@ -108,6 +111,7 @@ class Page:
             self._title.set_text(self.summary["name"])
         except CalculationError as error:
             self.problems = str(error).splitlines()
+        self.readings += 1
         self.say("")
 
     async def ask(self, name: str, *arguments: Any) -> Any:

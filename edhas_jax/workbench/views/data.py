@@ -26,7 +26,8 @@ class DataView:
 
     def __init__(self, page):
         self._page = page
-        self._seen: tuple | None = None
+        self._written: int | None = None  # when the campaign file that is shown was written
+        self._read: int | None = None  # number of the reading whose check is shown
 
     async def build(self) -> None:
         """Build the view."""
@@ -48,10 +49,12 @@ class DataView:
     async def refresh(self) -> None:
         """Follow the folder; what is being typed stays while the campaign file is the same."""
         path = self._page.workspace.campaign_file
-        seen = path.stat().st_mtime_ns if path.is_file() else 0, self._page.summary is not None
-        if seen != self._seen:
-            self._seen = seen
+        written = path.stat().st_mtime_ns if path.is_file() else 0
+        if written != self._written:
+            self._written = written
             self._build_file()
+        if self._page.readings != self._read:  # of a file that may have been written anew since
+            self._read = self._page.readings
             self._build_check()
             await self._draw_record()
 
