@@ -44,7 +44,7 @@ PEERS = ("cubie", "diffrax")
 
 
 def main() -> None:
-    """Print what can be said on this machine; the last line sums it up."""
+    """Run the benchmark and print its tables, then its headline figures as `key=value` pairs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--largest", type=int, default=BATCHES[-1], help="leave out batches above this one")
     parser.add_argument("--steps", type=int, default=2048, help="steps of a measurement")
@@ -68,7 +68,7 @@ class Compiled(NamedTuple):
 
 
 def kernels() -> dict[str, object]:
-    """Print the table of kernels; the figures of the pump bench for sm_90."""
+    """Print the table of kernels and return the headline figures, which are those of the pump bench on sm_90."""
     headline: dict[str, object] = {}
     print(f"{'kernel':<24}{'dtype':<9}{'constants':>9}{'trace s':>9}{'PTX s':>7}", end="")
     print(f"  {'arch':<8}{'limit':>6}{'registers':>10}{'stored B':>9}{'loaded B':>9}{'ptxas s':>9}"
@@ -151,7 +151,7 @@ def speeds(batches: list[int], steps: int) -> dict[str, object]:
 
 
 def bound_of(kernel: DeviceKernel, devices: list[Device], dtype: str) -> float:
-    """The issue bound of the GPUs at hand; not a number where ptxas or nvdisasm is missing."""
+    """Design-steps per second if every issue slot of the GPUs were used; NaN without ptxas or nvdisasm."""
     if not (tool("ptxas") and tool("nvdisasm")):
         return math.nan
     text, total = ptx(kernel.text.kernel, "sm_80"), 0.0

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 
 from edhas_jax.compiler.llvm_ops import Processor, VectorCode
-from edhas_jax.compiler.program_code import InputSource, ProgramCode
+from edhas_jax.compiler.program_code import InputSource, ProgramCode, step_loop
 from edhas_jax.compiler.scalar_ir import Dependence, Program
 
-_MODULE = """{declarations}
+_MODULE = (
+    """{declarations}
 define void @run(ptr %carry, ptr %lane, ptr %uniform, ptr %sample_inputs, ptr %carry_samples,
                  i64 %first, i64 %steps_per_sample, i64 %samples, i64 %blocks) #0 {{
 entry:
@@ -33,18 +34,9 @@ steps:
   %begin = add i64 %first, %steps_before
   %end = add i64 %begin, %steps_per_sample
   br label %step_loop
-step_loop:
-  %n = phi i64 [ %begin, %steps ], [ %next_n, %step_loop ]
-  {step_phis}
-  {step}
-  %next_n = add i64 %n, 1
-  %more_steps = icmp slt i64 %next_n, %end
-  br i1 %more_steps, label %step_loop, label %sample_end
-sample_end:
-  %next_sample = add i64 %sample, 1
-  %more_samples = icmp slt i64 %next_sample, %samples
-  br i1 %more_samples, label %sample_loop, label %block_end
-block_end:
+"""
+    + step_loop("i64", start="steps", first="begin", last="end", samples="samples", after="block_end")
+    + """block_end:
   {block_end}
   %next_block = add i64 %block, 1
   %more_blocks = icmp slt i64 %next_block, %blocks
@@ -54,6 +46,7 @@ exit:
 }}
 attributes #0 = {{ nounwind alignstack={bytes} "prefer-vector-width"="{bits}" "min-legal-vector-width"="{bits}" }}
 """
+)
 
 
 def loop_assembly(

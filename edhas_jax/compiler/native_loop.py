@@ -77,16 +77,18 @@ class NativeLoop(Loop):
         samples, count = shape
         if count % self.lanes:
             return super().at_samples(carry, lane, uniform, shape)
-        given = [_over_samples(leaf, shape) for leaf in self.body.leaves("carry", carry)]
-        fixed = [_over_samples(leaf, shape) for leaf in self.body.leaves("lane", lane)]
+        given = [np.broadcast_to(leaf, shape) for leaf in self.body.leaves("carry", carry)]
+        fixed = [np.broadcast_to(leaf, shape) for leaf in self.body.leaves("lane", lane)]
         per_lane, scalars = count // self.lanes, self.scalars(uniform)
         chunk = min(samples, SAMPLES_PER_CHUNK)
         states = np.empty((chunk, per_lane, len(given), self.lanes), self.dtype)
         lanes = np.empty((chunk, per_lane, len(fixed), self.lanes), self.dtype)
-        for k, leaf in enumerate(fixed):  # what is the same at all samples is written once
-            if leaf.strides[0] == 0:
+        varied = []
+        for k, leaf in enumerate(fixed):
+            if leaf.strides[0] == 0:  # broadcast: the same at all samples, so that it is written once
                 lanes[:, :, k] = leaf[:chunk].reshape(chunk, per_lane, self.lanes)
-        varied = [k for k, leaf in enumerate(fixed) if leaf.strides[0] != 0]
+            else:
+                varied.append(k)
         out = [np.empty(shape, self.dtype) for _ in given]
         for first in range(0, samples, chunk):
             here = slice(first, min(first + chunk, samples))
@@ -150,8 +152,3 @@ class NativeLoop(Loop):
 
     def _unflatten(self, rows) -> Any:
         return jax.tree.unflatten(jax.tree.structure(self.body.carry), list(rows))
-
-
-def _over_samples(leaf: Any, shape: tuple[int, int]) -> np.ndarray:
-    """A leaf at all samples; its first stride is 0 where it is the same at all of them."""
-    return np.broadcast_to(leaf, shape)

@@ -25,6 +25,31 @@ class InputSource(NamedTuple):
     row: int = 0
 
 
+def step_loop(integer: str, start: str, first: str, last: str, samples: str, after: str) -> str:
+    """The template of the loops over samples and their steps, with the fields `step_phis` and `step`.
+
+    Args:
+        integer: LLVM type of the counters.
+        start: label of the block in which a sample starts.
+        first: register with the number of the first step of the sample,
+        last: and of the step after its last one.
+        samples: register with the number of samples.
+        after: label of the block that follows the last sample.
+    """
+    return f"""step_loop:
+  %n = phi {integer} [ %{first}, %{start} ], [ %next_n, %step_loop ]
+  {{step_phis}}
+  {{step}}
+  %next_n = add {integer} %n, 1
+  %more_steps = icmp slt {integer} %next_n, %{last}
+  br i1 %more_steps, label %step_loop, label %sample_end
+sample_end:
+  %next_sample = add {integer} %sample, 1
+  %more_samples = icmp slt {integer} %next_sample, %{samples}
+  br i1 %more_samples, label %sample_loop, label %{after}
+"""
+
+
 class ProgramCode:
     """Appends the operations of a program to some code.
 

@@ -39,7 +39,7 @@ def read_checked(path: Path, wanted: str | None) -> bytes | None:
 
 
 def digest_of_file(file: BinaryIO) -> str:
-    """As `digest`, of an open file of any size, which is at its beginning afterwards."""
+    """The digest of an open file of any size; the file is rewound afterwards."""
     file.seek(0)
     found = hashlib.file_digest(file, "sha256").hexdigest()[:16]
     file.seek(0)

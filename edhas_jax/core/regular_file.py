@@ -67,8 +67,8 @@ def read_regular_file(path: Path, limit: int) -> bytes:
         FileKindError: it is no regular file, or larger than `limit`.
         OSError: it cannot be read.
     """
-    size = require_regular_file(path)
     with open_regular_file(path) as file:
+        size = os.fstat(file.fileno()).st_size
         data = file.read(limit + 1) if size <= limit else b""
     if max(size, len(data)) > limit:
         message = f"has {size / 1e6:.4g} MB; at most {limit / 1e6:.4g} MB are read"

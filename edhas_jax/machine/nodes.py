@@ -62,7 +62,7 @@ class Node:
 
 
 class OilNode(Node):
-    """A volume of oil, whose pressure is a state of the rig: volume/β dp/dt = inflow.
+    """A volume of oil; its pressure is a state of the rig: volume/β dp/dt = inflow.
 
     Args:
         s: the signals.
@@ -91,7 +91,7 @@ class Reservoir(Node):
 
 
 class GasNode(Node):
-    """An accumulator: a gas volume behind oil, whose change of volume [m³] is a state of the rig.
+    """A gas-charged accumulator; the change of its gas volume [m³] is a state of the rig.
 
     Args:
         s: the signals.
@@ -111,7 +111,7 @@ class GasNode(Node):
 
 
 class Body:
-    """A mass or a shaft, whose speed is a state of the rig: inertia · d(speed)/dt = sum of forces or torques.
+    """A mass or a shaft; its speed is a state of the rig: inertia · d(speed)/dt = sum of forces or torques.
 
     Args:
         s: the signals.

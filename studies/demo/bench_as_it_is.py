@@ -1,4 +1,4 @@
-"""Make a campaign of a simulated bench as benches are, to try a diagnosis on.
+"""Write a campaign of a simulated bench with the imperfections of a real one, to test a diagnosis.
 
     python -m studies.demo.bench_as_it_is [--out DIR]
 

@@ -1,4 +1,4 @@
-"""Is the overflow of two water tanks found from a record of one level, and what is it worth?
+"""Is the overflow of two water tanks found from a record of one level, and by how much does it reduce the error?
 
     python -m studies.tanks FOLDER [--out FOLDER]
 
@@ -43,7 +43,7 @@ UNCERTAIN = {
 
 
 class Stage(NamedTuple):
-    """A model on the way: its name, its rms error on the record and on that which judges (NaN without one) [V]."""
+    """A model: its name, and its rms error on the estimation and on the validation record (NaN without one) [V]."""
 
     name: str
     error: float
@@ -59,7 +59,7 @@ def read_run(file: Path, use: Use) -> BenchRun:
 
 
 def campaign_of(folder: Path) -> Campaign:
-    """The campaign of the record that is learnt from."""
+    """The campaign of the estimation record."""
     run = read_run(folder / "estimation.csv", Use.FIT)
     # levels are counted in volts of the sensor, which therefore has neither gain nor offset errors
     exact = SensorAccuracy(gain=1e-9, offset=1e-9, shift=1e-9)

@@ -1,4 +1,4 @@
-"""Two tanks in cascade: the model from first principles, and the overflow that the record asks for."""
+"""Two tanks in cascade: the model from first principles, and the overflow that this model lacks."""
 
 import jax.numpy as jnp
 

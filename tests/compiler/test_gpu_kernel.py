@@ -31,7 +31,7 @@ WORST = {"float32": 2.0**-22.9, "float64": 2.0**-16}
 
 @pytest.fixture
 def gpu_loop(monkeypatch):
-    """`gpu_loop(body, error)`: the loop on a GPU whose approximate instructions have this error."""
+    """`gpu_loop(body, error)`: a loop on a simulated GPU whose approximate instructions have this relative error."""
 
     def made(body: LoopBody, error: float = 0.0) -> GpuLoop:
         engine = fake_engine(monkeypatch, FakeCuda(error=error))

@@ -3,7 +3,7 @@
 import numpy as np
 
 GOOD = "time [s],current [A]\n" + "".join(f"{1e-3 * k:.3f},{np.sin(k):.4f}\n" for k in range(30))
-# content by name, and a part of the sentence; None: it is read
+# by name: the content of the file, and a part of the message that refuses it; None where the file is accepted
 MALFORMED = {
     "empty.csv": (b"", "is empty"),
     "blank.csv": (b"\n\n  \n", "is empty"),

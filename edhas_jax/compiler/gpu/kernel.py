@@ -11,7 +11,7 @@ from typing import NamedTuple
 from edhas_jax.compiler.gpu.thread_code import ThreadCode
 from edhas_jax.compiler.llvm_ops import Processor, VectorCode
 from edhas_jax.compiler.loop_engine import Untranslatable
-from edhas_jax.compiler.program_code import InputSource, ProgramCode
+from edhas_jax.compiler.program_code import InputSource, ProgramCode, step_loop
 from edhas_jax.compiler.scalar_ir import Dependence, Program
 
 MOST_CONSTANT_BYTES = 3840  # of the 4096 that all arguments of a kernel may take
@@ -22,7 +22,8 @@ ARGUMENTS = {
     "input_row_stride": "i64", "input_sample_stride": "i64", "input_lane_stride": "i64",
 }  # fmt: skip
 
-_KERNEL = """target triple = "nvptx64-nvidia-cuda"
+_KERNEL = (
+    """target triple = "nvptx64-nvidia-cuda"
 declare i32 @llvm.nvvm.read.ptx.sreg.ctaid.x()
 declare i32 @llvm.nvvm.read.ptx.sreg.ntid.x()
 declare i32 @llvm.nvvm.read.ptx.sreg.tid.x()
@@ -58,24 +59,16 @@ sample_begin:
   %step_begin = add i32 %first_step, %steps_before
   %step_end = add i32 %step_begin, %steps
   br label %step_loop
-step_loop:
-  %n = phi i32 [ %step_begin, %sample_begin ], [ %next_n, %step_loop ]
-  {step_phis}
-  {step}
-  %next_n = add i32 %n, 1
-  %more_steps = icmp slt i32 %next_n, %step_end
-  br i1 %more_steps, label %step_loop, label %sample_end
-sample_end:
-  %next_sample = add i32 %sample, 1
-  %more_samples = icmp slt i32 %next_sample, %sample_count
-  br i1 %more_samples, label %sample_loop, label %end
-end:
+"""
+    + step_loop("i32", start="sample_begin", first="step_begin", last="step_end", samples="sample_count", after="end")
+    + """end:
   {storing}
   br label %exit
 exit:
   ret void
 }}
 """
+)
 
 _CONSTANTS = """{declarations}
 define void @constants(ptr %uniform, ptr %constants) {{

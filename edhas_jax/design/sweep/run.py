@@ -62,7 +62,7 @@ def stream_sweep(
     on_progress: Callable[[int, int], None] | None = None,
     on_remark: Callable[[str], None] = warnings.warn,
 ) -> None:
-    """As `run_sweep`, from chunk to file and from the files to the table, without ever holding the results of all."""
+    """Run a sweep as `run_sweep` does, without holding the results of all designs in memory."""
     chunks = plan_chunks(sweep.machine, sweep.designs, sweep.settings)
     with SweepFolder(sweep, folder, chunks) as store:
         finished = set() if store.is_finished else store.finished()

@@ -1,10 +1,10 @@
-"""Misfit that is slow: what residuals have at low frequencies beyond the noise.
+"""Misfit at low frequencies: the power of the residuals there beyond that of the noise.
 
 Over all frequencies ½χ² of N samples scatters by √(N/2), which hides an effect that is small but regular. Mechanisms
 act at the frequencies of the motion and a few harmonics, far below the sample rate, where only few degrees of freedom
 scatter.
 
-Source: periodogram of white noise, e.g. Priestley, Spectral Analysis and Time Series (1981), ch. 6.
+Source: mean and variance of the periodogram of white noise, Priestley, Spectral Analysis and Time Series (1981), ch. 6.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,15 +15,15 @@ from edhas_jax.diagnosis.likelihood.whitening import whiten
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 
 BANDS = (0.25, 0.0625, 0.0156)  # upper ends, over half the sample rate
-SIGMAS = 4.0  # standard deviations of the scatter under noise alone that do not count
+SIGMAS = 4.0  # an excess counts beyond this many standard deviations of that of noise alone
 
 
 def slow_excess(
     campaign: Campaign, runs: Iterable[BenchRun], residuals: Mapping[str, Mapping[str, np.ndarray]]
 ) -> float:  # fmt: skip
-    """What ½χ² of the residuals exceeds that of noise by at low frequencies, beyond its scatter [nats]; at least 0.
+    """The excess of ½χ² of the residuals over that of noise at low frequencies, beyond its scatter [nats]; at least 0.
 
-    The largest one over some bands of frequency, of one signal in all runs or of all signals.
+    The largest value over several frequency bands, of each signal in all runs and of all signals together.
 
     Args:
         campaign: noise of the signals.

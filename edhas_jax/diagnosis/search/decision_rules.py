@@ -12,7 +12,7 @@ from edhas_jax.diagnosis.search.trial import Trial
 MIN_GAIN = 12.0  # nats: the best of some fifty candidates gains less by chance
 PROMISING_RATIO = 0.15  # gain over what is left, from which a candidate stays in the model while others are sought
 DIFFERING_LAW = 2.0  # gain with its own law deviating over that with the library's law, from which this law is wrong
-EXCESS_SIGMAS = 2.0  # standard deviations of ½χ² under noise alone that do not count as left
+EXCESS_SIGMAS = 2.0  # an excess of ½χ² counts beyond this many of its standard deviations under noise alone
 
 
 def remaining(excess: float, samples: int) -> float:

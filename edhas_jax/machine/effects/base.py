@@ -43,8 +43,8 @@ class Effect:
     A subclass declares parameters with `par` and states with `state`, and defines one method per slot, with the slot's
     name from `edhas_jax.machine.interface.slots`: `method(self, s, z)`, where `s` holds the signals and parameters of
     the machine and `z` the effect's own states. It returns the contribution in the slot's unit. An effect with states
-    also defines `rates(self, s, z)`, which returns a dict {state: d state/dt}. An effect at the slots
-    of a rig of one's own names it: `class Overflow(Effect, rig=TwoTanks)`.
+    also defines `rates(self, s, z)`, which returns a dict {state: d state/dt}. An effect that acts at slots of a rig of
+    one's own names the rig in its class statement: `class Overflow(Effect, rig=TwoTanks)`.
 
     The step linearises all contributions, so a stiff effect is integrated implicitly without further code. Use
     `jax.numpy`, and `jnp.where` instead of `if` for decisions that depend on values.
