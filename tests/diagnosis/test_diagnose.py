@@ -19,12 +19,10 @@ from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.free_curves import free_curve
 from edhas_jax.diagnosis.search.localisation import component_shares
-from edhas_jax.diagnosis.search.memory_term import MemoryTerm
 from edhas_jax.diagnosis.search.result import Diagnosis, Round, Verdict
 from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.trial import Trial, try_candidate
 from edhas_jax.machine.effects import (
-    AmplifierLag,
     AsymmetricFriction,
     CoggingForce,
     Effect,
@@ -202,15 +200,6 @@ def test_an_effect_outside_the_library(of_windage):
     assert np.abs(difference).max() < 0.1 * np.abs(drag).max()
     assert best.evaluated.rms_over_noise(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
     assert best.log_evidence_gain - max((t.log_evidence_gain for t in found.rounds[-1].trials), default=0.0) > DECISIVE
-
-
-def test_a_lag_outside_the_library():
-    found = diagnosed(AmplifierLag(amplifier_time=0.6e-3), seed=6)
-    assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
-    assert next(iter(found.location_probabilities())) == "coil"
-    best = found.best_free_trial
-    assert isinstance(best.candidate, MemoryTerm) and best.candidate.place.slot == "coil_voltage_change"
-    assert best.explained_share > 0.8
 
 
 def test_the_score_of_a_curve_is_the_fall_with_its_columns(of_windage):

@@ -53,7 +53,8 @@ def start_beside_law(fit: Fit, effect: Effect) -> CurveStart | None:
     Returns:
         The start; None where the law vanishes or is not finite, or its slot has no variable.
     """
-    places = law_places(fit.machine, effect.slots[0].name)
+    # the first slot where a curve has a meaning: entrained air, for one, also sets a pole that none can follow
+    places = next((found for slot in effect.slots if (found := law_places(fit.machine, slot.name))), ())
     if not places:
         return None
     samples = _thinned(law_samples(fit, places, effect.id))

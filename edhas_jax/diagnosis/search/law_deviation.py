@@ -4,6 +4,9 @@ An effect of a bench seldom follows the law of the library to the letter. The di
 variable that the law follows. A curve over this variable is therefore added, with a prior of a share of the law's own
 magnitude at each of its nodes. Whatever it reproduces is no reason to add another effect.
 
+A law with memory, such as the lag of an amplifier, may remember in another way: memories of the same signal are added
+in place of the curve, see `memory_term`.
+
 Around a fit the curve is linear in its values, so that columns of its slopes tell what it would explain. Where that is
 clear the curve is mounted on the machine, and its values become unknowns of the fit as any other parameter.
 """
@@ -15,12 +18,14 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.curve_basis import free_nodes
 from edhas_jax.diagnosis.laws.curve_start import start_beside_law
-from edhas_jax.diagnosis.laws.deviation import curve_columns
+from edhas_jax.diagnosis.laws.deviation import AddedTerm, added_slopes, curve_columns
 from edhas_jax.diagnosis.laws.law_places import law_places
+from edhas_jax.diagnosis.laws.law_samples import law_samples
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
+from edhas_jax.diagnosis.search.memory_term import MemoryTerm, memory_class
 from edhas_jax.machine.effects import Effect
-from edhas_jax.machine.effects.tabulated_law import tabulated_class
+from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 
 DEVIATION_SHARE = 0.5  # prior standard deviation of the deviation at a node, over the largest magnitude of the law
 NODE_COST = 2.0  # nats that each value of a deviation costs
@@ -70,7 +75,9 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
     """
     runs, free = fit.problem.model().runs, {c.of for c in accepted if isinstance(c, LawDeviation)}
     found = [law_deviation(fit, candidate) for candidate in accepted if candidate.id not in free]
-    parts = [columns for d in found if d is not None and (columns := deviation_columns(fit, d)) is not None]
+    parts = [deviation_columns(fit, d) for d in found if d is not None]
+    parts += [memory_columns(fit, candidate) for candidate in accepted]
+    parts = [columns for columns in parts if columns is not None]
     return [
         {
             n: np.concatenate([np.zeros((len(run.time), 0)), *(part[r][n] for part in parts)], axis=1)
@@ -82,8 +89,36 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
 
 def deviation_columns(fit: Fit, deviation: LawDeviation) -> list[dict[str, np.ndarray]] | None:
     """The change of the signals by one prior standard deviation at each node; None where that is not finite."""
-    slopes = curve_columns(fit, deviation.place, np.array(deviation.nodes), deviation.id)
-    columns = [{n: deviation.spread * v for n, v in run.items()} for run in slopes]
+    return _scaled(curve_columns(fit, deviation.place, np.array(deviation.nodes), deviation.id), deviation.spread)
+
+
+def memory_columns(fit: Fit, candidate: Candidate) -> list[dict[str, np.ndarray]] | None:
+    """The change of the signals where a law that depends on the past of a signal does so in another way.
+
+    Args:
+        fit: a fit that contains the candidate.
+        candidate: the candidate.
+
+    Returns:
+        By fitted run and signal (samples, k) in SI; None for a law without memory, and where it is not finite.
+    """
+    if candidate.signal is not None or not getattr(candidate.kind, "memory_of", ""):
+        return None
+    place = LawPlace(candidate.kind.slots[0].name, candidate.kind.memory_of)
+    if place not in law_places(fit.machine, place.slot):
+        return None
+    samples = law_samples(fit, (place,), candidate.id)
+    past, size = np.std(samples.values[place.variable]), np.abs(samples.law).max()
+    if not (past > 0.0 and size > 0.0 and np.isfinite(size)):
+        return None
+    term = MemoryTerm(memory_class(place), None, place, DEVIATION_SHARE * float(size / past))
+    (slopes,) = added_slopes(fit, [AddedTerm(term.kind(), term.unknowns(fit.problem.campaign))])
+    return _scaled(slopes, 1.0)
+
+
+def _scaled(slopes: Sequence[Mapping[str, np.ndarray]], factor: float) -> list[dict[str, np.ndarray]] | None:
+    """Slopes times a factor; None where they are not finite."""
+    columns = [{n: factor * v for n, v in run.items()} for run in slopes]
     return columns if all(np.isfinite(v).all() for run in columns for v in run.values()) else None
 
 

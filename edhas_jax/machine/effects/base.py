@@ -55,6 +55,7 @@ class Effect:
         slots: the slots at which the effect acts.
         looks_like: what the effect does to measurements, in one sentence.
         confused_with: ids of effects and names of parameters whose influence is similar.
+        memory_of: the signal on whose past the contribution to the first slot depends linearly; empty for other laws.
 
     Raises:
         EffectError: at class creation, for a class derived from an effect, a public method that is no slot, a slot
@@ -66,6 +67,7 @@ class Effect:
     slots: ClassVar[tuple[Slot, ...]]
     looks_like: ClassVar[str] = ""
     confused_with: ClassVar[tuple[str, ...]] = ()
+    memory_of: ClassVar[str] = ""
 
     def __init_subclass__(cls, rig: Any = None):
         known = SLOTS if rig is None else {slot.name: slot for slot in rig.slots}

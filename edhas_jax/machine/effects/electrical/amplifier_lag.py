@@ -14,6 +14,7 @@ class AmplifierLag(Effect):
 
     looks_like = "current later than the command by a fixed time, so that its phase falls in proportion to frequency"
     confused_with = ("coil_inductance", "sensor_lag", "sensor_delay")
+    memory_of = "voltage"
 
     amplifier_time: float = par(0.3e-3, "s", (1e-6, 1.0), "time constant τ", plausible=(0.05e-3, 2e-3))
 
