@@ -17,7 +17,7 @@ from edhas_jax.diagnosis.search.evaluated_fit import (
     start_coordinates,
 )
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
-from edhas_jax.diagnosis.search.settled_fit import settle
+from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
@@ -60,7 +60,8 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
         starts = np.array([centre, calibrated.fit.x])
         better = fit_progressively(problem, starts, 1, resolution.coarse, TRIAL_STEPS, calibrated)
         calibrated = better or calibrated
-    return _with_sufficient_step(settle(calibrated, resolution, report), resolution, report)
+    settled, resolution = _with_sufficient_step(settle(calibrated, resolution, report), resolution, report)
+    return without_wrong_samples(settled, resolution), resolution
 
 
 def _with_sufficient_step(

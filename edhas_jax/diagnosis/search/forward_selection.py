@@ -28,7 +28,7 @@ from edhas_jax.diagnosis.search.memory_term import score_memory_terms
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest, Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.selection_round import refine_trial, search_round
-from edhas_jax.diagnosis.search.settled_fit import settle
+from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
 from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, StageEncoder
 from edhas_jax.diagnosis.search.trial import Trial, try_candidate
 from edhas_jax.machine.effects import Effect
@@ -40,8 +40,8 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 MAX_EFFECTS = 3
 UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects leave more, its place is sought
 # a second search begins with a candidate that gains more than a share of the gain of the best, where the first search
-# leaves more than a share of the misfit
-RUNNER_UP_SHARE, MISFIT_SHARE = 0.5, 0.1
+# leaves more than a share of the misfit; it is taken where it leaves less than a share of what the first one leaves
+RUNNER_UP_SHARE, MISFIT_SHARE, CLEARLY_LESS = 0.5, 0.1, 0.5
 # free terms that are fitted, their least predicted share of the misfit, and the largest number of steps
 FREE_TRIALS, MIN_FREE_SHARE, FREE_STEPS = 2, 0.2, 12
 OWN_FREE_TRIALS, OWN_FREE_STEPS = 4, 60  # the same of a rig of one's own, where curves take the place of a library
@@ -182,7 +182,7 @@ def _finish_round(
         return RoundEnd(found, None)
     settled = settle(found.accepted.evaluated, resolution, search.report)
     law, model = free_law(settled, (*mounted, found.accepted.candidate), resolution, search.report)
-    return RoundEnd(dataclasses.replace(found, law=law), model)
+    return RoundEnd(dataclasses.replace(found, law=law), without_wrong_samples(model, resolution))
 
 
 def _left(rounds: Sequence[Round]) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
+from edhas_jax.diagnosis.likelihood.residual_outliers import without_outliers
 from edhas_jax.diagnosis.likelihood.trigger_correction import (
     best_common_shift,
     cost_with_shifts,
@@ -66,3 +67,21 @@ def _shifted(evaluated: EvaluatedFit, shifts: dict[str, float], resolution: Time
     except FitError:
         return None
     return with_solver_error(found, resolution, CORRECTION_STEPS)
+
+
+def without_wrong_samples(settled: EvaluatedFit, resolution: TimeResolution) -> EvaluatedFit:
+    """Refit without the wrong samples that the residuals show; the given fit where there are none.
+
+    Args:
+        settled: a fit that leaves as little as the model can.
+        resolution: coarse and fine time steps per sample.
+    """
+    problem = settled.fit.problem
+    campaign = without_outliers(problem.campaign, settled.residuals)
+    if campaign is problem.campaign:
+        return settled
+    try:
+        problem = dataclasses.replace(problem, campaign=campaign)
+        return fit_coarse(problem, settled.fit.x, resolution.coarse, CORRECTION_STEPS)
+    except FitError:
+        return settled

@@ -13,6 +13,7 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.likelihood.bench_estimate import BenchEstimate
+from edhas_jax.diagnosis.likelihood.residual_outliers import without_missing
 from edhas_jax.diagnosis.likelihood.trigger_correction import with_shifted_time
 from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
@@ -161,7 +162,9 @@ class StageDecoder:
         error = plain["solver_error"]
         error = None if error is None else {run: self._table(rows) for run, rows in error.items()}
         shifts = plain["time_shifts"]
+        residuals = {run: self._table(rows) for run, rows in plain["residuals"].items()}
         campaign = with_shifted_time(self.campaign, shifts) if shifts else self.campaign
+        campaign = without_missing(campaign, residuals)
         problem = mounted_problem(campaign, mounted)
         problem = dataclasses.replace(problem, solver_error=error, time_shifts=shifts)
         fitted = Fit(
@@ -171,7 +174,7 @@ class StageDecoder:
             TimeResolution(*plain["resolution"]), plain["converged"], self.arrays[plain["costs"]],
         )  # fmt: skip
         bench = BenchEstimate(self.arrays[plain["sensors"]], self._table(plain["runs"]))
-        return EvaluatedFit(fitted, {run: self._table(rows) for run, rows in plain["residuals"].items()}, bench)
+        return EvaluatedFit(fitted, residuals, bench)
 
     def _table(self, names: Mapping[str, str] | None) -> dict[str, np.ndarray] | None:
         return None if names is None else {name: self.arrays[key] for name, key in names.items()}

@@ -1,0 +1,80 @@
+"""Wrong samples that only the residual of a fit shows: spikes where the signal itself is steep.
+
+The checks of the data look for samples that deviate from their neighbours. Where a signal changes fast they have to be
+careful; what a calibrated model leaves is smoother. A sharp event that the model lacks is no wrong sample: it disturbs
+its neighbours, or repeats at the same phase of other cycles.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from edhas_jax.measurements.campaign import Campaign, Remark, Severity
+from edhas_jax.measurements.checks.impossible_samples import find_signal_outliers
+
+MOST_LEFT_OUT = 0.01  # of the samples of a signal in a run: more are no single wrong samples
+
+Residuals = Mapping[str, Mapping[str, np.ndarray]]  # over noise, by run and signal (samples,)
+
+
+def without_outliers(campaign: Campaign, residuals: Residuals) -> Campaign:
+    """A campaign without the samples whose residual is far from that of their neighbours.
+
+    Args:
+        campaign: the campaign.
+        residuals: (measured − model)/noise.
+
+    Returns:
+        The campaign with NaN in their place and a remark on each signal; the given one where there are none.
+    """
+    in_place = [
+        dataclasses.replace(
+            run, signals={n: campaign.channels[n].noise * _bridged(v) for n, v in residuals[run.name].items()}
+        )
+        if run.name in residuals
+        else run
+        for run in campaign.runs
+    ]
+    of_residuals = dataclasses.replace(campaign, runs=tuple(in_place))
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for name in campaign.channels:
+        for run, mask in find_signal_outliers(of_residuals, name, {}).items():
+            if 0 < np.count_nonzero(mask) <= MOST_LEFT_OUT * len(mask):
+                found.setdefault(run, {})[name] = mask
+    return _without(campaign, found)
+
+
+def _bridged(values: np.ndarray) -> np.ndarray:
+    """Values with a straight line in place of missing ones: beside a gap no sample could be judged."""
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return values
+    index = np.arange(len(values))
+    return np.where(known, values, np.interp(index, index[known], values[known]))
+
+
+def without_missing(campaign: Campaign, residuals: Residuals) -> Campaign:
+    """A campaign without the samples that have no residual; the given one where there are none."""
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for run in campaign.runs:
+        for name, values in run.signals.items():
+            mask = np.isnan(residuals.get(run.name, {}).get(name, values)) & np.isfinite(values)
+            if mask.any():
+                found.setdefault(run.name, {})[name] = mask
+    return _without(campaign, found)
+
+
+def _without(campaign: Campaign, masks: Mapping[str, Mapping[str, np.ndarray]]) -> Campaign:
+    if not masks:
+        return campaign
+    runs, remarks = [], []
+    for run in campaign.runs:
+        own = masks.get(run.name, {})
+        signals = {n: np.where(own[n], np.nan, v) if n in own else v for n, v in run.signals.items()}
+        runs.append(dataclasses.replace(run, signals=signals))
+        for name, mask in own.items():
+            count = int(np.count_nonzero(mask))
+            what = f"{count} sample{'s' if count > 1 else ''} with a residual far from that of the neighbours"
+            remarks.append(Remark(Severity.WARNING, run.file, 0, f"{name}: {what}; left out"))
+    return dataclasses.replace(campaign, runs=tuple(runs), remarks=(*campaign.remarks, *remarks))
