@@ -14,8 +14,9 @@ def rivals(strength: float, left: float = 0.0, is_implausible: bool = False, **g
 
 def test_without_a_misfit_nothing_is_missing():
     answer = answer_from(Evidence((), 0.0, 0.0))
-    assert answer.first == NOTHING and answer.members == (NOTHING,)
-    assert answer.probabilities == {NOTHING: 1.0, UNKNOWN: 0.0}
+    unseen = 1.0 - CONSTANTS.max_nothing
+    assert answer.first == NOTHING and answer.members == (NOTHING, UNKNOWN)
+    assert answer.probabilities == pytest.approx({NOTHING: 1.0 - unseen, UNKNOWN: unseen})
 
 
 def test_probabilities_of_single_causes_sum_to_one():

@@ -24,6 +24,8 @@ class Constants:
         real_offset: logit of a member to be real at a strength of 1,
         real_slope: and its growth with the logarithm of the strength.
         max_real: the largest probability to be real, as an unknown cause may be imitated well.
+        max_nothing: the largest probability of nothing, where no candidate is real: what is too small to be seen, or is
+            absorbed by the uncertain parameters, leaves no misfit.
         implausible_share: probability that a candidate with an implausible parameter only imitates another cause.
         unknown_offset: logit of one unknown cause against many small ones at a misfit as large as the noise,
         unknown_misfit_slope: its growth with the logarithm of the misfit,
@@ -35,9 +37,10 @@ class Constants:
 
     temperature: float = 4.0
     temperature_share: float = 0.1
-    real_offset: float = -1.2
-    real_slope: float = 3.0
+    real_offset: float = -0.8
+    real_slope: float = 4.0
     max_real: float = 0.96
+    max_nothing: float = 0.9
     implausible_share: float = 0.4
     unknown_offset: float = -6.8
     unknown_misfit_slope: float = 0.5
@@ -105,14 +108,15 @@ class Evidence:
     distortion: float = 1.0
 
     def probability_unknown(self, constants: Constants = CONSTANTS) -> float:
-        """The probability that a misfit without a candidate has one cause, rather than many small ones."""
+        """The probability that a misfit without a candidate has one cause, rather than many small ones or none."""
+        least = 1.0 - constants.max_nothing
         if self.misfit <= 0.0:
-            return 0.0
+            return least
         logit = constants.unknown_offset + constants.unknown_misfit_slope * math.log(self.misfit)
         logit += constants.unknown_place_slope * self.place_share
         logit += constants.unknown_signal_slope * math.log(max(self.unexplained, SMALL_SHARE) / SMALL_SHARE)
         logit += constants.unknown_distortion_slope * math.log(max(self.distortion, 1.0))
-        return _logistic(logit)
+        return max(_logistic(logit), least)
 
 
 @dataclasses.dataclass(frozen=True)

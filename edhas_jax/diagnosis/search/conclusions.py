@@ -13,6 +13,7 @@ from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
 
 DEVIATION_UNITS = {DeviationKind.TRIGGER: "s", DeviationKind.SHIFT: "s"}  # others are relative
+MAX_ACCURACIES, MOST_EXCESSIVE = 3.0, 3  # of a deviation of the bench: beyond them it is no usual one; sentences
 MIN_NAMED_SHARE = 1e-4  # of a signal's rms, left unexplained, below which the signal is not named
 
 
@@ -38,7 +39,7 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
             if t.candidate not in named
         ]
         out += [
-            f"{m.candidate.name} acts by another law than that of the library: a curve over its variable lowers "
+            f"{m.candidate.name} acts by another law than that of the library: a deviation from it lowers "
             f"χ² by {2.0 * m.law_gain:.3g} more."
             for m in diagnosis.members
             if m.law_differs
@@ -54,14 +55,27 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
         + ("." if diagnosis.verdict is Verdict.ADEQUATE else f", {rms[2]:.2f} with the accepted candidates.")
     )
     out += [diagnosis.holdout_split] if diagnosis.holdout_split else []
-    return out + uncertainty_sentences(diagnosis)
+    return out + excessive_deviations(diagnosis) + uncertainty_sentences(diagnosis)
+
+
+def excessive_deviations(diagnosis: Diagnosis) -> list[str]:
+    """A sentence on each of the largest deviations of the bench that are larger than their accuracy allows."""
+    rows = zip(bench_rows(diagnosis), diagnosis.bench_deviations(), strict=True)
+    return [
+        f"{what}{'' if run == 'all' else f' of {run}'}: {size}, more than {MAX_ACCURACIES:.0f} times its accuracy of "
+        f"{accuracy}. Either the bench is less accurate than that (`accuracy:` of the campaign), or this stands in for "
+        "something that the model lacks."
+        for (what, run, size, accuracy), row in rows
+        if abs(row.value) > MAX_ACCURACIES
+    ][:MOST_EXCESSIVE]
 
 
 def uncertainty_sentences(diagnosis: Diagnosis) -> list[str]:
     """What the data do not determine, and what the standard errors take for granted."""
     rms = diagnosis.errors()["after"]["fit"].get("overall", math.nan)
     larger = model_error_sentence(rms)
-    combinations = [combination.sentence() for combination in weak_combinations(diagnosis.final)]
+    curves = {name for law in diagnosis.laws for name in law.value_names}  # drawn with their own errors
+    combinations = [c.sentence() for c in weak_combinations(diagnosis.final) if not set(c.changes) <= curves]
     return [*([] if larger is None else [larger]), *combinations, *(a.sentence() for a in diagnosis.assumed)]
 
 
