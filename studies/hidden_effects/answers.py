@@ -12,7 +12,7 @@ drawn). The rate "right name first, to the letter" allows no such name.
 import dataclasses
 import enum
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 from edhas_jax.machine.effects import LIBRARY
 
@@ -105,6 +105,26 @@ class Truth:
         return frozenset({UNKNOWN}) if self.withheld else frozenset().union(*map(same_names, self.names))
 
 
+class LawEstimate(NamedTuple):
+    """How near the estimated law of a rightly named effect is to the true one.
+
+    Args:
+        library_error: rms of the difference from what really acts, over the rms of that, of the library's law.
+        final_error: the same of the law in the final model.
+        has_curve: whether the final model has a curve beside the library's law.
+        calibrated: residual over noise on the held-out runs without the effect,
+        with_library: with the library's law, as it was accepted,
+        final: and of the final model.
+    """
+
+    library_error: float
+    final_error: float
+    has_curve: bool
+    calibrated: float
+    with_library: float
+    final: float
+
+
 @dataclasses.dataclass(frozen=True)
 class Answer:
     """What a method says about a case.
@@ -118,10 +138,11 @@ class Answer:
         law: for names in `named`, whether the law is the library's, where the method says so.
         ranked: the most probable names, whether or not they are answered.
         parameters: for each name, its parameters with their standard errors (SI), where the method states them.
-        seconds: computing time, what several methods share included.
+        seconds: processor time, what several methods share included.
         failed: the error in which the method ended.
         details: sentences for a reader.
         evidence: what the probabilities of `edhas diagnose` follow from, to calibrate them; empty for other methods.
+        estimates: for each rightly named effect the error of its law, where a method estimates laws.
     """
 
     verdict: Verdict | None
@@ -136,6 +157,7 @@ class Answer:
     failed: str = ""
     details: tuple[str, ...] = ()
     evidence: dict[str, Any] = dataclasses.field(default_factory=dict)
+    estimates: dict[str, LawEstimate] = dataclasses.field(default_factory=dict)
 
     @property
     def first(self) -> str:
@@ -199,7 +221,8 @@ def answer_from_json(plain: dict[str, Any]) -> Answer:
     parameters = {
         name: {p: (value, error) for p, (value, error) in of.items()} for name, of in plain["parameters"].items()
     }
-    return Answer(**plain | tuples | {"verdict": verdict, "law": law, "parameters": parameters})
+    estimates = {name: LawEstimate(*values) for name, values in plain.get("estimates", {}).items()}
+    return Answer(**plain | tuples | {"verdict": verdict, "law": law, "parameters": parameters, "estimates": estimates})
 
 
 def _plain(value: Any) -> Any:

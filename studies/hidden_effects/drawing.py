@@ -7,6 +7,7 @@ determines them; the others come from the package `generators`.
 import dataclasses
 
 from edhas_jax.machine.effects import LIBRARY, Effect
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
 from studies.hidden_effects import cases
 from studies.hidden_effects.answers import HiddenEffect, Law, Truth, places_of
@@ -32,11 +33,12 @@ class CaseKey:
 
 @dataclasses.dataclass(frozen=True)
 class DrawnCase:
-    """A campaign with what is hidden in it, and the effects that a method may name."""
+    """A campaign with what is hidden in it, the effects that a method may name, and the machine that made the data."""
 
     truth: Truth
     campaign: Campaign
     library: tuple[type[Effect], ...]
+    machine: Rig | None = None
 
 
 def first_number(family: str, split: Split) -> int:
@@ -74,7 +76,7 @@ def draw(key: CaseKey) -> DrawnCase:
         key.family, key.split.value, key.number, tuple(map(_hidden, case.hidden)), nameless, _disturbed(case),
         ": ".join(filter(None, (case.bench, case.description))),
     )  # fmt: skip
-    return DrawnCase(truth, case.campaign, tuple(kind for kind in LIBRARY if kind.id not in withheld))
+    return DrawnCase(truth, case.campaign, tuple(kind for kind in LIBRARY if kind.id not in withheld), case.machine)
 
 
 def _hidden(hidden: Hidden) -> HiddenEffect:

@@ -15,6 +15,7 @@ from studies.hidden_effects.classifier import NotTrained, read_training, trained
 from studies.hidden_effects.correlation import correlation
 from studies.hidden_effects.drawing import DrawnCase
 from studies.hidden_effects.features import features_of
+from studies.hidden_effects.law_errors import law_errors
 from studies.hidden_effects.our_answer import answer_of
 from studies.hidden_effects.sparse_regression import sparse_discrepancy
 
@@ -66,19 +67,21 @@ def answer_with(method: Method, case: DrawnCase, shared: CalibratedCase) -> Answ
         case: the case, of which the method sees the campaign and the suspects.
         shared: what the rival methods share in this case.
     """
-    start = time.perf_counter()
+    start = time.process_time()
     try:
         if method is Method.OURS:
-            return dataclasses.replace(answer_of(diagnose(case.campaign, case.library)), seconds=_since(start))
+            diagnosis = diagnose(case.campaign, case.library)
+            answer = dataclasses.replace(answer_of(diagnosis), seconds=_since(start))
+            return dataclasses.replace(answer, estimates=law_errors(diagnosis, case.machine, case.truth.hidden))
         common = shared.seconds  # computed by the first of them, counted for all
-        start = time.perf_counter()
+        start = time.process_time()
         return dataclasses.replace(_rival(method, shared), seconds=common + _since(start))
     except Exception as error:  # counts as wrong, and the other methods still have their answers
         return Answer(None, seconds=_since(start), failed=f"{type(error).__name__}: {error}")
 
 
 def _since(start: float) -> float:
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def _rival(method: Method, shared: CalibratedCase) -> Answer:

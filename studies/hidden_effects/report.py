@@ -3,7 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from studies.hidden_effects.answers import Answer, Truth
+import numpy as np
+
+from studies.hidden_effects.answers import Answer, Law, Truth, same_as_any
 from studies.hidden_effects.methods import Method
 from studies.hidden_effects.rates import (
     Answered,
@@ -29,6 +31,7 @@ KEYS = {
     "law": "law as in the library or not, of those stated",
 }  # fmt: skip
 SLOWEST = 3
+LAW_COLUMNS = ("library_error", "final_error", "calibrated", "with_library", "final")
 
 
 def methods_in(records: Sequence[Record]) -> list[Method]:
@@ -51,6 +54,7 @@ def report(records: Sequence[Record], not_drawn: dict[str, str]) -> str:
     lines += visibility_table(records, methods)
     if Method.OURS in methods:
         ours = answered(records, Method.OURS.value)
+        lines += ["", *law_table(ours)]
         lines += ["", "wrong answers", *(f"    {wrong_answer(t, a)}" for t, a in ours if is_wrong(t, a))]
         slowest = sorted(ours, key=lambda case: -case[1].seconds)[:SLOWEST]
         lines += ["", "slowest", *(f"    {case_name(t)}: {a.seconds:.0f} s ({description(t)})" for t, a in slowest)]
@@ -86,6 +90,30 @@ def visibility_table(records: Sequence[Record], methods: Sequence[Method]) -> li
     found = [by_visibility(answered(records, m.value)) for m in methods]
     columns = [{f"{low:.0f} … {high:.0f}": str(r) for (low, high), r in rows.items()} for rows in found]
     return _table([m.title for m in methods], columns)
+
+
+def law_table(cases: Sequence[Answered]) -> list[str]:
+    """The lines of a table on the laws of rightly named effects whose law is not the library's; medians over them."""
+    rows = [
+        (truth.family, estimate)
+        for truth, answer in cases
+        for name, estimate in answer.estimates.items()
+        if any(h.law is Law.DIFFERS and same_as_any(name, (h.name,)) for h in truth.hidden)
+    ]
+    families = sorted({family for family, _ in rows})
+    lines = ["laws that are not the library's, of rightly named effects: medians (quartiles)", ""]
+    lines += ["| family | effects | with a curve | error of the library's law | error of the final law | "
+              "left out: calibrated | with the library's law | final |", "| --- |" + " --- |" * 7]  # fmt: skip
+    for family in families:
+        found = [estimate for of, estimate in rows if of == family]
+        cells = [_quartiles([getattr(e, name) for e in found]) for name in LAW_COLUMNS]
+        lines.append(f"| ({family}) | {len(found)} | {sum(e.has_curve for e in found)} | " + " | ".join(cells) + " |")
+    return lines if rows else []
+
+
+def _quartiles(values: Sequence[float]) -> str:
+    low, middle, high = np.nanpercentile(values, [25, 50, 75])
+    return f"{middle:.3g} ({low:.2g} … {high:.2g})"
 
 
 def _table(heads: list[str], columns: list[dict[str, str]]) -> list[str]:

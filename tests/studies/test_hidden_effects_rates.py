@@ -10,6 +10,7 @@ from studies.hidden_effects.answers import (
     Answer,
     HiddenEffect,
     Law,
+    LawEstimate,
     Truth,
     Verdict,
     answer_as_json,
@@ -28,7 +29,7 @@ from studies.hidden_effects.rates import (
     times,
 )
 from studies.hidden_effects.reliability import reliability
-from studies.hidden_effects.report import last_line, report, wrong_answer
+from studies.hidden_effects.report import last_line, law_table, report, wrong_answer
 from studies.hidden_effects.store import Record
 
 
@@ -243,3 +244,16 @@ def test_tables_last_line_and_figures(tmp_path):
     names = {path.name for path in tmp_path.glob("*.png") if path.stat().st_size > 5000}
     assert names == {"rates.png", "visibility.png", "times.png", "reliability.png", "confusion.png"}
     assert report([], {}).endswith("no answer")
+
+
+def test_laws_that_differ_have_a_table():
+    differs = dataclasses.replace(
+        answer("cogging_force"), estimates={"cogging_force": LawEstimate(0.4, 0.1, True, 3.0, 1.5, 1.02)}
+    )
+    as_in_library = dataclasses.replace(
+        answer("eddy_drag"), estimates={"eddy_drag": LawEstimate(0.02, 0.02, False, 3.0, 1.0, 1.0)}
+    )
+    cases = [(truth("cogging_force", law=Law.DIFFERS), differs), (truth("eddy_drag"), as_in_library)]
+    (row,) = [line for line in law_table(cases) if line.startswith("| (b)")]
+    assert row.startswith("| (b) | 1 | 1 | 0.4 (0.4 … 0.4) | 0.1 (0.1 … 0.1) | 3 (3 … 3) | 1.5 ")
+    assert answer_from_json(answer_as_json(differs)) == differs

@@ -129,7 +129,7 @@ class _Draw:
             self.family, self.split, self.number, campaign, hidden, tuple(withheld), bench.id,
             crumbs.sizes if crumbs else {}, crumbs.visible if crumbs else 0.0, tuple(link.id for link in chain),
             (*drifts, sheet) if sheet else drifts, late_signals(chain),
-            {n: channel.noise for n, channel in plan.channels.items()},
+            {n: channel.noise for n, channel in plan.channels.items()}, truth,
         )  # fmt: skip
 
     def _drawn(self, test: VisibilityTest, laws: Sequence[Law], least: float) -> list[Drawn] | None:

@@ -4,6 +4,7 @@ import dataclasses
 import enum
 
 from edhas_jax.machine.effects import Effect
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
 
 
@@ -65,6 +66,7 @@ class HiddenCase:
         settings: what is off from run to run, and the sheet of parameters.
         disturbed_signals: signals that the chain delays, so that a lag of their sensors is no wrong answer.
         true_noise: standard deviation of the noise by signal (SI).
+        machine: the machine that made the data, with what is hidden mounted last; None in family (a).
     """
 
     family: Family
@@ -80,6 +82,7 @@ class HiddenCase:
     settings: tuple[str, ...] = ()
     disturbed_signals: tuple[str, ...] = ()
     true_noise: dict[str, float] = dataclasses.field(default_factory=dict)
+    machine: Rig | None = None
 
     @property
     def description(self) -> str:

@@ -1,0 +1,110 @@
+"""How near an estimated law is to the law that really acts, for the effects that a diagnosis names rightly.
+
+What acts at the slot of the effect is recorded along the fitted runs, of the true machine and of the diagnosed one. The
+error of a law is the rms of the difference over the rms of what really acts. Two estimates are compared: the law of the
+library as it was accepted, and the final one, with the curve that is added to it where the law differs. A part of a law
+that the uncertain parameters can take over, as viscous damping can of a friction, is an error too.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.free_curves import SAME_TERMS
+from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.machine.effects import Effect
+from edhas_jax.machine.effects.tabulated_law import LawPlace
+from edhas_jax.machine.parameters import get_parameter
+from edhas_jax.machine.rigs import Rig
+from edhas_jax.measurements.campaign import Campaign, Use
+from edhas_jax.measurements.measurement_model import placeholder_parameter
+from edhas_jax.simulation.batch_trajectories import simulate_batch
+from studies.hidden_effects.answers import HiddenEffect, LawEstimate, same_names
+
+
+class _Acting(NamedTuple):
+    """What some effects contribute to slots that are the same term of the same equation, at each place of a slot."""
+
+    slots: tuple[str, ...]
+    effects: tuple[str, ...]
+
+    def __call__(self, machine, y, t, h) -> dict[str, Any]:
+        s, _ = machine.evaluate(y, t, h, y)
+        out: dict[str, Any] = {}
+        for slot in self.slots:
+            sign, neutral = (-1.0 if slot in SAME_TERMS else 1.0), LawPlace(slot, "time").neutral
+            for name, row in s.record.contributions.get(slot, {}).items():
+                if name in self.effects:
+                    for place, value in enumerate(row):
+                        out[f"at_{place}"] = out.get(f"at_{place}", 0.0) + sign * (value - neutral)
+        return out
+
+
+def law_errors(diagnosis: Diagnosis, truth: Rig | None, hidden: tuple[HiddenEffect, ...]) -> dict[str, LawEstimate]:
+    """The errors of the laws of rightly named effects, and the left-out residual with each of them.
+
+    Args:
+        diagnosis: the diagnosis.
+        truth: the machine that made the data, with what was hidden mounted last; None where it is not known.
+        hidden: what was hidden.
+
+    Returns:
+        By name; effects that act at other slots than the library's are left out, as are faults of sensors.
+    """
+    if truth is None:
+        return {}
+    out = {}
+    laws = {law.of: law for law in diagnosis.laws}
+    for trial in diagnosis.named:
+        name = trial.candidate.name
+        number = next((k for k, h in enumerate(hidden) if name in same_names(h.name)), None)
+        if number is None or trial.candidate.signal is not None or trial.evaluated is None:
+            continue
+        really = truth.effects[len(truth.effects) - len(hidden) + number]
+        slots = _slots(trial.candidate.kind)
+        if not set(slots) & {slot.name for slot in really.slots}:
+            continue
+        final = (trial.candidate.id, *([laws[trial.candidate.id].id] if trial.candidate.id in laws else []))
+        campaign, steps = diagnosis.campaign, diagnosis.final.resolution.fine
+        acting = _trace(campaign, truth, _Acting(slots, (really.id,)), steps)
+        estimates = [
+            _trace(campaign, machine, _Acting(slots, effects), steps)
+            for machine, effects in (
+                (_machine(trial.evaluated), (trial.candidate.id,)), (_machine(diagnosis.after), final),
+            )
+        ]  # fmt: skip
+        errors = [_relative(estimate, acting) for estimate in estimates]
+        use = Use.HOLDOUT if diagnosis.campaign.runs_for(Use.HOLDOUT) else Use.FIT
+        left = [m.rms_over_noise(use) for m in (diagnosis.calibrated, trial.evaluated, diagnosis.after)]
+        out[name] = LawEstimate(*errors, trial.candidate.id in laws, *left)
+    return out
+
+
+def _slots(kind: type[Effect]) -> tuple[str, ...]:
+    """The first slot of an effect, and the others that are the same term."""
+    first = kind.slots[0].name
+    term = SAME_TERMS.get(first, first)
+    return (term, *(slot for slot, other in SAME_TERMS.items() if other == term))
+
+
+def _machine(model: EvaluatedFit) -> Rig:
+    return model.fit.machine
+
+
+def _trace(campaign: Campaign, machine: Rig, acting: _Acting, steps: int) -> np.ndarray:
+    """What acts along the fitted runs, (places · samples,)."""
+    parts = []
+    for run in campaign.runs_for(Use.FIT):
+        there = campaign.machine_of(run, machine)
+        name = placeholder_parameter(there)
+        values = {name: np.array([float(get_parameter(there, name))])}
+        samples = math.ceil(run.time[-1] / run.interval - 1e-4) + 1
+        traces = simulate_batch(there, values, None, run.interval / steps, steps, samples, acting).values
+        parts += [column[:, 0] for column in traces.values()]
+    return np.concatenate(parts)
+
+
+def _relative(estimate: np.ndarray, true: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(estimate - true)) / np.mean(np.square(true))))
