@@ -1,4 +1,4 @@
-"""Write a campaign of a simulated bench with the imperfections of a real one, to test a diagnosis.
+"""Write the campaign of the demo: a simulated bench with the imperfections of a real one.
 
     python -m studies.demo.bench_as_it_is [--out DIR]
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.campaign_writer import write_campaign
-from studies.demo.missing_effect import CAMPAIGN
+from studies.demo import CAMPAIGN
 from studies.hidden_effects.generators.content import CONTENT
 from studies.hidden_effects.generators.crumbs import draw_crumbs
 from studies.hidden_effects.generators.hidden_case import Split
