@@ -66,8 +66,9 @@ class DeviceKernel:
                 text = ptx(self.text.kernel, target(device.capability), runtime.cache_folder())
                 for registers in REGISTERS:
                     kernel = self.driver.kernel(device.number, text, registers)
-                    if kernel.local_bytes <= MOST_SPILLED_BYTES:
+                    if kernel.local_bytes <= MOST_SPILLED_BYTES or registers == REGISTERS[-1]:
                         break
+                    self.driver.discard(device.number, kernel)
                 self._kernels[device.number] = kernel
             return self._kernels[device.number]
 

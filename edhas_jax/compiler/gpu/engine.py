@@ -94,7 +94,7 @@ class GpuEngine(LoopEngine):
             for kernel in loop.kernels:
                 kernel.on(self.devices()[0])
         except CudaError as error:
-            raise Untranslatable(f"the driver: {error}") from error
+            raise Untranslatable(str(error)) from error
         except RuntimeError as error:  # what LLVM says of code that it cannot compile
             raise Untranslatable(f"LLVM: {str(error).splitlines()[0] if str(error) else error!r}") from error
         return loop
