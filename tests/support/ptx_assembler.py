@@ -13,9 +13,17 @@ MISSING = "NVIDIA's assembler ptxas is not installed (pip install nvidia-cuda-nv
 
 
 class Assembled(NamedTuple):
-    """What ptxas says of the kernel of a PTX text; `spilled` are the bytes a thread stores and loads."""
+    """What ptxas says of the kernel of a PTX text.
+
+    Attributes:
+        registers: of a thread.
+        local_bytes: of memory that a thread has for what its registers cannot hold; a driver tells this number too.
+        spilled: bytes that a thread stores there and loads from there, in all instructions of the kernel together.
+        code: the machine code.
+    """
 
     registers: int
+    local_bytes: int
     spilled: tuple[int, int]
     code: bytes
 
@@ -45,8 +53,9 @@ def assembled(ptx: str, architecture: str, most_registers: int = 255) -> Assembl
         if done.returncode:
             raise RuntimeError(words)
         registers = re.search(r"Used (\d+) registers", words)
+        local = re.search(r"(\d+) bytes stack frame", words)
         spilled = re.search(r"(\d+) bytes spill stores, (\d+) bytes spill loads", words)
-        return Assembled(int(registers[1]), (int(spilled[1]), int(spilled[2])), target.read_bytes())
+        return Assembled(int(registers[1]), int(local[1]), (int(spilled[1]), int(spilled[2])), target.read_bytes())
 
 
 def loop_instructions(code: bytes) -> dict[str, int]:

@@ -14,8 +14,9 @@ from edhas_jax.compiler.native_engine import processor_problem
 from edhas_jax.core import runtime
 
 LEAST_CAPABILITY = (7, 0)
-# of a thread, beyond which the kernel is taken only if it is asked for: its values come from memory in every step
-MOST_LOCAL_BYTES = 2048
+# of memory that a thread needs beside its registers; a kernel with more runs only if a GPU is asked for, because how
+# much the memory slows it down has not been measured
+MOST_LOCAL_BYTES = 1024
 
 
 class GpuEngine(LoopEngine):
