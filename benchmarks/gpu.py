@@ -6,8 +6,8 @@ Without a GPU no speed is measured. What can be said all the same is printed fir
 and architecture the registers, the bytes that a thread spills, the instructions of a step (by NVIDIA's ptxas and
 nvdisasm, where they are installed: pip install nvidia-cuda-nvcc-cu12 nvidia-cuda-nvdisasm), and the seconds to write
 and to assemble it. The bound is the issue bound: every issue slot of the GPU filled with instructions of a step.
-At the end cubie and diffrax run on the same GPU, where they are installed: see benchmarks/gpu_peers.py. The last line
-sums up as key=value.
+Whole tasks follow (benchmarks/gpu_tasks.py); at the end cubie and diffrax run on the same GPU, where they are installed
+(benchmarks/gpu_peers.py). The last line sums up as key=value.
 """
 
 import argparse
@@ -50,7 +50,11 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=2048, help="steps of a measurement")
     parser.add_argument("--peer-designs", type=int, default=16384, help="designs that cubie and diffrax run; 0: none")
     options = parser.parse_args()
+    import gpu_tasks  # in this folder
+
     headline = kernels()
+    print()
+    headline |= gpu_tasks.tasks(min(options.largest, 100_000))
     problem = engines.GPU.unavailable()
     if problem:
         print(f"\nno speed was measured, neither of the kernels nor of cubie and diffrax: {problem}")
@@ -58,7 +62,7 @@ def main() -> None:
     else:
         headline |= speeds([b for b in BATCHES if b <= options.largest], options.steps)
         if options.peer_designs:
-            import gpu_peers  # not before: it changes settings of JAX
+            import gpu_peers  # in this folder; not before, because it changes settings of JAX
 
             print(f"\n{options.peer_designs} designs, three cycles, mean flow within 0.1 %")
             headline |= gpu_peers.factors(options.peer_designs)

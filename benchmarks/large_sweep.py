@@ -133,7 +133,7 @@ def by_command(count: int) -> dict[str, object]:
         found["core_seconds"] = f"{after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime:.0f}"
         found["table_mb"] = f"{(Path(out) / 'table.parquet').stat().st_size / 1e6:.0f}"
         for tenth in range(11):
-            found[f"mb_at_{10 * tenth}%"] = f"{memory[min(tenth * len(memory) // 10, len(memory) - 1)]:.0f}"
+            found[f"mb_at_{10 * tenth}_percent"] = f"{memory[min(tenth * len(memory) // 10, len(memory) - 1)]:.0f}"
         found |= {"mb_most": f"{max(memory):.0f}"} | pictures(out)
     print("coarse: " + ", ".join(f"{name} {value}" for name, value in found.items()), flush=True)
     return found

@@ -1,5 +1,6 @@
 """The benchmark of the kernels runs through where a GPU is there, on a driver with devices in host memory."""
 
+import dataclasses
 import importlib.util
 import math
 import sys
@@ -28,6 +29,29 @@ def test_the_measurement_covers_both_precisions(benchmark, monkeypatch, capsys):
     assert "1 × Fake GPU" in printed and printed.count("float32") == printed.count("float64") == 2
     assert headline["gpu"] == "Fake_GPU" and headline["over_xla_float32"] == "nan"
     assert all(float(headline[n]) > 0.0 for n in ("gpu_float32", "gpu_float64", "over_processor_float64"))
+
+
+@pytest.fixture
+def tasks():
+    spec = importlib.util.spec_from_file_location("gpu_tasks", ROOT / "benchmarks" / "gpu_tasks.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_whole_tasks_are_measured_and_compared(tasks, monkeypatch):
+    fake_engine(monkeypatch, FakeCuda())
+    monkeypatch.setattr(tasks, "SETTINGS", dataclasses.replace(tasks.SETTINGS, step=1e-4))
+    monkeypatch.setattr(tasks, "STEPS", 32)
+    found = tasks.tasks(40)
+    assert found["same_bits_in_any_order"] == "1" and float(found["mean_flow_differs"]) < 1e-3
+    assert all(float(found[name]) > 0.0 for name in ("beside_kernels_s", "periodic_s", "forward_over_plain"))
+
+
+def test_tasks_without_a_gpu(tasks, monkeypatch, capsys):
+    fake_engine(monkeypatch, FakeCuda(count=0))
+    assert tasks.tasks(40).keys() == {"beside_kernels_s"}
+    assert "nothing was measured on a GPU: the driver shows no GPU" in capsys.readouterr().out
 
 
 @pytest.fixture

@@ -38,8 +38,8 @@ def tool(name: str) -> str | None:
     return found or (str(packaged[0]) if packaged else None)
 
 
-def assembled(ptx: str, architecture: str, most_registers: int = 255) -> Assembled:
-    """The kernel compiled for an architecture such as "sm_90".
+def assembled(ptx: str, architecture: str, most_registers: int = 255, more: tuple[str, ...] = ()) -> Assembled:
+    """The kernel compiled for an architecture such as "sm_90", with `more` options for ptxas.
 
     Raises:
         RuntimeError: ptxas refuses the text; its words.
@@ -47,7 +47,7 @@ def assembled(ptx: str, architecture: str, most_registers: int = 255) -> Assembl
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "kernel.ptx", Path(folder) / "kernel.cubin"
         source.write_text(ptx)
-        options = "-v", f"-arch={architecture}", f"-maxrregcount={most_registers}"
+        options = "-v", f"-arch={architecture}", f"-maxrregcount={most_registers}", *more
         done = subprocess.run([tool("ptxas"), *options, "-o", target, source], capture_output=True, text=True)
         words = done.stdout + done.stderr
         if done.returncode:
