@@ -20,7 +20,7 @@ MOST_LOCAL_BYTES = 1024
 
 
 class GpuEngine(LoopEngine):
-    """Loops as kernels; the driver is looked for when this engine is first asked.
+    """Compiles loops to kernels; the driver is looked for when this engine is first asked.
 
     Args:
         load: finds the driver.

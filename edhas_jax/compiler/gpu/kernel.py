@@ -1,4 +1,4 @@
-"""LLVM assembly of a GPU kernel: a thread takes its lane through the whole time loop, the carry in registers.
+"""LLVM assembly of a GPU kernel: a thread takes its lane through the whole time loop, with the carry in registers.
 
 What is the same for all lanes and all steps is computed once, by a function for the processor, and handed to the kernel
 among its arguments: these lie in the constant memory of the GPU, from where an instruction takes an operand without a

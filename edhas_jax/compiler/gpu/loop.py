@@ -1,4 +1,4 @@
-"""Loops on GPUs: the lanes dealt over the devices, and cut in halves where the memory of a device does not suffice."""
+"""Loops on GPUs: each device gets a part of the lanes, which is halved where its memory does not suffice."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -15,7 +15,7 @@ from edhas_jax.compiler.threads import run_threaded
 
 
 class GpuLoop(Loop):
-    """A `LoopBody` as a kernel: one thread per lane, one launch for the whole march on each device.
+    """A `LoopBody` as a kernel: one thread per lane, and on each device one launch for all steps.
 
     The arguments may be NumPy arrays, which are copied to the devices and back. If all of them are arrays of JAX, or
     of another library, in the memory of one GPU, they are read where they lie, and the result lies on that GPU too: in
@@ -93,7 +93,9 @@ class GpuLoop(Loop):
 
 
 def on_devices(work: Callable[[Device, range], None], devices: Sequence[Device], count: int) -> None:
-    """`work` on all lanes: blocks of equal length dealt over the devices, a thread each, halved where memory is short.
+    """Call `work` for parts of the lanes: one for each device, or more where its memory does not suffice.
+
+    Devices work at the same time, each called from a thread of this process.
 
     Raises:
         OutOfDeviceMemory: not even one warp finds room.
@@ -102,7 +104,7 @@ def on_devices(work: Callable[[Device, range], None], devices: Sequence[Device],
 
 
 def deal(devices: Sequence[Device], count: int) -> list[tuple[Device, range]]:
-    """The lanes of each device: whole warps, in proportion to the multiprocessors; few lanes stay on the first."""
+    """The lanes of each device: whole warps, in proportion to its multiprocessors; few lanes all go to the first."""
     if count <= devices[0].multiprocessors * WARP:
         return [(devices[0], range(count))]
     weights = np.cumsum([d.multiprocessors for d in devices])
@@ -113,7 +115,7 @@ def deal(devices: Sequence[Device], count: int) -> list[tuple[Device, range]]:
 
 
 def _in_halves(work: Callable[[Device, range], None], device: Device, lanes: range) -> None:
-    """`work` on some lanes, in as few parts as the memory of the device has room for."""
+    """Call `work` for some lanes, or for each half of them, and so on, until the memory of the device suffices."""
     try:
         work(device, lanes)
     except OutOfDeviceMemory:

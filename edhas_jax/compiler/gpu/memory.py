@@ -1,4 +1,4 @@
-"""Memory of a device for the time of a calculation."""
+"""Memory of a device that is needed for the time of one calculation."""
 
 from collections.abc import Sequence
 

@@ -173,7 +173,8 @@ def sweep_parts(folder: Path | str) -> Iterator[SweepResult]:
         yield open_sweep(folder)
         return
     with _opened(folder, manifest, TABLE_FILE) as file:
-        data = pq.ParquetFile(file, read_dictionary=TEXT_COLUMNS)
+        # with a buffer the whole file is read at the first part
+        data = pq.ParquetFile(file, read_dictionary=TEXT_COLUMNS, pre_buffer=False)
         for batch in data.iter_batches(WINDOW):
             yield to_result(pa.Table.from_batches([batch]), manifest, data.schema_arrow)
 
