@@ -22,7 +22,6 @@ from edhas_jax.design.sweep.folder import DESIGNS_FILE, SweepFolder
 from edhas_jax.design.sweep.identity import machine_text, user_code
 from edhas_jax.design.sweep.manifest import SweepError, open_listed_file, read_manifest
 from edhas_jax.design.sweep.table import TABLE_FILE, TEXT_COLUMNS, SweepResult, to_result, with_results
-from edhas_jax.design.sweep.table_windows import WINDOW
 
 MOST_PENDING = 256  # chunks that are handed to workers at a time
 
@@ -173,10 +172,10 @@ def sweep_parts(folder: Path | str) -> Iterator[SweepResult]:
         yield open_sweep(folder)
         return
     with _opened(folder, manifest, TABLE_FILE) as file:
-        # with a buffer the whole file is read at the first part
-        data = pq.ParquetFile(file, read_dictionary=TEXT_COLUMNS, pre_buffer=False)
-        for batch in data.iter_batches(WINDOW):
-            yield to_result(pa.Table.from_batches([batch]), manifest, data.schema_arrow)
+        data = pq.ParquetFile(file, read_dictionary=TEXT_COLUMNS)
+        # `iter_batches` would read the whole file before the first part
+        for number in range(data.num_row_groups):
+            yield to_result(data.read_row_group(number), manifest, data.schema_arrow)
 
 
 def _has_table(folder: Path, manifest: Mapping[str, Any]) -> bool:
