@@ -52,7 +52,7 @@ class FakeCuda:
         self.cuda, self.breaks, self.is_broken = cuda, breaks, False
         self.loaded: set[int] = set()  # modules
         self.streams: list[tuple[int, int]] = []  # device and number of each that was waited for
-        self._contexts, self._lock = threading.local(), threading.Lock()
+        self._contexts, self._lock = threading.local(), threading.RLock()
 
     @property
     def contexts(self) -> list[int]:

@@ -78,7 +78,8 @@ class CudaDriver:
     def __init__(self, library: Any):
         self._library = library
         self._contexts: dict[int, ctypes.c_void_p] = {}
-        self._lock = threading.Lock()
+        # reentrant: an array that is collected while a call waits gives its memory back through this driver too
+        self._lock = threading.RLock()
         self._call("cuInit", ctypes.c_uint(0))
         number = ctypes.c_int()
         self._call("cuDriverGetVersion", ctypes.byref(number))
