@@ -1,17 +1,17 @@
 """The loop kernels on a GPU: design-steps per second by batch, against XLA's scan and the processor of this machine.
 
-    python benchmarks/gpu.py [--largest N] [--steps N]
+    python benchmarks/gpu.py [--largest N] [--steps N] [--peer-designs N]
 
 Without a GPU no speed is measured. What can be said all the same is printed first, on every machine: for each kernel
 and architecture the registers, the bytes that a thread spills, the instructions of a step (by NVIDIA's ptxas and
 nvdisasm, where they are installed: pip install nvidia-cuda-nvcc-cu12 nvidia-cuda-nvdisasm), and the seconds to write
 and to assemble it. The bound is the issue bound: every issue slot of the GPU filled with instructions of a step.
-The last line sums up as key=value.
+Whole tasks follow (benchmarks/gpu_tasks.py); at the end cubie and diffrax run on the same GPU, where they are installed
+(benchmarks/gpu_peers.py). The last line sums up as key=value.
 """
 
 import argparse
 import dataclasses
-import importlib.util
 import math
 import sys
 import time
@@ -21,7 +21,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent.parent))
+sys.path[:0] = [str(Path(__file__).parent.parent), str(Path(__file__).parent)]
 
 from edhas_jax.compiler import engines  # noqa: E402
 from edhas_jax.compiler.gpu.cuda_driver import CudaDriver, Device  # noqa: E402
@@ -29,6 +29,7 @@ from edhas_jax.compiler.gpu.device_kernel import MOST_SPILLED_BYTES, REGISTERS, 
 from edhas_jax.compiler.gpu.ptx import ptx  # noqa: E402
 from edhas_jax.compiler.gpu.rates import issue_rate  # noqa: E402
 from edhas_jax.compiler.loop_engine import Loop  # noqa: E402
+from edhas_jax.compiler.native_engine import processor_problem  # noqa: E402
 from edhas_jax.compiler.xla_engine import XlaLoop  # noqa: E402
 from edhas_jax.core import runtime  # noqa: E402
 from tests.support.fake_cuda import FakeCuda  # noqa: E402
@@ -40,7 +41,6 @@ ARCHITECTURES = ("sm_80", "sm_90", "sm_100")
 KERNELS = [(name, dtype) for name in NAMES for dtype in ("float32", "float64")
            if name in ("pump", "system") or dtype == "float64"]  # fmt: skip
 H100 = Device(0, "H100 SXM", (9, 0), 132, 1.98e9)  # for a bound where there is no GPU
-PEERS = ("cubie", "diffrax")
 
 
 def main() -> None:
@@ -48,14 +48,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--largest", type=int, default=BATCHES[-1], help="leave out batches above this one")
     parser.add_argument("--steps", type=int, default=2048, help="steps of a measurement")
+    parser.add_argument("--peer-designs", type=int, default=16384, help="designs that cubie and diffrax run; 0: none")
     options = parser.parse_args()
+    import gpu_tasks  # in this folder
+
     headline = kernels()
+    print()
+    headline |= gpu_tasks.tasks(min(options.largest, 100_000))
     problem = engines.GPU.unavailable()
     if problem:
-        print(f"\nno speed was measured: {problem}")
+        print(f"\nno speed was measured, neither of the kernels nor of cubie and diffrax: {problem}")
         headline |= {"gpu": "none", "measured": 0}
     else:
         headline |= speeds([b for b in BATCHES if b <= options.largest], options.steps)
+        if options.peer_designs:
+            import gpu_peers  # in this folder; not before, because it changes settings of JAX
+
+            print(f"\n{options.peer_designs} designs, three cycles, mean flow within 0.1 %")
+            headline |= gpu_peers.factors(options.peer_designs)
     print(" ".join(f"{name}={value}" for name, value in headline.items()))
 
 
@@ -106,7 +116,7 @@ def compiled(text: str, architecture: str) -> Compiled:
         begin = time.perf_counter()
         found = assembled(text, architecture, limit)
         seconds = time.perf_counter() - begin
-        if max(found.spilled) <= MOST_SPILLED_BYTES:
+        if found.local_bytes <= MOST_SPILLED_BYTES:
             break
     return Compiled(limit, found, seconds)
 
@@ -125,9 +135,6 @@ def speeds(batches: list[int], steps: int) -> dict[str, object]:
     devices = engines.GPU.devices()
     headline: dict[str, object] = {"gpu": devices[0].name.replace(" ", "_"), "measured": 1}
     print(f"\n{engines.GPU.device_names()}; {runtime.cores()} cores; {steps} steps a call, host arrays, with metrics")
-    for peer in PEERS:
-        there = "see benchmarks/peers.py" if importlib.util.find_spec(peer) else "not installed"
-        print(f"{peer}: {there}")
     print(f"{'dtype':<9}{'batch':>9}{'GPU kernel':>12}{'of bound':>9}{'XLA scan':>12}{'processor':>12}  design-steps/s")
     for dtype in ("float32", "float64"):
         body, best = body_of("pump", dtype), {}
@@ -136,7 +143,8 @@ def speeds(batches: list[int], steps: int) -> dict[str, object]:
         loops: dict[str, Loop | None] = {"GPU kernel": gpu, "XLA scan": None, "processor": None}
         if runtime.platform() in ("gpu", "cuda"):
             loops["XLA scan"] = XlaLoop(body)
-        if not engines.NATIVE.unavailable():
+        # also where JAX has the GPU, so that the native engine does not serve: all three are measured in one run
+        if not processor_problem():
             loops["processor"] = engines.NATIVE.compile(body)
         for batch in batches:
             rates = {n: math.nan if loop is None else rate(loop, batch, dtype, steps) for n, loop in loops.items()}

@@ -412,10 +412,11 @@ def diffrax_worker(file: Path) -> None:
     """The work of `in_diffrax`; prints its row as JSON."""
     given = {n: jnp.asarray(v) for n, v in np.load(file).items()}
     tight, rows = np.asarray(given.pop("tight")), []
+    few = {n: v[: len(tight)] for n, v in given.items()}
     for name in ("Kvaerno3", "Kvaerno5"):
         solve = jax.jit(jax.vmap(functools.partial(_diffrax_flow, name), in_axes=(None, 0)))
         for tolerance in TOLERANCES:
-            error = worst(np.asarray(solve(tolerance, given)), tight)
+            error = worst(np.asarray(solve(tolerance, few)), tight)
             print(f"    {name}, rtol {tolerance:g}: error {error:.1e}", file=sys.stderr, flush=True)
             if error <= ALLOWED:
                 _, took = best_of(lambda s=solve, tol=tolerance: jax.block_until_ready(s(tol, given)))

@@ -140,8 +140,9 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def user_errors() -> tuple[type[Exception], ...]:
-    """The errors that wrong input causes; any other one is a defect of the program and keeps its traceback."""
+    """The errors of wrong input and of a GPU; any other one is a defect of the program and keeps its traceback."""
     from edhas_jax.compiler.engines import EngineError
+    from edhas_jax.compiler.gpu.cuda_driver import CudaError
     from edhas_jax.config.machine_config import ConfigError
     from edhas_jax.config.run_folder import ResultFileError
     from edhas_jax.core.runtime import CoresError
@@ -156,7 +157,8 @@ def user_errors() -> tuple[type[Exception], ...]:
     from edhas_jax.workbench.workspace import WorkspaceError
 
     return (
-        CampaignError, ConfigError, CoresError, EffectError, EngineError, FmuError, ParameterError, ResultFileError,
+        CampaignError, ConfigError, CoresError, CudaError, EffectError, EngineError, FmuError,
+        ParameterError, ResultFileError,
         RigError, SimulationError, TrustError, UnitError, WorkspaceError,
     )  # fmt: skip
 

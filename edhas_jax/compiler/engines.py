@@ -132,6 +132,7 @@ def _first_that_can(body: LoopBody, method: str):
             continue
         # without machine code for the processor only XLA would follow, which is slower still
         if os.environ.get(VARIABLE) or NATIVE.unavailable() or not engine.probably_slower(loop):
+            loop.engine = engine.name
             return loop
     raise EngineError("no engine can run this loop")  # XLA takes every body
 

@@ -80,17 +80,20 @@ class LoopResult(NamedTuple):
 class Loop(abc.ABC):
     """A compiled loop. The numbers of a lane depend on that lane alone, not on its neighbours or the threads.
 
-    `lanes` is the number of lanes that are computed together: fewer cost as much.
+    Attributes:
+        lanes: number of lanes that are computed together: fewer cost as much.
+        engine: name of the engine that compiled the loop; empty if it was not compiled through `engines`.
     """
 
     lanes: int
+    engine: str = ""
 
     @abc.abstractmethod
     def run(
         self, carry: Any, lane: Any, uniform: Any, first: int, steps_per_sample: int, samples: int, threads: int = 1,
         keep: bool = True, sample_inputs: Any = None,
     ) -> LoopResult:  # fmt: skip
-        """Take `samples` times `steps_per_sample` steps.
+        """Take `samples` times `steps_per_sample` steps; there has to be at least one of each, and one lane.
 
         Args:
             carry: where the lanes start; leaves (lanes,), all but the first may also be one number for all lanes.
@@ -104,7 +107,8 @@ class Loop(abc.ABC):
             sample_inputs: leaves (samples,), the same for all lanes.
 
         Raises:
-            ValueError: an argument has another structure than the body was compiled for.
+            ValueError: an argument has another structure than the body was compiled for, or there is no lane, step or
+                sample.
         """
 
     def with_vectors(self, vectors: int) -> "Loop":
@@ -136,7 +140,12 @@ class AdjointLoop(abc.ABC):
 
     Only the carries at some steps are kept as checkpoints; the steps between are computed again on the way back
     (Griewank & Walther, Evaluating Derivatives, 2008, chapter 12).
+
+    Attributes:
+        engine: as of `Loop`.
     """
+
+    engine: str = ""
 
     @abc.abstractmethod
     def run(self, carry: Any, lane: Any, uniform: Any, steps: int, threads: int = 1) -> tuple[Any, Any]:
@@ -199,3 +208,14 @@ class LoopEngine(abc.ABC):
 def lane_count(carry: Any) -> int:
     """The number of lanes of a carry."""
     return int(np.shape(jax.tree.leaves(carry)[0])[0])
+
+
+def check_size(lanes: int, steps_per_sample: int, samples: int) -> None:
+    """Refuse a run without lanes, steps or samples, which machine code would not notice.
+
+    Raises:
+        ValueError: one of the numbers is less than one.
+    """
+    if min(lanes, steps_per_sample, samples) < 1:
+        what = f"{lanes} lanes, {steps_per_sample} steps per sample and {samples} samples"
+        raise ValueError(f"a loop needs at least one lane, one step and one sample, not {what}")

@@ -10,7 +10,7 @@ import numpy as np
 from edhas_jax.compiler.body_program import body_program
 from edhas_jax.compiler.llvm_jit import function, host
 from edhas_jax.compiler.llvm_loop import loop_assembly
-from edhas_jax.compiler.loop_engine import Loop, LoopBody, LoopResult, Untranslatable, lane_count
+from edhas_jax.compiler.loop_engine import Loop, LoopBody, LoopResult, Untranslatable, check_size, lane_count
 from edhas_jax.compiler.threads import run_threaded
 from edhas_jax.core import runtime
 
@@ -52,6 +52,7 @@ class NativeLoop(Loop):
     ) -> LoopResult:  # fmt: skip
         """See `Loop.run`."""
         count = lane_count(carry)
+        check_size(count, steps_per_sample, samples)
         state, fixed = self.blocks("carry", carry, count), self.blocks("lane", lane, count)
         scalars = self.scalars(uniform)
         blocks, rows, _ = state.shape

@@ -5,7 +5,7 @@ order, with the same products contracted to fused multiply-adds.
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 from edhas_jax.compiler.llvm_ops import VectorCode
@@ -74,10 +74,12 @@ class ProgramCode:
 
     def append_level(self, level: Dependence, wanted: Callable[[int], bool] = lambda i: True) -> None:
         """Append the code of all nodes that are computed at one level and are `wanted`."""
-        for i in self.schedule:
+        self.append(i for i in self.schedule if self.level(i) == level and self.has_code(i) and wanted(i))
+
+    def append(self, nodes: Iterable[int]) -> None:
+        """Append the code of some nodes, of which each comes after those whose registers it reads."""
+        for i in nodes:
             op, *args = self.program.nodes[i]
-            if self.level(i) != level or op == "input" or i in self._contracted_products or not wanted(i):
-                continue
             if op in ("const", "bool"):
                 text = self.code.number(args[0]) if op == "const" else self.code.boolean(args[0])
                 self.registers[i] = [text] * len(self.vectors)
@@ -97,6 +99,10 @@ class ProgramCode:
     def is_contracted_product(self, i: int) -> bool:
         """Whether node i is a product that is part of a fused multiply-add and has no register of its own."""
         return i in self._contracted_products
+
+    def has_code(self, i: int) -> bool:
+        """Whether node i is computed by code of its own: it is no input, nor part of a fused multiply-add."""
+        return self.program.nodes[i][0] != "input" and i not in self._contracted_products
 
     def _operation(self, i: int, j: int) -> str:
         """The code of node i for vector j of the block."""

@@ -13,7 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend import core
 
-from edhas_jax.compiler.loop_engine import AdjointLoop, Loop, LoopBody, LoopEngine, LoopResult, lane_count
+from edhas_jax.compiler.loop_engine import (
+    AdjointLoop,
+    Loop,
+    LoopBody,
+    LoopEngine,
+    LoopResult,
+    check_size,
+    lane_count,
+)
 from edhas_jax.compiler.threads import run_threaded
 from edhas_jax.core import runtime
 
@@ -141,6 +149,7 @@ class XlaLoop(Loop):
     ) -> LoopResult:  # fmt: skip
         """See `Loop.run`."""
         body, count = self.body, lane_count(carry)
+        check_size(count, steps_per_sample, samples)
         blocks, uniform = _Blocks(body, count), _numbers(body, "uniform", uniform)
         inputs = None if sample_inputs is None else _numbers(body, "sample_inputs", sample_inputs)
         final = _allocated(body.carry, (count,), self._dtype)

@@ -22,6 +22,9 @@ from edhas_jax.simulation.integrator import evaluate_signals, step
 from edhas_jax.simulation.loop_cache import cached_loop, key_of
 from edhas_jax.simulation.run_settings import Precision
 
+BLOCK_BYTES = 2**28  # of the states at all samples of the runs that go through a loop together,
+LEAST_BLOCK = 64  # unless these runs are as few as that
+
 Observe = Callable[[Rig, State, Any, Any], dict[str, Any]]  # (machine, state, time, step) → signals by name
 
 
@@ -55,6 +58,7 @@ def simulate_batch(
     samples: int | np.ndarray,
     signals: Sequence[str] | Observe,
     precision: Precision = Precision.FLOAT64,
+    on_gpu: bool | None = None,
 ) -> Traces:
     """Simulate runs from rest and sample their signals. Changing any number compiles nothing.
 
@@ -69,6 +73,8 @@ def simulate_batch(
         signals: names of signals, or a function of (machine, state, time, step) that returns scalars by name; it has to
             compare equal to what it is to share compiled code with.
         precision: of all numbers.
+        on_gpu: whether the runs are part of a task with so many that a GPU is faster (`engines.many_lanes`); None:
+            these runs are the whole task.
     """
     dtype = np.dtype(precision.value)
     count = len(next(iter(values.values())))
@@ -84,7 +90,8 @@ def simulate_batch(
             recordings[drive] = getattr(numbers, drive)
             numbers = structs.replace(numbers, **{drive: _ANY_INTERVAL})
     observer = signals if callable(signals) else NamedSignals(tuple(signals))
-    choices = tuple(columns), observer, seeds is not None, dtype, many_lanes(count, dtype)
+    on_gpu = many_lanes(count, dtype) if on_gpu is None else on_gpu
+    choices = tuple(columns), observer, seeds is not None, dtype, on_gpu
     loop = cached_loop(TrajectoryLoop, numbers, *choices, dtype=dtype)
     found = loop.run(numbers, lanes, recordings, step_size, steps_per_sample, lengths)
     return Traces(*found, *[None] * (seeds is None))
@@ -171,7 +178,9 @@ class TrajectoryLoop:
         intervals = {n: RecordedInterval.split(r, int(most)) for n, r in recordings.items()} or None
         # long runs first, and runs of one length together
         order = np.argsort(-lengths, kind="stable")
-        width = self._advance.lanes
+        # a GPU takes so many lanes at a time that their samples might not fit into the memory of this machine
+        sample_bytes = int(most) * len(lanes) * len(self._state) * self._dtype.itemsize
+        width = min(self._advance.lanes, max(LEAST_BLOCK, BLOCK_BYTES // sample_bytes))
         blocks = [order[first : first + width] for first in range(0, len(order), width)]
 
         def work(rows: np.ndarray) -> None:

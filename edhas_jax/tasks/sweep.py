@@ -7,12 +7,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.compiler.engines import many_lanes
 from edhas_jax.config.machine_config import Config, ConfigError, as_config
 from edhas_jax.config.problem_list import problem_lines
 from edhas_jax.config.yaml_with_lines import KeyPath
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.design.batch.batch import BatchSettings, run_designs, settings_of_batch
+from edhas_jax.design.batch.batch import (
+    BatchSettings,
+    engine_of_designs,
+    plan_chunks,
+    run_designs,
+    settings_of_batch,
+)
 from edhas_jax.design.batch.experiment_design import DesignError, full_factorial, latin_hypercube
 from edhas_jax.design.sweep.axes_reader import AxesReader
 from edhas_jax.design.sweep.config import Sweep, load_sweep
@@ -75,10 +80,11 @@ def sweep(
             stream_sweep(task, kept, executor, on_progress)
             return to_dataset(open_sweep(kept))
     metrics = run_designs(task.machine, task.designs, task.settings, on_progress)
-    on_gpu = many_lanes(len(task), task.settings.precision.value)
+    on_gpu = any(chunk.many_lanes for chunk in plan_chunks(task.machine, task.designs, task.settings))
+    engine = engine_of_designs(task.machine, task.designs, task.settings.precision, on_gpu)
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     made = {"name": task.name, "machine": machine_text(task), "date": now, "sweep": sweep_description(task)}
-    return to_dataset(to_result(sweep_table(task.machine, task.designs, metrics), made | versions(on_gpu)))
+    return to_dataset(to_result(sweep_table(task.machine, task.designs, metrics), made | versions(engine)))
 
 
 def describe_sweep(

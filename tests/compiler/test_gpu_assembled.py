@@ -15,9 +15,9 @@ ARCHITECTURES = ("sm_80", "sm_90", "sm_100")
 FEWEST = {("pump", "float32"): 128, ("system", "float32"): 128}
 # the most bytes that a thread stores or loads with 255 registers
 SPILLED = {
-    ("pump", "float32"): 0, ("system", "float32"): 0, ("pump", "float64"): 128, ("system", "float64"): 144,
+    ("pump", "float32"): 0, ("system", "float32"): 0, ("pump", "float64"): 64, ("system", "float64"): 64,
 }  # fmt: skip
-DERIVATIVES = {"forward, 1 direction": 8_000, "forward, 8 directions": 36_000, "reverse": 16_000}
+DERIVATIVES = {"forward, 1 direction": 2_500, "forward, 8 directions": 32_000, "reverse": 7_000}
 
 
 @pytest.mark.parametrize("architecture", ARCHITECTURES)
@@ -25,7 +25,7 @@ DERIVATIVES = {"forward, 1 direction": 8_000, "forward, 8 directions": 36_000, "
 def test_registers_suffice_for_many_threads(name, dtype, architecture):
     found = assembled(ptx_of(name, dtype), architecture, FEWEST[name, dtype])
     assert found.registers <= FEWEST[name, dtype] in REGISTERS
-    assert max(found.spilled) <= MOST_SPILLED_BYTES
+    assert found.local_bytes <= MOST_SPILLED_BYTES
 
 
 @pytest.mark.parametrize("architecture", ARCHITECTURES)
@@ -37,9 +37,9 @@ def test_every_kernel_is_compiled_and_spills_no_more_than_known(name, dtype, arc
 
 @pytest.mark.parametrize("name", DERIVATIVES)
 def test_kernels_of_derivatives_are_compiled(name):
-    """They spill thousands of bytes, which is why a GPU takes them only if it is asked for."""
+    """They need so much memory that a GPU takes them only if it is asked for."""
     found = assembled(ptx_of(name, "float64"), "sm_90")
-    assert MOST_LOCAL_BYTES < max(found.spilled) <= DERIVATIVES[name]
+    assert found.local_bytes > MOST_LOCAL_BYTES and max(found.spilled) <= DERIVATIVES[name]
 
 
 def test_every_task_is_covered():

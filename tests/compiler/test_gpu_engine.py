@@ -14,12 +14,12 @@ from edhas_jax.commands.cli import main
 from edhas_jax.compiler import engines
 from edhas_jax.compiler.engines import EngineError, compile_adjoint_loop, compile_loop, engine_statuses, many_lanes
 from edhas_jax.compiler.gpu.adjoint import SEGMENT_STEPS, GpuAdjointLoop
-from edhas_jax.compiler.gpu.cuda_driver import Device
+from edhas_jax.compiler.gpu.cuda_driver import CudaDriver, Device
 from edhas_jax.compiler.gpu.loop import GpuLoop
 from edhas_jax.compiler.gpu.rates import MARGIN, estimated_rates
 from edhas_jax.compiler.loop_engine import LoopBody
 from edhas_jax.compiler.native_loop import NativeLoop
-from edhas_jax.design.batch.batch import BatchSettings, plan_chunks, run_designs
+from edhas_jax.design.batch.batch import BatchSettings, engine_of_designs, plan_chunks, run_designs
 from edhas_jax.design.batch.periodic_solver import GPU_TABLE
 from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.forward import forward
@@ -114,6 +114,17 @@ def test_the_command_says_why_a_gpu_serves(offered, capsys):
     assert rows["gpu"]["serves"] and "estimated for 1 × Fake GPU, not measured" in rows["gpu"]["reason"]
 
 
+@pytest.mark.parametrize(
+    ("given", "says"), [({"memory": 3000}, "out of memory"), ({"breaks": True}, "illegal address")]
+)
+def test_a_command_tells_the_error_of_a_gpu_in_a_line(given, says, monkeypatch, offered, tmp_path, capsys):
+    offered(**given)
+    monkeypatch.setenv("EDHAS_ENGINE", "gpu")
+    assert main(["sweep", "configs/sweep_clearance.yaml", "--out", str(tmp_path / "sweep")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()[-1:]
+    assert line.startswith("edhas: GPU: cu") and says in line
+
+
 def test_loops_of_one_lane_and_with_arrays_go_to_others(gpu):
     single = LoopBody(lambda n, c, lane, uniform: c + n, float, 0.0, {}, (), single_lane=True)
     array = LoopBody(lambda n, c, lane, u: c + u.sum(), float, 0.0, {}, np.ones(3))
@@ -173,7 +184,8 @@ def test_a_batch_is_that_of_the_native_engine_to_rounding(gpu, monkeypatch, prec
     chunks = plan_chunks(MACHINE, TABLE, settings)
     assert all(chunk.many_lanes for chunk in chunks) and GPU_TABLE > 50_000
     found = run_designs(MACHINE, TABLE, settings)
-    assert gpu.launches and versions(True)["engine"] == "gpu" and device(True)["device"] == "1 × Fake GPU"
+    assert gpu.launches and engine_of_designs(MACHINE, TABLE, precision, True) == "gpu"
+    assert versions("gpu")["engine"] == "gpu" and device("gpu")["device"] == "1 × Fake GPU"
     monkeypatch.setenv("EDHAS_ENGINE", "native")
     assert not any(chunk.many_lanes for chunk in plan_chunks(MACHINE, TABLE, settings))
     expected = run_designs(MACHINE, TABLE, settings)
@@ -182,6 +194,22 @@ def test_a_batch_is_that_of_the_native_engine_to_rounding(gpu, monkeypatch, prec
     rtol = {"float32": 1e-3, "float64": 1e-7}[precision.value]
     for name in ("mean_flow", "mean_electrical_power", "rms_current"):
         np.testing.assert_allclose(found[name], expected[name], rtol=rtol, err_msg=name)
+
+
+def test_the_result_names_the_engine_that_made_it(monkeypatch, offered, tmp_path):
+    """Of a GPU that is asked for, but whose driver compiles no kernel: not that GPU."""
+    monkeypatch.setenv("EDHAS_ENGINE", "gpu")
+    settings = BatchSettings(step=2e-4, max_cycles=2, precision=Precision.FLOAT32)
+    for knows, name in ((True, "gpu"), (False, "native")):
+        engine = offered()
+        if not knows:
+            monkeypatch.setattr(engine, "_load", lambda: CudaDriver(FakeCuda()))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", engines.EngineFallback)
+            found = edhas.sweep(MACHINE, frequency=[15.0, 20.0], settings=settings, folder=tmp_path / name)
+        assert found.attrs["engine"] == name
+        manifest = json.loads((tmp_path / name / "manifest.json").read_text())
+        assert manifest["engine"] == name and ("Fake GPU" in manifest["computed_on"][0]["device"]) is knows
 
 
 def test_trajectories_are_those_of_the_native_engine(gpu, monkeypatch):

@@ -1,20 +1,21 @@
 """The launcher end to end, on a driver whose devices are memory of this process."""
 
 import ctypes
+import functools
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import numpy as np
 import pytest
 
 from edhas_jax.compiler.gpu import device_arrays
-from edhas_jax.compiler.gpu import loop as gpu_loop
-from edhas_jax.compiler.gpu.cuda_driver import CudaDriver, CudaError, Device, OutOfDeviceMemory, load_driver
-from edhas_jax.compiler.gpu.device_kernel import BLOCK_THREADS, March, launch_size
-from edhas_jax.compiler.gpu.engine import GpuEngine
+from edhas_jax.compiler.gpu.cuda_driver import CudaDriver, CudaError, Device, OutOfDeviceMemory
+from edhas_jax.compiler.gpu.device_kernel import BLOCK_THREADS, launch_size
 from edhas_jax.compiler.gpu.loop import deal
 from edhas_jax.compiler.gpu.memory import DeviceMemory
-from edhas_jax.compiler.loop_engine import LoopBody, Untranslatable
+from edhas_jax.compiler.loop_engine import LoopBody
 from edhas_jax.compiler.native_loop import NativeLoop
+from edhas_jax.compiler.xla_engine import XlaLoop
 from tests.compiler.test_loop_engines import decay_body
 from tests.support.fake_cuda import FakeCuda, fake_engine
 
@@ -121,13 +122,54 @@ def test_as_few_registers_as_spill_little_are_taken(made):
     loop(*decay_lanes(3), 0, 1)
     assert [most for _, most in cuda.kernels] == [128, 168]
     loop, cuda = made(decay_body("float32"), local_bytes=lambda most: 600)
-    assert [most for _, most in cuda.kernels] == [128, 168, 255]
+    assert [most for _, most in cuda.kernels] == [128, 168, 255] and cuda.loaded == {3}
 
 
-def test_what_the_driver_says_of_a_kernel_it_cannot_compile():
-    engine = GpuEngine(lambda: CudaDriver(FakeCuda()))  # it knows no kernel
-    with pytest.raises(Untranslatable, match=r"the driver: cuModuleLoadDataEx: invalid image \(200\): ptxas: syntax"):
-        engine.compile(decay_body(float))
+@pytest.mark.parametrize(("lanes", "steps", "samples"), [(0, 1, 1), (3, 0, 1), (3, 1, 0)])
+def test_a_run_of_nothing_is_refused_by_every_engine(lanes, steps, samples, made):
+    for loop in (made(decay_body(float))[0], NativeLoop(decay_body(float)), XlaLoop(decay_body(float))):
+        with pytest.raises(ValueError, match="at least one lane, one step and one sample"):
+            loop.run(*decay_lanes(lanes), 0, steps, samples)
+
+
+def test_arrays_with_gaps_in_other_types_and_of_jax(made):
+    loop, _ = made(decay_body(float))
+    carry, lane, uniform = decay_lanes(40)
+    expected = loop(carry, lane, uniform, 0, 9)
+    wide = np.repeat(lane["rate"], 3)
+    for rate in (wide[::3], wide[::-3][::-1], lane["rate"].astype(">f8"), jax.numpy.asarray(lane["rate"])):
+        jax.tree.map(np.testing.assert_array_equal, loop(carry, {"rate": rate}, uniform, 0, 9), expected)
+    gone = jax.numpy.asarray(lane["rate"])
+    gone.delete()  # as an argument that was donated is
+    with pytest.raises(RuntimeError, match="deleted"):
+        loop(carry, {"rate": gone}, uniform, 0, 9)
+
+
+def test_the_context_of_another_library_stays_current(made):
+    """As where JAX or PyTorch has made a context for this thread before."""
+    loop, cuda = made(decay_body(float), count=3)
+    cuda.contexts.append(2)
+    loop(*decay_lanes(1003), 0, 4)
+    assert cuda.contexts == [2]
+    with pytest.raises(ValueError):
+        loop(*decay_lanes(0), 0, 4)
+    assert cuda.contexts == [2]
+
+
+def test_several_threads_of_python_use_one_loop(made):
+    loop, cuda = made(decay_body(float), count=2)
+    expected = [NativeLoop(decay_body(float))(*decay_lanes(count), 0, 20) for count in range(200, 232)]
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(lambda count: loop(*decay_lanes(count), 0, 20), range(200, 232)))
+    jax.tree.map(np.testing.assert_array_equal, found, expected)
+    assert not cuda.blocks and len(cuda.loaded) == 2
+
+
+def test_the_error_of_a_kernel_is_told_and_not_those_that_follow(made):
+    loop, cuda = made(decay_body(float), breaks=True)
+    with pytest.raises(CudaError, match=r"cuCtxSynchronize: illegal address \(700\)"):
+        loop(*decay_lanes(100), 0, 4)
+    assert cuda.contexts == []
 
 
 def test_steps_beyond_the_counter_are_refused(made):
@@ -144,50 +186,63 @@ def test_a_kernel_that_writes_beside_its_memory_is_found(made):
 
 
 class OnDevice:
-    """An array in the memory of a fake device."""
+    """An array in the memory of a fake device, of a library that has put work on a stream."""
 
-    def __init__(self, driver: CudaDriver, device: int, data: np.ndarray, filled: bool = True):
-        self.address = driver.allocate(device, data.nbytes)
-        if filled:
-            driver.upload(device, self.address, data)
-        self.shape, self.dtype = data.shape, data.dtype
-        self.ndim, self.size = data.ndim, data.size
+    def __init__(self, driver: CudaDriver, device: int, data: np.ndarray, stream: int | None = None):
+        self.address, self.stream = driver.allocate(device, data.nbytes), stream
+        driver.upload(device, self.address, np.ascontiguousarray(data))
+        self.shape, self.dtype, self.ndim = data.shape, data.dtype, data.ndim
 
     @property
     def __cuda_array_interface__(self):
-        return {"shape": self.shape, "typestr": self.dtype.str, "data": (self.address, False), "version": 3}
+        return {"shape": self.shape, "typestr": self.dtype.str, "data": (self.address, False), "version": 3,
+                "stream": self.stream}  # fmt: skip
 
 
-def test_arrays_on_a_device_are_read_and_written_where_they_are(monkeypatch):
+@pytest.mark.parametrize("keep", [True, False])
+def test_arrays_on_a_device_are_read_and_written_where_they_are(keep, monkeypatch):
     """Nothing of them is copied to the host or back: only the tables of addresses go to the device."""
     cuda = FakeCuda(count=2)
     engine = fake_engine(monkeypatch, cuda)
     loop, driver = engine.compile(decay_body(float)), engine._load()
     carry, lane, uniform = decay_lanes(100)
     expected = loop.run(carry, lane, uniform, 0, 2, 6)
-    monkeypatch.setattr(
-        gpu_loop, "empty_like", lambda leaf, shape, dtype: OnDevice(driver, 1, np.empty(shape, dtype), filled=False)
-    )
-    on_device = jax.tree.map(lambda leaf: OnDevice(driver, 1, leaf), (carry, lane))
-    copied = []
-    write = cuda.cuMemcpyHtoD_v2
-    monkeypatch.setattr(cuda, "cuMemcpyHtoD_v2", lambda *a: copied.append(a[2].value) or write(*a))
-    monkeypatch.setattr(cuda, "cuMemcpyDtoH_v2", None)
-    device = engine.devices()[1]
-    leaves = jax.tree.leaves(on_device)
-    assert device_arrays.common_device(leaves, 100, np.dtype(float), driver) == 1
-    found = loop._on_device(device, leaves, 100, March(0, 2, 6), loop.kernel.constants(uniform), np.empty((0, 6)), True)
-    monkeypatch.undo()
-    assert sum(copied) <= 8 * len(leaves) and cuda.launches[-1][0] == 1
-    final, kept = (driver_read(driver, part) for part in found)
-    np.testing.assert_array_equal(final, [expected.carry["steps"], expected.carry["x"]])
-    np.testing.assert_array_equal(kept, [expected.samples["steps"], expected.samples["x"]])
+    given = jax.tree.map(lambda leaf: OnDevice(driver, 1, leaf, stream=7), (carry, lane))
+    before, copied, write = dict(cuda.used), [], cuda.cuMemcpyHtoD_v2
+    with monkeypatch.context() as patch:
+        patch.setattr(cuda, "cuMemcpyHtoD_v2", lambda *a: copied.append(a[2].value) or write(*a))
+        patch.setattr(cuda, "cuMemcpyDtoH_v2", None)
+        found = loop.run(*given, uniform, 0, 2, 6, keep=keep)
+    assert sum(copied) <= 8 * len(jax.tree.leaves(given)) and cuda.launches[-1][0] == 1
+    assert cuda.streams == [(1, 7)]
+    final, *kept = (jax.tree.map(functools.partial(driver_read, driver), part) for part in found if part is not None)
+    jax.tree.map(np.testing.assert_array_equal, final, expected.carry)
+    if keep:
+        jax.tree.map(np.testing.assert_array_equal, kept[0], expected.samples)
+    # a row keeps the memory of the whole, and gives it back with the last one
+    row = found.carry["x"]
+    del found
+    assert cuda.used[1] > before[1] and driver_read(driver, row)[0] == expected.carry["x"][0]
+    del row
+    assert cuda.used == before
 
 
-def driver_read(driver: CudaDriver, part: OnDevice) -> np.ndarray:
-    out = np.empty(part.shape, part.dtype)
-    driver.download(1, out, part.address)
+def driver_read(driver: CudaDriver, array) -> np.ndarray:
+    interface = array.__cuda_array_interface__
+    out = np.empty(interface["shape"], interface["typestr"])
+    driver.download(1, out, interface["data"][0])
     return out
+
+
+def test_arrays_on_a_device_that_is_too_old_for_kernels_do_not_crash(monkeypatch):
+    """Such arrays are treated as arrays that are not on a device that serves."""
+    engine = fake_engine(monkeypatch, FakeCuda(count=2))
+    loop, driver = engine.compile(decay_body(float)), engine._load()
+    loop._devices = loop._devices[:1]
+    carry, lane, uniform = decay_lanes(40)
+    on_device = jax.tree.map(lambda leaf: OnDevice(driver, 1, leaf), (carry, lane))
+    with pytest.raises((TypeError, ValueError)):  # NumPy cannot read such an array
+        loop.run(*on_device, uniform, 0, 2, 6)
 
 
 def test_arrays_that_the_kernel_cannot_read_in_place_are_copied(monkeypatch):
@@ -197,26 +252,3 @@ def test_arrays_that_the_kernel_cannot_read_in_place_are_copied(monkeypatch):
     assert device_arrays.common_device([good, good], 5, np.dtype(float), driver) == 0
     for leaf in (elsewhere, other_type, np.zeros(5), jax.numpy.zeros(5), OnDevice(driver, 0, np.zeros(4))):
         assert device_arrays.common_device([good, leaf], 5, np.dtype(float), driver) is None
-
-
-def test_without_a_driver_the_engine_says_so(monkeypatch):
-    def missing(name):
-        raise OSError(name)
-
-    monkeypatch.setattr(ctypes, "CDLL", missing)
-    load_driver.cache_clear()
-    try:
-        assert GpuEngine().unavailable() in ("no NVIDIA driver (libcuda.so.1)", "no NVIDIA driver (nvcuda.dll)")
-    finally:
-        load_driver.cache_clear()
-
-
-@pytest.mark.parametrize(
-    ("device", "says"),
-    [
-        ({"count": 0}, "the driver shows no GPU"),
-        ({"capability": (6, 1)}, "all GPUs are older than compute capability 7.0"),
-    ],
-)
-def test_a_driver_without_a_usable_gpu(device, says):
-    assert GpuEngine(lambda: CudaDriver(FakeCuda(**device))).unavailable() == says

@@ -1,6 +1,7 @@
 """Sweeps of millions of designs: results go from chunk to file to table without all being in memory."""
 
 import gc
+import io
 import tracemalloc
 import weakref
 
@@ -81,8 +82,29 @@ def test_memory_does_not_grow_with_the_results(tmp_path, monkeypatch):
     assert per_design < 8 * len(METRICS) / 3, f"{per_design:.0f} bytes per design"
 
 
+def test_the_parts_of_a_table_are_read_one_after_the_other(tmp_path, monkeypatch):
+    """Before the first part is there, less than a quarter of the file has been read."""
+    monkeypatch.setattr(run, "compute_chunk", made_up)
+    monkeypatch.setattr(table_windows, "WINDOW", 4096)
+    stream_sweep(large_sweep(40_000), tmp_path)
+    amounts: list[int] = []
+
+    class Counted(io.FileIO):
+        def read(self, size=-1):
+            found = super().read(size)
+            amounts.append(len(found))
+            return found
+
+    monkeypatch.setattr(run, "open_listed_file", lambda folder, manifest, name: Counted(folder / name))
+    done = [sum(amounts) for _ in sweep_parts(tmp_path)]
+    size = (tmp_path / "table.parquet").stat().st_size
+    assert len(done) == 10 and done[0] < size / 4 and 0.9 * size < done[-1] < 1.1 * size
+
+
+
 def test_the_table_of_a_large_sweep(tmp_path, monkeypatch):
     monkeypatch.setattr(run, "compute_chunk", made_up)
+    monkeypatch.setattr(table_windows, "WINDOW", 3000)
     sweep = large_sweep(20_000)
     stream_sweep(sweep, tmp_path)
     result = open_sweep(tmp_path)
@@ -96,7 +118,6 @@ def test_the_table_of_a_large_sweep(tmp_path, monkeypatch):
     assert part.metrics == result.metrics and part.fields == result.fields
     assert [n for n in part.frame if n in METRICS] == ["mean_flow"]
     np.testing.assert_array_equal(part.frame["mean_flow"], result.frame["mean_flow"])
-    monkeypatch.setattr(run, "WINDOW", 3000)
     assert len(list(sweep_parts(tmp_path))) >= 7
     assert summary_of_parts(sweep_parts(tmp_path)) == sweep_summary(result)
 

@@ -12,11 +12,13 @@ from edhas_jax.compiler.gpu import device_kernel
 from edhas_jax.compiler.gpu.cuda_driver import CudaDriver
 from edhas_jax.compiler.gpu.engine import GpuEngine
 from edhas_jax.compiler.gpu.kernel import ARGUMENTS
+from edhas_jax.simulation import loop_cache
 from tests.support.gpu_on_host import host_kernel
 
 GUARD = b"guard..." * 8
-OUT_OF_MEMORY, ILLEGAL_ADDRESS, INVALID_IMAGE = 2, 700, 200
-WORDS = {OUT_OF_MEMORY: b"out of memory", ILLEGAL_ADDRESS: b"illegal address", INVALID_IMAGE: b"invalid image"}
+INVALID_VALUE, OUT_OF_MEMORY, NO_CONTEXT, ILLEGAL_ADDRESS, INVALID_IMAGE = 1, 2, 201, 700, 200
+WORDS = {INVALID_VALUE: b"invalid argument", OUT_OF_MEMORY: b"out of memory", NO_CONTEXT: b"invalid device context",
+         ILLEGAL_ADDRESS: b"illegal address", INVALID_IMAGE: b"invalid image"}  # fmt: skip
 MULTIPROCESSORS, CLOCK, MAJOR, MINOR = 16, 13, 75, 76
 
 
@@ -30,11 +32,14 @@ class FakeCuda:
         capability: compute capability of the devices.
         multiprocessors: of a device.
         error: relative error of every approximate instruction.
+        cuda: version of CUDA that the driver is for.
+        breaks: whether every kernel makes an error, after which a driver refuses all calls.
     """
 
     def __init__(
         self, count: int = 1, memory: int | None = None, local_bytes: Callable[[int], int] = lambda registers: 0,
         capability: tuple[int, int] = (9, 0), multiprocessors: int = 4, error: float = 0.0,
+        cuda: tuple[int, int] = (12, 4), breaks: bool = False,
     ):  # fmt: skip
         self.count, self.memory, self.local_bytes, self.error = count, memory, local_bytes, error
         self.attributes = {MAJOR: capability[0], MINOR: capability[1], MULTIPROCESSORS: multiprocessors, CLOCK: 1980000}
@@ -44,7 +49,15 @@ class FakeCuda:
         self.blocks: dict[int, tuple[int, object, int]] = {}  # address: device, memory, size
         self.used = dict.fromkeys(range(count), 0)
         self.most_used = 0
-        self._current, self._lock = threading.local(), threading.Lock()
+        self.cuda, self.breaks, self.is_broken = cuda, breaks, False
+        self.loaded: set[int] = set()  # modules
+        self.streams: list[tuple[int, int]] = []  # device and number of each that was waited for
+        self._contexts, self._lock = threading.local(), threading.RLock()
+
+    @property
+    def contexts(self) -> list[int]:
+        """The devices whose contexts are on the stack of this thread; the last is the current one."""
+        return self._contexts.__dict__.setdefault("stack", [])
 
     # what a kernel was compiled from -------------------------------------------------------------------------------
 
@@ -87,12 +100,31 @@ class FakeCuda:
         context._obj.value = 1 + device.value
         return 0
 
-    def cuCtxSetCurrent(self, context):  # noqa: N802
-        self._current.device = context.value - 1
+    def cuDriverGetVersion(self, version):  # noqa: N802
+        version._obj.value = 1000 * self.cuda[0] + 10 * self.cuda[1]
+        return 0
+
+    def cuCtxPushCurrent_v2(self, context):  # noqa: N802
+        self.contexts.append(context.value - 1)
+        return 0
+
+    def cuCtxPopCurrent_v2(self, context):  # noqa: N802
+        context._obj.value = 1 + self.contexts.pop()
         return 0
 
     def cuCtxSynchronize(self):  # noqa: N802
-        return 0
+        self.is_broken = self.breaks
+        return self._state()
+
+    def cuStreamSynchronize(self, stream):  # noqa: N802
+        self.streams.append((self.contexts[-1], stream.value))
+        return self._state()
+
+    def _state(self) -> int:
+        """The code of a call that needs a context."""
+        if not self.contexts:
+            return NO_CONTEXT
+        return ILLEGAL_ADDRESS if self.is_broken else 0
 
     def cuModuleLoadDataEx(self, module, image, count, options, values):  # noqa: N802
         text = image.value.decode()
@@ -101,19 +133,28 @@ class FakeCuda:
             return INVALID_IMAGE
         self.kernels.append((host_kernel(self.texts[text], self.error), values[0]))
         module._obj.value = len(self.kernels)
-        return 0
+        self.loaded.add(len(self.kernels))
+        return self._state()
+
+    def cuModuleUnload(self, module):  # noqa: N802
+        self.loaded.remove(module.value)
+        return self._state()
 
     def cuModuleGetFunction(self, function, module, name):  # noqa: N802
         function._obj.value = module.value
         return 0 if name.value == b"run" else 500
 
     def cuFuncGetAttribute(self, value, attribute, function):  # noqa: N802
+        if function.value not in self.loaded:
+            return INVALID_VALUE
         most = self.kernels[function.value - 1][1]
         value._obj.value = {4: most, 3: self.local_bytes(most)}[attribute.value]
         return 0
 
     def cuMemAlloc_v2(self, address, size):  # noqa: N802
-        device = self._current.device
+        if code := self._state():
+            return code
+        device = self.contexts[-1]
         with self._lock:
             if self.memory is not None and self.used[device] + size.value > self.memory:
                 return OUT_OF_MEMORY
@@ -126,6 +167,8 @@ class FakeCuda:
         return 0
 
     def cuMemFree_v2(self, address):  # noqa: N802
+        if code := self._state():
+            return code
         with self._lock:
             device, block, size = self.blocks.pop(address.value)
             self.used[device] -= size
@@ -141,7 +184,7 @@ class FakeCuda:
     def cuPointerGetAttribute(self, value, attribute, address):  # noqa: N802
         place = self._place(address.value, 1)
         value._obj.value = -1 if place is None else place
-        return 0 if place is not None else 1
+        return 0 if place is not None else INVALID_VALUE
 
     def cuLaunchKernel(self, function, *given):  # noqa: N802
         *sizes, stream, parameters, extra = given
@@ -149,13 +192,19 @@ class FakeCuda:
         constants, *rest = parameters
         numbers = [ctypes.c_int64.from_address(address).value for address in rest]
         lanes = numbers[list(ARGUMENTS).index("lanes")]
+        if not blocks or function.value not in self.loaded:
+            return INVALID_VALUE
+        if code := self._state():
+            return code
         with self._lock:
-            self.launches.append((self._current.device, blocks, threads, lanes))
+            self.launches.append((self.contexts[-1], blocks, threads, lanes))
             self.kernels[function.value - 1][0](constants, *numbers, blocks, threads)
         return 0
 
     def _copy(self, target: int, source: int, on_device: int, size: int) -> int:
-        if self._place(on_device, size) != self._current.device:
+        if code := self._state():
+            return code
+        if self._place(on_device, size) != self.contexts[-1]:
             return ILLEGAL_ADDRESS
         ctypes.memmove(target, source, size)
         return 0
@@ -173,6 +222,7 @@ def fake_engine(monkeypatch, cuda: FakeCuda) -> GpuEngine:
     """The GPU engine with this driver; it is that of the package during the test."""
     from edhas_jax.compiler import engines
 
+    loop_cache._made.cache_clear()  # loops of another fake driver
     engine = GpuEngine(lambda: CudaDriver(cuda))
     monkeypatch.setattr(device_kernel, "ptx", cuda.remember(device_kernel.ptx))
     monkeypatch.setattr(engines, "GPU", engine)

@@ -13,9 +13,17 @@ MISSING = "NVIDIA's assembler ptxas is not installed (pip install nvidia-cuda-nv
 
 
 class Assembled(NamedTuple):
-    """What ptxas says of the kernel of a PTX text; `spilled` are the bytes a thread stores and loads."""
+    """What ptxas says of the kernel of a PTX text.
+
+    Attributes:
+        registers: of a thread.
+        local_bytes: of memory that a thread has for what its registers cannot hold; a driver tells this number too.
+        spilled: bytes that a thread stores there and loads from there, in all instructions of the kernel together.
+        code: the machine code.
+    """
 
     registers: int
+    local_bytes: int
     spilled: tuple[int, int]
     code: bytes
 
@@ -30,8 +38,8 @@ def tool(name: str) -> str | None:
     return found or (str(packaged[0]) if packaged else None)
 
 
-def assembled(ptx: str, architecture: str, most_registers: int = 255) -> Assembled:
-    """The kernel compiled for an architecture such as "sm_90".
+def assembled(ptx: str, architecture: str, most_registers: int = 255, more: tuple[str, ...] = ()) -> Assembled:
+    """The kernel compiled for an architecture such as "sm_90", with `more` options for ptxas.
 
     Raises:
         RuntimeError: ptxas refuses the text; its words.
@@ -39,14 +47,15 @@ def assembled(ptx: str, architecture: str, most_registers: int = 255) -> Assembl
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "kernel.ptx", Path(folder) / "kernel.cubin"
         source.write_text(ptx)
-        options = "-v", f"-arch={architecture}", f"-maxrregcount={most_registers}"
+        options = "-v", f"-arch={architecture}", f"-maxrregcount={most_registers}", *more
         done = subprocess.run([tool("ptxas"), *options, "-o", target, source], capture_output=True, text=True)
         words = done.stdout + done.stderr
         if done.returncode:
             raise RuntimeError(words)
         registers = re.search(r"Used (\d+) registers", words)
+        local = re.search(r"(\d+) bytes stack frame", words)
         spilled = re.search(r"(\d+) bytes spill stores, (\d+) bytes spill loads", words)
-        return Assembled(int(registers[1]), (int(spilled[1]), int(spilled[2])), target.read_bytes())
+        return Assembled(int(registers[1]), int(local[1]), (int(spilled[1]), int(spilled[2])), target.read_bytes())
 
 
 def loop_instructions(code: bytes) -> dict[str, int]:

@@ -1,1 +1,1 @@
-"""Time loops as kernels for NVIDIA GPUs: one thread per lane, and the whole loop in one kernel."""
+"""Time loops as kernels (programs for a GPU) of NVIDIA GPUs: a thread takes one lane through the whole loop."""

@@ -1,4 +1,4 @@
-"""Reverse mode on GPUs: the steps of a loop are run again in segments and gone through backwards, on the device."""
+"""Reverse mode on GPUs: segments of the steps are run again from checkpoints, then differentiated from end to start."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -13,7 +13,8 @@ from edhas_jax.compiler.gpu.loop import GpuLoop, on_devices
 from edhas_jax.compiler.gpu.memory import DeviceMemory, addresses_of_rows
 from edhas_jax.compiler.loop_engine import AdjointLoop, LoopBody, lane_count
 
-SEGMENT_STEPS = 64  # run again at a time: about the root of the steps of a cycle, which takes the least memory
+# run again at a time; checkpoints and segment together take the least memory where it is the square root of all steps
+SEGMENT_STEPS = 64
 
 
 class GpuCheckpoints(NamedTuple):
@@ -24,7 +25,7 @@ class GpuCheckpoints(NamedTuple):
 
 
 class GpuAdjointLoop(AdjointLoop):
-    """`AdjointLoop` by kernels.
+    """`AdjointLoop` with one kernel for the steps and one for their derivative.
 
     Raises:
         Untranslatable: the body, or its derivative, uses an operation that has no counterpart in the scalar IR.
@@ -65,7 +66,7 @@ class GpuAdjointLoop(AdjointLoop):
                 state, scratch = (memory.new(rows * lanes * size) for _ in range(2))
                 before = memory.new(rows * SEGMENT_STEPS * lanes * size)
                 ahead_table = memory.table([*addresses_of_rows(state, rows, lanes * size), *lane_rows])
-                # two tables for each cotangent, read and written in turn
+                # each cotangent has two tables: one is read while the other one is written, and then they change places
                 tables = []
                 for start in starts:
                     whole = np.concatenate([start[:, here], np.zeros((len(fixed), lanes), dtype)])

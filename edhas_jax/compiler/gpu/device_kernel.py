@@ -1,4 +1,4 @@
-"""The kernel of a loop body on the devices of this machine, and the launch of one march through the time loop."""
+"""The kernel of a loop body, compiled for the devices of this machine, and its launch."""
 
 import ctypes
 import threading
@@ -18,12 +18,12 @@ from edhas_jax.core import runtime
 REGISTERS = (128, 168, 255)
 MOST_SPILLED_BYTES = 64  # of a thread, for which fewer registers are taken
 BLOCK_THREADS = (128, 64, 32)
-WARP = 32
+WARP = 32  # threads that a GPU runs together
 MOST_STEPS = 2**31 - 1
 
 
 class March(NamedTuple):
-    """The numbers of a march: see `Loop.run`."""
+    """The steps of one launch; the fields are arguments of `Loop.run`."""
 
     first: int
     steps_per_sample: int
@@ -66,13 +66,14 @@ class DeviceKernel:
                 text = ptx(self.text.kernel, target(device.capability), runtime.cache_folder())
                 for registers in REGISTERS:
                     kernel = self.driver.kernel(device.number, text, registers)
-                    if kernel.local_bytes <= MOST_SPILLED_BYTES:
+                    if kernel.local_bytes <= MOST_SPILLED_BYTES or registers == REGISTERS[-1]:
                         break
+                    self.driver.discard(device.number, kernel)
                 self._kernels[device.number] = kernel
             return self._kernels[device.number]
 
     def constants(self, uniform: Any) -> np.ndarray:
-        """What the kernel takes as its first argument, from what is the same for all lanes."""
+        """The first argument of the kernel, computed from `uniform`, the values that all lanes share."""
         given = np.array([*self.body.leaves("uniform", uniform)], self.dtype)
         found = np.zeros(max(self.text.count, 1), self.dtype)
         self._constants(given.ctypes.data, found.ctypes.data)
@@ -82,12 +83,12 @@ class DeviceKernel:
         self, device: Device, rows: int, lanes: int, constants: np.ndarray, march: March, final: int, kept: int = 0,
         inputs: SampleInputs = SampleInputs(),
     ) -> None:  # fmt: skip
-        """Take `lanes` lanes through a march and wait for the end.
+        """Run the steps `march` of `lanes` lanes and wait until the kernel has ended.
 
         Args:
             device: where the memory is.
             rows: address of a table with the addresses of the rows of the carry and of the lane values.
-            lanes: their number.
+            lanes: number of lanes.
             constants: as `constants` makes them.
             march: steps and samples.
             final: address of the final carry, (rows, lanes).
@@ -112,7 +113,7 @@ class DeviceKernel:
 
 
 def launch_size(lanes: int, multiprocessors: int) -> tuple[int, int]:
-    """Blocks and threads of a block: large blocks, but small ones where these leave multiprocessors without any."""
+    """The number of blocks and of threads of each; where large blocks would leave multiprocessors idle, small ones."""
     for threads in BLOCK_THREADS:
         blocks = -(-lanes // threads)
         if blocks >= multiprocessors:

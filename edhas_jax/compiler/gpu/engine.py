@@ -14,12 +14,13 @@ from edhas_jax.compiler.native_engine import processor_problem
 from edhas_jax.core import runtime
 
 LEAST_CAPABILITY = (7, 0)
-# of a thread, beyond which the kernel is taken only if it is asked for: its values come from memory in every step
-MOST_LOCAL_BYTES = 2048
+# of memory that a thread needs beside its registers; a kernel with more runs only if a GPU is asked for, because how
+# much the memory slows it down has not been measured
+MOST_LOCAL_BYTES = 1024
 
 
 class GpuEngine(LoopEngine):
-    """Loops as kernels; the driver is looked for when this engine is first asked.
+    """Compiles loops to kernels; the driver is looked for when this engine is first asked.
 
     Args:
         load: finds the driver.
@@ -94,7 +95,7 @@ class GpuEngine(LoopEngine):
             for kernel in loop.kernels:
                 kernel.on(self.devices()[0])
         except CudaError as error:
-            raise Untranslatable(f"the driver: {error}") from error
+            raise Untranslatable(str(error)) from error
         except RuntimeError as error:  # what LLVM says of code that it cannot compile
             raise Untranslatable(f"LLVM: {str(error).splitlines()[0] if str(error) else error!r}") from error
         return loop

@@ -1,4 +1,4 @@
-"""LLVM assembly of a GPU kernel: a thread takes its lane through the whole time loop, the carry in registers.
+"""LLVM assembly of a GPU kernel: a thread takes its lane through the whole time loop, with the carry in registers.
 
 What is the same for all lanes and all steps is computed once, by a function for the processor, and handed to the kernel
 among its arguments: these lie in the constant memory of the GPU, from where an instruction takes an operand without a
@@ -8,6 +8,7 @@ register for it.
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from edhas_jax.compiler.gpu.instruction_order import order_with_few_values
 from edhas_jax.compiler.gpu.thread_code import ThreadCode
 from edhas_jax.compiler.llvm_ops import Processor, VectorCode
 from edhas_jax.compiler.loop_engine import Untranslatable
@@ -167,8 +168,10 @@ def kernel_text(
     sample_setup = code.take_lines()
     step_number = [code.assign(f"sitofp i32 %n to {code.scalar}")]
     registers |= {inputs[k]: step_number for k, source in enumerate(sources) if k in inputs and source.table == "step"}
-    emitted.append_level(Dependence.STEP)
-    emitted.append_level(Dependence.CARRY)
+    carry = {inputs[k] for k, source in enumerate(sources) if k in inputs and source.table == "carry"}
+    results = {program.outputs[r] for r in range(carry_rows)}
+    in_step = [i for i in emitted.schedule if emitted.level(i) >= Dependence.STEP and emitted.has_code(i)]
+    emitted.append(order_with_few_values(in_step, emitted.operands, results, carry))
     step = code.take_lines()
     new = [registers[program.outputs[r]][0] for r in range(carry_rows)]
     for r in range(carry_rows):

@@ -1,4 +1,4 @@
-"""Loops on GPUs: the lanes dealt over the devices, and cut in halves where the memory of a device does not suffice."""
+"""Loops on GPUs: each device gets a part of the lanes, which is halved where its memory does not suffice."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -7,18 +7,19 @@ import jax
 import numpy as np
 
 from edhas_jax.compiler.gpu.cuda_driver import CudaDriver, Device, OutOfDeviceMemory
-from edhas_jax.compiler.gpu.device_arrays import common_device, empty_like, row_address
+from edhas_jax.compiler.gpu.device_arrays import common_device, new_array, row_address
 from edhas_jax.compiler.gpu.device_kernel import BLOCK_THREADS, WARP, DeviceKernel, March, SampleInputs
 from edhas_jax.compiler.gpu.memory import DeviceMemory, addresses_of_rows
-from edhas_jax.compiler.loop_engine import Loop, LoopBody, LoopResult, lane_count
+from edhas_jax.compiler.loop_engine import Loop, LoopBody, LoopResult, check_size, lane_count
 from edhas_jax.compiler.threads import run_threaded
 
 
 class GpuLoop(Loop):
-    """A `LoopBody` as a kernel: one thread per lane, one launch for the whole march on each device.
+    """A `LoopBody` as a kernel: one thread per lane, and on each device one launch for all steps.
 
-    Leaves may be NumPy arrays, which are copied to the devices and back; or, all of them, arrays of JAX or of another
-    library in the memory of one GPU, which are read where they lie: the result then lies on that GPU too.
+    The arguments may be NumPy arrays, which are copied to the devices and back. If all of them are arrays of JAX, or
+    of another library, in the memory of one GPU, they are read where they lie, and the result lies on that GPU too: in
+    arrays of JAX, or else in `DeviceArray`s.
     """
 
     def __init__(self, body: LoopBody, driver: CudaDriver, devices: Sequence[Device]):
@@ -33,14 +34,15 @@ class GpuLoop(Loop):
     ) -> LoopResult:  # fmt: skip
         """See `Loop.run`; `threads` has no meaning here."""
         body, dtype, count = self.body, self.kernel.dtype, lane_count(carry)
+        check_size(count, steps_per_sample, samples)
         leaves = [*body.leaves("carry", carry), *body.leaves("lane", lane)]
         march, constants = March(first, steps_per_sample, samples), self.kernel.constants(uniform)
         columns = np.empty((0, samples), dtype)
         if sample_inputs is not None:
             columns = np.stack([np.asarray(leaf, dtype) for leaf in body.leaves("sample_inputs", sample_inputs)])
         number = common_device(leaves, count, dtype, self._driver)
-        if number is not None:
-            device = next(d for d in self._devices if d.number == number)
+        device = next((d for d in self._devices if d.number == number), None)
+        if device is not None:
             final, kept = self._on_device(device, leaves, count, march, constants, columns, keep)
         else:
             rows = [np.broadcast_to(np.asarray(leaf, dtype), count) for leaf in leaves]
@@ -75,8 +77,9 @@ class GpuLoop(Loop):
     def _on_device(self, device: Device, leaves, count: int, march: March, constants, columns, keep: bool):
         """As `_marched`, for leaves in the memory of a device and results there."""
         rows, dtype = self.kernel.rows["carry"], self.kernel.dtype
-        final = empty_like(leaves[0], (rows, count), dtype)
-        kept = empty_like(leaves[0], (rows, march.samples, count), dtype) if keep else None
+        place = self._driver, device.number
+        final = new_array(leaves[0], (rows, count), dtype, *place)
+        kept = new_array(leaves[0], (rows, march.samples, count), dtype, *place) if keep else None
         with DeviceMemory(self._driver, device.number) as memory:
             inputs = SampleInputs(memory.of(columns), march.samples, 1, 0)
             table = memory.table([row_address(leaf) for leaf in leaves])
@@ -90,7 +93,9 @@ class GpuLoop(Loop):
 
 
 def on_devices(work: Callable[[Device, range], None], devices: Sequence[Device], count: int) -> None:
-    """`work` on all lanes: blocks of equal length dealt over the devices, a thread each, halved where memory is short.
+    """Call `work` for parts of the lanes: one for each device, or more where its memory does not suffice.
+
+    Devices work at the same time, each called from a thread of this process.
 
     Raises:
         OutOfDeviceMemory: not even one warp finds room.
@@ -99,7 +104,7 @@ def on_devices(work: Callable[[Device, range], None], devices: Sequence[Device],
 
 
 def deal(devices: Sequence[Device], count: int) -> list[tuple[Device, range]]:
-    """The lanes of each device: whole warps, in proportion to the multiprocessors; few lanes stay on the first."""
+    """The lanes of each device: whole warps, in proportion to its multiprocessors; few lanes all go to the first."""
     if count <= devices[0].multiprocessors * WARP:
         return [(devices[0], range(count))]
     weights = np.cumsum([d.multiprocessors for d in devices])
@@ -110,7 +115,7 @@ def deal(devices: Sequence[Device], count: int) -> list[tuple[Device, range]]:
 
 
 def _in_halves(work: Callable[[Device, range], None], device: Device, lanes: range) -> None:
-    """`work` on some lanes, in as few parts as the memory of the device has room for."""
+    """Call `work` for some lanes, or for each half of them, and so on, until the memory of the device suffices."""
     try:
         work(device, lanes)
     except OutOfDeviceMemory:

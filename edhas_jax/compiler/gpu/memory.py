@@ -1,14 +1,19 @@
-"""Memory of a device for the time of a calculation."""
+"""Memory of a device that is needed for the time of one calculation."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from edhas_jax.compiler.gpu.cuda_driver import CudaDriver
+from edhas_jax.compiler.gpu.cuda_driver import CudaDriver, CudaError
 
 
 class DeviceMemory:
-    """Memory of one device; a context manager that gives everything back at its end."""
+    """Memory of one device; a context manager that gives everything back at its end.
+
+    Raises:
+        CudaError: at the end, if the driver does not take memory back and nothing else has failed before. (After an
+            error in a kernel the driver refuses every call; the error of the kernel is the one to be told.)
+    """
 
     def __init__(self, driver: CudaDriver, device: int):
         self._driver, self.device = driver, device
@@ -17,9 +22,15 @@ class DeviceMemory:
     def __enter__(self) -> "DeviceMemory":
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, kind, error, traceback) -> None:
+        failed = error
         while self._addresses:
-            self._driver.free(self.device, self._addresses.pop())
+            try:
+                self._driver.free(self.device, self._addresses.pop())
+            except CudaError as problem:
+                failed = failed or problem
+        if error is None and failed is not None:
+            raise failed
 
     def new(self, size: int) -> int:
         """The address of `size` bytes.

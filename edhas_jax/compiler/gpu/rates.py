@@ -1,8 +1,8 @@
 """Whether a GPU is faster than the processor: an estimate from what both are built of, not a measurement.
 
-A processor does one operation per lane of a vector and cycle in this kind of code (measured: docs/speed.md). For a GPU
-a share of its issue slots is assumed, the one that a published solver of the same kind reaches (docs/gpu.md); and with
-few lanes every instruction waits for the one before it.
+A processor does one operation per cycle for each number in a vector in this kind of code (measured: docs/speed.md). A
+GPU can start a certain number of operations per cycle; the share of this number that is assumed here is the one that a
+published solver of the same kind reaches (docs/gpu.md). With few lanes every instruction waits for the one before it.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ import numpy as np
 
 from edhas_jax.compiler.gpu.cuda_driver import Device
 
-ISSUE_SHARE = 0.17  # of the issue slots of a GPU
+ISSUE_SHARE = 0.17  # of the operations that a GPU can start
 CYCLES_PER_INSTRUCTION = 5.0  # of one thread alone, whose instructions wait for each other
 PROCESSOR_CLOCK = 3.0e9  # [Hz], assumed
 MARGIN = 2.0  # by which the estimate for the GPU has to exceed that for the processor
@@ -26,7 +26,13 @@ _UNKNOWN = 128, 2
 
 
 class Rates(NamedTuple):
-    """Operations per second of one design each: of the GPUs when full, of one lane on them, and of the processor."""
+    """Operations per second.
+
+    Attributes:
+        full: of the GPUs, with as many lanes as they can take.
+        one_lane: of a single lane on a GPU.
+        processor: of the processor.
+    """
 
     full: float
     one_lane: float

@@ -13,8 +13,8 @@ x^(−1/4)   1/√ of √x                                           `rsqrt.appr
 =========  ==================================================  ===================================================
 
 Errors of the instructions are those that NVIDIA states (PTX ISA, floating-point instructions). For the approximations
-in float64 nothing but their use of the upper half of the argument is stated; the two iterations are enough from a
-relative error of 2⁻¹⁶ on; a 20-bit mantissa gives 2⁻²⁰.
+in float64 NVIDIA states only that they read the upper 32 bits of the argument, which hold 20 bits of its mantissa; two
+iterations are enough if the relative error of the approximation is at most 2⁻¹⁶.
 """
 
 import numpy as np

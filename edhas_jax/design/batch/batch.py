@@ -8,13 +8,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from edhas_jax.compiler.engines import many_lanes
+from edhas_jax.compiler.engines import many_lanes, serving_engine
 from edhas_jax.core import runtime
 from edhas_jax.design.batch.cycle_metrics import cycle_change
 from edhas_jax.design.batch.periodic_solver import (
     GPU_TABLE,
     LONG_TABLE,
     BatchState,
+    cycle_loop,
     metrics_with_status,
     run_to_periodic,
 )
@@ -106,7 +107,8 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     """
     if machine.is_own:
         rows = np.arange(len(next(iter(values.values()))))
-        return [Chunk(rows[i : i + LONG_TABLE], 0) for i in range(0, len(rows), LONG_TABLE)]
+        on_gpu = many_lanes(len(rows), float)
+        return [Chunk(rows[i : i + LONG_TABLE], 0, on_gpu) for i in range(0, len(rows), LONG_TABLE)]
     if machine.cycle is None:
         raise BatchError(f"a batch needs a bench that is driven by a sine; this is {machine.name}")
     count = len(next(iter(values.values())))
@@ -128,6 +130,24 @@ def steps_per_cycle(frequency, step: float) -> np.ndarray:
     return np.rint(64 * 2.0 ** (np.ceil(2 * np.log2(least / 64.0) - 1e-9) / 2)).astype(int)
 
 
+def engine_of_designs(machine: Rig, values: Mapping[str, np.ndarray], precision: Precision, on_gpu: bool) -> str:
+    """The name of the engine that runs a table of designs.
+
+    Of a rig of one's own it is the engine that is asked first; a warning says so if this one cannot run the rig.
+
+    Args:
+        machine: what the designs have in common.
+        values: parameters that differ.
+        precision: of all numbers.
+        on_gpu: whether the table has so many designs that a GPU is faster (`Chunk.many_lanes`).
+    """
+    if machine.is_own:
+        return serving_engine(on_gpu).name
+    dtype = np.dtype(precision.value)
+    base = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
+    return cycle_loop(base, values, dtype, on_gpu).engine
+
+
 def run_chunk(
     machine: Rig, values: Mapping[str, np.ndarray], chunk: Chunk, settings: BatchSettings
 ) -> dict[str, np.ndarray]:
@@ -136,9 +156,8 @@ def run_chunk(
     The result depends on the designs and settings alone, not on the number of cores or on the neighbours.
     """
     if machine.is_own:
-        return run_own_designs(
-            machine, {n: np.asarray(v)[chunk.rows] for n, v in values.items()}, settings.run_grid(machine)
-        )
+        columns = {n: np.asarray(v)[chunk.rows] for n, v in values.items()}
+        return run_own_designs(machine, columns, settings.run_grid(machine), chunk.many_lanes)
     dtype = np.dtype(settings.precision.value)
     base = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
     columns = {n: np.asarray(v)[chunk.rows].astype(dtype) for n, v in values.items()}

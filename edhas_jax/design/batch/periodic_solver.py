@@ -6,7 +6,7 @@ designs that are not yet periodic side by side; convergence is tested after each
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -93,7 +93,7 @@ def run_to_periodic(
         start: where the designs begin; None: at rest.
         many_lanes: whether they are part of a task with so many designs that a GPU is faster (`engines.many_lanes`).
     """
-    loop = cached_loop(CycleLoop, machine, tuple(sorted(columns)), tolerance.dtype, many_lanes, dtype=tolerance.dtype)
+    loop = cycle_loop(machine, columns, tolerance.dtype, many_lanes)
     count, rows = _filled_rows(columns)
     start = None if start is None else jax.tree.map(lambda leaf: leaf[rows], start)
     columns = {n: v[rows] for n, v in columns.items()}
@@ -101,8 +101,17 @@ def run_to_periodic(
     return jax.tree.map(lambda leaf: leaf[:count], state)
 
 
+def cycle_loop(machine: Rig, names: Collection[str], dtype, many_lanes: bool) -> "CycleLoop":
+    """The loop that runs designs with these parameters; arguments as of `run_to_periodic`."""
+    return cached_loop(CycleLoop, machine, tuple(sorted(names)), np.dtype(dtype), many_lanes, dtype=dtype)
+
+
 class CycleLoop:
-    """Whole cycles of many designs; `machine` and the `varied` parameters count only by their structure."""
+    """Whole cycles of many designs; `machine` and the `varied` parameters count only by their structure.
+
+    Attributes:
+        engine: name of the engine that runs them.
+    """
 
     def __init__(self, machine: Rig, varied: Sequence[str], dtype, many_lanes: bool = False):
         def step(n, carry, values, uniform):
@@ -117,6 +126,7 @@ class CycleLoop:
         given = machine, 0.0, 0.0
         body = LoopBody(step, dtype, carry, lane, given, key=key, vectors=FEW_VECTORS, many_lanes=many_lanes)
         self._few = compile_loop(body)
+        self.engine = self._few.engine
         self._many = functools.cache(lambda: self._few.with_vectors(MANY_VECTORS))
 
     def run(

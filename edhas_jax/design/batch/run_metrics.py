@@ -36,13 +36,16 @@ def run_grid(machine: Rig, duration: float | None, sample_rate: float | None, st
     return RunGrid(interval / steps, steps, samples)
 
 
-def run_own_designs(machine: Rig, columns: Mapping[str, np.ndarray], grid: RunGrid) -> dict[str, np.ndarray]:
+def run_own_designs(
+    machine: Rig, columns: Mapping[str, np.ndarray], grid: RunGrid, on_gpu: bool = False
+) -> dict[str, np.ndarray]:
     """Run designs with the step of a grid and with half of it.
 
     Args:
         machine: what the designs have in common.
         columns: parameters that differ, by name in SI, each (designs,).
         grid: steps and samples.
+        on_gpu: whether the designs are part of a table with so many that a GPU is faster.
 
     Returns:
         By metric its value with half the step, (designs,), with `status`, `cycles` (0) and `residual`: the largest
@@ -55,7 +58,9 @@ def run_own_designs(machine: Rig, columns: Mapping[str, np.ndarray], grid: RunGr
     for first in range(0, count, part):
         some = {n: np.asarray(v)[first : first + part] for n, v in columns.items()}
         coarse, fine = (
-            simulate_batch(machine, some, None, grid.step / k, k * grid.steps_per_sample, grid.samples, names).values
+            simulate_batch(
+                machine, some, None, grid.step / k, k * grid.steps_per_sample, grid.samples, names, on_gpu=on_gpu
+            ).values
             for k in (1, 2)
         )
         found, before = (signal_metrics(grid.time, signals) for signals in (fine, coarse))

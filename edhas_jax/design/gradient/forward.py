@@ -104,7 +104,10 @@ class TangentLoop:
             def step(values, state):
                 return cycle_step(set_parameters(base, values), *state, n, steps, False)
 
-            directions = [{n: float(n == name) for n in values} for name in group] if group else [seeds]
+            if not group:  # work on one tangent alone keeps fewer values at a time
+                state, tangent = jax.jvp(step, (values, state), (seeds, _tangent(tangents, 0)))
+                return state, _interleaved([tangent])
+            directions = [{n: float(n == name) for n in values} for name in group]
             state, tangents = multi_jvp(
                 step, (values, state), [(seed, _tangent(tangents, k)) for k, seed in enumerate(directions)]
             )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from edhas_jax.config.machine_config import build_config
 from edhas_jax.config.yaml_with_lines import parse_yaml
 from edhas_jax.core.trusted_code import TrustedCode
-from edhas_jax.design.batch.batch import BatchSettings, Chunk, run_chunk
+from edhas_jax.design.batch.batch import BatchSettings, Chunk, engine_of_designs, run_chunk
 from edhas_jax.design.sweep.identity import device, versions
 from edhas_jax.machine.rigs import Rig
 
@@ -59,7 +59,8 @@ def compute_chunk(job: ChunkJob) -> ChunkResult:
     rows = np.arange(len(next(iter(job.values.values()))))
     machine = _build_machine(job.machine, job.code)
     metrics = run_chunk(machine, job.values, Chunk(rows, job.steps_per_cycle, job.many_lanes), job.settings)
-    return ChunkResult(job.number, metrics, versions(job.many_lanes), device(job.many_lanes))
+    engine = engine_of_designs(machine, job.values, job.settings.precision, job.many_lanes)
+    return ChunkResult(job.number, metrics, versions(engine), device(engine))
 
 
 @functools.lru_cache(maxsize=8)

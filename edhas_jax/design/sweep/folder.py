@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 
 from edhas_jax.core.atomic_file import PARTIAL_SUFFIX, atomic_write
 from edhas_jax.core.checksums import digest_of_file
-from edhas_jax.design.batch.batch import Chunk
+from edhas_jax.design.batch.batch import Chunk, engine_of_designs
 from edhas_jax.design.sweep.chunk_files import (
     CHUNKS_FOLDER,
     each_chunk_file,
@@ -64,7 +64,9 @@ class SweepFolder:
 
     def __init__(self, sweep: Sweep, path: Path | str, chunks: list[Chunk]):
         self.path, self._sweep, self._chunks = Path(path), sweep, chunks
-        self.identity = sweep_identity(sweep)
+        on_gpu = any(chunk.many_lanes for chunk in chunks)
+        self._engine = engine_of_designs(sweep.machine, sweep.designs, sweep.settings.precision, on_gpu)
+        self.identity = sweep_identity(sweep, self._engine)
         self.hash = identity_hash(self.identity)
         self.is_finished = False
         self.remarks: list[str] = []
@@ -156,7 +158,7 @@ class SweepFolder:
             "format": FORMAT_VERSION, "name": sweep.name, "state": "unfinished", "hash": self.hash,
             "sweep": sweep_description(sweep),
             "designs": len(sweep), "chunks": len(self._chunks),
-            **self.identity["versions"], **device(),
+            **self.identity["versions"], **device(self._engine),
             "begun": _now(), "finished": None, "computed_on": [],
             "identity": self.identity, "machine": machine_text(sweep), "files": files,
         })  # fmt: skip

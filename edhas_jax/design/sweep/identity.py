@@ -14,7 +14,8 @@ import jaxlib
 import numpy as np
 
 import edhas_jax
-from edhas_jax.compiler.engines import many_lanes, serving_engine
+from edhas_jax.compiler import engines
+from edhas_jax.compiler.engines import serving_engine
 from edhas_jax.config.writer import config_kind, dump_config
 from edhas_jax.core import runtime
 from edhas_jax.core.trusted_code import TrustedCode
@@ -30,8 +31,13 @@ from edhas_jax.simulation.run import Simulation
 MODEL_PACKAGES = ("core", "compiler", "machine", "simulation", "config", "design/batch")
 
 
-def sweep_identity(sweep: Sweep) -> dict[str, Any]:
-    """Everything the results depend on, as plain data: parameters, effects, designs, settings and versions."""
+def sweep_identity(sweep: Sweep, engine: str = "") -> dict[str, Any]:
+    """Everything the results depend on, as plain data: parameters, effects, designs, settings and versions.
+
+    Args:
+        sweep: the sweep.
+        engine: as of `versions`.
+    """
     varied = {(path, p.name) for p, path in (find_parameter(sweep.machine, name) for name in sweep.designs)}
     digest = hashlib.sha256()
     for name, values in sweep.designs.items():
@@ -48,7 +54,7 @@ def sweep_identity(sweep: Sweep) -> dict[str, Any]:
         },
         "designs": {"count": len(sweep), "names": list(sweep.designs), "sha256": digest.hexdigest()},
         "settings": settings | {"precision": sweep.settings.precision.value},
-        "versions": versions(many_lanes(len(sweep), sweep.settings.precision.value)),
+        "versions": versions(engine),
     }
 
 
@@ -62,11 +68,11 @@ def machine_text(sweep: Sweep) -> str:
     return dump_config(sweep.machine, Simulation(precision=sweep.settings.precision))
 
 
-def versions(on_gpu: bool = False) -> dict[str, str]:
+def versions(engine: str = "") -> dict[str, str]:
     """The versions that determine the results, with a hash of the model's own code.
 
     Args:
-        on_gpu: whether the designs are so many that a GPU is faster (`engines.many_lanes`).
+        engine: name of the engine that runs the designs; empty: the one that is asked first for a loop.
     """
     return {
         "edhas_jax": edhas_jax.__version__,
@@ -74,7 +80,7 @@ def versions(on_gpu: bool = False) -> dict[str, str]:
         "jax": jax.__version__,
         "jaxlib": jaxlib.__version__,
         "llvmlite": _installed_version("llvmlite"),
-        "engine": serving_engine(on_gpu).name,
+        "engine": engine or serving_engine().name,
     }
 
 
@@ -86,16 +92,17 @@ def _installed_version(package: str) -> str:
         return "none"
 
 
-def device(on_gpu: bool = False) -> dict[str, str]:
+def device(engine: str = "") -> dict[str, str]:
     """The processor on which this process computes, and the compiler flags.
 
     Args:
-        on_gpu: as of `versions`.
+        engine: as of `versions`.
     """
     kind = str(jax.devices()[0].device_kind)
+    devices = {e.name: e.device_names for e in engines.ENGINES}
     return {
         "platform": jax.default_backend(),
-        "device": serving_engine(on_gpu).device_names() or kind,
+        "device": devices[engine or serving_engine().name]() or kind,
         "xla_flags": os.environ.get("XLA_FLAGS", ""),
     }
 

@@ -19,10 +19,9 @@ from edhas_jax.design.sweep.chunk_files import each_chunk_file
 from edhas_jax.design.sweep.chunk_job import ChunkJob, ChunkResult, compute_chunk
 from edhas_jax.design.sweep.config import Sweep
 from edhas_jax.design.sweep.folder import DESIGNS_FILE, SweepFolder
-from edhas_jax.design.sweep.identity import machine_text, user_code, versions
+from edhas_jax.design.sweep.identity import machine_text, user_code
 from edhas_jax.design.sweep.manifest import SweepError, open_listed_file, read_manifest
 from edhas_jax.design.sweep.table import TABLE_FILE, TEXT_COLUMNS, SweepResult, to_result, with_results
-from edhas_jax.design.sweep.table_windows import WINDOW
 
 MOST_PENDING = 256  # chunks that are handed to workers at a time
 
@@ -81,7 +80,8 @@ def stream_sweep(
             for n, c in enumerate(chunks)
             if n not in finished
         )
-        for result in map(compute_chunk, jobs) if executor is None else _compute_in(executor, jobs):
+        ours = store.identity["versions"]
+        for result in map(compute_chunk, jobs) if executor is None else _compute_in(executor, jobs, ours):
             store.write(result)
             done += len(chunks[result.number].rows)
             if on_progress is not None:
@@ -89,25 +89,28 @@ def stream_sweep(
         store.complete()
 
 
-def _compute_in(executor: concurrent.futures.Executor, jobs: Iterator[ChunkJob]) -> Iterator[ChunkResult]:
+def _compute_in(
+    executor: concurrent.futures.Executor, jobs: Iterator[ChunkJob], ours: Mapping[str, str]
+) -> Iterator[ChunkResult]:
     """The results of an executor's workers as they arrive; `MOST_PENDING` jobs are handed out at a time."""
-    waiting: dict[concurrent.futures.Future, ChunkJob] = {}
+    waiting: set[concurrent.futures.Future] = set()
     try:
         while True:
             for job in itertools.islice(jobs, MOST_PENDING - len(waiting)):
-                waiting[executor.submit(compute_chunk, job)] = job
+                waiting.add(executor.submit(compute_chunk, job))
             if not waiting:
                 return
             done, _ = concurrent.futures.wait(waiting, return_when=concurrent.futures.FIRST_COMPLETED)
             for future in done:
-                yield _checked(future, waiting.pop(future))
+                waiting.remove(future)
+                yield _checked(future, ours)
     finally:
         for future in waiting:
             future.cancel()
 
 
-def _checked(future: concurrent.futures.Future, job: ChunkJob) -> ChunkResult:
-    """The result of a worker that runs the same versions."""
+def _checked(future: concurrent.futures.Future, ours: Mapping[str, str]) -> ChunkResult:
+    """The result of a worker that runs the same versions as this process, `ours`."""
     try:
         result = future.result()
     except (Exception, concurrent.futures.CancelledError) as error:
@@ -115,7 +118,6 @@ def _checked(future: concurrent.futures.Future, job: ChunkJob) -> ChunkResult:
         lost = isinstance(error, concurrent.futures.CancelledError)
         what = "the workers or their scheduler were lost" if lost else f"a worker failed: {what}"
         raise SweepError(f"{what}. Finished chunks are kept; the same command resumes the sweep") from error
-    ours = versions(job.many_lanes)
     if result.versions != ours:
         theirs = ", ".join(f"{k} {v}" for k, v in result.versions.items() if ours[k] != v)
         raise SweepError(f"a worker runs other versions ({theirs}); install the versions of this machine")
@@ -171,8 +173,9 @@ def sweep_parts(folder: Path | str) -> Iterator[SweepResult]:
         return
     with _opened(folder, manifest, TABLE_FILE) as file:
         data = pq.ParquetFile(file, read_dictionary=TEXT_COLUMNS)
-        for batch in data.iter_batches(WINDOW):
-            yield to_result(pa.Table.from_batches([batch]), manifest, data.schema_arrow)
+        # `iter_batches` would read the whole file before the first part
+        for number in range(data.num_row_groups):
+            yield to_result(data.read_row_group(number), manifest, data.schema_arrow)
 
 
 def _has_table(folder: Path, manifest: Mapping[str, Any]) -> bool:
