@@ -2,6 +2,7 @@
 
 import functools
 import math
+import re
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -77,7 +78,10 @@ def slots_act(machine: Rig) -> Iterator[Finding]:
         yield Finding(f"slot {slot.name}", not failed, failed[0] if failed else f"acts; curves over {curves}")
     mounted = [kind.id for kind in LIBRARY if _mounts(machine, kind)]
     if mounted:
-        yield Finding("library", True, f"{len(mounted)} effects of the library mount: {', '.join(mounted)}")
+        words = f"{len(mounted)} effects of the library mount: {', '.join(mounted)}"
+        lacking = [f"{kind.id} ({name})" for kind in LIBRARY if (name := _unknown_signal(machine, kind))]
+        more = f"; no signal that others with a slot here read: {', '.join(lacking)}" if lacking else ""
+        yield Finding("library", True, words + more)
 
 
 def run_is_valid(machine: Rig) -> Iterator[Finding]:
@@ -182,6 +186,18 @@ def _mounts(machine: Rig, kind) -> bool:
     except EffectError:
         return False
     return set(kind.slots) <= set(machine.slots)
+
+
+def _unknown_signal(machine: Rig, kind) -> str:
+    """The signal or parameter that an effect reads and the machine lacks, although it has the slot; else empty."""
+    if not set(kind.slots) <= set(machine.slots):
+        return ""
+    try:
+        check_effect(kind(), machine)
+    except EffectError as error:
+        found = re.search(r"no signal or parameter `(\w+)`", str(error))
+        return found[1] if found else ""
+    return ""
 
 
 def _observed(machine: Rig) -> tuple[str, ...]:
