@@ -10,7 +10,7 @@ from edhas_jax.diagnosis.chosen_effects import calibrated_model, with_effect
 from edhas_jax.machine.effects.mover.lugre_friction import LugreFriction
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-from edhas_jax.simulation.rig_contract import slots_act
+from edhas_jax.simulation.rig_contract import run_is_valid, slots_act
 from edhas_jax.simulation.run_settings import Simulation
 from studies.emps.own_rig import campaign_of
 from studies.emps.rig import LinearDrive
@@ -58,3 +58,11 @@ def test_friction_is_recovered_from_a_record_that_begins_in_motion(tmp_path):
     assert values["lugre_friction.coulomb_friction"] == pytest.approx(20.0, rel=0.05)
     assert values["lugre_friction.viscous_friction"] == pytest.approx(200.0, rel=0.05)
     assert model.evaluated.rms_over_noise(Use.HOLDOUT) < 1.2
+
+
+def test_the_check_says_where_nothing_moves():
+    (still,) = [f for f in run_is_valid(LinearDrive()) if f.check == "run"]
+    assert still.passed and "nothing moves" in still.sentence
+    driven = replace(LinearDrive(), target=edhas.Sine(amplitude=0.02, frequency=0.5, ramp_time=0.0))
+    (moving,) = [f for f in run_is_valid(driven) if f.check == "run"]
+    assert moving.passed and "nothing moves" not in moving.sentence
