@@ -1,15 +1,18 @@
 """What does the plain model of a real electro-hydraulic drive lack, and how much better does it predict with it?
 
-    python -m studies.mbari FOLDER [--out FOLDER]
+    python -m studies.mbari FOLDER [--diagnose] [--out FOLDER]
 
 FOLDER holds `2022.01.28T16.46.31.exp.gz`, which is fitted, and `FrictionIDMovesWithBiasCurr.exp.gz`, which is held out:
-it decides nothing but the shift of its own clock. The motion of the ram and the current of the windings are imposed;
+it decides nothing but the shift of its own clock. On further records of the same kind in FOLDER the accepted model is
+simulated at the end. The motion of the ram and the current of the windings are imposed;
 speed of the motor, oil pressures, force of the test machine and pressures of the gas springs are simulated.
 
 Steps: what the check of the data says; the clocks of the two recorders; the model with its numbers fitted; then one
 effect after another, each time the one with the largest predicted fall of χ². An effect is accepted where the
 log-evidence rises by more than a hundredth of the excess of ½χ² that is left, because what is left is no white noise,
 and none of its numbers ends at the limit of its prior. The others are listed with what they are worth.
+
+With `--diagnose`, `edhas diagnose` is asked first, which knows none of these effects, and finds curves.
 
 Errors are rms over the whole record: of the motor's speed; of the pressure difference times the displacement, which is
 the error of the motor's torque balance; of the force on the ram.
@@ -30,6 +33,7 @@ import edhas_jax as edhas
 from edhas_jax.config.writer import dump_config
 from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, with_effect
 from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound, candidates_for
+from edhas_jax.diagnosis.search.conclusions import conclusions
 from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
@@ -38,7 +42,7 @@ from edhas_jax.measurements.clock_alignment import with_aligned_clocks
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.time_resolution import TimeResolution
-from studies.mbari.records import campaign_of
+from studies.mbari.records import campaign_of, other_records
 from studies.mbari.rig import (
     MotorCoulomb,
     MotorLeakage,
@@ -118,6 +122,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, default=Path("runs/mbari"))
+    parser.add_argument("--diagnose", action="store_true", help="first what edhas diagnose says without any effect")
     options = parser.parse_args()
     console = Console(highlight=False, width=150)
 
@@ -130,6 +135,10 @@ def main() -> None:
         console.print(f"{remark.file.name}: {remark.sentence}")
     accuracy = dataclasses.replace(aligned.stated_accuracy, clocks={})
     campaign = checked_campaign(dataclasses.replace(aligned, stated_accuracy=accuracy))
+    if options.diagnose:
+        found = edhas.diagnose(campaign, library=())
+        places = ", ".join(f"{place} {p:.2f}" for place, p in found.location_probabilities().items())
+        console.print("\n".join([*conclusions(found)[:4], f"where: {places}"]))
     rungs = [Rung("plain, clocks as recorded", *errors_of(as_recorded.machine, as_recorded)),
              Rung("plain, clocks aligned", *errors_of(aligned.machine, aligned))]  # fmt: skip
 
@@ -158,6 +167,12 @@ def main() -> None:
     rungs.append(rest._replace(left=without.evaluated.excess))
     print_ladder(console, "accepted", rungs)
     print_ladder(console, "refused, each with the model at its time", refused)
+    for other in other_records(options.folder):
+        other = with_aligned_clocks(other, STEPS_PER_SAMPLE)
+        (errors,) = errors_of(fitted_machine(model), other)
+        sentences = "; ".join(remark.sentence for remark in other.remarks)
+        console.print(f"{other.runs[0].name}, not used before: {errors.speed:.1f} rad/s, {errors.torque:.3f} N m, "
+                      f"{errors.force:.0f} N; {sentences}")  # fmt: skip
     values = model.evaluated.fit.values
     console.print(", ".join(f"{name} {value:.4g}" for name, value in values.items()))
     options.out.mkdir(parents=True, exist_ok=True)

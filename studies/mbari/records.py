@@ -83,6 +83,24 @@ def campaign_of(folder: Path, clocks: bool = True, reversed_signals: tuple[str, 
         reversed_signals: signals with the opposite sign in the first record.
     """
     runs = run_of(folder / FITTED, Use.FIT, reversed_signals), run_of(folder / HELD_OUT, Use.HOLDOUT)
+    return _campaign(folder, runs, clocks)
+
+
+def other_records(folder: Path) -> list[Campaign]:
+    """A campaign for every further record in the folder, none of which is fitted.
+
+    The lower pressure is taken with the opposite sign where its mean is below zero.
+    """
+    found = []
+    for file in sorted(f for f in folder.glob("*.exp.gz") if f.name not in (FITTED, HELD_OUT)):
+        is_reversed = read_record(file).columns["LowerHydPress"].mean() < 0.0
+        run = run_of(file, Use.HOLDOUT, ("lower_pressure",) if is_reversed else ())
+        found.append(_campaign(folder, (run,), clocks=True))
+    return found
+
+
+def _campaign(folder: Path, runs: tuple[BenchRun, ...], clocks: bool) -> Campaign:
+    """The campaign of some runs."""
     channels = {
         name: Channel(UNITS.get(name, "Pa"), 0.02 * error, model_error=error) for name, error in MODEL_ERRORS.items()
     }

@@ -16,7 +16,7 @@ from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.clock_alignment import with_aligned_clocks
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from studies.mbari import discovery
-from studies.mbari.records import ATMOSPHERE, FITTED, HELD_OUT, POUND_FORCE, campaign_of
+from studies.mbari.records import ATMOSPHERE, FITTED, HELD_OUT, POUND_FORCE, campaign_of, other_records
 from studies.mbari.rig import INCH, PSI, RPM, MotorCoulomb, MotorViscous, PowerTakeOff, ReliefValve
 
 COLUMNS = (
@@ -98,6 +98,15 @@ def test_the_check_finds_the_reversed_sensor_and_the_clocks(folder):
     before = discovery.errors_of(PowerTakeOff(), campaign_of(folder, clocks=False))
     after = discovery.errors_of(PowerTakeOff(), aligned)
     assert after[1].speed < 0.7 * before[1].speed
+
+
+def test_further_records_are_judged_only(folder, tmp_path):
+    assert other_records(folder) == []
+    (tmp_path / "another.exp.gz").write_bytes((folder / FITTED).read_bytes())
+    (other,) = other_records(tmp_path)
+    aligned = with_aligned_clocks(other, 4)
+    assert discovery.errors_of(PowerTakeOff(), aligned)[0].speed < 60.0
+    assert other.runs[0].signals["lower_pressure"].mean() > ATMOSPHERE, "its sign is turned over"
 
 
 def test_friction_is_next_and_comes_out_as_it_was_hidden(folder):
