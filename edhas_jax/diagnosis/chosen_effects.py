@@ -78,8 +78,9 @@ def calibrated_model(campaign: Campaign, on_progress: Report | None = None) -> C
 
 @single_threaded_algebra
 def with_effect(
-    campaign: Campaign, before: ChosenModel, kind: type[Effect], on_progress: Report | None = None
-) -> ChosenModel:
+    campaign: Campaign, before: ChosenModel, kind: type[Effect], on_progress: Report | None = None,
+    max_steps: int = TRIAL_STEPS,
+) -> ChosenModel:  # fmt: skip
     """Add one more effect to a fitted model, and fit everything again.
 
     Args:
@@ -87,6 +88,7 @@ def with_effect(
         before: the model with the effects chosen so far.
         kind: class of the effect.
         on_progress: called with a sentence on the progress.
+        max_steps: maximum number of Levenberg-Marquardt steps.
 
     Raises:
         FitError: the machine cannot have the effect, or the model cannot be fitted with it.
@@ -99,7 +101,7 @@ def with_effect(
         raise FitError(f"{kind.id} cannot be added to {campaign.name}: its machine has it already, or no slot for it")
     report(f"fitting with {kind.id}")
     score = ScoreTest(baseline.fit, before.effects).score(possible[kind.id])
-    trial = try_candidate(baseline, before.effects, score, before.resolution, TRIAL_STEPS)
+    trial = try_candidate(baseline, before.effects, score, before.resolution, max_steps)
     if trial.evaluated is None:
         raise FitError(f"the model with {kind.id} fails (it is not finite) wherever the fit has looked")
     settled = settle(trial.evaluated, before.resolution, report)

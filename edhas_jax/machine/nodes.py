@@ -31,17 +31,21 @@ class Node:
         s.set(**{name: pressure})
 
     def add(self, flow) -> None:
-        """A flow into the node [m³/s], such as that of a piston that moves into its volume."""
+        """Let oil into the node, not from another one: what a piston displaces that moves into its volume.
+
+        Args:
+            flow: [m³/s], positive into the node.
+        """
         self.inflow = self.inflow + flow
 
     def flow_to(self, other: "Node", flow, row: str, group: str = "fluid") -> Any:
-        """Let a flow leave for another node.
+        """Let oil flow to another node: what leaves this one enters the other.
 
         Args:
             other: the node that it reaches.
             flow: [m³/s], positive from this node to the other.
-            row: row of the energy balance that counts the power lost on the way; "" counts none.
-            group: group of this row, "delivered" for the load.
+            row: name of the row of the energy balance that counts the power lost on the way; "" for none.
+            group: group of this row: "fluid" for a loss, "delivered" for the flow through a load.
 
         Returns:
             The flow.
@@ -53,10 +57,20 @@ class Node:
         return flow
 
     def orifice_to(self, other: "Node", machine: Any, area, row: str, group: str = "fluid") -> Any:
-        """Let oil flow through an orifice of `area` [m²] to another node, positive or negative, and return the flow.
+        """Let oil flow through an orifice to another node, in either direction.
 
-        The rig needs the parts `oil` and `orifice`; the step linearises the root of the pressure drop so that it does
-        not oscillate where the drop changes sign.
+        The rig needs the parts `oil` and `orifice`. A time step linearises the root of the pressure drop so that it
+        does not oscillate where the drop changes sign.
+
+        Args:
+            other: the node at the other end.
+            machine: the rig.
+            area: of the orifice [m²].
+            row: name of the row of the energy balance, different for every orifice.
+            group: as for `flow_to`.
+
+        Returns:
+            The flow [m³/s], positive from this node to the other.
         """
         return self.flow_to(other, orifice_flow(machine, self.s, row, area, (self.name, other.name)), row, group)
 
@@ -69,7 +83,7 @@ class OilNode(Node):
         name: the state.
         oil: the oil.
         volume: [m³]; where it changes, `add` what the moving wall displaces.
-        capacity: capacity beside that of the oil [m³/Pa], or None.
+        capacity: what else yields to pressure, such as a hose, volume per pressure [m³/Pa]; None for nothing.
     """
 
     def __init__(self, s: Signals, name: str, oil: Oil, volume, capacity=None):
@@ -82,7 +96,7 @@ class OilNode(Node):
 
 
 class Reservoir(Node):
-    """A tank whose pressure stays as it is, however much flows in or out."""
+    """A tank whose pressure stays as it is, however much flows in or out; arguments as of `Node`."""
 
     def rates(self) -> dict[str, Any]:
         """No rate; after all connections the energy that the tank takes up is counted."""
@@ -93,11 +107,13 @@ class Reservoir(Node):
 class GasNode(Node):
     """A gas-charged accumulator; the change of its gas volume [m³] is a state of the rig.
 
+    Oil that flows in compresses the gas: d(change)/dt = −inflow, and the pressure follows from the volume.
+
     Args:
         s: the signals.
-        name: signal of its pressure.
-        state: the state, which starts at 0.
-        accumulator: the gas.
+        name: name under which its pressure is a signal.
+        state: name of the state, which starts at 0.
+        accumulator: pressure and volume of the gas at rest, and its polytropic exponent.
     """
 
     def __init__(self, s: Signals, name: str, state: str, accumulator: Accumulator):
@@ -129,8 +145,9 @@ class Body:
 
         Args:
             force: positive where it accelerates.
-            row: row of the energy balance that counts its power; "" where a part on the other side counts it.
-            group: of this row: "input" for a drive, "delivered" for a load, "mechanical" for what is lost.
+            row: name of the row of the energy balance that counts its power; "" where another row does already, as
+                for the pressure of oil that flows.
+            group: of this row: "input" for a drive, "delivered" for a load, "mechanical" for a loss.
         """
         self.force = self.force + force
         if row:

@@ -44,6 +44,8 @@ def load_rig(spec: str, base_dir: Path | str = ".", trust: Trust = ()) -> type[R
         cls = load_user_class(source, name, Path(base_dir), Rig, TrustedCode.of(trust))
     except EffectError as error:
         raise RigError(str(error)) from error
+    if not cls.is_own:
+        raise RigError(f"{spec} is a rig of the package; write {cls.name} in its place")
     check_rig(cls)
     return cls
 

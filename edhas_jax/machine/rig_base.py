@@ -39,7 +39,7 @@ class Drive(NamedTuple):
 def drive(unit: str, doc: str, value: float = 0.0) -> Any:
     """Declare an input of a rig: recorded, a sine, a step or a chirp, as a configuration says.
 
-    Its value and its rate are the signals `name` and `name_rate`: an imposed motion has both.
+    The equations read its value as `s.name` and its rate as `s.name_rate`, so that a motion can be imposed.
 
     Args:
         unit: SI unit.
@@ -81,7 +81,7 @@ class Rig:
 
     and defines `equations(self, y, s)`, which sets signals and returns the rate of every state by name. `y` has the
     states as attributes; `s` has the parameters, drives and states by name. Use `jax.numpy`, and `jnp.where` for
-    decisions that depend on values. `docs/own_machine.md` builds one.
+    decisions that depend on values. `docs/own_machine.md` describes one step by step.
 
     Attributes:
         name: name in snake case.

@@ -28,6 +28,19 @@ class SensorAccuracy:
 
 
 @dataclasses.dataclass(frozen=True)
+class RecorderClock:
+    """A further recorder whose time differs from that of the records by a constant, another one in each run.
+
+    Args:
+        names: the measured signals and recorded drives that it has recorded.
+        shift: standard deviation of its time shift [s].
+    """
+
+    names: tuple[str, ...]
+    shift: float
+
+
+@dataclasses.dataclass(frozen=True)
 class BenchAccuracy:
     """Accuracy of a test bench; all are standard deviations.
 
@@ -36,12 +49,14 @@ class BenchAccuracy:
         recorder_filter: of the weight of an anti-alias filter that all channels may have; 0 for a recorder without one.
         settings: of the value of a parameter in each run (relative), by name.
         signals: of the sensors, by signal.
+        clocks: further recorders by name, whose records are shifted so that they fit the others.
     """
 
     trigger: float = 2e-4
     recorder_filter: float = 1.0
     settings: Mapping[str, float] = dataclasses.field(default_factory=dict)
     signals: Mapping[str, SensorAccuracy] = dataclasses.field(default_factory=dict)
+    clocks: Mapping[str, RecorderClock] = dataclasses.field(default_factory=dict)
 
 
 def with_defaults(
@@ -64,7 +79,7 @@ def with_defaults(
     for name, usual in offsets.items():
         sensor = stated.signals.get(name, SensorAccuracy())
         sensors[name] = dataclasses.replace(sensor, offset=usual if sensor.offset is None else sensor.offset)
-    return BenchAccuracy(stated.trigger, stated.recorder_filter, settings | dict(stated.settings), sensors)
+    return dataclasses.replace(stated, settings=settings | dict(stated.settings), signals=sensors)
 
 
 def _usual_setting_accuracy(machine: Rig, name: str) -> float:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from edhas_jax.config.problem_list import ProblemList
@@ -10,10 +10,10 @@ from edhas_jax.config.yaml_with_lines import yaml_type
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.interface.signals import Signal
-from edhas_jax.measurements.accuracy import BenchAccuracy, SensorAccuracy
+from edhas_jax.measurements.accuracy import BenchAccuracy, RecorderClock, SensorAccuracy
 from edhas_jax.measurements.campaign import Channel
 
-KEYS = ("trigger", "recorder_filter", "settings", "signals")
+KEYS = ("trigger", "recorder_filter", "settings", "signals", "clocks")
 MAX_RELATIVE = 1.0  # a larger relative standard deviation is a mistake in the unit
 
 
@@ -24,15 +24,16 @@ class AccuracyReader:
         problems: collects what is wrong.
         channels: the measured signals of the campaign.
         signals: the signals of its machine.
+        drives: the recorded drives of the campaign.
         canonical_name: the name of a parameter as in the conditions of a run, from its key and the name in the file;
             None, and a problem, where the machine has none.
     """
 
     def __init__(
         self, problems: ProblemList, channels: Mapping[str, Channel], signals: Mapping[str, Signal],
-        canonical_name: Callable[[tuple, str], str | None],
+        canonical_name: Callable[[tuple, str], str | None], drives: Collection[str] = (),
     ):  # fmt: skip
-        self._problems, self._channels, self._about = problems, channels, signals
+        self._problems, self._channels, self._about, self._drives = problems, channels, signals, drives
         self._canonical_name = canonical_name
 
     def read(self, section: Any) -> BenchAccuracy:
@@ -46,7 +47,7 @@ class AccuracyReader:
         if "recorder_filter" in section:
             recorder_filter = self._size(("accuracy", "recorder_filter"), section["recorder_filter"], "-", "0")
         settings, signals = self._settings(section.get("settings")), self._signals(section.get("signals"))
-        return BenchAccuracy(trigger, recorder_filter, settings, signals)
+        return BenchAccuracy(trigger, recorder_filter, settings, signals, self._clocks(section.get("clocks")))
 
     def _settings(self, section: Any) -> dict[str, float]:
         found: dict[str, float] = {}
@@ -78,6 +79,30 @@ class AccuracyReader:
             self._problems.add_unknown_keys(key, entry, tuple(readers))
             sizes = {n: read((*key, n), entry[n]) for n, read in readers.items() if n in entry}
             found[name] = dataclasses.replace(SensorAccuracy(), **sizes)
+        return found
+
+    def _clocks(self, section: Any) -> dict[str, RecorderClock]:
+        """Further recorders, `motor: {channels: [speed, current], shift: 0.2 s}`."""
+        found: dict[str, RecorderClock] = {}
+        example = "{channels: [speed, current], shift: 0.2 s}"
+        recorded, taken = (*self._channels, *self._drives), set()
+        for name, value in self._mapping(("accuracy", "clocks"), section, f"clocks: {{motor: {example}}}").items():
+            key = ("accuracy", "clocks", name)
+            entry = self._mapping(key, value, example)
+            self._problems.add_unknown_keys(key, entry, ("channels", "shift"))
+            names = entry.get("channels")
+            if not isinstance(names, list) or not names or "shift" not in entry:
+                self._problems.add(key, f"channels and shift belong here, for example {example}")
+                continue
+            for channel in names:
+                if channel not in recorded:
+                    nearest = suggest(str(channel), recorded)
+                    self._problems.add((*key, "channels"), f"{channel} is not recorded; {nearest}")
+                elif channel in taken:
+                    self._problems.add((*key, "channels"), f"{channel} has two clocks")
+                taken.add(channel)
+            shift = self._size((*key, "shift"), entry["shift"], "s", "0.2 s")
+            found[str(name)] = RecorderClock(tuple(map(str, names)), shift)
         return found
 
     def _mapping(self, key: tuple, value: Any, example: str) -> Mapping[str, Any]:

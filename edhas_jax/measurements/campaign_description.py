@@ -98,7 +98,7 @@ class CampaignDescription(ProblemList):
         if self.machine is not None:
             self._read_uncertain()
             self._read_signals()
-            reader = AccuracyReader(self, self.channels, self.machine.signals, self._canonical_name)
+            reader = AccuracyReader(self, self.channels, self.machine.signals, self._canonical_name, self.recorded)
             self.accuracy = reader.read(data.get("accuracy"))
             self._read_runs()
 

@@ -10,13 +10,14 @@ from edhas_jax.measurements.remark_list import brief_lines
 from edhas_jax.measurements.run_reader import RunReader
 
 
-def read_campaign(path: Path | str, trust: Trust = ()) -> Campaign:
+def read_campaign(path: Path | str, trust: Trust = (), planned: bool = False) -> Campaign:
     """Read a campaign.
 
     Args:
         path: its folder, or its `campaign.yaml`.
         trust: Python files (or modules) of your own that may run if the campaign names them, besides those that were
             allowed by `edhas trust`.
+        planned: whether the files of the runs may hold recorded drives alone, without any measured signal.
 
     Returns:
         The campaign in SI units. `Campaign.remarks` lists the data that are left out, and those that look wrong.
@@ -27,7 +28,7 @@ def read_campaign(path: Path | str, trust: Trust = ()) -> Campaign:
     path = Path(path)
     path = path / CAMPAIGN_FILE if path.is_dir() else path
     description, remarks = read_description(path, trust=trust)
-    reader = RunReader(description.machine, description.time, description.sources, description.recorded)
+    reader = RunReader(description.machine, description.time, description.sources, description.recorded, planned)
     runs = [run for entry in description.run_entries if (run := reader.read(*entry)) is not None]
     remarks = (*remarks, *reader.remarks)
     if not runs:

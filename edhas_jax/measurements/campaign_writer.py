@@ -71,6 +71,9 @@ def accuracy_lines(accuracy: BenchAccuracy, signals: Mapping[str, Signal]) -> li
         if sensor.offset is not None:
             words.append(f"offset: {exact_quantity(sensor.offset, signals[name].unit)}")
         lines.append(f"    {name}: {{{', '.join(words)}}}")
+    lines += ["  clocks:"] if accuracy.clocks else []
+    for name, clock in accuracy.clocks.items():
+        lines.append(f"    {name}: {{channels: [{', '.join(clock.names)}], shift: {exact_quantity(clock.shift, 's')}}}")
     return lines
 
 

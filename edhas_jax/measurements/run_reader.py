@@ -41,13 +41,15 @@ class RunReader:
         time: the column of the time stamps.
         sources: the columns of the measured signals, by signal.
         recorded: the columns of the recorded drives, by drive; that of the set point is `reference`.
+        planned: whether the runs are planned: their files need not hold any measured signal.
     """
 
     def __init__(
         self, machine: Rig, time: ColumnSource, sources: Mapping[str, ColumnSource],
-        recorded: Mapping[str, ColumnSource],
+        recorded: Mapping[str, ColumnSource], planned: bool = False,
     ):  # fmt: skip
         self.remarks: list[Remark] = []
+        self._planned = planned
         self._machine, self._time, self._sources, self._recorded = machine, time, sources, recorded
 
     def read(
@@ -95,6 +97,8 @@ class RunReader:
         signals = {}
         for signal, source in self._sources.items():
             column = table.columns.get(source.column)
+            if column is None and self._planned:
+                continue
             if column is None:
                 others = [other for other in table.columns if other != self._time.column]
                 problem = f"no column `{source.column}` ({suggest(source.column, others)})"
@@ -119,7 +123,7 @@ class RunReader:
             sentence = f"{subject} not named in the campaign; {verb} not used"
             self._remark(self._header_line, sentence, Severity.NOTE)
         signals = self._without_missing_values(signals, table.lines[order])
-        if not signals:
+        if not signals and not self._planned:
             self._remark(0, "none of its columns can be used; the run is left out")
             return None
         if len(time) < MIN_SAMPLES:

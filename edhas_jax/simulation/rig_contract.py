@@ -2,6 +2,7 @@
 
 import functools
 import math
+import re
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -77,7 +78,10 @@ def slots_act(machine: Rig) -> Iterator[Finding]:
         yield Finding(f"slot {slot.name}", not failed, failed[0] if failed else f"acts; curves over {curves}")
     mounted = [kind.id for kind in LIBRARY if _mounts(machine, kind)]
     if mounted:
-        yield Finding("library", True, f"{len(mounted)} effects of the library mount: {', '.join(mounted)}")
+        words = f"{len(mounted)} effects of the library mount: {', '.join(mounted)}"
+        lacking = [f"{kind.id} ({name})" for kind in LIBRARY if (name := _unknown_signal(machine, kind))]
+        more = f"; no signal that others with a slot here read: {', '.join(lacking)}" if lacking else ""
+        yield Finding("library", True, words + more)
 
 
 def run_is_valid(machine: Rig) -> Iterator[Finding]:
@@ -87,7 +91,9 @@ def run_is_valid(machine: Rig) -> Iterator[Finding]:
     except SimulationError as error:
         yield Finding("run", False, str(error))
         return
-    yield Finding("run", run.valid, f"{run.duration:g} s: {run.reason}; {run.step_note}")
+    moves = any(np.ptp(values) > 1e-9 * _size(values) for name, values in run.signals.items() if name != "time")
+    still = "" if moves else "; nothing moves with the usual values of the drives, so that the rest is hardly a test"
+    yield Finding("run", run.valid, f"{run.duration:g} s: {run.reason}; {run.step_note}{still}")
     if "input" in run.row_groups().values():
         words = f"closes to {abs(run.energy_residual()):.0e} of the energy turned over"
         yield Finding("energy balance", abs(run.energy_residual()) < 1e-2, words)
@@ -182,6 +188,18 @@ def _mounts(machine: Rig, kind) -> bool:
     except EffectError:
         return False
     return set(kind.slots) <= set(machine.slots)
+
+
+def _unknown_signal(machine: Rig, kind) -> str:
+    """The signal or parameter that an effect reads and the machine lacks, although it has the slot; else empty."""
+    if not set(kind.slots) <= set(machine.slots):
+        return ""
+    try:
+        check_effect(kind(), machine)
+    except EffectError as error:
+        found = re.search(r"no signal or parameter `(\w+)`", str(error))
+        return found[1] if found else ""
+    return ""
 
 
 def _observed(machine: Rig) -> tuple[str, ...]:

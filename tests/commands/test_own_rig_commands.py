@@ -102,3 +102,39 @@ def test_a_sensor_that_saturates_is_not_left_out(bench):
     assert np.isfinite(residuals).mean() > 0.99
     assert np.abs(residuals[level > 10.5]).max() == 0.0
     assert fitted.rms_over_noise()["run"]["level"] < 1.5
+
+
+def test_a_plan_from_files_that_hold_the_drives_alone(bench, capsys):
+    """Before anything is measured: what would a record of the pump's voltage reveal?"""
+    rows = [line.split(",")[:2] for line in (bench / "run.csv").read_text().splitlines()]
+    (bench / "run.csv").write_text("\n".join(map(",".join, rows)) + "\n")
+    own = ["--rig", "bench/rig.py:TwoTanks", "--effect", "bench/rig.py:Overflow"]
+    assert main(["plan", "bench", *own, "--out", "planned", "--json"]) == 0
+    found = json.loads((bench.parent / "planned" / "plan.json").read_text())
+    (overflow,) = [row for row in found["visible"] if row["effect"] == "overflow"]
+    assert overflow["seen"] and overflow["slot"] == "upper_tank"
+    assert "so that no next run is proposed" in found["sentence"]
+    (bench / "run.csv").unlink()
+    capsys.readouterr()
+    assert main(["plan", "bench", *own, "--out", "again", "--quiet"]) == 2
+    assert "the columns of the drives alone" in capsys.readouterr().err
+
+
+def test_a_rig_of_the_package_is_named_as_it_is(capsys):
+    assert main(["check", "edhas_jax.machine.rigs:PumpBench"]) == 2
+    assert "is a rig of the package; write pump_bench" in capsys.readouterr().err
+
+
+def test_a_new_campaign_of_a_rig_of_ones_own_is_read_and_fitted(bench, capsys):
+    own = ["--rig", "bench/rig.py:TwoTanks"]
+    assert main(["new", "campaign", "tests_of_mine", *own]) == 0
+    assert "edhas campaign check tests_of_mine --rig bench/rig.py:TwoTanks" in capsys.readouterr().out
+    text = (bench.parent / "tests_of_mine" / "campaign.yaml").read_text()
+    assert "rig: ../bench/rig.py:TwoTanks" in text and "pump_voltage: pump_voltage" in text
+    assert main(["campaign", "check", "tests_of_mine", "--rig", "bench/rig.py:TwoTanks"]) == 0
+    assert "no errors, no warnings" in capsys.readouterr().out
+    assert main(["compare", "tests_of_mine", *own, "--quiet"]) == 0
+    campaign = edhas.read_campaign(bench.parent / "tests_of_mine", ["bench/rig.py"])
+    assert set(campaign.channels) == {"upper_level", "lower_level", "level"}
+    assert 0.9 < edhas.compare(campaign).rms_over_noise()["run1"]["level"] < 1.1
+    assert main(["new", "campaign", "tests_of_mine", *own]) == 2, "nothing is written into a folder that is not empty"

@@ -3,6 +3,7 @@
 import numpy as np
 
 MIN_SHARE = 0.6  # of the variation of a curve that a hinge has to explain
+MIN_STILL_SHARE = 0.2  # of the range of the variable, that has to lie below the level at which a curve begins
 MIN_ADVANTAGE = 1.3  # of the variation that a straight line leaves over that which the hinge leaves
 
 
@@ -27,9 +28,11 @@ def onset(nodes: np.ndarray, values: np.ndarray) -> float | None:
         return float(np.sum(np.square(matrix @ np.linalg.lstsq(matrix, smooth, rcond=None)[0] - smooth)))
 
     total = float(np.sum(np.square(smooth - smooth.mean())))
-    levels = np.linspace(nodes[1], nodes[-2], 8 * len(nodes))
+    # a hinge near the lower end would only say that the curve is bent: nothing would be seen to be without influence
+    lowest = max(nodes[1], nodes[0] + MIN_STILL_SHARE * (nodes[-1] - nodes[0]))
+    levels = np.linspace(lowest, nodes[-2], 8 * len(nodes))
     remainders = [left(np.maximum(nodes - level, 0.0)) for level in levels]
     best = int(np.argmin(remainders))
-    if remainders[best] > (1.0 - MIN_SHARE) * total or left(nodes) < MIN_ADVANTAGE * remainders[best]:
+    if best == 0 or remainders[best] > (1.0 - MIN_SHARE) * total or left(nodes) < MIN_ADVANTAGE * remainders[best]:
         return None
     return float(levels[best])

@@ -82,6 +82,8 @@ class DetectabilityPlan:
             summary += "all of them are distinguishable."
         if self.interrupted:
             return f"{summary} The search for the best next run was interrupted."
+        if any(run.drives for run in self.campaign.runs):
+            return f"{summary} The drives are records, so that no next run is proposed."
         if self.next_run is None:
             return f"{summary} No candidate run is feasible."
         run = ", ".join(f"{n.replace('_', ' ')} {text}" for n, text in self.next_run.conditions.items())

@@ -28,9 +28,11 @@ class PlannedCampaignDescription(CampaignDescription):
             CampaignError: the set point is a recording, or a run would have too few or too many samples.
         """
         for drive, source in self.recorded.items():
+            own = self.rig.is_own
+            instead = "write files with the columns of the drives alone" if own else "describe the set point"
             raise CampaignError(
                 f"{self.folder / CAMPAIGN_FILE}: `{drive}: {source.column}` is recorded with the runs, "
-                "so they cannot be planned before they are made; describe the set point instead"
+                f"so they cannot be planned before they are made; {instead} instead"
             )
         return tuple(self._planned_run(*row, rate) for row in self.run_entries)
 
@@ -60,7 +62,8 @@ def read_planned_campaign(
         trust: as for `read_campaign`.
 
     Returns:
-        The campaign: with its measured runs if all data files exist, else with planned runs only.
+        The campaign: with its measured runs if all data files exist, else with planned runs only. The files of a rig
+        of one's own whose drives are recorded may hold these drives alone.
 
     Raises:
         CampaignError: `campaign.yaml` is invalid (every problem, one line each), its set point is a recording, or
@@ -71,6 +74,9 @@ def read_planned_campaign(
     path = Path(path)
     file = path / CAMPAIGN_FILE if path.is_dir() else path
     description, _ = read_description(file, PlannedCampaignDescription, trust)
+    own_drives = description.recorded and description.rig.is_own
+    if own_drives and all(entry.file.exists() for entry in description.run_entries):
+        return read_campaign(path, trust, planned=True)
     planned = description.planned_runs(rate)
     measured, remarks = {}, ()
     if all(run.file.exists() for run in planned):

@@ -39,8 +39,7 @@ def free_curve(fit: Fit, place: LawPlace, samples: LawSamples | None = None) -> 
     start = start_from_nothing(fit, place, samples=samples)
     if start is None:
         return None
-    words = (place.slot, "curve_over", place.variable, *place.factors)
-    kind = tabulated_class("_".join(words), place, len(start.nodes))
+    kind = tabulated_class(_id_at(place), place, len(start.nodes))
     return CurveCandidate(kind, None, place, start.size, tuple(map(float, start.nodes)))
 
 
@@ -65,10 +64,16 @@ def score_free_curves(test: ScoreTest, fit: Fit, report: Callable[[str], None]) 
     return sorted(scores, key=lambda score: -score.chi_square_fall)
 
 
+def _id_at(place: LawPlace) -> str:
+    """The id of the free curve at a place."""
+    return "_".join((place.slot, "curve_over", place.variable, *place.factors))
+
+
 def _distinct_places(machine: Rig) -> list[LawPlace]:
-    """The places of a machine, without those where a curve is the same term as at another one."""
+    """The places of a machine, without those that have a curve or where a curve is the same term as at another one."""
     found: dict[tuple, LawPlace] = {}
+    present = {effect.id for effect in machine.effects}
     for slot in machine.slots:
-        for place in law_places(machine, slot.name):
+        for place in (p for p in law_places(machine, slot.name) if _id_at(p) not in present):
             found.setdefault((SAME_TERMS.get(slot.name, slot.name), place.variable, place.factors), place)
     return list(found.values())

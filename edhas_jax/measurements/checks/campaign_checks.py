@@ -16,6 +16,7 @@ from edhas_jax.measurements.checks.signal_checks import check_quality, noise_rat
 from edhas_jax.measurements.checks.time_axis_checks import check_time_axis
 from edhas_jax.measurements.checks.unit_checks import check_units
 from edhas_jax.measurements.checks.wiring_checks import check_saturation, check_wiring
+from edhas_jax.measurements.clock_alignment import with_aligned_clocks
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.simulation.run import Simulation, SimulationError, simulate
 
@@ -92,6 +93,11 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
         cleaned.append(dataclasses.replace(run, signals=signals))
     campaign = _with_runs(campaign, cleaned)
     campaign = dataclasses.replace(campaign, channels={n: _with_model_error(c) for n, c in campaign.channels.items()})
+    if campaign.stated_accuracy.clocks:
+        interval, step = _simulated_interval(campaign, runs)
+        before = campaign.remarks
+        campaign = with_aligned_clocks(campaign, max(1, math.ceil(max(r.interval for r in runs) / step - 1e-9)))
+        remarks += campaign.remarks[len(before):]
     for name in campaign.channels:
         remarks += check_saturation(campaign, name, models)
     remarks += DelayCheck(campaign, models).check()
@@ -140,7 +146,7 @@ def _simulated_runs(
         time_remarks = list(check_time_axis(run, campaign.machine_of(run)))
         remarks += time_remarks
         wrong_unit = any("unit of time" in remark.sentence for remark in time_remarks)
-        if not wrong_unit and run.time[-1] <= MAX_SIMULATED_LENGTH:
+        if not wrong_unit and (campaign.machine.is_own or run.time[-1] <= MAX_SIMULATED_LENGTH):
             usable.append(run)
     models = _simulated_together(campaign, usable)
     for k, run in enumerate(usable):
@@ -160,14 +166,16 @@ def _share_of_all(on_progress: Callable[[float], None] | None, k: int, count: in
 
 def _simulated_together(campaign: Campaign, runs: list[BenchRun]) -> dict[str, dict[str, np.ndarray]]:
     """The signals of the model at the time stamps of the runs, SI, without the runs that fail at this step."""
-    interval = 1.0 / SIMULATION_SAMPLE_RATE
+    if not runs:
+        return {}
+    interval, step = _simulated_interval(campaign, runs)
     grids = [interval * np.arange(math.ceil(run.time[-1] / interval) + 1) for run in runs]
     evenly = [dataclasses.replace(run, time=grid) for run, grid in zip(runs, grids, strict=True)]
     names = tuple(name for name in campaign.channels if any(name in run.signals for run in runs))
     if not names:
         return {}
     model = MeasurementModel(campaign, campaign.machine, (), evenly, signals=names)
-    predicted = model.predict_all_runs(np.zeros(0), round(interval / SIMULATION_STEP))
+    predicted = model.predict_all_runs(np.zeros(0), math.ceil(interval / step - 1e-9))
     return {
         run.name: {name: np.interp(run.time, grids[r], predicted[r].values[name]) for name in run.signals}
         for r, run in enumerate(runs)
@@ -175,10 +183,20 @@ def _simulated_together(campaign: Campaign, runs: list[BenchRun]) -> dict[str, d
     }
 
 
+def _simulated_interval(campaign: Campaign, runs: list[BenchRun]) -> tuple[float, float]:
+    """Sample interval and time step [s] of the simulations for the checks.
+
+    Those of a rig of one's own are as slow as the rig says, so that records of hours are compared as well.
+    """
+    if not campaign.machine.is_own:
+        return 1.0 / SIMULATION_SAMPLE_RATE, SIMULATION_STEP
+    return min(run.interval for run in runs), campaign.machine.time_step
+
+
 def _simulated(campaign: Campaign, run: BenchRun, on_progress: Callable[[float], None]) -> dict[str, np.ndarray]:
     """The signals of the model (samples,) at the time stamps of a run, SI, with as small a step as it takes."""
-    duration = float(run.time[-1]) + 1.0 / SIMULATION_SAMPLE_RATE
-    settings = Simulation(duration=duration, step=SIMULATION_STEP, sample_rate=SIMULATION_SAMPLE_RATE)
+    interval, step = _simulated_interval(campaign, [run])
+    settings = Simulation(duration=float(run.time[-1]) + interval, step=step, sample_rate=1.0 / interval)
     signals = simulate(campaign.machine_of(run), settings, on_progress).signals
     return {name: np.interp(run.time, signals["time"], signals[name]) for name in run.signals}
 

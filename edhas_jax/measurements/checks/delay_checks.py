@@ -13,7 +13,6 @@ import numpy as np
 
 from edhas_jax.core import runtime
 from edhas_jax.core.units import format_quantity
-from edhas_jax.machine.components.set_points import Sine
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 from edhas_jax.measurements.sensor_models import SensorLag
 
@@ -82,9 +81,8 @@ class DelayCheck:
                     yield _warning(run, f"{name} is {_delay_text(excess[name])} against the other signals of this run")
 
     def _best_shift(self, campaign: Campaign, run: BenchRun, name: str) -> Shift:
-        reference = campaign.machine_of(run).reference
-        is_sine = isinstance(reference, Sine)
-        span = 1.0 / float(reference.frequency) if is_sine else 0.02 * (run.time[-1] - run.time[0])
+        cycle = campaign.machine_of(run).cycle
+        span = 0.02 * (run.time[-1] - run.time[0]) if cycle is None else 1.0 / float(cycle.frequency)
         centre, half = 0.0, span
         for _ in range(REFINEMENTS):
             delays = np.linspace(centre - half, centre + half, SHIFTS_PER_SCAN)

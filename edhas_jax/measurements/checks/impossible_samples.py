@@ -20,7 +20,9 @@ from edhas_jax.measurements.checks.signal_checks import (
 from edhas_jax.measurements.checks.spike_detection import find_spikes
 
 MIN_MODEL_MOTION = 10.0  # motion of the model, in standard deviations of the noise, while a sensor is stuck
+MIN_MODEL_ERRORS = 3.0  # the same, in standard deviations of what the model may leave
 MIN_MODEL_STEPS = 3.0  # the same, in steps of the sensor's resolution
+MIN_DRIVE_MOTION = 0.02  # of the range of a recorded drive, from which it moves
 MAX_LISTED = 5  # spikes of a signal whose times are listed
 
 Models = Mapping[str, Mapping[str, np.ndarray]]
@@ -69,9 +71,12 @@ def find_impossible_samples(
     Returns:
         A mask (samples,), and a remark for each kind with the run, the times and the reason.
     """
-    values, noise, unit = run.signals[name], campaign.channels[name].noise, campaign.machine.signals[name].unit
+    channel, unit = campaign.channels[name], campaign.machine.signals[name].unit
+    values, noise = run.signals[name], channel.noise
     model = models[run.name][name] if run.name in models else None
     machine = campaign.machine_of(run)
+    smallest_motion = max(MIN_MODEL_MOTION * noise, MIN_MODEL_ERRORS * channel.model_error)
+    smallest_motion = max(smallest_motion, MIN_MODEL_STEPS * _resolution(values))
     found, remarks = np.zeros(len(values), bool), []
 
     def remark(severity: Severity, mask: np.ndarray, sentence: str) -> None:
@@ -82,7 +87,7 @@ def find_impossible_samples(
         sentence = sentence.format(count=int(mask.sum()))
         if model is None:
             remark(Severity.WARNING, mask, sentence)
-        elif np.ptp(model[mask]) > max(MIN_MODEL_MOTION * noise, MIN_MODEL_STEPS * _resolution(values)):
+        elif np.ptp(model[mask]) > smallest_motion and _is_driven(run, mask):
             found[mask] = True
             remark(Severity.ERROR, mask, f"{sentence}, while the model moves; left out")
 
@@ -108,7 +113,7 @@ def find_impossible_samples(
     period = cycle_length(machine)
     ramp_time = float(machine.reference.ramp_time) if period is not None else math.inf
     if low < high:
-        held = find_held_values(values, noise, campaign.channels[name].resolution) & ~found
+        held = find_held_values(values, noise, channel.resolution) & ~found
         if held.any():
             found |= held
             remark(Severity.ERROR, held, f"{_held_text(run, held)}; left out")
@@ -118,6 +123,18 @@ def find_impossible_samples(
             found |= spikes
             remark(Severity.ERROR, spikes, f"{_spike_text(run, values, spikes, unit)}; left out")
     return found, remarks
+
+
+def _is_driven(run: BenchRun, mask: np.ndarray) -> bool:
+    """Whether a recorded drive moves during some samples, true without any; else a model may swing, a machine rest."""
+    times = run.time[mask]
+    for record in run.drives.values():
+        index = (times - float(record.start)) / float(record.interval)
+        values = np.asarray(record.values, float)
+        moves = np.ptp(np.interp(index, np.arange(len(values)), values))
+        if moves > MIN_DRIVE_MOTION * np.ptp(values):
+            return True
+    return not run.drives
 
 
 def _resolution(values: np.ndarray) -> float:
