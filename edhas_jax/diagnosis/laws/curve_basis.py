@@ -63,11 +63,13 @@ def explained_share(nodes: np.ndarray, values: np.ndarray, x: np.ndarray, y: np.
     return 1.0 - left / total if total > 0.0 else 1.0
 
 
-def free_nodes(low: float, high: float, count: int = FREE_NODES) -> np.ndarray:
+def free_nodes(
+    low: float, high: float, count: int = FREE_NODES, clustering: float = NODE_CLUSTERING
+) -> np.ndarray:  # fmt: skip
     """Nodes (count,) over a range for an unknown law: denser around zero where it lies inside or at an end."""
     if low > CLOSE_TO_ZERO * high or high < CLOSE_TO_ZERO * low:
         return np.linspace(low, high, count)
-    scale = np.sinh(NODE_CLUSTERING) / max(-low, high)
+    scale = np.sinh(clustering) / max(-low, high)
     return np.sinh(np.linspace(np.arcsinh(low * scale), np.arcsinh(high * scale), count)) / scale
 
 

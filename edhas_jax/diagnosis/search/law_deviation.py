@@ -29,6 +29,9 @@ from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 
 DEVIATION_SHARE = 0.5  # prior standard deviation of the deviation at a node, over the largest magnitude of the law
 NODE_COST = 2.0  # nats that each value of a deviation costs
+# a law that changes that fast, in shares of the range of its variable, as a friction around standstill does, gets so
+# many nodes for its deviation, clustered that much around zero
+STEEP_SPACING, STEEP_NODES, STEEP_CLUSTERING = 0.02, 13, 6.0
 MIN_VARIATION = 1e-3  # standard deviation of a law over its largest magnitude, below which it is constant
 SUFFIX = "_deviation"  # of the name of an effect: the id of the deviation of its law
 
@@ -50,9 +53,9 @@ def law_deviation(fit: Fit, candidate: Candidate) -> LawDeviation | None:
         candidate: the candidate; a sensor fault has no law that could deviate.
 
     Returns:
-        The deviation; None where the law vanishes or its slot has no variable.
+        The deviation; None where the law vanishes, has a memory (see `memory_columns`), or its slot has no variable.
     """
-    if candidate.signal is not None or isinstance(candidate, LawDeviation):
+    if candidate.signal is not None or isinstance(candidate, LawDeviation) or _memory_of(candidate):
         return None
     start = start_beside_law(fit, _effect_of(fit, candidate))
     if start is None:
@@ -61,7 +64,8 @@ def law_deviation(fit: Fit, candidate: Candidate) -> LawDeviation | None:
     if is_constant and len(law_places(fit.machine, start.place.slot)) > 1:
         return None
     low, high = float(start.nodes[0]), float(start.nodes[-1])
-    nodes = free_nodes(low, high)
+    is_steep = np.diff(start.nodes).min() < STEEP_SPACING * (high - low)
+    nodes = free_nodes(low, high, STEEP_NODES, STEEP_CLUSTERING) if is_steep else free_nodes(low, high)
     kind = tabulated_class(candidate.id + SUFFIX, start.place, len(nodes))
     return LawDeviation(kind, None, start.place, DEVIATION_SHARE * start.size, tuple(map(float, nodes)))
 
@@ -102,9 +106,9 @@ def memory_columns(fit: Fit, candidate: Candidate) -> list[dict[str, np.ndarray]
     Returns:
         By fitted run and signal (samples, k) in SI; None for a law without memory, and where it is not finite.
     """
-    if candidate.signal is not None or not getattr(candidate.kind, "memory_of", ""):
+    if candidate.signal is not None or not _memory_of(candidate):
         return None
-    place = LawPlace(candidate.kind.slots[0].name, candidate.kind.memory_of)
+    place = LawPlace(candidate.kind.slots[0].name, _memory_of(candidate))
     if place not in law_places(fit.machine, place.slot):
         return None
     samples = law_samples(fit, (place,), candidate.id)
@@ -120,6 +124,11 @@ def _scaled(slopes: Sequence[Mapping[str, np.ndarray]], factor: float) -> list[d
     """Slopes times a factor; None where they are not finite."""
     columns = [{n: factor * v for n, v in run.items()} for run in slopes]
     return columns if all(np.isfinite(v).all() for run in columns for v in run.values()) else None
+
+
+def _memory_of(candidate: Candidate) -> str:
+    """The signal on whose past a law depends; empty for another law, and for a curve or a fault of a sensor."""
+    return getattr(candidate.kind, "memory_of", "")
 
 
 def _effect_of(fit: Fit, candidate: Candidate) -> Effect:

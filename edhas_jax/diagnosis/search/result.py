@@ -26,6 +26,7 @@ from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.residuals import rms_by_signal
 
 SHOWN_SIGMAS, MIN_SHOWN_DEVIATION = 3.0, 0.5  # of a deviation of the bench: standard errors, and accuracies
+MIN_NAME_PROBABILITY = 0.4  # of an effect that is named beside the first
 CONFOUNDED_ODDS = 20.0  # ratio of probabilities below which two candidates are confounded
 
 
@@ -206,10 +207,18 @@ class Diagnosis:
 
     @functools.cached_property
     def named(self) -> list[Trial]:
-        """The accepted trials that are more probably real than not; others only improve the final model."""
+        """The accepted trials that are more probably real than not; others only improve the model.
+
+        The name of one that is real may still be shared with its rivals.
+        """
         real = {member.name: member.probability_real() for member in self.evidence.members}
-        first = self.answer.first
-        return [t for t in self.accepted if real.get(t.candidate.name, 0.0) > 0.5 or t.candidate.name == first]
+        first, p = self.answer.first, self.answer.probabilities
+        return [
+            t
+            for t in self.accepted
+            if t.candidate.name == first
+            or (real.get(t.candidate.name, 0.0) > 0.5 and p.get(t.candidate.name, 0.0) > MIN_NAME_PROBABILITY)
+        ]
 
     @property
     def laws(self) -> list[LawDeviation]:
