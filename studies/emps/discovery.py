@@ -33,7 +33,7 @@ from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.forward_selection import diagnose
-from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.diagnosis.search.result import Diagnosis, mounted_candidates
 from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.trial import Trial, try_candidate
 from edhas_jax.machine.effects import Effect
@@ -92,7 +92,7 @@ def force_errors(evaluated: EvaluatedFit) -> dict[Use, float]:
 
 def try_periodic_force(diagnosis: Diagnosis) -> Trial:
     """Fit the final model of the diagnosis with the periodic force added."""
-    after, accepted = diagnosis.after, [t.candidate for t in diagnosis.accepted]
+    after, accepted = diagnosis.after, mounted_candidates(diagnosis.rounds)
     score = ScoreTest(after.fit, accepted).score(Candidate(PeriodicForce))
     resolution = choose_time_resolution(after.fit.problem.model(), after.fit.x)
     return try_candidate(after, accepted, score, resolution, MAX_FIT_STEPS)

@@ -21,6 +21,7 @@ from edhas_jax.machine.effects import (
     ForceConstantDroop,
     HoseCompliance,
     InverterDeadTime,
+    ParasiticSpring,
     ValveFlowForce,
 )
 from edhas_jax.machine.interface.slots import SLOTS
@@ -94,12 +95,12 @@ def test_learn_example(here, monkeypatch):
 
 def test_the_demo_finds_what_the_readme_says(here):
     """With the effects that the whole library leads to, each further one is rejected."""
-    library = (InverterDeadTime, CoggingForce, ValveFlowForce, HoseCompliance)
+    library = (InverterDeadTime, CoggingForce, ParasiticSpring, ValveFlowForce, HoseCompliance)
     diagnosis = edhas.diagnose("studies/demo/bench", library=library)
     stated = quoted_headline("README.md", "make demo")
     for state in ("before", "calibrated", "after"):
         assert diagnosis.errors()[state]["holdout"]["overall"] == pytest.approx(float(stated[state]), rel=0.01)
-    named = {t.candidate.id for t in diagnosis.named}
+    named = [t.candidate.id for t in diagnosis.named]
     laws = ["differs" if m.law_differs else "as_in_the_library" for m in diagnosis.members if m.candidate.id in named]
     assert [diagnosis.verdict.value, *named, *laws] == [stated[k] for k in ("verdict", "effects", "laws")]
 
