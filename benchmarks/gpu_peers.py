@@ -2,7 +2,7 @@
 
     python benchmarks/gpu_peers.py [--designs N] [--tiny]
 
-As in benchmarks/peers.py everybody simulates three cycles of 0.1 s and has to give the mean flow of the third within
+As in benchmarks/peers.py each program simulates three cycles of 0.1 s and has to give the mean flow of the third within
 0.1 % of a tight reference; each takes the loosest tolerance, or the largest step, with which the worst design does.
 What counts is simulated seconds times designs per second of wall clock, with arguments and results on the host.
 
@@ -32,6 +32,7 @@ import c_loop
 import jax
 import numpy as np
 import peers
+from engine_choice import with_engine
 from peers import ALLOWED, CYCLES, END, FLOW, FREQUENCY, Row, best_of, start, worst
 
 from edhas_jax.compiler import engines
@@ -101,20 +102,13 @@ def reference(values: dict, steps: int) -> np.ndarray:
     """The mean flow of each design in the third cycle, by the package in float64 with so many steps a cycle."""
     settings = BatchSettings(step=1.0 / (FREQUENCY * steps), tolerance=-1.0, max_cycles=CYCLES)
     # the processor, unless JAX has a GPU: then the native engine leaves everything to it
-    with asked_for("gpu" if engines.NATIVE.unavailable() else "native"):
+    with with_engine("gpu" if engines.NATIVE.unavailable() else "native"):
         return run_designs(c_loop.bench_machine(), values, settings)["mean_flow"]
-
-
-def asked_for(engine: str):
-    """A context in which an engine is asked for."""
-    from unittest.mock import patch
-
-    return patch.dict(os.environ, {engines.VARIABLE: engine})
 
 
 def in_package(values: dict, tight: np.ndarray, tiny: bool) -> Row:
     """The batch engine at the largest step and in the precision that serve; a GPU counts as a whole."""
-    with asked_for("native" if tiny else "gpu"):
+    with with_engine("native" if tiny else "gpu"):
         return peers.package(values, tight, 1)
 
 

@@ -10,7 +10,6 @@ for it. The last line sums up as key=value.
 """
 
 import argparse
-import os
 import sys
 import time
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
+from benchmarks.engine_choice import with_engine  # noqa: E402
 from edhas_jax.compiler import engines  # noqa: E402
 from edhas_jax.core import runtime  # noqa: E402
 from edhas_jax.design.batch import batch, periodic_solver  # noqa: E402
@@ -95,7 +95,7 @@ def beside_kernels(count: int) -> float:
 def to_periodic(count: int) -> dict[str, str]:
     """A batch on the GPU: seconds, difference from the processor, and whether the order of the designs matters."""
     values = designs(count)
-    with asked_for("gpu"):
+    with with_engine("gpu"):
         run_designs(pump(), values, SETTINGS)  # compiles
         seconds, found = timed(lambda: run_designs(pump(), values, SETTINGS))
         order = np.random.default_rng(0).permutation(count)
@@ -104,7 +104,7 @@ def to_periodic(count: int) -> dict[str, str]:
     headline = {"periodic_s": f"{seconds:.3g}", "same_bits_in_any_order": str(int(same))}
     if not engines.NATIVE.unavailable():
         few = {n: v[:COMPARED] for n, v in values.items()}
-        with asked_for("native"):
+        with with_engine("native"):
             right = run_designs(pump(), few, SETTINGS)["mean_flow"]
         headline["mean_flow_differs"] = f"{np.nanmax(np.abs(found['mean_flow'][:COMPARED] / right - 1.0)):.2g}"
     return headline
@@ -134,11 +134,6 @@ def timed(call) -> tuple[float, object]:
     begin = time.perf_counter()
     result = call()
     return time.perf_counter() - begin, result
-
-
-def asked_for(engine: str):
-    """A context in which an engine is asked for."""
-    return mock.patch.dict(os.environ, {engines.VARIABLE: engine})
 
 
 if __name__ == "__main__":

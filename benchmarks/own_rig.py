@@ -23,7 +23,7 @@ from edhas_jax.compiler.loop_engine import LoopBody  # noqa: E402
 from edhas_jax.machine.effects import LugreFriction  # noqa: E402
 from edhas_jax.machine.parameters import get_parameter, set_parameters, short_names  # noqa: E402
 from edhas_jax.machine.rigs import ActuatorBench, PumpBench  # noqa: E402
-from edhas_jax.simulation.integrator import step  # noqa: E402
+from edhas_jax.simulation.integrator import DEFAULT_STEP, step  # noqa: E402
 from studies.emps.rig import LinearDrive  # noqa: E402
 from studies.mbari.rig import PowerTakeOff  # noqa: E402
 from studies.tanks.rig import TwoTanks  # noqa: E402
@@ -68,7 +68,7 @@ def _inputs(machine) -> tuple[dict[str, float], dict[str, float]]:
 
 def _step_of(machine):
     def one(values, state):
-        return step(set_parameters(machine, values), state, 0.0, machine.time_step if machine.is_own else 2e-5)[0]
+        return step(set_parameters(machine, values), state, 0.0, _time_step(machine))[0]
 
     return one
 
@@ -85,15 +85,17 @@ def _runner(machine, designs: int):
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
     numbers = {n: np.full(designs, float(get_parameter(machine, n))) for n in values}
     begin = {n: np.full(designs, float(v)) for n, v in machine.initial_state().items()}
-    h = machine.time_step if machine.is_own else 2e-5
 
     def run():
-        return loop(begin, numbers, (base, h), 0, STEPS, 1)
+        return loop(begin, numbers, (base, _time_step(machine)), 0, STEPS, 1)
 
     run()
     return run
 
 
+def _time_step(machine) -> float:
+    """The time step [s] that the rig states, or that of the package."""
+    return machine.time_step if machine.is_own else DEFAULT_STEP
 
 
 if __name__ == "__main__":

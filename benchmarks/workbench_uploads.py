@@ -1,4 +1,4 @@
-"""What the workbench answers to malformed files, as a table for docs/workbench.md.
+"""The messages of the workbench for malformed files, as a table for docs/workbench.md.
 
     python benchmarks/workbench_uploads.py
 

@@ -60,11 +60,15 @@ class PeriodicForce(Effect):
 def split_record(campaign: Campaign) -> Campaign:
     """Split the record where the drive has returned to its first position; the second half is held out."""
     run = campaign.runs[0]
-    position = run.signals["piston_position"]
-    middle = np.flatnonzero(np.abs(run.time - run.time.mean()) < 0.1 * run.time[-1])
-    cut = int(middle[np.argmin(np.abs(position[middle] - position[0]))])
+    cut = return_to_start(run.time, run.signals["piston_position"])
     parts = (Use.FIT, slice(None, cut)), (Use.HOLDOUT, slice(cut, None))
     return dataclasses.replace(campaign, runs=tuple(cut_run(run, use, samples) for use, samples in parts))
+
+
+def return_to_start(time: np.ndarray, position: np.ndarray) -> int:
+    """The sample near the middle of a record at which the drive is nearest to its first position."""
+    middle = np.flatnonzero(np.abs(time - time.mean()) < 0.1 * time[-1])
+    return int(middle[np.argmin(np.abs(position[middle] - position[0]))])
 
 
 def cut_run(run: BenchRun, use: Use, samples: slice) -> BenchRun:

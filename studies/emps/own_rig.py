@@ -23,7 +23,7 @@ from edhas_jax.config.recorded_signal import resample_uniformly
 from edhas_jax.diagnosis.report.report import parameter_texts
 from edhas_jax.measurements.accuracy import BenchAccuracy
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
-from studies.emps.discovery import force_errors
+from studies.emps.discovery import force_errors, return_to_start
 from studies.emps.published_comparison import EVALUATION_START
 from studies.emps.rig import LinearDrive
 
@@ -34,8 +34,7 @@ SPEED_SAMPLES = 20  # from which the speed at the start is taken
 def campaign_of(file: Path) -> Campaign:
     """The campaign of one record: its first stroke is fitted, its second held out."""
     time, target, position, voltage = np.genfromtxt(file, delimiter=",", skip_header=1).T
-    middle = np.flatnonzero(np.abs(time - time.mean()) < 0.1 * time[-1])
-    cut = int(middle[np.argmin(np.abs(position[middle] - position[0]))])
+    cut = return_to_start(time, position)
     runs = []
     for use, part in ((Use.FIT, slice(None, cut)), (Use.HOLDOUT, slice(cut, None))):
         own = time[part] - time[part][0]

@@ -6,21 +6,17 @@ library as it was accepted, and the final one, with the curve that is added to i
 that the uncertain parameters can take over, as viscous damping can of a friction, is an error too.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.laws.law_samples import along_runs
 from edhas_jax.diagnosis.search.free_curves import SAME_TERMS
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.tabulated_law import LawPlace
-from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use
-from edhas_jax.measurements.measurement_model import placeholder_parameter
-from edhas_jax.simulation.batch_trajectories import simulate_batch
 from studies.hidden_effects.answers import HiddenEffect, LawEstimate, same_names
 
 
@@ -72,7 +68,7 @@ def law_errors(diagnosis: Diagnosis, truth: Rig | None, hidden: tuple[HiddenEffe
         estimates = [
             _trace(campaign, machine, _Acting(slots, effects), steps)
             for machine, effects in (
-                (_machine(trial.evaluated), (trial.candidate.id,)), (_machine(diagnosis.after), final),
+                (trial.evaluated.fit.machine, (trial.candidate.id,)), (diagnosis.after.fit.machine, final),
             )
         ]  # fmt: skip
         errors = [_relative(estimate, acting) for estimate in estimates]
@@ -89,21 +85,9 @@ def _slots(kind: type[Effect]) -> tuple[str, ...]:
     return (term, *(slot for slot, other in SAME_TERMS.items() if other == term))
 
 
-def _machine(model: EvaluatedFit) -> Rig:
-    return model.fit.machine
-
-
 def _trace(campaign: Campaign, machine: Rig, acting: _Acting, steps: int) -> np.ndarray:
     """What acts along the fitted runs, (places · samples,)."""
-    parts = []
-    for run in campaign.runs_for(Use.FIT):
-        there = campaign.machine_of(run, machine)
-        name = placeholder_parameter(there)
-        values = {name: np.array([float(get_parameter(there, name))])}
-        samples = math.ceil(run.time[-1] / run.interval - 1e-4) + 1
-        traces = simulate_batch(there, values, None, run.interval / steps, steps, samples, acting).values
-        parts += [column[:, 0] for column in traces.values()]
-    return np.concatenate(parts)
+    return np.concatenate(list(along_runs(campaign, machine, campaign.runs_for(Use.FIT), steps, acting).values()))
 
 
 def _relative(estimate: np.ndarray, true: np.ndarray) -> float:

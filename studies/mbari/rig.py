@@ -153,7 +153,9 @@ class MotorLeakage(Effect, rig=PowerTakeOff):
 
 
 class MotorCoulomb(Effect, rig=PowerTakeOff):
-    """The motor takes a torque that hardly depends on its speed, smooth over 100 revolutions per minute."""
+    """Coulomb friction of the motor: a torque against its rotation that hardly depends on its speed, smooth over
+    100 revolutions per minute.
+    """
 
     torque: float = par(0.16, "N*m", (0.0, 10.0), "torque", plausible=(0.02, 2.0))
 
@@ -163,7 +165,7 @@ class MotorCoulomb(Effect, rig=PowerTakeOff):
 
 
 class MotorViscous(Effect, rig=PowerTakeOff):
-    """The motor takes a torque in proportion to its speed."""
+    """Viscous friction of the motor: a torque against its rotation, in proportion to its speed."""
 
     drag: float = par(1.2e-3, "N*m*s", (0.0, 1.0), "torque per speed", plausible=(2e-4, 2e-2))
 
@@ -173,7 +175,7 @@ class MotorViscous(Effect, rig=PowerTakeOff):
 
 
 class SealCoulomb(Effect, rig=PowerTakeOff):
-    """The seals of the ram take a force that hardly depends on its speed."""
+    """Coulomb friction of the seals: a force against the motion of the ram that hardly depends on its speed."""
 
     force: float = par(300.0, "N", (0.0, 1e5), "force", plausible=(20.0, 4000.0))
 
@@ -183,7 +185,7 @@ class SealCoulomb(Effect, rig=PowerTakeOff):
 
 
 class SealViscous(Effect, rig=PowerTakeOff):
-    """The seals of the ram take a force in proportion to its speed."""
+    """Viscous friction of the seals: a force against the motion of the ram, in proportion to its speed."""
 
     drag: float = par(1000.0, "N*s/m", (0.0, 1e6), "force per speed", plausible=(100.0, 1e4))
 

@@ -14,12 +14,17 @@ from tests.support import ROOT
 from tests.support.fake_cuda import FakeCuda, fake_engine
 
 
-@pytest.fixture
-def benchmark():
-    spec = importlib.util.spec_from_file_location("gpu_benchmark", ROOT / "benchmarks" / "gpu.py")
+def _module(name):
+    """A module of the folder of benchmarks."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture
+def benchmark():
+    return _module("gpu")
 
 
 def test_the_measurement_covers_both_precisions(benchmark, monkeypatch, capsys):
@@ -33,10 +38,7 @@ def test_the_measurement_covers_both_precisions(benchmark, monkeypatch, capsys):
 
 @pytest.fixture
 def tasks():
-    spec = importlib.util.spec_from_file_location("gpu_tasks", ROOT / "benchmarks" / "gpu_tasks.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return _module("gpu_tasks")
 
 
 def test_whole_tasks_are_measured_and_compared(tasks, monkeypatch):

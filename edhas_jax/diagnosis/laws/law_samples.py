@@ -11,8 +11,10 @@ from edhas_jax.core import structs
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.machine.effects.tabulated_law import LawPlace, rig_of, tabulated_class
 from edhas_jax.machine.parameters import get_parameter
+from edhas_jax.machine.rig_base import Rig
+from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import placeholder_parameter
-from edhas_jax.simulation.batch_trajectories import simulate_batch
+from edhas_jax.simulation.batch_trajectories import Observe, simulate_batch
 
 LAW = "law"
 
@@ -79,18 +81,41 @@ def samples_at_slots(fit: Fit, places: Sequence[LawPlace], effect: str | None = 
     """The same for places at several slots, recorded together, by slot; the effect is one at the slot of the first."""
     names = tuple(dict.fromkeys((place.slot, name) for place in places for name in (place.variable, *place.factors)))
     observer = _Probe(names, effect)
+    runs = fit.problem.model().runs
+    by_run = [along_runs(fit.problem.campaign, fit.machine, [run], fit.resolution.coarse, observer) for run in runs]
     columns: dict[str, list[np.ndarray]] = {}
-    for run in fit.problem.model().runs:
-        machine = fit.problem.campaign.machine_of(run, fit.machine)
-        samples = math.ceil(run.time[-1] / run.interval - 1e-4) + 1
-        name = placeholder_parameter(machine)
-        values = {name: np.array([float(get_parameter(machine, name))])}
-        steps = fit.resolution.coarse
-        traces = simulate_batch(machine, values, None, run.interval / steps, steps, samples, observer).values
-        for key, column in traces.items():
-            columns.setdefault(key.rpartition(".")[0], []).append(column[:, 0])
+    for key, values in (item for found in by_run for item in found.items()):
+        columns.setdefault(key.rpartition(".")[0], []).append(values)
     joined = {name: np.concatenate(parts) for name, parts in columns.items()}
     found: dict[str, dict[str, np.ndarray]] = {}
     for slot, name in names:
         found.setdefault(slot, {})[name] = joined[f"{slot}:{name}"]
     return {slot: LawSamples(values, joined.get(f"{slot}:{LAW}")) for slot, values in found.items()}
+
+
+def along_runs(
+    campaign: Campaign, machine: Rig, runs: Sequence[BenchRun], steps_per_sample: int, observer: Observe
+) -> dict[str, np.ndarray]:
+    """Simulate runs, and observe what happens at their samples.
+
+    Args:
+        campaign: gives the conditions of the runs.
+        machine: the machine, before these conditions are set.
+        runs: the runs.
+        steps_per_sample: time steps from sample to sample.
+        observer: see `simulate_batch`.
+
+    Returns:
+        What was observed, by name, the samples of one run after those of another.
+    """
+    columns: dict[str, list[np.ndarray]] = {}
+    for run in runs:
+        there = campaign.machine_of(run, machine)
+        samples = math.ceil(run.time[-1] / run.interval - 1e-4) + 1
+        name = placeholder_parameter(there)
+        values = {name: np.array([float(get_parameter(there, name))])}
+        step = run.interval / steps_per_sample
+        traces = simulate_batch(there, values, None, step, steps_per_sample, samples, observer).values
+        for key, column in traces.items():
+            columns.setdefault(key, []).append(column[:, 0])
+    return {name: np.concatenate(parts) for name, parts in columns.items()}

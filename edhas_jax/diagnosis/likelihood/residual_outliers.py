@@ -12,6 +12,7 @@ import numpy as np
 
 from edhas_jax.measurements.campaign import Campaign, Remark, Severity
 from edhas_jax.measurements.checks.impossible_samples import find_signal_outliers
+from edhas_jax.measurements.checks.outlier_search import bridged
 
 MOST_LEFT_OUT = 0.01  # of the samples of a signal in a run: more are no single wrong samples
 
@@ -28,9 +29,13 @@ def without_outliers(campaign: Campaign, residuals: Residuals) -> Campaign:
     Returns:
         The campaign with NaN in their place and a remark on each signal; the given one where there are none.
     """
+    # beside a gap no sample could be judged
     in_place = [
         dataclasses.replace(
-            run, signals={n: campaign.channels[n].noise * _bridged(v) for n, v in residuals[run.name].items()}
+            run,
+            signals={
+                n: campaign.channels[n].noise * bridged(v, np.isnan(v)) for n, v in residuals[run.name].items()
+            },
         )
         if run.name in residuals
         else run
@@ -43,15 +48,6 @@ def without_outliers(campaign: Campaign, residuals: Residuals) -> Campaign:
             if 0 < np.count_nonzero(mask) <= MOST_LEFT_OUT * len(mask):
                 found.setdefault(run, {})[name] = mask
     return _without(campaign, found)
-
-
-def _bridged(values: np.ndarray) -> np.ndarray:
-    """Values with a straight line in place of missing ones: beside a gap no sample could be judged."""
-    known = np.isfinite(values)
-    if known.all() or not known.any():
-        return values
-    index = np.arange(len(values))
-    return np.where(known, values, np.interp(index, index[known], values[known]))
 
 
 def without_missing(campaign: Campaign, residuals: Residuals) -> Campaign:

@@ -63,11 +63,15 @@ def find_outliers(records: Sequence[Record], noise: float, correlation: Sequence
 
 def _bridged(record: Record, wrong: np.ndarray) -> Record:
     """A record with a straight line in place of the samples that are known to be wrong."""
-    index, right = np.arange(len(wrong)), ~wrong & np.isfinite(record.values)
-    if not wrong.any() or not right.any():
-        return record
-    values = np.where(wrong, np.interp(index, index[right], record.values[right]), record.values)
-    return record._replace(values=values)
+    return record._replace(values=bridged(record.values, wrong))
+
+
+def bridged(values: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+    """Values (samples,) with a straight line in place of those where `gaps` is true; missing ones elsewhere stay."""
+    index, right = np.arange(len(values)), ~gaps & np.isfinite(values)
+    if not gaps.any() or not right.any():
+        return values
+    return np.where(gaps, np.interp(index, index[right], values[right]), values)
 
 
 def _largest_probability(probabilities: Sequence[float], count: int) -> float:
