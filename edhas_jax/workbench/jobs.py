@@ -110,8 +110,13 @@ class JobList:
         return job
 
     def cancel(self, job: Job) -> None:
-        """Interrupt a job as Ctrl-C does; what is finished is kept."""
-        if job.status == RUNNING and job.pid and process_start(job.pid) == job.started:
+        """Interrupt a job as Ctrl-C does, as far as it has come by now; what is finished is kept."""
+        job = next((now for now in self.all() if now.number == job.number), job)
+        if job.status != RUNNING:
+            return
+        if not job.pid:  # its process has not begun, and will find this
+            _save(dataclasses.replace(job, status=CANCELLED, ended=time.time()), self._folder() / f"{job.number}.json")
+        elif process_start(job.pid) == job.started:
             os.kill(job.pid, signal.SIGTERM)
 
     def progress(self, job: Job) -> list[dict]:
@@ -170,6 +175,8 @@ def watch(path: Path) -> None:
     """Run the command of a job, hand on an interruption, and write how it ended into its record."""
     data = json.loads(path.read_text(encoding="utf-8"))
     job = Job(**data | {"arguments": tuple(data["arguments"])})
+    if job.status != RUNNING:
+        return
     job = dataclasses.replace(job, pid=os.getpid(), started=process_start(os.getpid()))
     cancelled = False
     environment = os.environ | {"EDHAS_PROGRESS": str(path.with_suffix(".progress")), "PYTHONUNBUFFERED": "1"}

@@ -109,9 +109,9 @@ def look(browser):
     assert not [text for text in complaints if HIDDEN_PLOT not in text], "errors in the console"
 
 
-def wait_until(true, what, seconds=PATIENCE):
+def wait_until(true, what, seconds=PATIENCE, every=0.2):
     """Wait until something is true."""
     end = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < end, f"{what} did not happen within {seconds:.0f} s"
-        time.sleep(0.2)
+        time.sleep(every)

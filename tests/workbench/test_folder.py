@@ -53,6 +53,15 @@ def test_a_cancelled_job_says_so_and_a_wrong_one_fails(campaign_folder):
     assert jobs.all()[-1].status == FAILED and "edhas:" in jobs.output(job)
 
 
+def test_a_job_that_has_not_begun_is_cancelled(campaign_folder):
+    jobs = JobList(Workspace(campaign_folder))
+    job = jobs.start("diagnose", ["diagnose", str(campaign_folder), "--out", str(campaign_folder / "workbench/d")])
+    assert job.pid == 0
+    jobs.cancel(job)
+    wait_until(lambda: jobs.all()[-1].status != RUNNING, "the end of the cancelled job")
+    assert jobs.all()[-1].status == CANCELLED and not (campaign_folder / "workbench/d/diagnosis.json").exists()
+
+
 def test_a_job_whose_process_is_gone_does_not_run(tmp_path):
     folder = tmp_path / "workbench" / "jobs"
     folder.mkdir(parents=True)

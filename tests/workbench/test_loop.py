@@ -2,10 +2,13 @@
 
 import contextlib
 import json
+import os
 import re
 import shutil
+import signal
 import urllib.error
 import urllib.request
+from pathlib import Path
 
 import pytest
 
@@ -123,8 +126,17 @@ def test_cancel_resume_restart_and_a_second_window(campaign_folder, workbench, l
     page.get_by_role("button", name="Diagnose", exact=True).click()
     jobs = JobList(Workspace(campaign_folder))
     kept = campaign_folder / "workbench" / "diagnosed" / "unfinished"
-    wait_until(lambda: list(kept.glob("*.npz")), "the first finished stage")
-    mark(page, "cancel-job").click()
+    wait_until(lambda: list(kept.glob("*.npz")), "the first finished stage", every=0.02)
+    command = Path(f"/proc/{jobs.running().pid}/task/{jobs.running().pid}/children").read_text().split()[0]
+    os.kill(int(command), signal.SIGSTOP)  # or it may be done before the browser has clicked
+    assert list(kept.glob("*.npz")), "the diagnosis was done before it could be stopped"
+    button, title = mark(page, "cancel-job").element_handle(), mark(page, "job-running").inner_text()
+    wait_until(lambda: mark(page, "job-running").inner_text() != title, "the next second")
+    assert button.evaluate("element => element.isConnected"), "built anew, so that a slow press would be lost"
+    button.click()
+    wait_until(lambda: "SigPnd:\t0000000000000000\nShdPnd:\t0000000000000000"
+               not in Path(f"/proc/{command}/status").read_text(), "the interruption")  # fmt: skip
+    os.kill(int(command), signal.SIGCONT)
     mark(page, "job-cancelled").wait_for()
     assert jobs.all()[-1].status == CANCELLED and list(kept.glob("*.npz"))
     page.get_by_role("button", name="Resume").click()

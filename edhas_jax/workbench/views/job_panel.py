@@ -1,7 +1,6 @@
 """The job that runs or ran last, with its progress, and the buttons to cancel and to resume it."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from nicegui import ui
 
@@ -24,7 +23,8 @@ class JobPanel:
 
     def __init__(self, page, starts: Mapping[str, Callable[[], None]]):
         self._page, self._starts = page, starts
-        self._shown: tuple | None = None
+        self._shown: tuple[int, str] | None = None
+        self._reports = 0  # of the job that are shown
         self._body = ui.column().classes("w-full gap-1 mt-2").props("data-mark=job")
 
     def refresh(self) -> None:
@@ -33,31 +33,39 @@ class JobPanel:
         if not jobs:
             return
         job = jobs[-1]
-        rows = self._page.session.jobs.progress(job)
-        shown = job.number, job.status, len(rows), int(job.seconds) if job.status == RUNNING else 0
-        if shown != self._shown:
-            self._shown = shown
+        if (job.number, job.status) != self._shown:
+            self._shown, self._reports = (job.number, job.status), 0
             self._body.clear()
             with self._body:
-                self._build(job, rows)
+                self._build(job)
+        self._update(job)
 
-    def _build(self, job: Job, rows: list[dict[str, Any]]) -> None:
-        jobs = self._page.session.jobs
-        with ui.row().classes("items-center gap-3"):
-            if job.status == RUNNING:
-                ui.spinner(size="sm")
-            what = f"“{job.title}” {STATES[job.status]} · {job.seconds:.0f} s"
-            ui.label(what).props(f"data-mark=job-{job.status}")
-            if job.status == RUNNING:
-                ui.button("Cancel", on_click=lambda: jobs.cancel(job)).props("no-caps flat dense data-mark=cancel-job")
-            elif job.status == CANCELLED:
-                ui.button("Resume", on_click=self._starts[job.title]).props("no-caps flat dense icon=play_arrow")
-        if rows and job.status in (RUNNING, CANCELLED):
+    def _update(self, job: Job) -> None:
+        """Bring time and log up to date; the buttons stay, since one that is built anew while it is pressed is lost."""
+        self._title.set_text(f"“{job.title}” {STATES[job.status]} · {job.seconds:.0f} s")
+        rows = self._page.session.jobs.progress(job) if job.status in (RUNNING, CANCELLED) else []
+        if len(rows) == self._reports:
+            return
+        self._reports = len(rows)
+        self._log.clear()
+        with self._log:
             if "share" in rows[-1]:
                 ui.linear_progress(rows[-1]["share"], show_value=False).classes("w-full")
             with ui.element("div").classes("wb-log"):
                 for row in reversed(rows[-MAX_REPORTS:]):
                     ui.label(f"{max(row.get('at', 0.0) - job.began, 0.0):.0f} s: {row['what']}")
+
+    def _build(self, job: Job) -> None:
+        jobs = self._page.session.jobs
+        with ui.row().classes("items-center gap-3"):
+            if job.status == RUNNING:
+                ui.spinner(size="sm")
+            self._title = ui.label().props(f"data-mark=job-{job.status}")
+            if job.status == RUNNING:
+                ui.button("Cancel", on_click=lambda: jobs.cancel(job)).props("no-caps flat dense data-mark=cancel-job")
+            elif job.status == CANCELLED:
+                ui.button("Resume", on_click=self._starts[job.title]).props("no-caps flat dense icon=play_arrow")
+        self._log = ui.column().classes("w-full gap-1")
         if job.status == FAILED:
             ui.label(jobs.output(job)[-MAX_OUTPUT:]).classes("wb-block")
         elif job.status == DONE:
