@@ -115,7 +115,8 @@ def diagnose(
         report(f"once more, beginning with {other.accepted.candidate.name}")
         again = _select_forward(search, calibrated, resolution, test, other)
         again, other_members = take_back(again, resolution, report)
-        if (other_left := _left(again)) < left and _implausible(other_members) <= _implausible(members):
+        other_left = _left(again)
+        if other_left < CLEARLY_LESS * left and _implausible(other_members) <= _implausible(members):
             rounds, members, left = again, other_members, other_left
     shares, free = {}, ()
     if _is_unexplained(rounds, members, left):
