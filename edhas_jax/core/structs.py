@@ -67,7 +67,21 @@ def par(
 def struct(cls):
     """Make `cls` a frozen, keyword-only dataclass that is a JAX pytree with its fields as children."""
     cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
-    jax.tree_util.register_dataclass(cls, [f.name for f in dataclasses.fields(cls)], [])
+    names = tuple(f.name for f in dataclasses.fields(cls))
+    keys = tuple(map(jax.tree_util.GetAttrKey, names))
+
+    def children(node):
+        return tuple(getattr(node, name) for name in names), None
+
+    def children_with_keys(node):
+        return tuple(zip(keys, children(node)[0], strict=True)), None
+
+    def unflatten(_, values):
+        return cls(**dict(zip(names, values, strict=True)))
+
+    # not `register_dataclass`: JAX takes two classes registered so for one structure, and now and then runs the
+    # compiled program of one for the other
+    jax.tree_util.register_pytree_with_keys(cls, children_with_keys, unflatten, children)
     return cls
 
 
