@@ -23,6 +23,7 @@ from studies.hidden_effects.answers import (
     truth_from_json,
 )
 from studies.hidden_effects.drawing import CaseKey
+from studies.hidden_effects.generators.hidden_case import Split
 
 CASE_FILE, NOT_DRAWN_FILE = "case.json", "not_drawn.txt"
 TRAINING_FOLDER = "training"
@@ -79,6 +80,12 @@ class ResultFolder:
                 answers = {m: answer_from_json(read_json(path)) for m, path in found.items()}
                 out.append(Record(truth_from_json(read_json(folder / CASE_FILE)), answers))
         return out
+
+    def all_records(self, split: Split, methods: Iterable[str]) -> list[Record]:
+        """The finished cases of a split, as far as they have an answer of some methods; variants with lags left out."""
+        found = (self.folder / split.value).glob(f"*/{CASE_FILE}")
+        truths = [truth_from_json(read_json(path)) for path in sorted(found) if not path.parent.name.endswith("_lags")]
+        return self.records([CaseKey(t.family, split, t.number) for t in truths], methods)
 
     def not_drawn(self, keys: Iterable[CaseKey]) -> dict[str, str]:
         """The cases that could not be drawn, with the reason."""

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from studies.hidden_effects import benchmark, methods
+from studies.hidden_effects import benchmark, methods, published
 from studies.hidden_effects.answers import Answer, Truth, Verdict
 from studies.hidden_effects.calibrated_case import CalibratedCase
 from studies.hidden_effects.cases import FIRST_TEST_CASE
@@ -119,3 +119,33 @@ def test_cases_of_a_family_have_folders_of_their_own(tmp_path):
     results, key = ResultFolder(tmp_path), CaseKey("b", Split.JUDGING, 7)
     folders = {results.of(k) for k in (key, dataclasses.replace(key, sensor_lags=True), CaseKey("b", Split.TUNING, 7))}
     assert len(folders) == 3 and results.of(key) == tmp_path / "judging" / "b00007"
+
+
+def test_published_answers_are_kept_with_their_commit_and_never_replaced(asked, tmp_path, capsys):
+    """What was added later joins what is there, and a folder written from the file needs no answer again."""
+    numbers, kept = ["--first", str(FIRST_TEST_CASE)], ["--file", str(tmp_path / "kept.jsonl")]
+    run(tmp_path / "one", *numbers, "--cases", "2", "--methods", "ours")
+    assert published.main([*kept, "--add", str(tmp_path / "one"), "--commit", "abc1234"]) == 0
+    run(tmp_path / "two", *numbers, "--cases", "3", "--methods", "ours,correlation")
+    assert published.main([*kept, "--add", str(tmp_path / "two"), "--commit", "def5678"]) == 0
+    rows = [json.loads(line) for line in (tmp_path / "kept.jsonl").read_text().splitlines()]
+    assert [row["commits"]["ours"] for row in rows] == ["abc1234", "abc1234", "def5678"]
+    assert {row["commits"]["correlation"] for row in rows} == {"def5678"}
+    capsys.readouterr()
+    assert published.main([*kept, "--to", str(tmp_path / "three"), "--out", str(tmp_path / "figures")]) == 0
+    printed = capsys.readouterr().out
+    assert "answers of abc1234, def5678" in printed and (tmp_path / "figures" / "rates.png").exists()
+    asked.clear()
+    run(tmp_path / "three", *numbers, "--cases", "4", "--methods", "ours,correlation")
+    assert [number for _, number, _ in asked] == [FIRST_TEST_CASE + 3] * 2
+    assert printed.strip().splitlines()[-1].startswith("ours_top1=")
+
+
+def test_published_answers_need_a_commit_and_a_folder(tmp_path, capsys):
+    kept = ["--file", str(tmp_path / "kept.jsonl")]
+    for arguments, said in ((["--add", str(tmp_path)], "--commit"),
+                            (["--add", str(tmp_path), "--commit", "abc"], "no folder of results")):  # fmt: skip
+        with pytest.raises(SystemExit):
+            published.main([*kept, *arguments])
+        assert said in capsys.readouterr().err
+    assert published.main(kept) == 1 and "no kept answers" in capsys.readouterr().out

@@ -1,0 +1,148 @@
+"""The answers behind the published figures, kept in one file, and the tables that follow from them.
+
+    python -m studies.hidden_effects.published [--file FILE] [--add DIR --commit NAME] [--to DIR] [--out DIR]
+
+Without options it prints the report of the kept answers, as the benchmark itself does, in seconds. `--add` keeps the
+finished cases of a result folder too, with the name of the commit that computed them; what is kept already stays.
+`--to` writes the kept answers as a result folder, in which the benchmark continues with more cases or other methods.
+
+The last line: `ours_top1=… ours_in_set=… ours_set_size=… …`, the same for each method.
+"""
+
+import argparse
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from edhas_jax.core.atomic_file import atomic_write
+from studies.hidden_effects.answers import (
+    Answer,
+    answer_as_json,
+    answer_from_json,
+    truth_as_json,
+    truth_from_json,
+)
+from studies.hidden_effects.drawing import CaseKey
+from studies.hidden_effects.figures import save_figures
+from studies.hidden_effects.generators.hidden_case import Split
+from studies.hidden_effects.methods import Method
+from studies.hidden_effects.report import last_line, report
+from studies.hidden_effects.store import Record, ResultFolder
+
+FILE = Path(__file__).with_name("published.jsonl")
+DIGITS = 5  # of a kept number
+RANKED = 5  # names that are kept of a ranking
+
+
+@dataclasses.dataclass(frozen=True)
+class KeptCase:
+    """A case with its answers, and by method the commit that answered."""
+
+    record: Record
+    commits: dict[str, str]
+
+    @property
+    def key(self) -> CaseKey:
+        """What determines the case."""
+        truth = self.record.truth
+        return CaseKey(truth.family, Split(truth.split), truth.number)
+
+
+def read_kept(file: Path = FILE) -> dict[CaseKey, KeptCase]:
+    """The kept cases by key; none where there is no file."""
+    if not file.exists():
+        return {}
+    cases = [_case(json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
+    return {case.key: case for case in cases}
+
+
+def write_kept(kept: Mapping[CaseKey, KeptCase], file: Path = FILE) -> None:
+    """Write cases to a file, one in a line, ordered by family and number."""
+    rows = (json.dumps(_plain(kept[key]), separators=(",", ":")) for key in sorted(kept, key=str))
+    with atomic_write(file) as temporary:
+        temporary.write_text("".join(row + "\n" for row in rows), encoding="utf-8")
+
+
+def added(kept: Mapping[CaseKey, KeptCase], records: Iterable[Record], commit: str) -> dict[CaseKey, KeptCase]:
+    """The kept cases and those of some records; an answer that is kept is never replaced."""
+    out = dict(kept)
+    for record in records:
+        case = KeptCase(record, dict.fromkeys(record.answers, commit))
+        known = out.get(case.key)
+        if known is not None:
+            answers = record.answers | known.record.answers
+            case = KeptCase(Record(known.record.truth, answers), case.commits | known.commits)
+        if case.record.answers:
+            out[case.key] = case
+    return out
+
+
+def write_folder(kept: Mapping[CaseKey, KeptCase], results: ResultFolder) -> None:
+    """Write kept cases as a result folder."""
+    for key, case in kept.items():
+        results.store_truth(key, case.record.truth)
+        for method, answer in case.record.answers.items():
+            results.store_answer(key, method, answer)
+
+
+def _plain(case: KeptCase) -> dict[str, Any]:
+    answers = {method: answer_as_json(_short(answer)) for method, answer in case.record.answers.items()}
+    return {"truth": _rounded(truth_as_json(case.record.truth)), "answers": _rounded(answers), "commits": case.commits}
+
+
+def _short(answer: Answer) -> Answer:
+    """An answer without what no figure is made of."""
+    return dataclasses.replace(answer, ranked=answer.ranked[:RANKED], details=(), evidence={})
+
+
+def _case(plain: dict[str, Any]) -> KeptCase:
+    answers = {method: answer_from_json(answer) for method, answer in plain["answers"].items()}
+    return KeptCase(Record(truth_from_json(plain["truth"]), answers), plain["commits"])
+
+
+def _rounded(value: Any) -> Any:
+    """Plain data with its numbers rounded to `DIGITS` digits."""
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, dict):
+        return {n: _rounded(v) for n, v in value.items()}
+    return list(map(_rounded, value)) if isinstance(value, list) else value
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Keep answers and print the tables; the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--file", type=Path, default=FILE, help="the file of kept answers")
+    parser.add_argument("--add", type=Path, metavar="DIR", help="keep the judging cases of this result folder too")
+    parser.add_argument("--commit", default="", help="with --add: the commit that computed them")
+    parser.add_argument("--to", type=Path, metavar="DIR", help="write the kept answers as a result folder")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write the figures to this folder")
+    options = parser.parse_args(arguments)
+    kept = read_kept(options.file)
+    if options.add is not None:
+        if not options.commit:
+            parser.error("--add needs --commit: which commit computed the answers")
+        if not (options.add / Split.JUDGING.value).is_dir():
+            parser.error(f"{options.add}: no folder of results with judging cases")
+        kept = added(kept, ResultFolder(options.add).all_records(Split.JUDGING, [m.value for m in Method]),
+                     options.commit)  # fmt: skip
+        write_kept(kept, options.file)
+    if options.to is not None:
+        write_folder(kept, ResultFolder(options.to))
+    if not kept:
+        print(f"{options.file}: no kept answers")
+        return 1
+    records = [kept[key].record for key in sorted(kept, key=str)]
+    commits = sorted({commit for case in kept.values() for commit in case.commits.values()})
+    print(f"answers of {', '.join(commits)}")
+    print(report(records, {}))
+    if options.out is not None:
+        save_figures(records, options.out)
+    print(last_line(records))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
