@@ -40,3 +40,14 @@ def is_promising(trial: Trial, samples: int) -> bool:
     if not trial.left_out_gain > 0.0 and not law_differs:
         return False
     return strength(trial.own_law_gain, trial.own_law_excess, samples) > PROMISING_RATIO
+
+
+def holds_by_library_law(trial: Trial, samples: int) -> bool:
+    """Whether a promising trial needs no other law than that of the library; otherwise a fit has to find this law.
+
+    What another law would explain is predicted linearly, and a curve may seem to explain by it what it does not fit. A
+    law with memory has no curve that could be fitted.
+    """
+    if getattr(trial.candidate.kind, "memory_of", ""):
+        return True
+    return strength(trial.gain_beyond_laws, trial.remaining_excess, samples) > PROMISING_RATIO

@@ -17,7 +17,7 @@ from edhas_jax.diagnosis.search.backward_pass import take_back
 from edhas_jax.diagnosis.search.calibrated_model import calibrate, misfit
 from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
-from edhas_jax.diagnosis.search.decision_rules import is_promising, remaining
+from edhas_jax.diagnosis.search.decision_rules import holds_by_library_law, is_promising, remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.free_curves import score_free_curves
 from edhas_jax.diagnosis.search.free_law import free_law
@@ -42,6 +42,7 @@ UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects lea
 # a second search begins with a candidate that gains more than a share of the gain of the best, where the first search
 # leaves more than a share of the misfit; it is taken where it leaves less than a share of what the first one leaves
 RUNNER_UP_SHARE, MISFIT_SHARE, CLEARLY_LESS = 0.5, 0.1, 0.5
+CURVES_TRIED = 2  # promising trials that would need another law, for which that law is fitted
 # free terms that are fitted, their least predicted share of the misfit, and the largest number of steps
 FREE_TRIALS, MIN_FREE_SHARE, FREE_STEPS = 2, 0.2, 12
 OWN_FREE_TRIALS, OWN_FREE_STEPS = 4, 60  # the same of a rig of one's own, where curves take the place of a library
@@ -179,11 +180,20 @@ def _finish_round(
         return RoundEnd(Round(baseline, (), (), None), None)
     candidates = search.candidates(baseline.fit.problem)
     found = known or search_round(baseline, mounted, candidates, resolution, search.report, first)
-    if found.accepted is None:
-        return RoundEnd(found, None)
-    settled = settle(found.accepted.evaluated, resolution, search.report)
-    law, model = free_law(settled, (*mounted, found.accepted.candidate), resolution, search.report)
-    return RoundEnd(dataclasses.replace(found, law=law), without_wrong_samples(model, resolution))
+    for trial in _promising(found)[: CURVES_TRIED if known is None else 1]:
+        settled = settle(trial.evaluated, resolution, search.report)
+        law, model = free_law(settled, (*mounted, trial.candidate), resolution, search.report)
+        if law is not None or holds_by_library_law(trial, baseline.samples):
+            model = without_wrong_samples(model, resolution)
+            return RoundEnd(dataclasses.replace(found, accepted=trial, law=law), model)
+    return RoundEnd(dataclasses.replace(found, accepted=None), None)
+
+
+def _promising(found: Round) -> list[Trial]:
+    """The accepted trial of a round, and the promising ones behind it."""
+    first = found.accepted
+    others = [t for t in found.trials if t is not first and is_promising(t, found.baseline.samples)]
+    return [] if first is None else [first, *others]
 
 
 def _left(rounds: Sequence[Round]) -> float:
