@@ -1,0 +1,44 @@
+"""Decision rules of the search, for trials whose gains are given."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.decision_rules import EXCESS_SIGMAS, holds_by_library_law, is_promising, remaining
+from edhas_jax.diagnosis.search.screening import Score
+from edhas_jax.diagnosis.search.trial import Trial
+from edhas_jax.machine.effects import AmplifierLag, CoggingForce
+
+SAMPLES = 20_000
+
+
+def trial(kind, gain: float, left: float, own_law_gain: float, own_law_left: float) -> Trial:
+    """A fitted trial: gain and what is left [nats], by the law of the library and by its own law."""
+    score = Score(Candidate(kind, None), 2.0 * gain, np.zeros(1), np.zeros(0))
+    scatter = EXCESS_SIGMAS * math.sqrt(0.5 * SAMPLES)
+    return dataclasses.replace(
+        Trial.failed(score), evaluated=object(), left_out_gain=gain, gain_beyond_laws=gain,
+        remaining_excess=left + scatter, own_law_gain=own_law_gain, own_law_excess=own_law_left + scatter,
+    )  # fmt: skip
+
+
+def test_what_is_left_counts_beyond_the_scatter_of_noise():
+    assert remaining(EXCESS_SIGMAS * math.sqrt(0.5 * SAMPLES), SAMPLES) == 0.0
+    assert remaining(1000.0, SAMPLES) == 1000.0 - EXCESS_SIGMAS * 100.0
+
+
+def test_a_candidate_is_promising_by_another_law_too():
+    """Seven thousand nats by another law are promising where the library's law explains nineteen."""
+    found = trial(CoggingForce, 19.0, 7000.0, 7158.0, 10.0)
+    assert is_promising(found, SAMPLES)
+    assert not is_promising(
+        dataclasses.replace(found, own_law_gain=19.0, own_law_excess=found.remaining_excess), SAMPLES
+    )
+
+
+def test_only_a_law_without_memory_has_to_be_found_by_a_fit():
+    assert not holds_by_library_law(trial(CoggingForce, 19.0, 7000.0, 7158.0, 10.0), SAMPLES)
+    assert holds_by_library_law(trial(CoggingForce, 5000.0, 7000.0, 7158.0, 10.0), SAMPLES)
+    assert holds_by_library_law(trial(AmplifierLag, 19.0, 7000.0, 7158.0, 10.0), SAMPLES)
