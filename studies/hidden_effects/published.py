@@ -1,10 +1,12 @@
 """The answers behind the published figures, kept in one file, and the tables that follow from them.
 
-    python -m studies.hidden_effects.published [--file FILE] [--add DIR --commit NAME] [--to DIR] [--out DIR]
+    python -m studies.hidden_effects.published [--split judging|tuning] [--file FILE] [--add DIR --commit NAME]
+                                               [--to DIR] [--out DIR]
 
-Without options it prints the report of the kept answers, as the benchmark itself does, in seconds. `--add` keeps the
-finished cases of a result folder too, with the name of the commit that computed them; what is kept already stays.
-`--to` writes the kept answers as a result folder, in which the benchmark continues with more cases or other methods.
+Without options it prints the report of the kept answers to judging cases, as the benchmark itself does, in seconds.
+`--add` keeps the finished cases of a result folder too, with the name of the commit that computed them; what is kept
+already stays. `--to` writes the kept answers as a result folder, in which the benchmark continues with more cases or
+other methods. The answers to tuning cases are those that the constants of the probabilities were found with.
 
 The last line: `ours_top1=… ours_in_set=… ours_set_size=… …`, the same for each method.
 """
@@ -31,7 +33,6 @@ from studies.hidden_effects.methods import Method
 from studies.hidden_effects.report import last_line, report
 from studies.hidden_effects.store import Record, ResultFolder
 
-FILE = Path(__file__).with_name("published.jsonl")
 DIGITS = 5  # of a kept number
 RANKED = 5  # names that are kept of a ranking
 
@@ -50,7 +51,12 @@ class KeptCase:
         return CaseKey(truth.family, Split(truth.split), truth.number)
 
 
-def read_kept(file: Path = FILE) -> dict[CaseKey, KeptCase]:
+def file_of(split: Split) -> Path:
+    """The file of the project that keeps the answers to the cases of a split."""
+    return Path(__file__).with_name(f"published_{split.value}.jsonl")
+
+
+def read_kept(file: Path) -> dict[CaseKey, KeptCase]:
     """The kept cases by key; none where there is no file."""
     if not file.exists():
         return {}
@@ -58,7 +64,7 @@ def read_kept(file: Path = FILE) -> dict[CaseKey, KeptCase]:
     return {case.key: case for case in cases}
 
 
-def write_kept(kept: Mapping[CaseKey, KeptCase], file: Path = FILE) -> None:
+def write_kept(kept: Mapping[CaseKey, KeptCase], file: Path) -> None:
     """Write cases to a file, one in a line, ordered by family and number."""
     rows = (json.dumps(_plain(kept[key]), separators=(",", ":")) for key in sorted(kept, key=str))
     with atomic_write(file) as temporary:
@@ -94,7 +100,7 @@ def _plain(case: KeptCase) -> dict[str, Any]:
 
 def _short(answer: Answer) -> Answer:
     """An answer without what no figure is made of."""
-    return dataclasses.replace(answer, ranked=answer.ranked[:RANKED], details=(), evidence={})
+    return dataclasses.replace(answer, ranked=answer.ranked[:RANKED], details=())
 
 
 def _case(plain: dict[str, Any]) -> KeptCase:
@@ -114,25 +120,27 @@ def _rounded(value: Any) -> Any:
 def main(arguments: list[str] | None = None) -> int:
     """Keep answers and print the tables; the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--file", type=Path, default=FILE, help="the file of kept answers")
-    parser.add_argument("--add", type=Path, metavar="DIR", help="keep the judging cases of this result folder too")
+    parser.add_argument("--split", type=Split, choices=list(Split), default=Split.JUDGING, metavar="judging|tuning",
+                        help="which cases (default judging)")  # fmt: skip
+    parser.add_argument("--file", type=Path, help="the file of kept answers, that of the project by default")
+    parser.add_argument("--add", type=Path, metavar="DIR", help="keep the cases of this result folder too")
     parser.add_argument("--commit", default="", help="with --add: the commit that computed them")
     parser.add_argument("--to", type=Path, metavar="DIR", help="write the kept answers as a result folder")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write the figures to this folder")
     options = parser.parse_args(arguments)
-    kept = read_kept(options.file)
+    file, split = options.file or file_of(options.split), options.split
+    kept = read_kept(file)
     if options.add is not None:
         if not options.commit:
             parser.error("--add needs --commit: which commit computed the answers")
-        if not (options.add / Split.JUDGING.value).is_dir():
-            parser.error(f"{options.add}: no folder of results with judging cases")
-        kept = added(kept, ResultFolder(options.add).all_records(Split.JUDGING, [m.value for m in Method]),
-                     options.commit)  # fmt: skip
-        write_kept(kept, options.file)
+        if not (options.add / split.value).is_dir():
+            parser.error(f"{options.add}: no folder of results with {split.value} cases")
+        kept = added(kept, ResultFolder(options.add).all_records(split, [m.value for m in Method]), options.commit)
+        write_kept(kept, file)
     if options.to is not None:
         write_folder(kept, ResultFolder(options.to))
     if not kept:
-        print(f"{options.file}: no kept answers")
+        print(f"{file}: no kept answers")
         return 1
     records = [kept[key].record for key in sorted(kept, key=str)]
     commits = sorted({commit for case in kept.values() for commit in case.commits.values()})
