@@ -91,4 +91,7 @@ def _trace(campaign: Campaign, machine: Rig, acting: _Acting, steps: int) -> np.
 
 
 def _relative(estimate: np.ndarray, true: np.ndarray) -> float:
+    """Rms of the difference over the rms of what really acts; NaN where that is nothing on the fitted runs."""
+    if not np.any(true):
+        return float("nan")
     return float(np.sqrt(np.mean(np.square(estimate - true)) / np.mean(np.square(true))))
