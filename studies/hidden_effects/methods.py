@@ -8,16 +8,16 @@ from pathlib import Path
 
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from studies.hidden_effects.answers import Answer
-from studies.hidden_effects.best_subset import best_subset
-from studies.hidden_effects.bic_refits import forward_bic
 from studies.hidden_effects.calibrated_case import CalibratedCase
-from studies.hidden_effects.classifier import NotTrained, read_training, trained
-from studies.hidden_effects.correlation import correlation
 from studies.hidden_effects.drawing import DrawnCase
-from studies.hidden_effects.features import features_of
 from studies.hidden_effects.law_errors import law_errors
 from studies.hidden_effects.our_answer import answer_of
-from studies.hidden_effects.sparse_regression import sparse_discrepancy
+from studies.hidden_effects.rivals.best_subset import best_subset
+from studies.hidden_effects.rivals.bic_refits import forward_bic
+from studies.hidden_effects.rivals.classifier import NotTrained, read_training, trained
+from studies.hidden_effects.rivals.correlation import correlation
+from studies.hidden_effects.rivals.features import features_of
+from studies.hidden_effects.rivals.sparse_regression import sparse_discrepancy
 
 
 class Method(enum.Enum):

@@ -18,10 +18,10 @@ import numpy as np
 from edhas_jax.core.atomic_file import atomic_write
 from studies.hidden_effects.answers import truth_as_json
 from studies.hidden_effects.calibrated_case import CalibratedCase
-from studies.hidden_effects.classifier import Classifier, NotTrained, read_training
 from studies.hidden_effects.drawing import FAMILIES, CaseKey, draw
-from studies.hidden_effects.features import features_of
 from studies.hidden_effects.generators.hidden_case import Split
+from studies.hidden_effects.rivals.classifier import Classifier, NotTrained, read_training
+from studies.hidden_effects.rivals.features import features_of
 from studies.hidden_effects.store import ResultFolder
 from studies.hidden_effects.work import run_all
 

@@ -9,15 +9,15 @@ from scipy.optimize import nnls
 
 from edhas_jax.measurements.campaign import BenchRun, Use
 from studies.hidden_effects.answers import NOTHING, UNKNOWN, HiddenEffect, Law, Truth, Verdict
-from studies.hidden_effects.best_subset import best_subset
-from studies.hidden_effects.bic_refits import schwarz_weights
-from studies.hidden_effects.classifier import Classifier, NotTrained, TrainingCase, read_training
-from studies.hidden_effects.correlation import correlation
-from studies.hidden_effects.features import SUSPECT_FEATURES, Features, features_of
-from studies.hidden_effects.grams import grams_of
 from studies.hidden_effects.naming import answer_of_names, credible_set, unknown_where_unexplained
+from studies.hidden_effects.rivals.best_subset import best_subset
+from studies.hidden_effects.rivals.bic_refits import schwarz_weights
+from studies.hidden_effects.rivals.classifier import Classifier, NotTrained, TrainingCase, read_training
+from studies.hidden_effects.rivals.correlation import correlation
+from studies.hidden_effects.rivals.features import SUSPECT_FEATURES, Features, features_of
+from studies.hidden_effects.rivals.grams import grams_of
+from studies.hidden_effects.rivals.weak_rates import _windows
 from studies.hidden_effects.signatures import Signatures, SignatureTable
-from studies.hidden_effects.weak_rates import _windows
 from studies.hidden_effects.whitening import whitened
 
 NAMES = ("eddy_drag", "backlash", "supply_sag", "seal_friction", "hose_compliance", "sensor_gain on current")
@@ -141,7 +141,7 @@ def test_weak_form_needs_no_derivative():
 
 def test_sparse_regression_finds_terms_that_hold_in_all_runs():
     pytest.importorskip("pysindy")
-    from studies.hidden_effects.sparse_regression import Regression, chosen_threshold, ensemble
+    from studies.hidden_effects.rivals.sparse_regression import Regression, chosen_threshold, ensemble
 
     rng = np.random.default_rng(2)
     terms, run = rng.standard_normal((900, 8)), np.repeat(np.arange(6), 150)

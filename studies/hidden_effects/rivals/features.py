@@ -11,7 +11,7 @@ import numpy as np
 
 from edhas_jax.machine.effects import LIBRARY
 from studies.hidden_effects.answers import SENSOR_PLACE, places_of
-from studies.hidden_effects.grams import Grams, grams_of
+from studies.hidden_effects.rivals.grams import Grams, grams_of
 from studies.hidden_effects.signatures import SignatureTable
 
 BANDS = (0.0, 20.0, 60.0, 200.0, 600.0, math.inf)  # Hz, of the spectra

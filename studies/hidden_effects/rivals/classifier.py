@@ -26,8 +26,8 @@ from studies.hidden_effects.answers import (
     same_as_any,
     truth_from_json,
 )
-from studies.hidden_effects.features import KINDS, SUSPECT_FEATURES, Features
 from studies.hidden_effects.naming import MAX_NAMES, MAX_RANKED, credible_set
+from studies.hidden_effects.rivals.features import KINDS, SUSPECT_FEATURES, Features
 
 FOLDS = 5
 MIN_SECOND_SCORE = 0.5  # of a further suspect that is named beside the first

@@ -12,8 +12,8 @@ import math
 import numpy as np
 
 from studies.hidden_effects.answers import Answer
-from studies.hidden_effects.grams import Grams, LinearFit, grams_of
 from studies.hidden_effects.naming import MAX_NAMES, MAX_RANKED, answer_of_names, unknown_where_unexplained
+from studies.hidden_effects.rivals.grams import Grams, LinearFit, grams_of
 from studies.hidden_effects.signatures import SignatureTable
 
 POINTS = 3  # points of the grid of a suspect with the largest falls of χ², whose weighted sum may act

@@ -27,7 +27,7 @@ from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 from studies.hidden_effects.answers import Answer
 from studies.hidden_effects.naming import MAX_NAMES, MAX_RANKED, answer_of_names
-from studies.hidden_effects.weak_rates import WeakRates
+from studies.hidden_effects.rivals.weak_rates import WeakRates
 
 THRESHOLDS = (0.8, 0.5, 0.3, 0.2, 0.1, 0.05)  # of STLSQ, as shares of the discrepancy; the sparsest first
 RIDGE = 1e-2  # regularisation as a share of the squared norm of a term, because many terms are nearly parallel
