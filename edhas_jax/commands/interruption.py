@@ -8,15 +8,15 @@ import threading
 from collections.abc import Iterator
 
 STATUS_INTERRUPTED = 130  # exit status of a command that its user has interrupted
-RESEND_AFTER = 0.05  # s
+RESEND_AFTER = 0.05  # s, until a signal whose exception was lost is sent again
 
 
 @contextlib.contextmanager
 def terminate_as_interrupt() -> Iterator[None]:
     """Within the block SIGTERM raises KeyboardInterrupt, as Ctrl-C does, so that a command can keep what is finished.
 
-    An interruption that strikes where Python lets nothing be raised (in a destructor, a callback of the garbage
-    collector or of a library in C) would be printed and forgotten; it is sent once more.
+    Where Python cannot raise an exception (in a destructor, or in a callback of the garbage collector or of a C
+    library), it prints the KeyboardInterrupt and goes on; the signal is then sent again.
 
     Does nothing outside the main thread, where no signal can be handled.
     """

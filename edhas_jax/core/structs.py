@@ -79,8 +79,8 @@ def struct(cls):
     def unflatten(_, values):
         return cls(**dict(zip(names, values, strict=True)))
 
-    # not `register_dataclass`: JAX takes two classes registered so for one structure, and now and then runs the
-    # compiled program of one for the other
+    # not `register_dataclass`: for JAX the structures of two such classes with as many fields are equal, so that it now
+    # and then runs the program that was compiled for the other class
     jax.tree_util.register_pytree_with_keys(cls, children_with_keys, unflatten, children)
     return cls
 

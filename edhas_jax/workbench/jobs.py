@@ -72,8 +72,7 @@ class JobList:
         jobs = []
         for path in self._folder().glob("*.json"):
             try:
-                data = json.loads(path.read_text(encoding="utf-8"))
-                job = Job(**data | {"arguments": tuple(data["arguments"])})
+                job = _load(path)
             except (OSError, ValueError, TypeError, KeyError):
                 continue
             if job.status == RUNNING and _is_gone(job):
@@ -110,11 +109,11 @@ class JobList:
         return job
 
     def cancel(self, job: Job) -> None:
-        """Interrupt a job as Ctrl-C does, as far as it has come by now; what is finished is kept."""
+        """Interrupt a job as Ctrl-C does; what is finished is kept. The job may have changed since it was looked up."""
         job = next((now for now in self.all() if now.number == job.number), job)
         if job.status != RUNNING:
             return
-        if not job.pid:  # its process has not begun, and will find this
+        if not job.pid:  # its process has not begun yet, and will end when it reads this
             _save(dataclasses.replace(job, status=CANCELLED, ended=time.time()), self._folder() / f"{job.number}.json")
         elif process_start(job.pid) == job.started:
             os.kill(job.pid, signal.SIGTERM)
@@ -166,6 +165,11 @@ def _is_gone(job: Job) -> bool:
     return process_start(job.pid) != job.started
 
 
+def _load(path: Path) -> Job:
+    data = json.loads(path.read_text(encoding="utf-8"))
+    return Job(**data | {"arguments": tuple(data["arguments"])})
+
+
 def _save(job: Job, path: Path) -> None:
     with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(dataclasses.asdict(job), indent=1), encoding="utf-8")
@@ -173,8 +177,7 @@ def _save(job: Job, path: Path) -> None:
 
 def watch(path: Path) -> None:
     """Run the command of a job, hand on an interruption, and write how it ended into its record."""
-    data = json.loads(path.read_text(encoding="utf-8"))
-    job = Job(**data | {"arguments": tuple(data["arguments"])})
+    job = _load(path)
     if job.status != RUNNING:
         return
     job = dataclasses.replace(job, pid=os.getpid(), started=process_start(os.getpid()))

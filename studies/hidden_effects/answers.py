@@ -109,8 +109,8 @@ class LawEstimate(NamedTuple):
     """How near the estimated law of a rightly named effect is to the true one.
 
     Args:
-        library_error: rms of the difference from what really acts, over the rms of that, of the library's law.
-        final_error: the same of the law in the final model.
+        library_error: rms error of what the library's law contributes, over the rms of the true contribution.
+        final_error: the same for the law in the final model.
         has_curve: whether the final model has a curve beside the library's law.
         calibrated: residual over noise on the held-out runs without the effect,
         with_library: with the library's law, as it was accepted,

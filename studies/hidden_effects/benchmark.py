@@ -12,7 +12,7 @@ Each answer is stored in DIR when it is there and not computed again, so that th
 was stopped, and another method can be added later. An answer that ended in an error counts as wrong. The classifier
 needs training cases in DIR, which `python -m studies.hidden_effects.training` makes.
 
-The last line: `ours_top1=… ours_in_set=… ours_set_size=… …`, the same for each method.
+The last line has the main figures of each method as `key=value`: `ours_top1=… ours_in_set=… … bic_top1=… …`.
 """
 
 import argparse
@@ -85,7 +85,7 @@ def study(keys: Iterable[CaseKey], methods: tuple[Method, ...], workers: int, re
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the study from the command line; the exit status."""
+    """Run the study from the command line and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=[LIBRARY_FAMILY], metavar="LETTER",
                         help="; ".join(f"{letter}: {family.value}" for letter, family in FAMILIES.items()))  # fmt: skip

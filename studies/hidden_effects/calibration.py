@@ -142,7 +142,7 @@ def answered_with(case: Case, constants: Constants) -> Answered:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Find the constants from the command line; the exit status."""
+    """Find the constants from the command line and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"))
     parser.add_argument("--families", nargs="+", default=[], help="families of the cases; all by default")

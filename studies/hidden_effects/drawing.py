@@ -15,6 +15,7 @@ from studies.hidden_effects.generators.drawing import draw_case
 from studies.hidden_effects.generators.hidden_case import Family, Hidden, HiddenCase, Split
 
 LIBRARY_FAMILY = "a"
+LAGS_SUFFIX = "_lags"  # of the name of a case in which every sensor has a small lag
 FAMILIES = dict(zip("abcdefgh", Family, strict=True))
 
 
@@ -28,7 +29,7 @@ class CaseKey:
     sensor_lags: bool = False
 
     def __str__(self):
-        return f"{self.family}{self.number:05d}{'_lags' if self.sensor_lags else ''}"
+        return f"{self.family}{self.number:05d}{LAGS_SUFFIX if self.sensor_lags else ''}"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,9 +1,10 @@
 """How near an estimated law is to the law that really acts, for the effects that a diagnosis names rightly.
 
 What acts at the slot of the effect is recorded along the fitted runs, of the true machine and of the diagnosed one. The
-error of a law is the rms of the difference over the rms of what really acts. Two estimates are compared: the law of the
-library as it was accepted, and the final one, with the curve that is added to it where the law differs. A part of a law
-that the uncertain parameters can take over, as viscous damping can of a friction, is an error too.
+error of a law is the rms error of what it contributes over the rms of the true contribution. Two estimates are
+compared: the law of the library as it was accepted, and the final one, with the curve that is added to it where the law
+differs. A part of a law that the uncertain parameters can take over, as viscous damping can of a friction, is an error
+too.
 """
 
 from typing import Any, NamedTuple
@@ -91,7 +92,7 @@ def _trace(campaign: Campaign, machine: Rig, acting: _Acting, steps: int) -> np.
 
 
 def _relative(estimate: np.ndarray, true: np.ndarray) -> float:
-    """Rms of the difference over the rms of what really acts; NaN where that is nothing on the fitted runs."""
+    """Rms error of an estimated contribution over the rms of the true one; NaN if that is zero in all fitted runs."""
     if not np.any(true):
         return float("nan")
     return float(np.sqrt(np.mean(np.square(estimate - true)) / np.mean(np.square(true))))

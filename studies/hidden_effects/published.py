@@ -1,14 +1,14 @@
-"""The answers behind the published figures, kept in one file, and the tables that follow from them.
+"""Answers of the benchmark that are kept in a file of the project, and the tables that follow from them.
 
     python -m studies.hidden_effects.published [--split judging|tuning] [--file FILE] [--add DIR --commit NAME]
                                                [--to DIR] [--out DIR]
 
-Without options it prints the report of the kept answers to judging cases, as the benchmark itself does, in seconds.
-`--add` keeps the finished cases of a result folder too, with the name of the commit that computed them; what is kept
-already stays. `--to` writes the kept answers as a result folder, in which the benchmark continues with more cases or
-other methods. The answers to tuning cases are those that the constants of the probabilities were found with.
+Prints the report of the benchmark for the kept answers, without running any case: those to judging cases, or with
+`--split tuning` those to tuning cases. `--add` copies the finished cases of a result folder into the file, and notes
+the commit of the code that computed them; an answer that is in the file already is not replaced. `--to` writes the file
+as a result folder, in which the benchmark can go on with more cases or other methods.
 
-The last line: `ours_top1=… ours_in_set=… ours_set_size=… …`, the same for each method.
+The last line has the main figures of each method as `key=value`: `ours_top1=… ours_in_set=… … bic_top1=… …`.
 """
 
 import argparse
@@ -33,13 +33,13 @@ from studies.hidden_effects.methods import Method
 from studies.hidden_effects.report import last_line, report
 from studies.hidden_effects.store import Record, ResultFolder
 
-DIGITS = 5  # of a kept number
-RANKED = 5  # names that are kept of a ranking
+DIGITS = 5  # significant digits of a number in the file
+RANKED = 5  # names in the file of the most probable ones
 
 
 @dataclasses.dataclass(frozen=True)
 class KeptCase:
-    """A case with its answers, and by method the commit that answered."""
+    """A case with the answers to it, and for each method the commit of the code that computed its answer."""
 
     record: Record
     commits: dict[str, str]
@@ -57,7 +57,7 @@ def file_of(split: Split) -> Path:
 
 
 def read_kept(file: Path) -> dict[CaseKey, KeptCase]:
-    """The kept cases by key; none where there is no file."""
+    """The cases in a file by their keys; none if the file does not exist."""
     if not file.exists():
         return {}
     cases = [_case(json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
@@ -65,14 +65,14 @@ def read_kept(file: Path) -> dict[CaseKey, KeptCase]:
 
 
 def write_kept(kept: Mapping[CaseKey, KeptCase], file: Path) -> None:
-    """Write cases to a file, one in a line, ordered by family and number."""
+    """Write cases to a file, one per line, ordered by family and number."""
     rows = (json.dumps(_plain(kept[key]), separators=(",", ":")) for key in sorted(kept, key=str))
     with atomic_write(file) as temporary:
         temporary.write_text("".join(row + "\n" for row in rows), encoding="utf-8")
 
 
 def added(kept: Mapping[CaseKey, KeptCase], records: Iterable[Record], commit: str) -> dict[CaseKey, KeptCase]:
-    """The kept cases and those of some records; an answer that is kept is never replaced."""
+    """The kept cases together with some records; an answer that is kept already is not replaced."""
     out = dict(kept)
     for record in records:
         case = KeptCase(record, dict.fromkeys(record.answers, commit))
@@ -99,7 +99,7 @@ def _plain(case: KeptCase) -> dict[str, Any]:
 
 
 def _short(answer: Answer) -> Answer:
-    """An answer without what no figure is made of."""
+    """An answer without the parts that neither a table nor a figure needs."""
     return dataclasses.replace(answer, ranked=answer.ranked[:RANKED], details=())
 
 
@@ -109,7 +109,7 @@ def _case(plain: dict[str, Any]) -> KeptCase:
 
 
 def _rounded(value: Any) -> Any:
-    """Plain data with its numbers rounded to `DIGITS` digits."""
+    """Dictionaries and lists in which every number is rounded to `DIGITS` significant digits."""
     if isinstance(value, float):
         return float(f"{value:.{DIGITS}g}")
     if isinstance(value, dict):
@@ -118,13 +118,13 @@ def _rounded(value: Any) -> Any:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Keep answers and print the tables; the exit status."""
+    """Add answers to the file and print their tables, from the command line; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--split", type=Split, choices=list(Split), default=Split.JUDGING, metavar="judging|tuning",
                         help="which cases (default judging)")  # fmt: skip
-    parser.add_argument("--file", type=Path, help="the file of kept answers, that of the project by default")
-    parser.add_argument("--add", type=Path, metavar="DIR", help="keep the cases of this result folder too")
-    parser.add_argument("--commit", default="", help="with --add: the commit that computed them")
+    parser.add_argument("--file", type=Path, help="file of kept answers (default: that of the project)")
+    parser.add_argument("--add", type=Path, metavar="DIR", help="add the cases of this result folder to the file")
+    parser.add_argument("--commit", default="", help="with --add: commit of the code that computed them")
     parser.add_argument("--to", type=Path, metavar="DIR", help="write the kept answers as a result folder")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write the figures to this folder")
     options = parser.parse_args(arguments)

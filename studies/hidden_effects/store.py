@@ -22,7 +22,7 @@ from studies.hidden_effects.answers import (
     truth_as_json,
     truth_from_json,
 )
-from studies.hidden_effects.drawing import CaseKey
+from studies.hidden_effects.drawing import LAGS_SUFFIX, CaseKey
 from studies.hidden_effects.generators.hidden_case import Split
 
 CASE_FILE, NOT_DRAWN_FILE = "case.json", "not_drawn.txt"
@@ -72,20 +72,13 @@ class ResultFolder:
 
     def records(self, keys: Iterable[CaseKey], methods: Iterable[str]) -> list[Record]:
         """The finished cases with the answers of some methods to them."""
-        methods, out = tuple(methods), []
-        for key in keys:
-            folder = self.of(key)
-            if (folder / CASE_FILE).exists():
-                found = {m: folder / f"{m}.json" for m in methods if (folder / f"{m}.json").exists()}
-                answers = {m: answer_from_json(read_json(path)) for m, path in found.items()}
-                out.append(Record(truth_from_json(read_json(folder / CASE_FILE)), answers))
-        return out
+        methods = tuple(methods)
+        return [_record(self.of(key), methods) for key in keys if (self.of(key) / CASE_FILE).exists()]
 
     def all_records(self, split: Split, methods: Iterable[str]) -> list[Record]:
-        """The finished cases of a split, as far as they have an answer of some methods; variants with lags left out."""
-        found = (self.folder / split.value).glob(f"*/{CASE_FILE}")
-        truths = [truth_from_json(read_json(path)) for path in sorted(found) if not path.parent.name.endswith("_lags")]
-        return self.records([CaseKey(t.family, split, t.number) for t in truths], methods)
+        """All finished cases of a split with the answers of some methods, without the cases with sensor lags."""
+        methods, paths = tuple(methods), sorted((self.folder / split.value).glob(f"*/{CASE_FILE}"))
+        return [_record(path.parent, methods) for path in paths if not path.parent.name.endswith(LAGS_SUFFIX)]
 
     def not_drawn(self, keys: Iterable[CaseKey]) -> dict[str, str]:
         """The cases that could not be drawn, with the reason."""
@@ -96,6 +89,13 @@ class ResultFolder:
 def read_json(path: Path) -> dict[str, Any]:
     """The plain data of a file."""
     return json.loads(path.read_text(encoding="utf-8"))
+
+
+def _record(folder: Path, methods: tuple[str, ...]) -> Record:
+    """The case in a folder with the answers of some methods, as far as they are there."""
+    found = {m: folder / f"{m}.json" for m in methods if (folder / f"{m}.json").exists()}
+    answers = {m: answer_from_json(read_json(path)) for m, path in found.items()}
+    return Record(truth_from_json(read_json(folder / CASE_FILE)), answers)
 
 
 def _write(path: Path, plain: dict[str, Any]) -> None:

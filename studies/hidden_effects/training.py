@@ -50,7 +50,7 @@ def make_features(job: TrainingJob) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Make the table from the command line; the exit status."""
+    """Make the table from the command line and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES), metavar="LETTER",
                         help="families of the cases; all by default")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Interruption: SIGTERM as Ctrl-C, also where nothing can be raised."""
+"""Interruption: SIGTERM acts as Ctrl-C does, also where Python cannot raise an exception."""
 
 import signal
 import time
@@ -9,7 +9,7 @@ from edhas_jax.commands.interruption import terminate_as_interrupt
 
 
 class InterruptedDestructor:
-    """Is interrupted where Python only prints what is raised."""
+    """Is interrupted in its destructor, where Python prints an exception and goes on."""
 
     def __del__(self):
         signal.raise_signal(signal.SIGTERM)

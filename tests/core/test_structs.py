@@ -1,4 +1,4 @@
-"""Structs as pytrees: what JAX needs to tell one from another, and to take them apart."""
+"""Structs as pytrees of JAX: different classes have different structures, and leaves are restored to the same class."""
 
 from itertools import combinations
 
@@ -26,7 +26,7 @@ class Damping:
 
 
 def test_structs_of_two_classes_have_two_structures():
-    """Compiled programs are found by the structure: equal ones would let one class run the program of the other."""
+    """JAX looks up compiled programs by structure: if two were equal, one class could run the program of the other."""
     for one, other in combinations((Stiffness, Damping, *SENSOR_MODELS), 2):
         structures = jax.tree.structure(one()), jax.tree.structure(other())
         assert structures[0] != structures[1] and structures[0] != jax.tree.structure((other(),))

@@ -1,4 +1,4 @@
-"""Decision rules of the search, for trials whose gains are given."""
+"""Decision rules of the search, on trials with given gains."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ SAMPLES = 20_000
 
 
 def trial(kind, gain: float, left: float, own_law_gain: float, own_law_left: float) -> Trial:
-    """A fitted trial: gain and what is left [nats], by the law of the library and by its own law."""
+    """A trial with its gain and its remaining misfit [nats], with the law of the library and with another law."""
     score = Score(Candidate(kind, None), 2.0 * gain, np.zeros(1), np.zeros(0))
     scatter = EXCESS_SIGMAS * math.sqrt(0.5 * SAMPLES)
     return dataclasses.replace(
@@ -30,7 +30,7 @@ def test_what_is_left_counts_beyond_the_scatter_of_noise():
 
 
 def test_a_candidate_is_promising_by_another_law_too():
-    """Seven thousand nats by another law are promising where the library's law explains nineteen."""
+    """A gain of 7158 nats with another law makes a trial promising, although the library's law gains only 19."""
     found = trial(CoggingForce, 19.0, 7000.0, 7158.0, 10.0)
     assert is_promising(found, SAMPLES)
     assert not is_promising(

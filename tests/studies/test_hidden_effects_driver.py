@@ -122,7 +122,7 @@ def test_cases_of_a_family_have_folders_of_their_own(tmp_path):
 
 
 def test_published_answers_are_kept_with_their_commit_and_never_replaced(asked, tmp_path, capsys):
-    """What was added later joins what is there, and a folder written from the file needs no answer again."""
+    """Later answers are added to those in the file; in a folder written from it no answer is computed again."""
     numbers, kept = ["--first", str(FIRST_TEST_CASE)], ["--file", str(tmp_path / "kept.jsonl")]
     run(tmp_path / "one", *numbers, "--cases", "2", "--methods", "ours")
     assert published.main([*kept, "--add", str(tmp_path / "one"), "--commit", "abc1234"]) == 0

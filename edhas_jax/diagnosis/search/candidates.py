@@ -60,6 +60,11 @@ class Candidate:
         return SENSOR_LOCATION if self.signal is not None else self.kind.slots[0].location
 
     @property
+    def memory_of(self) -> str:
+        """The signal on whose past its law depends; empty for another law, and for a curve or a fault of a sensor."""
+        return getattr(self.kind, "memory_of", "")
+
+    @property
     def prefix(self) -> str:
         """The prefix of the names of its parameters among the unknowns of a fit."""
         return f"{self.id}." if self.signal is None else f"{self.signal}.{self.id}."

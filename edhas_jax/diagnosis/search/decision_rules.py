@@ -43,11 +43,11 @@ def is_promising(trial: Trial, samples: int) -> bool:
 
 
 def holds_by_library_law(trial: Trial, samples: int) -> bool:
-    """Whether a promising trial needs no other law than that of the library; otherwise a fit has to find this law.
+    """Whether a trial is promising with the library's law; if not, it is accepted only if a fit with a curve succeeds.
 
-    What another law would explain is predicted linearly, and a curve may seem to explain by it what it does not fit. A
-    law with memory has no curve that could be fitted.
+    The gain with another law is predicted linearly, and may be far more than a fit with that law achieves. A law with
+    memory has no curve that could be fitted, so that the prediction has to do.
     """
-    if getattr(trial.candidate.kind, "memory_of", ""):
-        return True
-    return strength(trial.gain_beyond_laws, trial.remaining_excess, samples) > PROMISING_RATIO
+    return bool(trial.candidate.memory_of) or (
+        strength(trial.gain_beyond_laws, trial.remaining_excess, samples) > PROMISING_RATIO
+    )

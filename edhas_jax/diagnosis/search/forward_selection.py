@@ -42,7 +42,7 @@ UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects lea
 # a second search begins with a candidate that gains more than a share of the gain of the best, where the first search
 # leaves more than a share of the misfit; it is taken where it leaves less than a share of what the first one leaves
 RUNNER_UP_SHARE, MISFIT_SHARE, CLEARLY_LESS = 0.5, 0.1, 0.5
-CURVES_TRIED = 2  # promising trials that would need another law, for which that law is fitted
+CURVES_TRIED = 2  # largest number of trials for which a fit with another law is tried in a round
 # free terms that are fitted, their least predicted share of the misfit, and the largest number of steps
 FREE_TRIALS, MIN_FREE_SHARE, FREE_STEPS = 2, 0.2, 12
 OWN_FREE_TRIALS, OWN_FREE_STEPS = 4, 60  # the same of a rig of one's own, where curves take the place of a library
@@ -190,7 +190,7 @@ def _finish_round(
 
 
 def _promising(found: Round) -> list[Trial]:
-    """The accepted trial of a round, and the promising ones behind it."""
+    """The accepted trial of a round, then its other promising ones, the best first; none where nothing was accepted."""
     first = found.accepted
     others = [t for t in found.trials if t is not first and is_promising(t, found.baseline.samples)]
     return [] if first is None else [first, *others]

@@ -55,7 +55,7 @@ def law_deviation(fit: Fit, candidate: Candidate) -> LawDeviation | None:
     Returns:
         The deviation; None where the law vanishes, has a memory (see `memory_columns`), or its slot has no variable.
     """
-    if candidate.signal is not None or isinstance(candidate, LawDeviation) or _memory_of(candidate):
+    if candidate.signal is not None or isinstance(candidate, LawDeviation) or candidate.memory_of:
         return None
     start = start_beside_law(fit, _effect_of(fit, candidate))
     if start is None:
@@ -106,9 +106,9 @@ def memory_columns(fit: Fit, candidate: Candidate) -> list[dict[str, np.ndarray]
     Returns:
         By fitted run and signal (samples, k) in SI; None for a law without memory, and where it is not finite.
     """
-    if candidate.signal is not None or not _memory_of(candidate):
+    if candidate.signal is not None or not candidate.memory_of:
         return None
-    place = LawPlace(candidate.kind.slots[0].name, _memory_of(candidate))
+    place = LawPlace(candidate.kind.slots[0].name, candidate.memory_of)
     if place not in law_places(fit.machine, place.slot):
         return None
     samples = law_samples(fit, (place,), candidate.id)
@@ -124,11 +124,6 @@ def _scaled(slopes: Sequence[Mapping[str, np.ndarray]], factor: float) -> list[d
     """Slopes times a factor; None where they are not finite."""
     columns = [{n: factor * v for n, v in run.items()} for run in slopes]
     return columns if all(np.isfinite(v).all() for run in columns for v in run.values()) else None
-
-
-def _memory_of(candidate: Candidate) -> str:
-    """The signal on whose past a law depends; empty for another law, and for a curve or a fault of a sensor."""
-    return getattr(candidate.kind, "memory_of", "")
 
 
 def _effect_of(fit: Fit, candidate: Candidate) -> Effect:

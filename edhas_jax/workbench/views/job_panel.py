@@ -24,7 +24,7 @@ class JobPanel:
     def __init__(self, page, starts: Mapping[str, Callable[[], None]]):
         self._page, self._starts = page, starts
         self._shown: tuple[int, str] | None = None
-        self._reports = 0  # of the job that are shown
+        self._reports = 0  # number of progress reports shown
         self._body = ui.column().classes("w-full gap-1 mt-2").props("data-mark=job")
 
     def refresh(self) -> None:
@@ -41,7 +41,7 @@ class JobPanel:
         self._update(job)
 
     def _update(self, job: Job) -> None:
-        """Bring time and log up to date; the buttons stay, since one that is built anew while it is pressed is lost."""
+        """Update time and log; the buttons stay, because a click on one that is replaced at that moment is lost."""
         self._title.set_text(f"“{job.title}” {STATES[job.status]} · {job.seconds:.0f} s")
         rows = self._page.session.jobs.progress(job) if job.status in (RUNNING, CANCELLED) else []
         if len(rows) == self._reports:
