@@ -48,6 +48,10 @@ class NamedSignals(NamedTuple):
         found = evaluate_signals(machine, y, t, h)
         return {n: found[n] for n in self.names}
 
+    def key(self) -> str:
+        """A text for what is observed; programs of equal texts are the same."""
+        return str(self)
+
 
 def simulate_batch(
     machine: Rig,
@@ -71,7 +75,8 @@ def simulate_batch(
         steps_per_sample: time steps between two samples.
         samples: number of samples, one for all runs or (runs,); the first is the initial state.
         signals: names of signals, or a function of (machine, state, time, step) that returns scalars by name; it has to
-            compare equal to what it is to share compiled code with.
+            compare equal to what it is to share compiled code with. If it has a method `key`, whose text stands for all
+            that it computes, its machine code is kept on disk.
         precision: of all numbers.
         on_gpu: whether the runs are part of a task with so many that a GPU is faster (`engines.many_lanes`); None:
             these runs are the whole task.
@@ -108,10 +113,10 @@ class TrajectoryLoop:
         self._dtype = np.dtype(dtype)
         names, interval = dict.fromkeys(varied, 0.0), _intervals_of(machine)
         self._state = {n: 0.0 for n in machine.initial_state()}
-        keyed = isinstance(observer, NamedSignals)
+        observer_key = observer.key() if hasattr(observer, "key") else None
 
         def key(what: str) -> str | None:
-            return key_of(machine, "trajectory", what, varied, observer, seeded) if keyed else None
+            return None if observer_key is None else key_of(machine, "trajectory", what, varied, observer_key, seeded)
 
         def doubled(table):
             return (table, table) if seeded else (table,)
@@ -146,7 +151,7 @@ class TrajectoryLoop:
 
             return with_tangent(one, (values, y), (*seeds, *dy))
 
-        if keyed:
+        if isinstance(observer, NamedSignals):
             shown = observer.names
         else:
             shown = runtime.eval_shape(lambda m: observer(m, m.initial_state(), 0.0, 1.0), machine)

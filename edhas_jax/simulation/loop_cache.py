@@ -13,7 +13,7 @@ from edhas_jax.machine.rigs import Rig, components_by_name
 
 # all that machine code is made from; editing anything else compiles nothing anew
 LOOP_CODE = ("core/structs.py", "compiler", "machine", "simulation", "design/batch", "design/gradient")
-MOST_LOOPS = 32  # kept at a time; each holds its machine code
+MOST_LOOPS = 100  # kept at a time; each holds its machine code
 
 
 def cached_loop(make: Callable, machine: Rig, *choices: Any, dtype=float) -> Any:

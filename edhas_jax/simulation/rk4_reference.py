@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.compiler.engines import compile_loop
-from edhas_jax.compiler.loop_engine import LoopBody
+from edhas_jax.compiler.loop_engine import Loop, LoopBody
 from edhas_jax.core import runtime
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig, State
@@ -27,16 +27,17 @@ from edhas_jax.simulation.integrator import evaluate_signals
 LARGEST_RK4_STEP = 0.5e-6  # s
 MOST_HALVINGS = 3
 MOST_DISAGREEMENT = 50.0  # Pa between stages; below 0.1 Pa where the step is stable, soon 10 kPa where it is not
+SAMPLES_PER_CHECK = 250  # after which a step that is not stable is given up
 
 
 class Unstable(ArithmeticError):
     """No step that is tried is stable for this machine."""
 
 
-def rates(machine: Rig, y: State, t, h) -> State:
-    """dy/dt of every state, of a node of oil the rate of its pressure."""
+def rates(machine: Rig, y: State, t, h) -> tuple[State, list[str]]:
+    """dy/dt of every state, of a node of oil the rate of its pressure, and the names of these nodes."""
     s, found = machine.evaluate(y, t, h, y)
-    return found | s.record.pressure_rates
+    return found | s.record.pressure_rates, list(s.record.pressure_rates)
 
 
 def runge_kutta_step(machine: Rig, y: State, t, h) -> tuple[State, Any]:
@@ -49,12 +50,12 @@ def runge_kutta_step(machine: Rig, y: State, t, h) -> tuple[State, Any]:
     def along(k: State, share: float) -> State:
         return {n: y[n] + share * h * k[n] for n in y}
 
-    k1 = rates(machine, y, t, h)
-    k2 = rates(machine, along(k1, 0.5), t + 0.5 * h, h)
-    k3 = rates(machine, along(k2, 0.5), t + 0.5 * h, h)
-    k4 = rates(machine, along(k3, 1.0), t + h, h)
+    k1, nodes = rates(machine, y, t, h)
+    k2, _ = rates(machine, along(k1, 0.5), t + 0.5 * h, h)
+    k3, _ = rates(machine, along(k2, 0.5), t + 0.5 * h, h)
+    k4, _ = rates(machine, along(k3, 1.0), t + h, h)
     disagreement = jnp.zeros_like(t)
-    for n in machine.evaluate(y, t, h, y)[0].record.pressure_rates:
+    for n in nodes:
         disagreement = jnp.maximum(disagreement, jnp.abs(h * (k3[n] - k2[n])))
     change = {n: h / 6.0 * (k1[n] + 2.0 * k2[n] + 2.0 * k3[n] + k4[n]) for n in y}
     return machine.advance(y, change, t, h), disagreement
@@ -92,7 +93,8 @@ def trajectories(
 
     numbers = {n: np.asarray(v, float) for n, v in values.items()}
     lanes = len(next(iter(numbers.values())))
-    loop = compile_loop(LoopBody(advance, float, (start, 0.0), names, (machine, 0.0)))
+    # one vector: the few runs of a campaign fill no more
+    loop = compile_loop(LoopBody(advance, float, (start, 0.0), names, (machine, 0.0), vectors=1))
     signals = compile_loop(LoopBody(evaluate, float, dict.fromkeys(watch, 0.0), (names, start, 0.0), (machine, 0.0)))
     at_rest = {n: np.full(lanes, float(v)) for n, v in machine.initial_state().items()}, np.zeros(lanes)
     time = np.repeat(interval * np.arange(samples), lanes)
@@ -100,11 +102,25 @@ def trajectories(
     for halving in range(MOST_HALVINGS + 1):
         per_sample = math.ceil(interval / step * 2**halving - 1e-9)
         uniform = (machine, interval / per_sample)
-        (_, worst), (states, _) = loop.run(at_rest, numbers, uniform, 0, per_sample, samples, runtime.cores())
-        if not np.all(worst < MOST_DISAGREEMENT):  # NaN is not below either
+        states = _states(loop, at_rest, numbers, uniform, per_sample, samples)
+        if states is None:
             continue
         flat = {n: np.ravel(v) for n, v in states.items()}
         found = signals({s: np.zeros(len(time)) for s in watch}, (wide, flat, time), uniform, 0, 1)
         if all(np.isfinite(column).all() for column in found.values()):
             return {s: column.reshape(samples, lanes) for s, column in found.items()}
     raise Unstable(f"the machine cannot be followed with explicit steps down to {step / 2**MOST_HALVINGS:.3g} s")
+
+
+def _states(
+    loop: Loop, at_rest: tuple, numbers: dict[str, np.ndarray], uniform: tuple, per_sample: int, samples: int
+) -> State | None:
+    """The states at the samples, each (samples, runs); None where the step is not stable."""
+    carry, parts = at_rest, []
+    for done in range(0, samples, SAMPLES_PER_CHECK):
+        count = min(SAMPLES_PER_CHECK, samples - done)
+        carry, (states, _) = loop.run(carry, numbers, uniform, done * per_sample, per_sample, count, runtime.cores())
+        if not np.all(carry[1] < MOST_DISAGREEMENT):  # NaN is not below either
+            return None
+        parts.append(states)
+    return {n: np.concatenate([part[n] for part in parts]) for n in parts[0]}

@@ -46,7 +46,7 @@ SMALLEST_PROBABILITY = 1e-3  # of a right answer, in the loss
 PRIOR_SPREAD = 0.7  # of the transformed constants around those of the package
 # constants that are positive are searched on a logarithmic scale, shares on a logistic one
 POSITIVE = ("temperature", "temperature_share", "real_slope", "unknown_misfit_slope", "unknown_place_slope",
-            "unknown_signal_slope", "unknown_distortion_slope")  # fmt: skip
+            "unknown_free_slope", "unknown_signal_slope", "unknown_distortion_slope")  # fmt: skip
 SHARES = ("max_real", "max_nothing", "implausible_share")
 FREE = ("real_offset", "unknown_offset")
 

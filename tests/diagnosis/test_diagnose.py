@@ -217,7 +217,7 @@ def test_the_share_of_a_component_is_what_its_candidates_explain_together(of_win
     calibrated = of_windage.calibrated
     candidate, test = Candidate(MagneticSaturation), ScoreTest(of_windage.calibrated.fit, ())
     score = test.score(candidate)
-    _, fall = test.joint_scores([candidate])
+    _, fall, _ = test.joint_scores([candidate])
     shares = component_shares(test, calibrated, [candidate], [])
     assert list(shares) == ["mover"] and shares["mover"] == pytest.approx(fall / (2.0 * calibrated.excess))
     achieved = dataclasses.replace(Trial.failed(score), explained_share=0.9)
@@ -249,11 +249,11 @@ def test_what_candidates_take_up_together(of_windage):
     scores = [screen.score(s) for s in (one, two)]
     alone = [score.chi_square_fall for score in scores]
     assert alone[1] > 0.0
-    ranked, together = screen.joint_scores([one, two])
+    ranked, together, _ = screen.joint_scores([one, two])
     assert [score.chi_square_fall for score in ranked] == sorted(alone, reverse=True)
     # combinations that are small differences are not counted, so that a little may be lost
     assert 0.9 * max(alone) <= together <= screen.residual @ screen.residual
-    assert screen.joint_scores([]) == ([], 0.0)
+    assert screen.joint_scores([]) == ([], 0.0, 0)
     # a misfit that is nothing but the signature of a candidate is taken up by it, and not by another
     screen.residual = 100.0 * scores[1].direction
     assert 0.9e4 < screen.joint_scores([two])[1] <= 1.0001e4 and screen.joint_scores([one])[1] < 0.5e4

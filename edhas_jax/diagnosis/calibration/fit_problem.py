@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel
+from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, stacked_models
 from edhas_jax.diagnosis.calibration.parameter_order import LinearConstraints, order_constraints
 from edhas_jax.diagnosis.likelihood.bench_deviations import BenchDeviations
 from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, marginalised, run_columns, run_equations
@@ -101,9 +101,9 @@ def gauss_newton_model(problem: FitProblem, cases: Sequence[EvaluationPoint], pe
         The sums of squares of the k cases; the cost is infinite where a signal or a derivative is not finite.
     """
     outcomes = problem.model().predict(cases, per_sample, with_sensitivities=True)
-    rows = [quadratic_model_at(problem, case.x, by_run) for case, by_run in zip(cases, outcomes, strict=True)]
-    fields = QuadraticModel.__dataclass_fields__
-    return QuadraticModel(*(np.concatenate([getattr(row, field) for row in rows]) for field in fields))
+    return stacked_models(
+        [quadratic_model_at(problem, case.x, by_run) for case, by_run in zip(cases, outcomes, strict=True)]
+    )
 
 
 def quadratic_model_at(problem: FitProblem, x: np.ndarray, outcomes: dict[int, PredictedSignals]) -> QuadraticModel:

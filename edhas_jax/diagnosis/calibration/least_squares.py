@@ -1,7 +1,7 @@
 """Bounded Levenberg-Marquardt minimisation from several starting points, evaluated as one batch."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -17,6 +17,7 @@ RELATIVE_TOLERANCE = 1e-7
 NOISE_FLOOR, RELATIVE_NOISE_FLOOR = 1.0, 1e-6
 UNDETERMINED_SHARE = 1e-13  # of the largest curvature: along flatter directions there is no step
 CONSTRAINT_TOLERANCE = 1e-12  # in coordinates, by which rounding may violate a linear constraint
+GOOD_RATIOS = 0.25, 4.0  # of achieved to predicted decrease, within which updated derivatives are good enough to go on
 MAX_FAILED_STEPS = 3  # consecutive rejected steps below the noise floor that end a search
 
 
@@ -33,6 +34,12 @@ class QuadraticModel:
     cost: np.ndarray
     gradient: np.ndarray
     curvature: np.ndarray
+
+
+def stacked_models(models: Sequence[QuadraticModel]) -> QuadraticModel:
+    """The models of several points as one."""
+    fields = QuadraticModel.__dataclass_fields__
+    return QuadraticModel(*(np.concatenate([getattr(model, field) for model in models]) for field in fields))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,12 +72,16 @@ def levenberg_marquardt(
     constraints: LinearConstraints | None = None,
     keep_on: Callable[[int, np.ndarray], bool] | None = None,
     relative_tolerance: float = RELATIVE_TOLERANCE,
+    update: Callable[[np.ndarray, np.ndarray, np.ndarray], QuadraticModel] | None = None,
 ) -> Minima:
     """Minimise ½|r(x)|² within low ≤ x ≤ high, and within linear constraints, from each starting point.
 
     A start has converged when the largest possible decrease predicted by its model falls below `tolerance` (for
     residuals in units of their noise, a change far below the standard errors), or when `MAX_FAILED_STEPS` steps in a
     row are rejected while that prediction is below the noise floor of the cost.
+
+    With `update`, steps are evaluated by it, which costs less than `evaluate`. A start is evaluated again where a step
+    brings much less or more than predicted, before it counts as converged, and at its end.
 
     Args:
         evaluate: called with points (m, n) and the indices (m,) of their starts; returns the sums of squares there.
@@ -86,6 +97,8 @@ def levenberg_marquardt(
         constraints: linear constraints on the coordinates.
         relative_tolerance: share of the cost; adds to `tolerance` where model error leaves a large cost.
         keep_on: asked after every step with its number and the costs (k,); False ends the search.
+        update: called with points (m, n), the indices (m,) of their starts, and the points (m, n) at which these are;
+            returns the sums of squares with derivatives that follow from earlier points.
 
     Returns:
         The final points of all starts.
@@ -100,8 +113,20 @@ def levenberg_marquardt(
     cost[~_is_finite(initial)] = np.inf
     damping, growth = np.full(len(x), INITIAL_DAMPING), np.full(len(x), 2.0)
     steps, rejected, converged = np.zeros(len(x), int), np.zeros(len(x), int), np.zeros(len(x), bool)
-    active = np.isfinite(cost)
-    for number in range(max_steps):
+    active, is_updated = np.isfinite(cost), np.zeros(len(x), bool)
+
+    def evaluate_again(rows: np.ndarray) -> None:
+        """Compute the derivatives of some starts where they are."""
+        if not len(rows):
+            return
+        found = evaluate(x[rows], rows)
+        cost[rows], gradient[rows], curvature[rows] = found.cost, found.gradient, found.curvature
+        is_updated[rows] = False
+        failed = rows[~_is_finite(found)]
+        cost[failed], active[failed] = np.inf, False
+
+    number = 0
+    while number < max_steps:
         rows = np.flatnonzero(active)
         if not len(rows):
             break
@@ -112,12 +137,16 @@ def levenberg_marquardt(
         floor = np.maximum(NOISE_FLOOR, RELATIVE_NOISE_FLOOR * cost[rows])
         unfinished = attainable > np.maximum(tolerance, relative_tolerance * cost[rows])
         unfinished &= ~((attainable < floor) & (rejected[rows] >= MAX_FAILED_STEPS))
+        unsure = rows[~unfinished & is_updated[rows]]
+        if len(unsure):
+            evaluate_again(unsure)
+            continue
         converged[rows[~unfinished]], active[rows[~unfinished]] = True, False
         rows, trial, predicted = rows[unfinished], trial[unfinished], predicted[unfinished]
         if not len(rows):
             break
-        new = evaluate(trial, rows)
-        valid = _is_finite(new)
+        new = evaluate(trial, rows) if update is None else update(trial, rows, x[rows])
+        valid, doubtful = _is_finite(new), []
         for row, k in enumerate(rows):
             steps[k] += 1
             ratio = (cost[k] - new.cost[row]) / predicted[row] if valid[row] else -1.0
@@ -126,18 +155,23 @@ def levenberg_marquardt(
                     trial[row], new.cost[row], new.gradient[row], new.curvature[row],
                 )  # fmt: skip
                 damping[k] *= max(1.0 / 10.0, 1.0 - (2.0 * min(ratio, 2.0) - 1.0) ** 3)
-                growth[k], rejected[k] = 2.0, 0
+                growth[k], rejected[k], is_updated[k] = 2.0, 0, update is not None
             else:
                 rejected[k] += 1
                 damping[k] *= growth[k]
                 growth[k] *= 2.0
                 active[k] = damping[k] < MAX_DAMPING
+            if is_updated[k] and active[k] and not GOOD_RATIOS[0] < ratio < GOOD_RATIOS[1]:
+                doubtful.append(k)
+        evaluate_again(np.array(doubtful, int))
+        number += 1
         if merge > 0.0:
             _merge_starts(x, cost, curvature, active, merge)
         if on_step is not None:
-            on_step(number + 1, cost)
-        if keep_on is not None and not keep_on(number + 1, cost):
+            on_step(number, cost)
+        if keep_on is not None and not keep_on(number, cost):
             break
+    evaluate_again(np.flatnonzero(is_updated & np.isfinite(cost)))
     return Minima(x, QuadraticModel(cost, gradient, curvature), steps, converged)
 
 

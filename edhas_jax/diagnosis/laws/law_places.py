@@ -92,21 +92,26 @@ def typical_size(place: LawPlace, factor_size: float = 1.0) -> float:
 
 @functools.cache
 def _law_places(kind: KindOfMachine, effects: tuple[type, ...], slot: str) -> tuple[LawPlace, ...]:
-    machine = structs.replace(kind.machine, effects=tuple(effect() for effect in effects))
-    declared = next((s for s in machine.slots if s.name == slot), None)
+    declared = next((s for s in kind.machine.slots if s.name == slot), None)
     variables = () if declared is None else declared.over or _VARIABLES.get(slot, ())
-    if not variables:
+    if not variables or (slot in STRUCTURAL_SLOTS and not any(declared in effect.slots for effect in effects)):
         return ()
-    is_used = any(declared in effect.slots for effect in effects)
-    if slot in STRUCTURAL_SLOTS and not is_used:
-        return ()
-    places = []
-    for text in variables:
-        variable, *factors = text.split(":")
-        place = LawPlace(slot, variable, tuple(factors), rig_of(machine))
-        try:
-            check_effect(tabulated_class("a_curve", place, 2)(node_1=0.0, node_2=1.0), machine)
-        except EffectError:
-            continue
-        places.append(place)
-    return tuple(places)
+    # what is known at a slot seldom depends on the effects, whose every combination would have to be tried
+    return tuple(
+        place
+        for text in variables
+        if (place := _place(kind, (), slot, text) or _place(kind, effects, slot, text)) is not None
+    )
+
+
+@functools.cache
+def _place(kind: KindOfMachine, effects: tuple[type, ...], slot: str, text: str) -> LawPlace | None:
+    """The place of a curve over the variable and factors of a text; None where a machine cannot have it."""
+    machine = structs.replace(kind.machine, effects=tuple(effect() for effect in effects))
+    variable, *factors = text.split(":")
+    place = LawPlace(slot, variable, tuple(factors), rig_of(machine))
+    try:
+        check_effect(tabulated_class("a_curve", place, 2)(node_1=0.0, node_2=1.0), machine)
+    except EffectError:
+        return None
+    return place

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edhas_jax.core import structs
+from edhas_jax.core.runtime import code_hash
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.machine.effects.tabulated_law import LawPlace, rig_of, tabulated_class
 from edhas_jax.machine.parameters import get_parameter
@@ -17,6 +18,7 @@ from edhas_jax.measurements.measurement_model import placeholder_parameter
 from edhas_jax.simulation.batch_trajectories import Observe, simulate_batch
 
 LAW = "law"
+SOURCE = ("diagnosis/laws/law_samples.py",)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,6 +57,10 @@ class _Probe(NamedTuple):
             first = self.names[0][0]
             rows[first, LAW] = made[first][self.effect]
         return {f"{slot}:{name}.{place}": v for (slot, name), row in rows.items() for place, v in enumerate(row)}
+
+    def key(self) -> str:
+        """A text for what is observed, with the source of this module."""
+        return f"{self} {code_hash(SOURCE)}"
 
 
 def _probe(rig, slot: str, name: str):

@@ -119,8 +119,10 @@ def deviation_columns(
         unknowns: the unknowns of these sensitivities.
     """
     values = predicted.values[signal]
-    rate = np.gradient(values, run.time)
     columns = np.zeros((len(values), len(deviations)))
+    if not deviations:
+        return columns
+    rate = np.gradient(values, run.time)
     places = {u.name: k for k, u in enumerate(unknowns)}
     for k, deviation in enumerate(deviations):
         if deviation.kind is DeviationKind.TRIGGER:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 
 NOTHING, UNKNOWN = "nothing", "unknown"
+SMALL_MISFIT, SMALL_STRENGTH = 0.01, 0.05  # less than these says as little as these
 SMALL_SHARE = 0.05  # of a signal's rms: more is not left by many small causes
 
 
@@ -29,6 +30,7 @@ class Constants:
         implausible_share: probability that a candidate with an implausible parameter only imitates another cause.
         unknown_offset: logit of one unknown cause against many small ones at a misfit as large as the noise,
         unknown_misfit_slope: its growth with the logarithm of the misfit,
+        unknown_free_slope: with the logarithm of the strength of the best free term,
         unknown_place_slope: with the share of the misfit that one component explains, 0 … 1,
         unknown_signal_slope: with the logarithm of the share of a signal that is left, above `SMALL_SHARE`,
         unknown_distortion_slope: and with that of the distance of the calibrated parameters, above 1.
@@ -44,6 +46,7 @@ class Constants:
     implausible_share: float = 0.4
     unknown_offset: float = -6.8
     unknown_misfit_slope: float = 0.5
+    unknown_free_slope: float = 1.0
     unknown_place_slope: float = 12.0
     unknown_signal_slope: float = 5.0
     unknown_distortion_slope: float = 3.0
@@ -97,6 +100,7 @@ class Evidence:
         misfit: excess of χ² of the calibrated model over the number of samples, beyond the scatter of noise.
         place_share: largest share of this misfit that the laws of one component, or one free term there, explain.
         unexplained: largest share of a signal's rms that the calibrated model leaves beyond the noise.
+        free_strength: gain of the best free term, at any place, over what it leaves of the calibrated model's misfit.
         distortion: root mean square distance of the calibrated parameters from their prior means, in prior standard
             deviations; 1 is usual, and more says that they stand in for something else.
     """
@@ -106,13 +110,13 @@ class Evidence:
     place_share: float
     unexplained: float = 0.0
     distortion: float = 1.0
+    free_strength: float = 0.0
 
     def probability_unknown(self, constants: Constants = CONSTANTS) -> float:
         """The probability that a misfit without a candidate has one cause, rather than many small ones or none."""
         least = 1.0 - constants.max_nothing
-        if self.misfit <= 0.0:
-            return least
-        logit = constants.unknown_offset + constants.unknown_misfit_slope * math.log(self.misfit)
+        logit = constants.unknown_offset + constants.unknown_misfit_slope * math.log(max(self.misfit, SMALL_MISFIT))
+        logit += constants.unknown_free_slope * math.log(max(self.free_strength, SMALL_STRENGTH))
         logit += constants.unknown_place_slope * self.place_share
         logit += constants.unknown_signal_slope * math.log(max(self.unexplained, SMALL_SHARE) / SMALL_SHARE)
         logit += constants.unknown_distortion_slope * math.log(max(self.distortion, 1.0))

@@ -22,8 +22,9 @@ from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-REFIT_STEPS = 6  # maximum number of Levenberg-Marquardt steps of a refit without a member
+REFIT_STEPS = 8  # maximum number of Levenberg-Marquardt steps of a refit without a member
 MIN_STRENGTH = 0.7  # of a member: gain over what is left; below it the member is removed
+LAW_ERROR_SHARE = 0.01  # of what the model explains: so much is left in places by a law that is known as a curve only
 
 
 def take_back(
@@ -44,10 +45,11 @@ def take_back(
         mounted = mounted_candidates(rounds)
         own = law_deviation_columns(final.fit, mounted) if mounted else None
         left = final.excess_with(own)
+        law_error = LAW_ERROR_SHARE * max(rounds[0].baseline.excess - final.excess, 0.0)
         tests, without = [], []
         for candidate in mounted:
             report(f"the model without {candidate.name}")
-            refitted = _refit(final, _others(mounted, candidate), rounds[0].baseline, resolution)
+            refitted = _refit(final, _others(mounted, candidate), rounds[0], resolution)
             kept = [c for c in _others(mounted, candidate) if c.id != _law_of(candidate)]
             deviations = law_deviation_columns(refitted.fit, kept) if kept else None
             before, after = refitted.excess_with(deviations), final.excess_with(deviations)
@@ -56,7 +58,9 @@ def take_back(
             if _law_of(candidate) is None:
                 gain = max(gain, before - left + penalty - deviation_cost(own) + deviation_cost(deviations))
             left_out_gain = float(np.sum(final.left_out - refitted.left_out))
-            tests.append(MemberTest(candidate, gain, left_out_gain, strength(gain, left, final.samples)))
+            floor = law_error if any(_law_of(c) not in (None, candidate.id) for c in mounted) else 0.0
+            found = gain / (gain / strength(gain, left, final.samples) + floor) if gain > 0.0 else 0.0
+            tests.append(MemberTest(candidate, gain, left_out_gain, found))
             without.append(refitted)
         weakest = min(range(len(tests)), key=lambda k: _margin(tests[k]), default=None)
         if weakest is None or _margin(tests[weakest]) >= 1.0:
@@ -104,17 +108,24 @@ def _with_laws(tests: Sequence[MemberTest], final: EvaluatedFit) -> list[MemberT
 
 
 def _refit(
-    final: EvaluatedFit, others: Sequence[Candidate], calibrated: EvaluatedFit, resolution: TimeResolution
+    final: EvaluatedFit, others: Sequence[Candidate], first: Round, resolution: TimeResolution
 ) -> EvaluatedFit:
-    """The model with some members, refitted from the final values; without any, the better of it and the calibrated."""
-    known = final.fit.problem
+    """The model with some members, refitted from the final values; without any, the better of it and the calibrated.
+
+    A single effect is refitted from the values of its trial in the `first` round as well, because the final ones may be
+    far from those that it needs alone.
+    """
+    known, calibrated = final.fit.problem, first.baseline
     campaign: Campaign = known.campaign
     problem = build_problem(campaign, campaign.machine, Instruments(), ())
     for k, candidate in enumerate(others):
         problem = build_problem(campaign, problem.machine, problem.instruments, others[:k], candidate)
     problem = dataclasses.replace(problem, solver_error=known.solver_error, time_shifts=known.time_shifts)
+    effects = [c for c in others if _law_of(c) is None]
+    alone = [t.evaluated for t in first.trials if [t.candidate] == effects and t.evaluated is not None]
+    starts = np.array([start_coordinates(problem, found.fit.values) for found in (final, *alone)])
     try:
-        refitted = fit_coarse(problem, start_coordinates(problem, final.fit.values), resolution.coarse, REFIT_STEPS)
+        refitted = fit_coarse(problem, starts, resolution.coarse, REFIT_STEPS)
     except FitError:
         refitted = calibrated
     return calibrated if not others and calibrated.cost < refitted.cost else refitted
@@ -122,14 +133,12 @@ def _refit(
 
 def _without(rounds: Sequence[Round], removed: Candidate, final: EvaluatedFit) -> list[Round]:
     """The rounds without one candidate; the first keeps its baseline, the last one has the new final model."""
-    kept = [
-        dataclasses.replace(r, law=None) if r.law is removed else r
-        for r in rounds[:-1]
-        if r.accepted.candidate is not removed
-    ]
+    kept = [dataclasses.replace(r, laws=()) for r in rounds[:-1] if r.accepted.candidate is not removed]
     last = dataclasses.replace(rounds[-1], baseline=final)
     if kept:
+        laws = [law for r in rounds for law in r.laws if law is not removed and law.of != removed.id]
         kept[0] = dataclasses.replace(kept[0], baseline=rounds[0].baseline)
+        kept[-1] = dataclasses.replace(kept[-1], laws=tuple(laws))
         return [*kept, last]
     baseline = min(final, rounds[0].baseline, key=lambda evaluated: evaluated.excess)
-    return [dataclasses.replace(rounds[0], accepted=None, law=None, baseline=baseline)]
+    return [dataclasses.replace(rounds[0], accepted=None, laws=(), baseline=baseline)]

@@ -8,14 +8,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem, SolverError, gauss_newton_model
+from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem, SolverError
 from edhas_jax.diagnosis.calibration.least_squares import Minima, levenberg_marquardt
+from edhas_jax.diagnosis.calibration.secant_model import SecantModel
 from edhas_jax.diagnosis.calibration.symmetric_matrices import log_determinant, regularised_inverse
 from edhas_jax.diagnosis.likelihood.bench_estimate import BenchEstimate, estimate_bench
 from edhas_jax.diagnosis.likelihood.left_out_runs import left_out_log_density
 from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, run_columns, run_equations
 from edhas_jax.measurements.campaign import BenchRun, Use
-from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
+from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.time_resolution import TimeResolution
 
@@ -136,16 +137,17 @@ def fit_coarse(
     Raises:
         FitError: the model fails at every point that was evaluated.
     """
-    found = find_minima(problem, starts, steps_per_sample, max_steps, keep_on)
+    found, model = _search(problem, starts, steps_per_sample, max_steps, keep_on)
     best = int(np.argmin(found.model.cost))
     x, cost = found.x[best], float(found.model.cost[best])
     if not np.isfinite(cost):
         raise FitError("the model fails (it is not finite, or leaves its physical range) wherever the fit has looked")
-    model = problem.model()
-    outcomes = model.predict_all_runs(x, steps_per_sample, with_sensitivities=True)
+    outcomes = model.outcomes_at(best, x)
+    if outcomes is None:
+        at_end = problem.model().predict_all_runs(x, steps_per_sample, with_sensitivities=True)
+        outcomes = tuple(problem.corrected(run, at_end[r]) for r, run in enumerate(problem.model().runs))
     fitted = Fit(
-        problem, x, x, regularised_inverse(found.model.curvature[best]), cost,
-        tuple(problem.corrected(run, outcomes[r]) for r, run in enumerate(model.runs)),
+        problem, x, x, regularised_inverse(found.model.curvature[best]), cost, outcomes,
         TimeResolution(steps_per_sample, steps_per_sample, math.nan), bool(found.converged[best]), found.model.cost,
     )  # fmt: skip
     return evaluate_fit(fitted)
@@ -156,14 +158,22 @@ def find_minima(
     keep_on: Callable[[float, float], bool] | None = None,
 ) -> Minima:  # fmt: skip
     """The end points of least-squares fits from one start (n,) or several (k, n); arguments as in `fit_coarse`."""
-    all_runs = tuple(range(len(problem.model().runs)))
+    return _search(problem, starts, steps_per_sample, max_steps, keep_on)[0]
+
+
+def _search(
+    problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
+    keep_on: Callable[[float, float], bool] | None,
+) -> tuple[Minima, SecantModel]:  # fmt: skip
+    starts, model = np.atleast_2d(starts), SecantModel(problem, steps_per_sample)
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
-    return levenberg_marquardt(
-        lambda x, which: gauss_newton_model(problem, [EvaluationPoint(row, all_runs) for row in x], steps_per_sample),
-        np.atleast_2d(starts), low, high, tolerance=COST_TOLERANCE, max_steps=max_steps, merge=COST_TOLERANCE,
+    found = levenberg_marquardt(
+        model.evaluate, starts, low, high, tolerance=COST_TOLERANCE, max_steps=max_steps, merge=COST_TOLERANCE,
         constraints=problem.constraints(), relative_tolerance=RELATIVE_COST_TOLERANCE,
         keep_on=None if keep_on is None else lambda step, costs: keep_on(step, float(np.min(costs))),
+        update=model.update if model.fits_in_memory(len(starts)) else None,
     )  # fmt: skip
+    return found, model
 
 
 def evaluate_fit(fitted: Fit) -> EvaluatedFit:

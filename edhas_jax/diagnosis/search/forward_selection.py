@@ -17,13 +17,13 @@ from edhas_jax.diagnosis.search.backward_pass import take_back
 from edhas_jax.diagnosis.search.calibrated_model import calibrate, misfit
 from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
-from edhas_jax.diagnosis.search.decision_rules import holds_by_library_law, is_promising, remaining
+from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, holds_by_library_law, is_promising, remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.free_curves import score_free_curves
 from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, law_deviation_columns
-from edhas_jax.diagnosis.search.localisation import component_shares
+from edhas_jax.diagnosis.search.localisation import FREE_COST, component_shares, free_strength
 from edhas_jax.diagnosis.search.memory_term import score_memory_terms
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest, Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import ScoreTest
@@ -119,9 +119,9 @@ def diagnose(
         other_left = _left(again)
         if other_left < CLEARLY_LESS * left and _implausible(other_members) <= _implausible(members):
             rounds, members, left = again, other_members, other_left
-    shares, free = {}, ()
-    if _is_unexplained(rounds, members, left):
-        shares, free = _localise(rounds, test, resolution, report)
+    shares, free, free_gain = {}, (), 0.0
+    if not members or _is_unexplained(rounds, members, left):
+        shares, free, free_gain = _localise(rounds, test, resolution, report)
     after = rounds[-1].baseline
     campaign = after.fit.problem.campaign  # with the start of its records corrected
     before = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
@@ -130,7 +130,7 @@ def diagnose(
     seconds = checkpoint.seconds
     return Diagnosis(
         campaign, tuple(rounds), before, rounds[0].baseline, after, seconds, tuple(members), shares, tuple(free),
-        left, holdout_sentence, assumed,
+        left, free_gain, holdout_sentence, assumed,
     )  # fmt: skip
 
 
@@ -168,7 +168,7 @@ def _other_beginning(first: Round) -> Round | None:
     others = [t for t in first.trials if t is not first.accepted and is_promising(t, samples)]
     best = max(others, key=lambda trial: trial.own_law_gain, default=None)
     is_near = best is not None and best.own_law_gain > RUNNER_UP_SHARE * first.accepted.own_law_gain
-    return dataclasses.replace(first, accepted=best, law=None) if is_near else None
+    return dataclasses.replace(first, accepted=best, laws=()) if is_near else None
 
 
 def _finish_round(
@@ -182,11 +182,23 @@ def _finish_round(
     found = known or search_round(baseline, mounted, candidates, resolution, search.report, first)
     for trial in _promising(found)[: CURVES_TRIED if known is None else 1]:
         settled = settle(trial.evaluated, resolution, search.report)
-        law, model = free_law(settled, (*mounted, trial.candidate), resolution, search.report)
-        if law is not None or holds_by_library_law(trial, baseline.samples):
-            model = without_wrong_samples(model, resolution)
-            return RoundEnd(dataclasses.replace(found, accepted=trial, law=law), model)
+        law, model = free_law(settled, (*mounted, trial.candidate), trial.candidate, resolution, search.report)
+        if law is None and not holds_by_library_law(trial, baseline.samples):
+            continue
+        laws = () if law is None else (law,)
+        for earlier in mounted:  # what another candidate explains now has hidden whether its law differs
+            present = (*mounted, trial.candidate, *laws)
+            if not isinstance(earlier, LawDeviation) and not any(_is_law_of(c, earlier) for c in mounted):
+                law, model = free_law(model, present, earlier, resolution, search.report)
+                laws = laws if law is None else (*laws, law)
+        model = without_wrong_samples(model, resolution)
+        return RoundEnd(dataclasses.replace(found, accepted=trial, laws=laws), model)
     return RoundEnd(dataclasses.replace(found, accepted=None), None)
+
+
+def _is_law_of(candidate: Candidate, effect: Candidate) -> bool:
+    """Whether a candidate is the deviation of the law of an effect."""
+    return isinstance(candidate, LawDeviation) and candidate.of == effect.id
 
 
 def _promising(found: Round) -> list[Trial]:
@@ -211,26 +223,24 @@ def _implausible(members: Sequence[MemberTest]) -> int:
 
 def _is_unexplained(rounds: Sequence[Round], members: Sequence[MemberTest], left: float) -> bool:
     """Whether so much is left, or so doubtfully explained, that its place is sought."""
-    if members and any(member.implausible for member in members):
-        return True
-    share = UNEXPLAINED_SHARE if members else 0.0
-    return left > share * misfit(rounds[0].baseline)
+    return any(member.implausible for member in members) or left > UNEXPLAINED_SHARE * misfit(rounds[0].baseline)
 
 
 def _localise(
     rounds: Sequence[Round], test: ScoreTest, resolution: TimeResolution, report: Report
-) -> tuple[dict[str, float], list[Trial]]:
-    """The share of the misfit of each component, and fits of the free terms that explain most of it."""
+) -> tuple[dict[str, float], list[Trial], float]:
+    """The share of the misfit of each component, fits of the free terms that explain most of it, and their strength."""
     report("localising the discrepancy")
     baseline, trials = rounds[0].baseline, []
     terms = [*score_free_curves(test, baseline.fit, report), *score_memory_terms(test, baseline.fit, report)]
     terms.sort(key=lambda score: -score.chi_square_fall)
     is_own = baseline.fit.machine.is_own
     for score in terms[: OWN_FREE_TRIALS if is_own else FREE_TRIALS]:
-        if score.predicted_gain > MIN_FREE_SHARE * baseline.excess:
+        if score.predicted_gain > max(MIN_FREE_SHARE * baseline.excess, FREE_COST + MIN_GAIN):
             report(f"fitting {score.candidate.text}")
             trial = try_candidate(baseline, (), score, resolution, OWN_FREE_STEPS if is_own else FREE_STEPS)
             trials.append(refine_trial(baseline, trial, resolution))
     effects = [score.candidate for score in rounds[0].scores]
     shares = component_shares(test, baseline, effects, [*rounds[0].trials, *trials], terms)
-    return shares, sorted(trials, key=lambda trial: -trial.log_evidence_gain)
+    trials.sort(key=lambda trial: -trial.log_evidence_gain)
+    return shares, trials, free_strength(baseline, terms, trials)

@@ -20,20 +20,22 @@ FIT_STEPS = 10  # maximum number of Levenberg-Marquardt steps of the fit with th
 
 
 def free_law(
-    evaluated: EvaluatedFit, mounted: Sequence[Candidate], resolution: TimeResolution, report: Callable[[str], None]
-) -> tuple[LawDeviation | None, EvaluatedFit]:
-    """The model with the deviation of the last law as a curve, where that explains much more than it leaves.
+    evaluated: EvaluatedFit, mounted: Sequence[Candidate], candidate: Candidate, resolution: TimeResolution,
+    report: Callable[[str], None],
+) -> tuple[LawDeviation | None, EvaluatedFit]:  # fmt: skip
+    """The model with the deviation of a law as a curve, where that explains much more than it leaves.
 
     Args:
         evaluated: a fit with some candidates.
-        mounted: these candidates, the one whose law is examined last.
+        mounted: these candidates.
+        candidate: the one of them whose law is examined.
         resolution: coarse and fine time steps per sample.
         report: called with a sentence on the progress.
 
     Returns:
         The deviation and the fit with it; None and the given fit where the law is as in the library.
     """
-    candidate, unchanged = mounted[-1], (None, evaluated)
+    unchanged = None, evaluated
     deviation = law_deviation(evaluated.fit, candidate)
     columns = None if deviation is None else deviation_columns(evaluated.fit, deviation)
     if columns is None:

@@ -4,9 +4,10 @@ A relation that the library lacks resembles a linear combination of effects that
 machine. With E the matrix of all projected signatures of a component (see `screening`), at all points of their grids,
 the share is
 
-    share = |P r|²/|r|²,   P the orthogonal projector onto the span of E,
+    share = (|P r|² − k)/|r|²,   P the orthogonal projector onto the k directions of the span of E,
 
-the fraction of χ² of the projected residual r that the best combination removes. It is at least the share that one
+the fraction of χ² of the projected residual r that the best combination removes, without the k that noise alone gives
+it. It is at least the share that one
 free term at the component explains (see `free_curves`, `memory_term`). Signatures are linear, so a fit may
 achieve less than they predict: far from the noise the share is reduced by the ratio of achieved to predicted fall of
 χ². It is at least what a trial of a candidate there has achieved.
@@ -21,11 +22,13 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.search.candidates import SENSOR_LOCATION, Candidate
+from edhas_jax.diagnosis.search.decision_rules import strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.trial import Trial
 
 SHARE_EXPONENT = 3.0  # probability ∝ share³
+FREE_COST = 20.0  # nats: the best of some fifty free terms gains less by chance
 NEAR_EXCESS = 1.0  # excess over half the number of samples below which signatures predict what a fit achieves
 
 
@@ -42,29 +45,49 @@ def component_shares(
         trials: trials with that model as baseline.
         free: scores of free terms with that model.
     """
-    excess = max(2.0 * baseline.excess, 1.0)
     by_location: dict[str, list[Candidate]] = {}
     for candidate in candidates:
         if candidate.location != SENSOR_LOCATION:
             by_location.setdefault(candidate.location, []).append(candidate)
-    best_free: dict[str, float] = {}
+    falls: dict[str, float] = {}
     for score in free:
         location = score.candidate.location
-        best_free[location] = max(best_free.get(location, 0.0), score.chi_square_fall)
+        falls[location] = max(falls.get(location, 0.0), score.chi_square_fall - len(score.x))
+    for location, of in by_location.items():
+        _, fall, directions = test.joint_scores(of)
+        falls[location] = max(falls.get(location, 0.0), fall - directions)
+    # near the noise the excess may be smaller than what one cause explains, because noise lowers it
+    excess = max([2.0 * baseline.excess, *falls.values(), 1.0])
     far = baseline.excess > NEAR_EXCESS * 0.5 * baseline.samples
     overall = _achieved_share(trials)
     shares = {}
-    for location in {**by_location, **best_free}:
-        _, fall = test.joint_scores(by_location.get(location, []))
-        fall = max(fall, best_free.get(location, 0.0))
+    for location, fall in falls.items():
         found = [t for t in trials if t.candidate.location == location]
         achieved = (_achieved_share(found) if found else overall) if far else 1.0
-        shares[location] = min(max([achieved * fall / excess, *(_share(t) for t in found)]), 1.0)
+        of_trials = (_share(t) * min(2.0 * max(baseline.excess, 0.0) / excess, 1.0) for t in found)
+        shares[location] = min(max([achieved * fall / excess, *of_trials]), 1.0)
     for trial in trials:
         if trial.candidate.location == SENSOR_LOCATION and trial.evaluated is not None:
             share = _share(trial) * _own_signal_share(trial)
             shares[SENSOR_LOCATION] = max(shares.get(SENSOR_LOCATION, 0.0), share)
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def free_strength(baseline: EvaluatedFit, free: Sequence[Score], trials: Sequence[Trial]) -> float:
+    """The gain of the best free term over what it leaves, 0 or more: whether one cause stands out, without any law.
+
+    Near the noise as predicted, far from it as achieved by a fit.
+
+    Args:
+        baseline: the model.
+        free: scores of free terms with that model.
+        trials: fits of the best of them.
+    """
+    far = baseline.excess > NEAR_EXCESS * 0.5 * baseline.samples
+    gains = [0.0 if far else score.predicted_gain for score in free]
+    gains += [baseline.excess - t.evaluated.excess for t in trials if t.evaluated is not None]
+    best = max(gains, default=0.0)
+    return max(strength(best - FREE_COST, baseline.excess - best, baseline.samples), 0.0)
 
 
 def _share(trial: Trial) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.fit_problem import gauss_newton_model
-from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound
+from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.measurements.measurement_model import EvaluationPoint
 
@@ -14,8 +14,15 @@ PLAUSIBLE_COORDINATE = 2.0  # prior standard deviations: the end of the plausibl
 MIN_RISE, MIN_RISE_SHARE = 5.0, 0.1
 
 
+def beyond_plausible_range(candidate: Candidate, fit: Fit) -> list[str]:
+    """Names of a candidate's parameters whose estimate is beyond the end of its plausible range."""
+    estimates = {u.name: x for u, x in zip(fit.problem.unknowns, fit.x, strict=True)}
+    own = candidate.own_unknowns(fit.problem.unknowns)
+    return [name for name, u in own.items() if u.has_prior and abs(estimates[u.name]) > PLAUSIBLE_COORDINATE]
+
+
 def implausible_parameters(candidate: Candidate, fit: Fit) -> list[str]:
-    """Names of a candidate's parameters that the data determine to be at the 3-sigma prior bound.
+    """Names of a candidate's parameters that the data determine to be beyond the end of the plausible range.
 
     Such a candidate probably imitates another cause. A parameter that the data do not determine is no evidence against
     it: a friction whose bristles are so stiff that they hardly matter is a friction all the same. To find out, the
@@ -27,7 +34,7 @@ def implausible_parameters(candidate: Candidate, fit: Fit) -> list[str]:
         candidate: the candidate.
         fit: a fit with it.
     """
-    names = at_prior_bound(candidate, fit)
+    names = beyond_plausible_range(candidate, fit)
     if not names or isinstance(candidate, FreeTerm):  # free terms have no plausible range
         return []
     low_high = np.array([u.bounds() for u in fit.problem.unknowns]).T

@@ -48,14 +48,14 @@ class Round:
         scores: score tests of all candidates (chi-square scale), the largest predicted fall first.
         trials: the candidates that were fitted.
         accepted: the trial that was accepted; None if none was confirmed.
-        law: the deviation of its law that the next round has mounted beside it; None where the law is the library's.
+        laws: deviations of the laws of this candidate and of earlier ones that the next round has mounted beside them.
     """
 
     baseline: EvaluatedFit
     scores: tuple[Score, ...]
     trials: tuple[Trial, ...]
     accepted: Trial | None
-    law: LawDeviation | None = None
+    laws: tuple[LawDeviation, ...] = ()
 
 
 def accepted_trials(rounds: Iterable[Round]) -> list[Trial]:
@@ -65,8 +65,7 @@ def accepted_trials(rounds: Iterable[Round]) -> list[Trial]:
 
 def mounted_candidates(rounds: Iterable[Round]) -> list[Candidate]:
     """What some rounds have added to the model, in its order: accepted candidates and deviations of their laws."""
-    found = [c for r in rounds if r.accepted is not None for c in (r.accepted.candidate, r.law)]
-    return [candidate for candidate in found if candidate is not None]
+    return [c for r in rounds if r.accepted is not None for c in (r.accepted.candidate, *r.laws)]
 
 
 class MemberTest(NamedTuple):
@@ -107,6 +106,7 @@ class Diagnosis:
             left unexplained.
         free_trials: fits of free terms (curves, memories) for what is left unexplained, the largest gain first.
         left: excess of ½χ² that the final model and deviations of its laws leave, beyond the scatter of noise [nats].
+        free_strength: gain of the best free term over what it leaves; 0 where no place was sought.
         holdout_split: a sentence on how runs were divided for want of hold-out runs; empty where there are such runs.
         assumed: parameters taken as known whose error the unknowns of the final model would hide.
     """
@@ -121,6 +121,7 @@ class Diagnosis:
     location_shares: dict[str, float]
     free_trials: tuple[Trial, ...]
     left: float
+    free_strength: float = 0.0
     holdout_split: str = ""
     assumed: tuple[AssumedParameter, ...] = ()
 
@@ -147,7 +148,7 @@ class Diagnosis:
         unexplained = max(self._unexplained_shares(self.calibrated, Use.FIT).values(), default=0.0)
         distances = self.calibrated.fit.prior_distances
         distortion = float(np.sqrt(np.mean(np.square(distances)))) if distances.size else 1.0
-        return Evidence(tuple(rivals), relative, share, unexplained, distortion)
+        return Evidence(tuple(rivals), relative, share, unexplained, distortion, self.free_strength)
 
     @functools.cached_property
     def answer(self) -> Answer:
@@ -223,7 +224,7 @@ class Diagnosis:
     @property
     def laws(self) -> list[LawDeviation]:
         """The deviations of accepted laws that the final model has mounted."""
-        return [r.law for r in self.rounds if r.law is not None]
+        return [law for r in self.rounds for law in r.laws]
 
     @property
     def best_free_trial(self) -> Trial | None:

@@ -130,12 +130,12 @@ class ScoreTest:
         """The projected signatures (m,) of a candidate, one for each grid point that has one."""
         return self._score_grid(candidate)[1]
 
-    def joint_scores(self, candidates: Iterable[Candidate]) -> tuple[list[Score], float]:
+    def joint_scores(self, candidates: Iterable[Candidate]) -> tuple[list[Score], float, int]:
         """Score candidates separately and jointly.
 
         Returns:
-            The scores, the largest fall first, and the predicted fall of χ² of the best linear combination of the
-            signatures of all candidates at all their grid points.
+            The scores, the largest fall first, the predicted fall of χ² of the best linear combination of the
+            signatures of all candidates at all their grid points, and the number of directions of these.
         """
         scores, unit_signatures = [], []
         for candidate in candidates:
@@ -144,12 +144,12 @@ class ScoreTest:
             unit_signatures += [row / np.linalg.norm(row) for row in projected]
         scores.sort(key=lambda score: -score.chi_square_fall)
         if not unit_signatures:
-            return scores, 0.0
+            return scores, 0.0, 0
         stack = np.array(unit_signatures)
         eigenvalues, vectors = np.linalg.eigh(stack @ stack.T)
         ok = eigenvalues > MIN_RELATIVE_EIGENVALUE * eigenvalues[-1]
         falls = np.square(vectors[:, ok].T @ (stack @ self.residual)) / eigenvalues[ok]
-        return scores, float(np.sum(falls))
+        return scores, float(np.sum(falls)), len(falls)
 
     def _score_grid(self, candidate: Candidate) -> tuple[Score, list[np.ndarray]]:
         """The score of a candidate, and its projected signatures at all grid points that have one."""

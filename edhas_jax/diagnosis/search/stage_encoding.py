@@ -65,7 +65,7 @@ class StageEncoder:
             "scores": [self.score(score) for score in r.scores],
             "trials": [self.trial(trial) for trial in r.trials],
             "accepted": None if r.accepted is None else [t is r.accepted for t in r.trials].index(True),
-            "law": None if r.law is None else _law_as_plain(r.law),
+            "laws": [_law_as_plain(law) for law in r.laws],
         }
 
     def trial(self, trial: Trial) -> Plain:
@@ -141,7 +141,7 @@ class StageDecoder:
         return Round(
             self.fit(plain["baseline"], mounted), tuple(self.score(s) for s in plain["scores"]), trials,
             None if plain["accepted"] is None else trials[plain["accepted"]],
-            None if plain["law"] is None else _law_from_plain(plain["law"], self.campaign.machine),
+            tuple(_law_from_plain(law, self.campaign.machine) for law in plain["laws"]),
         )  # fmt: skip
 
     def trial(self, plain: Plain, mounted: Sequence[Candidate]) -> Trial:

@@ -23,9 +23,9 @@ MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is mad
 MAX_TRIALS = 6
 MIN_RIVAL_GAIN_SHARE = 0.1  # of the gain reached: a candidate that predicts less is not tried
 # close to the noise level and to the prior means the linear prediction is accurate, so that a candidate with a
-# smaller predicted share of the misfit is not fitted; close is an excess of ½χ² below this multiple of half the number
-# of samples
-MIN_NEAR_SHARE, NEAR_EXCESS = 0.07, 3.0
+# smaller predicted share of the misfit, or of the gain reached, is not fitted; close is an excess of ½χ² below this
+# multiple of half the number of samples
+MIN_NEAR_SHARE, MIN_NEAR_RIVAL_SHARE, NEAR_EXCESS = 0.07, 0.25, 3.0
 TRIAL_STEPS = 12  # maximum number of Levenberg-Marquardt steps of a trial
 # a trial is given up where, after so many steps, its fall of ½χ² is below a share of that of the best trial so far and
 # would be so after as many nats more as the last `FALL_STEPS` steps have brought
@@ -174,12 +174,13 @@ def try_best_candidates(
     trials: list[Trial] = []
     is_near = baseline.excess < NEAR_EXCESS * 0.5 * baseline.samples and not is_distorted(baseline)
     least = MIN_NEAR_SHARE * baseline.excess if is_near else 0.0
+    share = MIN_NEAR_RIVAL_SHARE if is_near else MIN_RIVAL_GAIN_SHARE
     for score in scores[:max_trials]:
         # the prediction is linear: where one fit gains far more than predicted, others may gain more too
         limit = min(reached, scores[0].predicted_gain)
         if score.chi_square_fall < MIN_CHI_SQUARE_FALL:
             break
-        if score.predicted_gain < max(MIN_RIVAL_GAIN_SHARE * limit, least):
+        if score.predicted_gain < max(share * limit, least):
             break
         report(f"trying {score.candidate.name}: predicted fall of χ² {score.chi_square_fall:.0f}")
         trial = try_candidate(baseline, accepted, score, resolution, TRIAL_STEPS, reached)

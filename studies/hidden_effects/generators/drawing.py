@@ -1,10 +1,11 @@
 """Draw a case by family, split and number."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.core.structs import replace
 from edhas_jax.diagnosis.search.candidates import SINGLE_EFFECT_SLOTS, can_mount
 from edhas_jax.machine.effects import LIBRARY, Effect, OilTemperature
@@ -37,6 +38,7 @@ _FAMILY_NUMBER = {family: k for k, family in enumerate(Family)}
 _DIFFICULTIES = (Family.CRUMBS, Family.SENSOR_CHAINS, Family.SETTINGS)  # of the cases with several effects, in turn
 
 
+@single_threaded_algebra
 def draw_case(family: Family, split: Split, number: int) -> HiddenCase:
     """Draw a case; the same arguments give the same case.
 
@@ -162,13 +164,14 @@ class _Draw:
             law = self._any(laws) if self.attempt % 4 == 3 else laws[self._turn(len(laws))]
             return [law], self._bench([law])
         bench = self._bench([])
-        of_library = [law for law in map(library_law, LIBRARY) if _can_have(bench, law)]
-        others = [law for law in self.content.laws if _can_have(bench, law)]
+        # which laws a bench can have takes seconds to find out: it is asked of no more laws than needed
         if self.family is Family.WITHHELD:
-            unlisted = [law for law in self.content.unlisted if _can_have(bench, law)]
-            addable = [law for law in of_library if law.mechanism not in bench.refined]
-            return [self._any(unlisted if self.rng.uniform() < SHARE_OF_UNLISTED else addable)], bench
+            if self.rng.uniform() < SHARE_OF_UNLISTED:
+                return [self._any(_possible(bench, self.content.unlisted))], bench
+            addable = [kind for kind in LIBRARY if kind not in bench.refined]
+            return [self._any(_possible(bench, map(library_law, addable)))], bench
         if self.family is Family.SEVERAL:
+            of_library, others = _possible(bench, map(library_law, LIBRARY)), _possible(bench, self.content.laws)
             wanted = 3 if self.rng.uniform() < SHARE_OF_TRIPLES else 2
             while True:
                 laws = [
@@ -179,7 +182,7 @@ class _Draw:
         if self.rng.uniform() < SHARE_OF_NULLS:
             return [], bench
         other = self.family is Family.SMALL_CAMPAIGNS and self.rng.uniform() < SHARE_OF_OTHER_LAWS
-        return [self._any(others if other else of_library)], bench
+        return [self._any(_possible(bench, self.content.laws if other else map(library_law, LIBRARY)))], bench
 
     def _bench(self, laws: Sequence[Law]) -> Bench:
         usable = [bench for bench in self.content.benches if all(_can_have(bench, law) for law in laws)]
@@ -195,11 +198,18 @@ class _Draw:
         return laws[self.rng.integers(len(laws))]
 
 
+def _possible(bench: Bench, laws: Iterable[Law]) -> list[Law]:
+    """Those of some laws that a bench can have."""
+    return [law for law in laws if _can_have(bench, law)]
+
+
 def _can_have(bench: Bench, law: Law) -> bool:
     """Whether a law can act at a bench such that its mechanism can be named there."""
     if law.mechanism is OilTemperature and "oil_temperature" not in bench.conditions:
         return False
     kinds: list[type[Effect]] = [law.kind] if law.mechanism is None else [law.kind, law.mechanism]
+    if any(not set(kind.slots) <= set(bench.rig.slots) for kind in kinds):
+        return False  # as `can_mount` would find, after tracing the equations
     return all(can_mount(bench.machine(law.mechanism), kind) for kind in kinds)
 
 
