@@ -128,6 +128,7 @@ class Campaign:
         remarks: what the reader and the checks noticed in the files, and what they left out.
         is_checked: whether the data are checked, impossible samples left out, and the noise measured.
         stated_accuracy: what the campaign states about the accuracy of the bench; see `accuracy`.
+        tightening: divides the deviations of settings and sensors that a fit allows; above 1 where much is left.
     """
 
     name: str
@@ -139,6 +140,7 @@ class Campaign:
     remarks: tuple[Remark, ...]
     is_checked: bool = False
     stated_accuracy: BenchAccuracy = dataclasses.field(default_factory=BenchAccuracy)
+    tightening: float = 1.0
 
     @functools.cached_property
     def accuracy(self) -> BenchAccuracy:

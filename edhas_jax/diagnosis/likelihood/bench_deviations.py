@@ -8,7 +8,8 @@ sensor has a small gain error, offset and time shift. Around a fit all of them a
     gain, offset, time shift   y · g,  o,  −∂y/∂t · s  for one signal in all runs
     filter of the recorder     (F y − y) · w          for all signals in all runs, F a low-pass filter
 
-Every column is in units of its prior standard deviation, so that its coefficient has a standard normal prior.
+Every column is in units of its prior standard deviation, so that its coefficient has a standard normal prior. This is
+the accuracy of the bench, or less where a model leaves much unexplained (`search.tightened_bench`).
 """
 
 import dataclasses
@@ -44,15 +45,22 @@ class Deviation:
     Args:
         kind: what deviates.
         name: the signal of a sensor, or the parameter of a setting; empty for a trigger or filter.
-        std: prior standard deviation: of a trigger or time shift [s], relative of a gain or setting, SI of an offset,
-            of the weight of a filter.
+        std: accuracy, a standard deviation: of a trigger or time shift [s], relative of a gain or setting, SI of an
+            offset, of the weight of a filter.
         cutoff: cut-off frequency of a filter over the sample rate; 0 for other kinds.
+        tightening: divides `std` in a fit.
     """
 
     kind: DeviationKind
     name: str
     std: float
     cutoff: float = 0.0
+    tightening: float = 1.0
+
+    @property
+    def prior_std(self) -> float:
+        """Prior standard deviation in a fit, in the unit of `std`."""
+        return self.std / self.tightening
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +94,11 @@ def _run_deviations(campaign: Campaign, unknowns: Sequence[UnknownParameter]) ->
     found = [Deviation(DeviationKind.TRIGGER, "", campaign.accuracy.trigger)]
     logarithmic = {u.name for u in unknowns if u.scale is ParameterScale.LOGARITHMIC}
     settings = campaign.accuracy.settings.items()
-    found += [Deviation(DeviationKind.SETTING, name, std) for name, std in settings if name in logarithmic]
+    found += [
+        Deviation(DeviationKind.SETTING, name, std, tightening=campaign.tightening)
+        for name, std in settings
+        if name in logarithmic
+    ]
     return [deviation for deviation in found if deviation.std > 0.0]
 
 
@@ -94,11 +106,11 @@ def _sensor_deviations(campaign: Campaign) -> list[Deviation]:
     """The deviations of the sensors, which are the same in all runs."""
     found = []
     for name, accuracy in campaign.accuracy.signals.items():
-        found += [
-            Deviation(DeviationKind.GAIN, name, accuracy.gain),
-            Deviation(DeviationKind.OFFSET, name, accuracy.offset),
-            Deviation(DeviationKind.SHIFT, name, accuracy.shift),
-        ]
+        sizes = (
+            (DeviationKind.GAIN, accuracy.gain), (DeviationKind.OFFSET, accuracy.offset),
+            (DeviationKind.SHIFT, accuracy.shift),
+        )  # fmt: skip
+        found += [Deviation(kind, name, std, tightening=campaign.tightening) for kind, std in sizes]
     found = [deviation for deviation in found if deviation.std > 0.0 and deviation.name in campaign.channels]
     # one anti-alias filter for all channels is usual; any cut-off is nearly a combination of these
     std = campaign.accuracy.recorder_filter
@@ -126,14 +138,14 @@ def deviation_columns(
     places = {u.name: k for k, u in enumerate(unknowns)}
     for k, deviation in enumerate(deviations):
         if deviation.kind is DeviationKind.TRIGGER:
-            columns[:, k] = deviation.std * rate
+            columns[:, k] = deviation.prior_std * rate
         elif deviation.kind is DeviationKind.SETTING:
             place = places[deviation.name]
-            columns[:, k] = predicted.sensitivities[signal][:, place] * (deviation.std / unknowns[place].spread)
+            columns[:, k] = predicted.sensitivities[signal][:, place] * (deviation.prior_std / unknowns[place].spread)
         elif deviation.kind is DeviationKind.FILTER:
-            columns[:, k] = deviation.std * (_filtered(values, deviation.cutoff) - values)
+            columns[:, k] = deviation.prior_std * (_filtered(values, deviation.cutoff) - values)
         elif deviation.name == signal:
-            columns[:, k] = deviation.std * _sensor_change(deviation.kind, values, rate)
+            columns[:, k] = deviation.prior_std * _sensor_change(deviation.kind, values, rate)
     return columns
 
 

@@ -15,13 +15,13 @@ from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 
 class EstimatedDeviation(NamedTuple):
-    """One deviation with its estimate, both in units of its prior standard deviation.
+    """One deviation with its estimate, both in units of its accuracy `deviation.std`.
 
     Args:
         deviation: what deviates.
         run: the run, or empty for a sensor.
-        value: estimate over the prior standard deviation.
-        std: posterior standard deviation over that of the prior.
+        value: estimate over the accuracy.
+        std: posterior standard deviation over the accuracy.
     """
 
     deviation: Deviation
@@ -51,7 +51,7 @@ class BenchEstimate:
         rows = [("", bench.of_sensors, self.of_sensors)]
         rows += [(run, bench.of_runs, values) for run, values in self.of_runs.items()]
         return [
-            EstimatedDeviation(deviation, run, float(value), float(std))
+            EstimatedDeviation(deviation, run, float(value / deviation.tightening), float(std / deviation.tightening))
             for run, deviations, values in rows
             for deviation, (value, std) in zip(deviations, values, strict=True)
         ]

@@ -18,13 +18,15 @@ from edhas_jax.diagnosis.search.free_law import MIN_LAW_STRENGTH, MIN_MOUNTED_ST
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.result import MemberTest, Round, mounted_candidates
+from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 REFIT_STEPS = 8  # maximum number of Levenberg-Marquardt steps of a refit without a member
 MIN_STRENGTH = 0.7  # of a member: gain over what is left; below it the member is removed
-LAW_ERROR_SHARE = 0.01  # of what the model explains: so much is left in places by a law that is known as a curve only
+# of what the model explains: a law that is known only as a curve over one variable leaves so much at its component
+LAW_ERROR_SHARE = 0.01
 
 
 def take_back(
@@ -58,7 +60,7 @@ def take_back(
             if _law_of(candidate) is None:
                 gain = max(gain, before - left + penalty - deviation_cost(own) + deviation_cost(deviations))
             left_out_gain = float(np.sum(final.left_out - refitted.left_out))
-            floor = law_error if any(_law_of(c) not in (None, candidate.id) for c in mounted) else 0.0
+            floor = law_error if _has_curve_beside(candidate, mounted) else 0.0
             found = gain / (gain / strength(gain, left, final.samples) + floor) if gain > 0.0 else 0.0
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
             without.append(refitted)
@@ -73,6 +75,12 @@ def take_back(
 def _law_of(candidate: Candidate) -> str | None:
     """The id of the effect whose law a candidate changes; None for an effect or sensor fault."""
     return candidate.of if isinstance(candidate, LawDeviation) else None
+
+
+def _has_curve_beside(candidate: Candidate, mounted: Sequence[Candidate]) -> bool:
+    """Whether the law of another effect at the same component is a curve."""
+    beside = {c.id for c in mounted if c.location == candidate.location and c.id != candidate.id}
+    return _law_of(candidate) is None and any(_law_of(c) in beside for c in mounted)
 
 
 def _others(mounted: Sequence[Candidate], removed: Candidate) -> list[Candidate]:
@@ -126,6 +134,7 @@ def _refit(
     starts = np.array([start_coordinates(problem, found.fit.values) for found in (final, *alone)])
     try:
         refitted = fit_coarse(problem, starts, resolution.coarse, REFIT_STEPS)
+        refitted = with_tightened_bench(refitted, resolution.coarse)
     except FitError:
         refitted = calibrated
     return calibrated if not others and calibrated.cost < refitted.cost else refitted

@@ -18,6 +18,7 @@ from edhas_jax.diagnosis.search.evaluated_fit import (
 )
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
+from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
@@ -60,7 +61,9 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
         starts = np.array([centre, calibrated.fit.x])
         better = fit_progressively(problem, starts, 1, resolution.coarse, TRIAL_STEPS, calibrated)
         calibrated = better or calibrated
+    calibrated = with_tightened_bench(calibrated, resolution.coarse)
     settled, resolution = _with_sufficient_step(settle(calibrated, resolution, report), resolution, report)
+    settled = with_tightened_bench(settled, resolution.coarse)
     return without_wrong_samples(settled, resolution), resolution
 
 

@@ -30,6 +30,7 @@ from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.selection_round import refine_trial, search_round
 from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
 from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, StageEncoder
+from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.search.trial import Trial, try_candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
@@ -181,7 +182,7 @@ def _finish_round(
     candidates = search.candidates(baseline.fit.problem)
     found = known or search_round(baseline, mounted, candidates, resolution, search.report, first)
     for trial in _promising(found)[: CURVES_TRIED if known is None else 1]:
-        settled = settle(trial.evaluated, resolution, search.report)
+        settled = settle(with_tightened_bench(trial.evaluated, resolution.coarse), resolution, search.report)
         law, model = free_law(settled, (*mounted, trial.candidate), trial.candidate, resolution, search.report)
         if law is None and not holds_by_library_law(trial, baseline.samples):
             continue
@@ -191,7 +192,7 @@ def _finish_round(
             if not isinstance(earlier, LawDeviation) and not any(_is_law_of(c, earlier) for c in mounted):
                 law, model = free_law(model, present, earlier, resolution, search.report)
                 laws = laws if law is None else (*laws, law)
-        model = without_wrong_samples(model, resolution)
+        model = without_wrong_samples(with_tightened_bench(model, resolution.coarse), resolution)
         return RoundEnd(dataclasses.replace(found, accepted=trial, laws=laws), model)
     return RoundEnd(dataclasses.replace(found, accepted=None), None)
 

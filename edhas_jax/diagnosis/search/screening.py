@@ -165,7 +165,7 @@ class ScoreTest:
             scale = np.clip(overlap / square, 0.0, MAX_SCALE)
             fall = scale * (2.0 * overlap - scale * square)
             if fall > best.chi_square_fall:
-                start = _with_scaled_size(unknowns, x, max(scale, MIN_SCALE))
+                start = with_scaled_size(unknowns, x, max(scale, MIN_SCALE))
                 best = Score(candidate, float(fall), start, projected / np.sqrt(square))
         return best, all_projected
 
@@ -238,8 +238,14 @@ class ScoreTest:
             yield [faulty.record(run.time, self._baseline[r].values, None, (), ())[0] for r, run in enumerate(runs)]
 
 
-def _with_scaled_size(unknowns: Sequence[UnknownParameter], x: np.ndarray, scale: float) -> np.ndarray:
-    """The coordinates with the first unknown, the size of a candidate, multiplied by `scale` in SI."""
+def with_scaled_size(unknowns: Sequence[UnknownParameter], x: np.ndarray, scale: float) -> np.ndarray:
+    """Coordinates (n,) of a candidate with its size, the first unknown, multiplied by a factor in SI.
+
+    Args:
+        unknowns: the unknowns of the candidate.
+        x: their coordinates (n,).
+        scale: the factor.
+    """
     out = np.array(x, float)
     if unknowns:
         out[0] = np.clip(unknowns[0].coordinate(scale * float(unknowns[0].value(x[0]))), *unknowns[0].bounds())

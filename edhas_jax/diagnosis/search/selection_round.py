@@ -27,7 +27,6 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 # candidates whose signatures are simulated again in later rounds: how many, and from which fall of χ² on
 REFRESHED, MIN_REFRESHED_FALL = 8, 10.0
 PROGRESSIVE_TRIALS = 8  # candidates that are fitted progressively where none explains nearly all
-FAILED_TRIALS = 2  # near the noise: best candidates refitted progressively if their fit failed
 REFINED, REFINEMENT_STEPS = 2, 6  # trials that are refined where they end near the noise, and the steps of the fit
 OWN_LAWS = 2  # trials whose own law may deviate
 PROGRESSIVE_RMS = 3.0  # residual over noise below which a fit is not caught in a distant minimum
@@ -62,7 +61,8 @@ def search_round(
         scores = _with_scores_at_prior(baseline, accepted, scores, report)
     most = FAR_TRIALS if is_far else MAX_TRIALS
     trials = try_best_candidates(baseline, accepted, scores, resolution, report, max_trials=most)
-    trials = _retry_progressively(baseline, accepted, trials, resolution, report, only_failed=not is_far)
+    if is_far:
+        trials = _retry_progressively(baseline, accepted, trials, resolution, report)
     trials = sorted(trials, key=lambda trial: -trial.log_evidence_gain)
     trials = [refine_trial(baseline, trial, resolution) if k < REFINED else trial for k, trial in enumerate(trials)]
     trials = [_beyond_deviations(baseline, trial, deviations) for trial in trials]
@@ -104,21 +104,15 @@ def _with_scores_at_prior(
 
 def _retry_progressively(
     baseline: EvaluatedFit, accepted: Sequence[Candidate], trials: Sequence[Trial], resolution: TimeResolution,
-    report: Callable[[str], None], only_failed: bool,
+    report: Callable[[str], None],
 ) -> list[Trial]:  # fmt: skip
-    """Fit the first candidates progressively until one of them explains nearly all.
-
-    A fit that ends above the model without the candidate has failed: without strength a candidate leaves that model
-    as it is.
-    """
+    """Fit the first candidates progressively until one of them explains nearly all."""
     trials = list(trials)
-    for k, trial in enumerate(trials[: FAILED_TRIALS if only_failed else PROGRESSIVE_TRIALS]):
+    for k, trial in enumerate(trials[:PROGRESSIVE_TRIALS]):
         if max(t.explained_share for t in trials) > NEARLY_ALL_SHARE:
             break
-        has_failed = trial.evaluated is None or trial.evaluated.cost > baseline.cost
-        if has_failed or not only_failed:
-            report(f"{trial.candidate.name}: fitting growing parts of the runs")
-            trials[k] = retry_progressively(baseline, accepted, trial, resolution)
+        report(f"{trial.candidate.name}: fitting growing parts of the runs")
+        trials[k] = retry_progressively(baseline, accepted, trial, resolution)
     return trials
 
 

@@ -93,7 +93,7 @@ class StageEncoder:
                 for o in fit.outcomes
             ],
             "residuals": {run: self._table(rows) for run, rows in evaluated.residuals.items()},
-            "time_shifts": dict(fit.problem.time_shifts),
+            "time_shifts": dict(fit.problem.time_shifts), "tightening": fit.problem.campaign.tightening,
             "sensors": self._put(evaluated.bench.of_sensors), "runs": self._table(evaluated.bench.of_runs),
             "solver_error": (
                 None
@@ -164,7 +164,7 @@ class StageDecoder:
         shifts = plain["time_shifts"]
         residuals = {run: self._table(rows) for run, rows in plain["residuals"].items()}
         campaign = with_shifted_time(self.campaign, shifts) if shifts else self.campaign
-        campaign = without_missing(campaign, residuals)
+        campaign = without_missing(dataclasses.replace(campaign, tightening=plain["tightening"]), residuals)
         problem = mounted_problem(campaign, mounted)
         problem = dataclasses.replace(problem, solver_error=error, time_shifts=shifts)
         fitted = Fit(

@@ -12,13 +12,14 @@ from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, s
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
-from edhas_jax.diagnosis.search.screening import Score
+from edhas_jax.diagnosis.search.screening import Score, with_scaled_size
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 MIN_ACHIEVED_FALL_SHARE = 0.3  # of the predicted fall of χ²: a fit that achieves less is restarted elsewhere
 RESTART_PRIOR_SHARE = 0.3  # of the calibrated coordinates: where the restart lies between prior mean and calibration
 DISTORTED_COORDINATE = 2.5  # of a calibrated parameter: beyond it the missing effect has distorted the calibration
 PRIOR_BOUND_PENALTY = 30.0  # nats off the gain of a candidate that depends on a parameter at its prior bound
+SMALL_SIZE = 0.1  # of the predicted size, of a start that is hardly above the model without the candidate
 MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is made: the best of forty reaches it by chance
 MAX_TRIALS = 6
 MIN_RIVAL_GAIN_SHARE = 0.1  # of the gain reached: a candidate that predicts less is not tried
@@ -92,8 +93,9 @@ def try_candidate(
 
     The fit starts from the calibrated values. If it achieves less than 30 % of the predicted fall of χ², it is
     restarted nearer the prior mean, because a wrong model biases the calibrated values; also if a calibrated parameter
-    is implausible and less than half of the misfit is removed. A free term of a rig of one's own begins without
-    influence first.
+    is implausible and less than half of the misfit is removed. If it ends above the model without the candidate, it is
+    restarted with so small a size that it begins there. A free term of a rig of one's own begins without influence
+    first.
 
     Args:
         baseline: the model without the candidate.
@@ -119,19 +121,27 @@ def try_candidate(
         # far from the calibrated model the linear prediction overshoots: begin without influence as well
         without = np.concatenate([np.ones(count), np.zeros(len(score.x))])
         starts = [without * calibrated_start, without * shrunk_start, *starts]
+    small = np.concatenate([calibrated_start[:count], with_scaled_size(problem.unknowns[count:], score.x, SMALL_SIZE)])
     best: EvaluatedFit | None = None
     distorted = is_distorted(baseline)
-    for start in starts:
+    while starts:
+        start = starts.pop(0)
         try:
             found = fit_coarse(problem, start, resolution.coarse, max_steps, _give_up_rule(baseline.cost, reached))
         except FitError:
-            continue
-        if best is None or found.log_evidence > best.log_evidence:
+            found = None
+        if found is not None and (best is None or found.log_evidence > best.log_evidence):
             best = found
-        achieved = baseline.cost - best.cost
+        has_failed = best is None or best.cost > baseline.cost
+        if has_failed and start is calibrated_start and not isinstance(candidate, FreeTerm):
+            starts.insert(0, small)
+            continue
+        achieved = 0.0 if best is None else baseline.cost - best.cost
         if distorted and achieved > 0.5 * baseline.excess:
             break
-        if not distorted and (reached > 0.0 or achieved > MIN_ACHIEVED_FALL_SHARE * score.predicted_gain):
+        if best is not None and not distorted and (
+            reached > 0.0 or achieved > MIN_ACHIEVED_FALL_SHARE * score.predicted_gain
+        ):
             break
     failed = Trial.failed(score)
     return failed if best is None else failed.with_fit(baseline, best)
