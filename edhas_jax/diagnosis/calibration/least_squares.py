@@ -114,16 +114,22 @@ def levenberg_marquardt(
     damping, growth = np.full(len(x), INITIAL_DAMPING), np.full(len(x), 2.0)
     steps, rejected, converged = np.zeros(len(x), int), np.zeros(len(x), int), np.zeros(len(x), bool)
     active, is_updated = np.isfinite(cost), np.zeros(len(x), bool)
+    may_update = np.full(len(x), update is not None)
+    evaluated = [(x[k].copy(), cost[k], gradient[k].copy(), curvature[k].copy()) for k in range(len(x))]
 
     def evaluate_again(rows: np.ndarray) -> None:
-        """Compute the derivatives of some starts where they are."""
+        """Compute the derivatives of some starts where they are; back to the last such point where that was better."""
         if not len(rows):
             return
         found = evaluate(x[rows], rows)
-        cost[rows], gradient[rows], curvature[rows] = found.cost, found.gradient, found.curvature
+        valid = _is_finite(found)
+        for row, k in enumerate(rows):
+            if valid[row] and found.cost[row] <= evaluated[k][1]:
+                evaluated[k] = x[k].copy(), found.cost[row], found.gradient[row], found.curvature[row]
+            else:  # what is kept between evaluations has changed too much
+                may_update[k] = False
+            x[k], cost[k], gradient[k], curvature[k] = evaluated[k]
         is_updated[rows] = False
-        failed = rows[~_is_finite(found)]
-        cost[failed], active[failed] = np.inf, False
 
     number = 0
     while number < max_steps:
@@ -145,7 +151,7 @@ def levenberg_marquardt(
         rows, trial, predicted = rows[unfinished], trial[unfinished], predicted[unfinished]
         if not len(rows):
             break
-        new = evaluate(trial, rows) if update is None else update(trial, rows, x[rows])
+        new = _evaluated(trial, rows, x[rows], evaluate, update, may_update[rows])
         valid, doubtful = _is_finite(new), []
         for row, k in enumerate(rows):
             steps[k] += 1
@@ -155,7 +161,9 @@ def levenberg_marquardt(
                     trial[row], new.cost[row], new.gradient[row], new.curvature[row],
                 )  # fmt: skip
                 damping[k] *= max(1.0 / 10.0, 1.0 - (2.0 * min(ratio, 2.0) - 1.0) ** 3)
-                growth[k], rejected[k], is_updated[k] = 2.0, 0, update is not None
+                growth[k], rejected[k], is_updated[k] = 2.0, 0, may_update[k]
+                if not may_update[k]:
+                    evaluated[k] = x[k].copy(), cost[k], gradient[k].copy(), curvature[k].copy()
             else:
                 rejected[k] += 1
                 damping[k] *= growth[k]
@@ -173,6 +181,18 @@ def levenberg_marquardt(
             break
     evaluate_again(np.flatnonzero(is_updated & np.isfinite(cost)))
     return Minima(x, QuadraticModel(cost, gradient, curvature), steps, converged)
+
+
+def _evaluated(points, rows, present, evaluate, update, may_update) -> QuadraticModel:
+    """The models at the points of some starts, by `update` where they may, else by `evaluate`."""
+    if may_update.all():
+        return update(points, rows, present)
+    if not may_update.any():
+        return evaluate(points, rows)
+    some, others = np.flatnonzero(may_update), np.flatnonzero(~may_update)
+    both = stacked_models([update(points[some], rows[some], present[some]), evaluate(points[others], rows[others])])
+    order = np.argsort(np.concatenate([some, others]))
+    return QuadraticModel(both.cost[order], both.gradient[order], both.curvature[order])
 
 
 def _is_finite(model: QuadraticModel) -> np.ndarray:

@@ -24,7 +24,7 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
-FILTER_CUTOFFS = 0.18, 0.33  # over the sample rate
+FILTER_CUTOFFS = 0.12, 0.19, 0.33  # over the sample rate
 
 
 class DeviationKind(enum.Enum):

@@ -12,7 +12,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.decision_rules import strength
+from edhas_jax.diagnosis.search.decision_rules import LAW_ERROR_SHARE, strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_law import MIN_LAW_STRENGTH, MIN_MOUNTED_STRENGTH
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
@@ -25,8 +25,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 
 REFIT_STEPS = 8  # maximum number of Levenberg-Marquardt steps of a refit without a member
 MIN_STRENGTH = 0.7  # of a member: gain over what is left; below it the member is removed
-# of what the model explains: a law that is known only as a curve over one variable leaves so much at its component
-LAW_ERROR_SHARE = 0.01
+LAW_ERROR_SHARE_AT_COMPONENT = 0.01  # as `LAW_ERROR_SHARE`, at the component on which the law acts
 
 
 def take_back(
@@ -47,7 +46,7 @@ def take_back(
         mounted = mounted_candidates(rounds)
         own = law_deviation_columns(final.fit, mounted) if mounted else None
         left = final.excess_with(own)
-        law_error = LAW_ERROR_SHARE * max(rounds[0].baseline.excess - final.excess, 0.0)
+        explained = max(rounds[0].baseline.excess - final.excess, 0.0)
         tests, without = [], []
         for candidate in mounted:
             report(f"the model without {candidate.name}")
@@ -60,7 +59,7 @@ def take_back(
             if _law_of(candidate) is None:
                 gain = max(gain, before - left + penalty - deviation_cost(own) + deviation_cost(deviations))
             left_out_gain = float(np.sum(final.left_out - refitted.left_out))
-            floor = law_error if _has_curve_beside(candidate, mounted) else 0.0
+            floor = _law_error_share(candidate, mounted) * explained
             found = gain / (gain / strength(gain, left, final.samples) + floor) if gain > 0.0 else 0.0
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
             without.append(refitted)
@@ -77,10 +76,13 @@ def _law_of(candidate: Candidate) -> str | None:
     return candidate.of if isinstance(candidate, LawDeviation) else None
 
 
-def _has_curve_beside(candidate: Candidate, mounted: Sequence[Candidate]) -> bool:
-    """Whether the law of another effect at the same component is a curve."""
-    beside = {c.id for c in mounted if c.location == candidate.location and c.id != candidate.id}
-    return _law_of(candidate) is None and any(_law_of(c) in beside for c in mounted)
+def _law_error_share(candidate: Candidate, mounted: Sequence[Candidate]) -> float:
+    """The share of what is explained that curves of the laws of other effects may have left for a candidate."""
+    curves = {_law_of(c) for c in mounted} - {None, candidate.id}
+    if not curves or _law_of(candidate) is not None:
+        return 0.0
+    beside = any(c.id in curves and c.location == candidate.location for c in mounted)
+    return LAW_ERROR_SHARE_AT_COMPONENT if beside else LAW_ERROR_SHARE
 
 
 def _others(mounted: Sequence[Candidate], removed: Candidate) -> list[Candidate]:

@@ -12,6 +12,7 @@ from edhas_jax.diagnosis.search.trial import Trial
 MIN_GAIN = 12.0  # nats: the best of some fifty candidates gains less by chance
 PROMISING_RATIO = 0.15  # gain over what is left, from which a candidate stays in the model while others are sought
 DIFFERING_LAW = 2.0  # gain with its own law deviating over that with the library's law, from which this law is wrong
+LAW_ERROR_SHARE = 0.001  # of what a model explains: a law known as a curve over one variable leaves so much anywhere
 EXCESS_SIGMAS = 2.0  # an excess of ½χ² counts beyond this many of its standard deviations under noise alone
 
 
@@ -31,15 +32,22 @@ def strength(gain: float, excess_after: float, samples: int) -> float:
     return gain / (remaining(excess_after, samples) + MIN_GAIN)
 
 
-def is_promising(trial: Trial, samples: int) -> bool:
-    """Whether a trial on so many samples stays in the model for the next round; the backward pass decides finally."""
+def is_promising(trial: Trial, samples: int, law_error: float = 0.0) -> bool:
+    """Whether a trial stays in the model for the next round; the backward pass decides finally.
+
+    Args:
+        trial: the trial.
+        samples: number of samples.
+        law_error: what laws that are known as curves only may leave [nats].
+    """
     if trial.evaluated is None or trial.gain_beyond_laws < MIN_GAIN:
         return False
     # the library's law may predict badly what the mechanism with another law would predict well
     law_differs = trial.own_law_gain > DIFFERING_LAW * trial.gain_beyond_laws
     if not trial.left_out_gain > 0.0 and not law_differs:
         return False
-    return strength(trial.own_law_gain, trial.own_law_excess, samples) > PROMISING_RATIO
+    left = trial.own_law_gain / max(strength(trial.own_law_gain, trial.own_law_excess, samples), 1e-9) + law_error
+    return trial.own_law_gain / left > PROMISING_RATIO
 
 
 def holds_by_library_law(trial: Trial, samples: int) -> bool:

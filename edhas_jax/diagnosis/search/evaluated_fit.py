@@ -24,6 +24,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 COST_TOLERANCE, RELATIVE_COST_TOLERANCE = 0.5, 3e-5
 # how often the solver's error is computed, and the change of ½χ² by the first one from which the second fit is searched
 SOLVER_CORRECTIONS, MIN_SOLVER_CHANGE = 2, 10.0
+MAX_RISE = 3.0  # factor by which the solver's error may raise χ² of a run; more is another branch
 REFINEMENT = 2  # steps with which the solver's error is computed, over the fine ones
 
 
@@ -228,6 +229,25 @@ def solver_error(problem: FitProblem, x: np.ndarray, coarse: int, fine: int) -> 
     }
 
 
+def _without_branches(evaluated: EvaluatedFit, error: SolverError) -> SolverError:
+    """The solver's error without that of runs which take another branch at the fine step.
+
+    Where a friction just sticks or a valve just opens, the smallest change decides. If the coarse step has followed the
+    measurements and the fine one does not, the difference is no error of the solver.
+    """
+    channels, previous = evaluated.fit.problem.campaign.channels, evaluated.fit.problem.solver_error or {}
+    kept = {}
+    for run, rows in error.items():
+        before = after = 0.0
+        for n, residual in evaluated.residuals[run].items():
+            change = rows[n] - (previous[run][n] if run in previous else 0.0)
+            before += float(np.nansum(np.square(residual)))
+            after += float(np.nansum(np.square(residual - change[: len(residual)] / channels[n].noise)))
+        if after < MAX_RISE * before:
+            kept[run] = rows
+    return kept
+
+
 def with_solver_error(
     evaluated: EvaluatedFit, resolution: TimeResolution, max_steps: int, refinement: int = REFINEMENT
 ) -> EvaluatedFit:
@@ -239,6 +259,7 @@ def with_solver_error(
     for _ in range(SOLVER_CORRECTIONS):
         before = found
         error = solver_error(before.fit.problem, before.fit.x, resolution.coarse, refinement * resolution.fine)
+        error = _without_branches(before, error)
         problem = dataclasses.replace(before.fit.problem, solver_error=error)
         try:
             found = fit_coarse(problem, before.fit.x, resolution.coarse, steps)

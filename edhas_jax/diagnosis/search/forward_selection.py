@@ -17,7 +17,13 @@ from edhas_jax.diagnosis.search.backward_pass import take_back
 from edhas_jax.diagnosis.search.calibrated_model import calibrate, misfit
 from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
-from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, holds_by_library_law, is_promising, remaining
+from edhas_jax.diagnosis.search.decision_rules import (
+    LAW_ERROR_SHARE,
+    MIN_GAIN,
+    holds_by_library_law,
+    is_promising,
+    remaining,
+)
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.free_curves import score_free_curves
 from edhas_jax.diagnosis.search.free_law import free_law
@@ -147,7 +153,7 @@ def _select_forward(
         known = None if rounds else beginning
         end = search.stage(
             f"{name}_{len(rounds) + 1}",
-            lambda: _finish_round(search, baseline, mounted, resolution, first, known),  # noqa: B023 called at once
+            lambda: _finish_round(search, calibrated, baseline, mounted, resolution, first, known),  # noqa: B023 called at once
             StageEncoder.round_end,
             lambda decoder, plain: decoder.round_end(plain, mounted),  # noqa: B023
         )
@@ -173,15 +179,17 @@ def _other_beginning(first: Round) -> Round | None:
 
 
 def _finish_round(
-    search: _Search, baseline: EvaluatedFit, mounted: Sequence[Candidate], resolution: TimeResolution, first: ScoreTest,
-    known: Round | None = None,
+    search: _Search, calibrated: EvaluatedFit, baseline: EvaluatedFit, mounted: Sequence[Candidate],
+    resolution: TimeResolution, first: ScoreTest, known: Round | None = None,
 ) -> RoundEnd:  # fmt: skip
     """One round, or a known one, and the model with which the next one begins."""
     if sum(not isinstance(candidate, LawDeviation) for candidate in mounted) == MAX_EFFECTS:
         return RoundEnd(Round(baseline, (), (), None), None)
     candidates = search.candidates(baseline.fit.problem)
-    found = known or search_round(baseline, mounted, candidates, resolution, search.report, first)
-    for trial in _promising(found)[: CURVES_TRIED if known is None else 1]:
+    has_curves = any(isinstance(candidate, LawDeviation) for candidate in mounted)
+    law_error = LAW_ERROR_SHARE * max(calibrated.excess - baseline.excess, 0.0) if has_curves else 0.0
+    found = known or search_round(baseline, mounted, candidates, resolution, search.report, first, law_error)
+    for trial in _promising(found, law_error)[: CURVES_TRIED if known is None else 1]:
         settled = settle(with_tightened_bench(trial.evaluated, resolution.coarse), resolution, search.report)
         law, model = free_law(settled, (*mounted, trial.candidate), trial.candidate, resolution, search.report)
         if law is None and not holds_by_library_law(trial, baseline.samples):
@@ -202,10 +210,10 @@ def _is_law_of(candidate: Candidate, effect: Candidate) -> bool:
     return isinstance(candidate, LawDeviation) and candidate.of == effect.id
 
 
-def _promising(found: Round) -> list[Trial]:
+def _promising(found: Round, law_error: float) -> list[Trial]:
     """The accepted trial of a round, then its other promising ones, the best first; none where nothing was accepted."""
     first = found.accepted
-    others = [t for t in found.trials if t is not first and is_promising(t, found.baseline.samples)]
+    others = [t for t in found.trials if t is not first and is_promising(t, found.baseline.samples, law_error)]
     return [] if first is None else [first, *others]
 
 

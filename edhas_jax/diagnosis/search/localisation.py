@@ -17,12 +17,13 @@ trials, and only by the part of the remaining misfit that lies in the sensor's o
 not affect the other signals.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from edhas_jax.diagnosis.search.candidates import SENSOR_LOCATION, Candidate
-from edhas_jax.diagnosis.search.decision_rules import strength
+from edhas_jax.diagnosis.search.decision_rules import EXCESS_SIGMAS, strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.trial import Trial
@@ -56,8 +57,9 @@ def component_shares(
     for location, of in by_location.items():
         _, fall, directions = test.joint_scores(of)
         falls[location] = max(falls.get(location, 0.0), fall - directions)
-    # near the noise the excess may be smaller than what one cause explains, because noise lowers it
-    excess = max([2.0 * baseline.excess, *falls.values(), 1.0])
+    # near the noise the excess may be far smaller than what is missing, because noise may lower it
+    scatter = EXCESS_SIGMAS * math.sqrt(0.5 * baseline.samples)
+    excess = max([2.0 * (baseline.excess + scatter), *falls.values(), 1.0])
     far = baseline.excess > NEAR_EXCESS * 0.5 * baseline.samples
     overall = _achieved_share(trials)
     shares = {}

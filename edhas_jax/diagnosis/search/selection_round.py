@@ -28,6 +28,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 REFRESHED, MIN_REFRESHED_FALL = 8, 10.0
 PROGRESSIVE_TRIALS = 8  # candidates that are fitted progressively where none explains nearly all
 REFINED, REFINEMENT_STEPS = 2, 6  # trials that are refined where they end near the noise, and the steps of the fit
+MIN_LAW_ERRORS = 0.05  # predicted gain over the error of laws below which a candidate is not tried
 OWN_LAWS = 2  # trials whose own law may deviate
 PROGRESSIVE_RMS = 3.0  # residual over noise below which a fit is not caught in a distant minimum
 FAR_TRIALS = 8  # largest number of trials above it
@@ -35,7 +36,7 @@ FAR_TRIALS = 8  # largest number of trials above it
 
 def search_round(
     baseline: EvaluatedFit, accepted: Sequence[Candidate], candidates: Sequence[Candidate], resolution: TimeResolution,
-    report: Callable[[str], None], first: ScoreTest,
+    report: Callable[[str], None], first: ScoreTest, law_error: float = 0.0,
 ) -> Round:  # fmt: skip
     """Search for one more candidate.
 
@@ -46,6 +47,7 @@ def search_round(
         resolution: coarse and fine time steps per sample.
         report: called with a sentence on the progress.
         first: the score test of the first round, whose signatures later rounds use again for most candidates.
+        law_error: what laws that are known as curves only may have left [nats]; less is no reason to add a candidate.
     """
     deviations = law_deviation_columns(baseline.fit, accepted) if accepted else None
     test = ScoreTest(baseline.fit, accepted, deviations, first) if accepted else first
@@ -60,6 +62,7 @@ def search_round(
     if is_far or (is_distorted(baseline) and misfit(baseline) > 0.0):
         scores = _with_scores_at_prior(baseline, accepted, scores, report)
     most = FAR_TRIALS if is_far else MAX_TRIALS
+    scores = [score for score in scores if score.predicted_gain > MIN_LAW_ERRORS * law_error]
     trials = try_best_candidates(baseline, accepted, scores, resolution, report, max_trials=most)
     if is_far:
         trials = _retry_progressively(baseline, accepted, trials, resolution, report)
@@ -71,7 +74,7 @@ def search_round(
         for k, trial in enumerate(trials)
     ]
     trials.sort(key=lambda trial: -(trial.gain_beyond_laws + trial.own_law_gain))
-    best = trials[0] if trials and is_promising(trials[0], baseline.samples) else None
+    best = trials[0] if trials and is_promising(trials[0], baseline.samples, law_error) else None
     return Round(baseline, tuple(scores), tuple(trials), best)
 
 
