@@ -220,6 +220,8 @@ def _propose(x, gradient, curvature, damping, free, low, high, constraints):
 def _constrained_step(gradient, curvature, damping, active, low, high, room):
     """The bounded step; where it would violate constraints, the best one along their boundary."""
     step = _bounded_step(gradient, curvature, damping, active, low, high)
+    if not gradient @ step + 0.5 * step @ curvature @ step < 0.0:  # several bounds at once may lead uphill
+        step = _bounded_step(gradient, curvature, damping, active, low, high, one_at_a_time=True)
     violated = room.rows @ step < room.limits - CONSTRAINT_TOLERANCE
     if not violated.any():
         return step
@@ -231,10 +233,11 @@ def _constrained_step(gradient, curvature, damping, active, low, high, room):
     return step * min([1.0, *np.maximum(room.limits[outside] / change[outside], 0.0)])
 
 
-def _bounded_step(gradient, curvature, damping, active, low, high, boundary=None):
+def _bounded_step(gradient, curvature, damping, active, low, high, boundary=None, one_at_a_time=False):
     """Minimise the damped quadratic over the active coordinates; those that reach a bound are fixed there.
 
-    With a boundary the step ends on it: rows · step = limits.
+    With a boundary the step ends on it: rows · step = limits. One at a time: of several coordinates that would pass
+    their bounds only the first one is fixed before the others are computed again.
     """
     step, active = np.zeros(len(gradient)), active.copy()
     damped = curvature + damping * np.diag(np.maximum(np.diag(curvature), 1e-12))
@@ -250,7 +253,7 @@ def _bounded_step(gradient, curvature, damping, active, low, high, boundary=None
         outside = active & ((step < low) | (step > high))
         if not outside.any():
             break
-        if boundary is not None:  # one at a time, because the others can still move along the boundary
+        if boundary is not None or one_at_a_time:  # the others can still move along the boundary
             first = np.argmin(np.where(outside, np.clip(step, low, high) / np.where(outside, step, 1.0), np.inf))
             outside = np.arange(len(step)) == first
         step = np.where(outside, np.clip(step, low, high), step)

@@ -1,0 +1,70 @@
+"""Deviations of the bench are held tighter while a model leaves much; solver errors on another branch do not count."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from edhas_jax.core import structs
+from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind, bench_deviations, deviation_columns
+from edhas_jax.diagnosis.search.candidates import build_problem
+from edhas_jax.diagnosis.search.evaluated_fit import _without_branches, fit_coarse, start_coordinates
+from edhas_jax.diagnosis.search.tightened_bench import MIN_RESIDUAL, with_tightened_bench
+from edhas_jax.machine.effects import InverterDeadTime
+from edhas_jax.measurements.instruments import Instruments
+from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
+
+GUARDED = DeviationKind.SETTING, DeviationKind.GAIN, DeviationKind.OFFSET, DeviationKind.SHIFT
+
+
+def fitted(campaign, steps=12):
+    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    return fit_coarse(problem, start_coordinates(problem, {}), PER_SAMPLE, steps)
+
+
+@pytest.fixture(scope="module")
+def far():
+    """A fit that lacks a large effect."""
+    truth = structs.replace(bench(), effects=(*bench().effects, InverterDeadTime(dead_time_voltage=3.0)))
+    return fitted(measured(empty_campaign(), truth))
+
+
+def test_columns_are_as_much_smaller_as_the_bench_is_tightened(far):
+    problem, run = far.fit.problem, far.fit.problem.model().runs[0]
+    tight = dataclasses.replace(problem.campaign, tightening=4.0)
+    for usual, held in zip(problem.bench.of_sensors, bench_deviations(tight, problem.unknowns).of_sensors, strict=True):
+        one, other = (
+            deviation_columns([d], run, "current", far.fit.outcomes[0], problem.unknowns) for d in (usual, held)
+        )
+        np.testing.assert_allclose(other, one / (4.0 if usual.kind in GUARDED else 1.0), rtol=1e-12)
+        assert held.std == usual.std
+
+
+def test_a_model_that_leaves_much_may_not_blame_the_bench(far):
+    held = with_tightened_bench(far, PER_SAMPLE)
+    factor = held.fit.problem.campaign.tightening
+    assert factor > MIN_RESIDUAL and held.excess > far.excess
+    before, after = (
+        max(abs(row.value) for row in f.bench.deviations(f.fit.problem.bench) if row.deviation.kind in GUARDED)
+        for f in (far, held)
+    )
+    assert after < 0.5 * before
+    assert factor == pytest.approx(np.sqrt(2.0 * held.cost / held.samples), rel=0.3)
+
+
+def test_a_good_model_keeps_the_accuracy_of_the_bench():
+    near = fitted(measured(empty_campaign(), bench()))
+    assert with_tightened_bench(near, PER_SAMPLE) is near
+
+
+def test_a_solver_error_on_another_branch_is_left_out():
+    """At one run the fine step leaves the measurements that the coarse one has followed; at the other it is nearer."""
+    noise = {"current": SimpleNamespace(noise=0.1)}
+    problem = SimpleNamespace(campaign=SimpleNamespace(channels=noise), solver_error=None)
+    ones = np.ones(50)
+    evaluated = SimpleNamespace(
+        fit=SimpleNamespace(problem=problem), residuals={"near": {"current": ones}, "jumps": {"current": ones}}
+    )
+    error = {"near": {"current": 0.05 * ones}, "jumps": {"current": 0.7 * ones}}
+    assert set(_without_branches(evaluated, error)) == {"near"}

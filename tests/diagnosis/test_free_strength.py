@@ -1,0 +1,60 @@
+"""Whether one unknown cause stands out; errors of laws that are known as curves only."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Evidence, answer_from
+from edhas_jax.diagnosis.search.backward_pass import LAW_ERROR_SHARE_AT_COMPONENT, _law_error_share
+from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.decision_rules import LAW_ERROR_SHARE, MIN_GAIN
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation
+from edhas_jax.diagnosis.search.localisation import FREE_COST, free_strength
+from edhas_jax.machine.effects import CoggingForce, EddyDrag, HoseCompliance
+from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
+
+SAMPLES = 20_000
+
+
+def model(excess: float):
+    return SimpleNamespace(excess=excess, samples=SAMPLES)
+
+
+def score(gain: float):
+    return SimpleNamespace(predicted_gain=gain)
+
+
+def test_near_the_noise_the_prediction_counts():
+    assert free_strength(model(50.0), [score(FREE_COST)], ()) == 0.0
+    assert free_strength(model(50.0), [score(FREE_COST + 10.0 * MIN_GAIN)], ()) == pytest.approx(10.0)
+
+
+def test_many_small_causes_leave_much_with_any_term():
+    assert free_strength(model(9000.0), [score(2000.0)], ()) < 0.5
+    assert free_strength(model(9000.0), [score(8500.0)], ()) > 5.0
+
+
+def test_far_from_the_noise_only_a_fit_counts():
+    fitted = SimpleNamespace(evaluated=model(5e3))
+    assert free_strength(model(5e5), [score(4.9e5)], ()) == 0.0
+    assert free_strength(model(5e5), [score(4.9e5)], (fitted,)) > 50.0
+
+
+def test_a_cause_without_misfit_is_unknown_where_one_term_stands_out():
+    small, large = (answer_from(Evidence((), 0.0, 0.3, 0.0, 1.0, strength)) for strength in (0.1, 30.0))
+    assert small.first == NOTHING and large.probabilities[UNKNOWN] > 2.0 * small.probabilities[UNKNOWN]
+
+
+def deviation_of(kind) -> LawDeviation:
+    place = LawPlace("mover_force", "piston_position")
+    return LawDeviation(tabulated_class(f"{kind.id}_deviation", place, 2), None, place, 1.0, (0.0, 1.0))
+
+
+def test_a_law_known_as_a_curve_leaves_a_share_of_what_is_explained():
+    cogging, drag, hose = Candidate(CoggingForce), Candidate(EddyDrag), Candidate(HoseCompliance)
+    curve = deviation_of(CoggingForce)
+    assert _law_error_share(drag, [cogging, drag]) == 0.0
+    assert _law_error_share(drag, [cogging, curve, drag]) == LAW_ERROR_SHARE_AT_COMPONENT
+    assert _law_error_share(hose, [cogging, curve, hose]) == LAW_ERROR_SHARE
+    assert _law_error_share(cogging, [cogging, curve, hose]) == 0.0
+    assert _law_error_share(curve, [cogging, curve, hose]) == 0.0
