@@ -44,12 +44,14 @@ def test_rivals_are_compared_on_the_scale_of_what_is_left():
 
 
 def test_one_place_that_explains_a_misfit_speaks_for_one_unknown_cause():
-    scattered, placed = (answer_from(Evidence((), 0.5, share)).probabilities[UNKNOWN] for share in (0.1, 0.95))
+    scattered, placed = (
+        answer_from(Evidence((), 0.5, share, free_strength=1.0)).probabilities[UNKNOWN] for share in (0.1, 0.95)
+    )
     assert scattered < 0.2 and placed > 0.8
 
 
 def test_many_small_causes_leave_little_of_a_signal():
-    small, large = (answer_from(Evidence((), 5.0, 0.1, left)).first for left in (0.01, 0.3))
+    small, large = (answer_from(Evidence((), 5.0, 0.1, left, free_strength=0.5)).first for left in (0.01, 0.3))
     assert (small, large) == (NOTHING, UNKNOWN)
 
 

@@ -39,15 +39,15 @@ class Constants:
 
     temperature: float = 4.0
     temperature_share: float = 0.1
-    real_offset: float = -0.8
-    real_slope: float = 4.0
+    real_offset: float = -0.75
+    real_slope: float = 4.9
     max_real: float = 0.96
     max_nothing: float = 0.9
     implausible_share: float = 0.4
-    unknown_offset: float = -6.8
-    unknown_misfit_slope: float = 0.5
-    unknown_free_slope: float = 1.0
-    unknown_place_slope: float = 12.0
+    unknown_offset: float = -6.65
+    unknown_misfit_slope: float = 0.38
+    unknown_free_slope: float = 2.1
+    unknown_place_slope: float = 17.0
     unknown_signal_slope: float = 5.0
     unknown_distortion_slope: float = 3.0
     coverage: float = 0.95
