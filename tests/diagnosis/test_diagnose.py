@@ -15,6 +15,7 @@ from edhas_jax.diagnosis.laws.deviation import curve_columns
 from edhas_jax.diagnosis.report.result_file import save_diagnosis
 from edhas_jax.diagnosis.search.backward_pass import take_back
 from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.decision_rules import EXCESS_SIGMAS
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.free_curves import free_curve
@@ -217,11 +218,13 @@ def test_the_share_of_a_component_is_what_its_candidates_explain_together(of_win
     calibrated = of_windage.calibrated
     candidate, test = Candidate(MagneticSaturation), ScoreTest(of_windage.calibrated.fit, ())
     score = test.score(candidate)
-    _, fall, _ = test.joint_scores([candidate])
+    _, fall, directions = test.joint_scores([candidate])
     shares = component_shares(test, calibrated, [candidate], [])
-    assert list(shares) == ["mover"] and shares["mover"] == pytest.approx(fall / (2.0 * calibrated.excess))
+    misfit = 2.0 * (calibrated.excess + EXCESS_SIGMAS * np.sqrt(0.5 * calibrated.samples))
+    assert list(shares) == ["mover"] and shares["mover"] == pytest.approx((fall - directions) / misfit)
     achieved = dataclasses.replace(Trial.failed(score), explained_share=0.9)
-    assert component_shares(test, calibrated, [candidate], [achieved])["mover"] == 0.9
+    share = component_shares(test, calibrated, [candidate], [achieved])["mover"]
+    assert share == pytest.approx(0.9 * 2.0 * calibrated.excess / misfit)
 
 
 def test_a_sensor_counts_as_far_as_what_remains_is_its_own(of_a_lagging_sensor):

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Evidence, answer_from
+from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Evidence, Rivals, answer_from
 from edhas_jax.diagnosis.search.backward_pass import LAW_ERROR_SHARE_AT_COMPONENT, _law_error_share
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import LAW_ERROR_SHARE, MIN_GAIN
@@ -43,6 +43,13 @@ def test_far_from_the_noise_only_a_fit_counts():
 def test_a_cause_without_misfit_is_unknown_where_one_term_stands_out():
     small, large = (answer_from(Evidence((), 0.0, 0.3, 0.0, 1.0, strength)) for strength in (0.1, 30.0))
     assert small.first == NOTHING and large.first == UNKNOWN
+
+
+def test_an_effect_that_a_single_curve_far_surpasses_only_imitates_its_cause():
+    member = Rivals("magnetic_saturation", 1.3, {"magnetic_saturation": 977.0}, 850.0)
+    alone, surpassed = (answer_from(Evidence((member,), 1.1, 0.9, 0.04, 1.0, free)) for free in (0.0, 170.0))
+    assert alone.first == "magnetic_saturation" and surpassed.first == UNKNOWN
+    assert sum(surpassed.probabilities.values()) == pytest.approx(1.0)
 
 
 def deviation_of(kind) -> LawDeviation:

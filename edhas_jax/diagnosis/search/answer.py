@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 
 NOTHING, UNKNOWN = "nothing", "unknown"
+FAR_STRONGER = 10.0  # strength of a free term over that of members, from which these more probably imitate one cause
 SMALL_MISFIT, SMALL_STRENGTH = 0.01, 0.05  # less than these says as little as these
 SMALL_SHARE = 0.05  # of a signal's rms: more is not left by many small causes
 
@@ -112,9 +113,19 @@ class Evidence:
     distortion: float = 1.0
     free_strength: float = 0.0
 
+    def probability_imitation(self) -> float:
+        """The probability that the members only imitate one cause, which a single free term explains far better."""
+        strongest = max((member.strength for member in self.members), default=0.0)
+        if not strongest > 0.0:
+            return 0.0
+        odds = (self.free_strength / (FAR_STRONGER * strongest)) ** 2
+        return odds / (1.0 + odds)
+
     def probability_unknown(self, constants: Constants = CONSTANTS) -> float:
         """The probability that a misfit without a candidate has one cause, rather than many small ones or none."""
         least = 1.0 - constants.max_nothing
+        if self.misfit <= 0.0 and self.free_strength <= 0.0:  # then shares are those of noise
+            return least
         logit = constants.unknown_offset + constants.unknown_misfit_slope * math.log(max(self.misfit, SMALL_MISFIT))
         logit += constants.unknown_free_slope * math.log(max(self.free_strength, SMALL_STRENGTH))
         logit += constants.unknown_place_slope * self.place_share
@@ -146,7 +157,8 @@ def answer_from(evidence: Evidence, constants: Constants = CONSTANTS) -> Answer:
     """The answer that follows from the evidence."""
     found: dict[str, float] = {}
     reals = [member.probability_real(constants) for member in evidence.members]
-    names = [member.names(constants) for member in evidence.members]
+    imitates = evidence.probability_imitation()
+    names = [{n: p * (1.0 - imitates) for n, p in member.names(constants).items()} for member in evidence.members]
     for real, of in zip(reals, names, strict=True):
         for name, p in of.items():
             found[name] = max(found.get(name, 0.0), real * p)

@@ -24,6 +24,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 COST_TOLERANCE, RELATIVE_COST_TOLERANCE = 0.5, 3e-5
 # how often the solver's error is computed, and the change of ½χ² by the first one from which the second fit is searched
 SOLVER_CORRECTIONS, MIN_SOLVER_CHANGE = 2, 10.0
+UPDATED_STEPS = 1.5  # steps with updated derivatives for one with computed ones
 MAX_RISE = 3.0  # factor by which the solver's error may raise χ² of a run; more is another branch
 REFINEMENT = 2  # steps with which the solver's error is computed, over the fine ones
 
@@ -124,7 +125,7 @@ class EvaluatedFit:
 
 def fit_coarse(
     problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
-    keep_on: Callable[[float, float], bool] | None = None,
+    keep_on: Callable[[float, float], bool] | None = None, may_update: bool = True,
 ) -> EvaluatedFit:  # fmt: skip
     """Fit at one time step, without the refinements of a final fit, and evaluate the fit on all runs.
 
@@ -134,11 +135,12 @@ def fit_coarse(
         steps_per_sample: time steps per sample.
         max_steps: maximum number of Levenberg-Marquardt steps.
         keep_on: asked after a few steps with the number of steps so far and ½χ²; False ends the search early.
+        may_update: whether derivatives may follow from earlier points; False where values are hardly determined.
 
     Raises:
         FitError: the model fails at every point that was evaluated.
     """
-    found, model = _search(problem, starts, steps_per_sample, max_steps, keep_on)
+    found, model = _search(problem, starts, steps_per_sample, max_steps, keep_on, may_update)
     best = int(np.argmin(found.model.cost))
     x, cost = found.x[best], float(found.model.cost[best])
     if not np.isfinite(cost):
@@ -159,20 +161,22 @@ def find_minima(
     keep_on: Callable[[float, float], bool] | None = None,
 ) -> Minima:  # fmt: skip
     """The end points of least-squares fits from one start (n,) or several (k, n); arguments as in `fit_coarse`."""
-    return _search(problem, starts, steps_per_sample, max_steps, keep_on)[0]
+    return _search(problem, starts, steps_per_sample, max_steps, keep_on, True)[0]
 
 
 def _search(
     problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
-    keep_on: Callable[[float, float], bool] | None,
+    keep_on: Callable[[float, float], bool] | None, may_update: bool,
 ) -> tuple[Minima, SecantModel]:  # fmt: skip
     starts, model = np.atleast_2d(starts), SecantModel(problem, steps_per_sample)
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
+    updates = may_update and model.fits_in_memory(len(starts))
+    steps = math.ceil(UPDATED_STEPS * max_steps) if updates else max_steps
     found = levenberg_marquardt(
-        model.evaluate, starts, low, high, tolerance=COST_TOLERANCE, max_steps=max_steps, merge=COST_TOLERANCE,
+        model.evaluate, starts, low, high, tolerance=COST_TOLERANCE, max_steps=steps, merge=COST_TOLERANCE,
         constraints=problem.constraints(), relative_tolerance=RELATIVE_COST_TOLERANCE,
         keep_on=None if keep_on is None else lambda step, costs: keep_on(step, float(np.min(costs))),
-        update=model.update if model.fits_in_memory(len(starts)) else None,
+        update=model.update if updates else None,
     )  # fmt: skip
     return found, model
 

@@ -117,7 +117,8 @@ def try_candidate(
     calibrated_start = np.concatenate([start_coordinates(problem, fitted.values)[:count], score.x])
     shrunk_start = np.concatenate([RESTART_PRIOR_SHARE * calibrated_start[:count], score.x])
     starts = [calibrated_start, shrunk_start]
-    if isinstance(candidate, FreeTerm) and fitted.machine.is_own:
+    is_own_curve = isinstance(candidate, FreeTerm) and fitted.machine.is_own
+    if is_own_curve:
         # far from the calibrated model the linear prediction overshoots: begin without influence as well
         without = np.concatenate([np.ones(count), np.zeros(len(score.x))])
         starts = [without * calibrated_start, without * shrunk_start, *starts]
@@ -127,7 +128,8 @@ def try_candidate(
     while starts:
         start = starts.pop(0)
         try:
-            found = fit_coarse(problem, start, resolution.coarse, max_steps, _give_up_rule(baseline.cost, reached))
+            rule = _give_up_rule(baseline.cost, reached)
+            found = fit_coarse(problem, start, resolution.coarse, max_steps, rule, may_update=not is_own_curve)
         except FitError:
             found = None
         if found is not None and (best is None or found.log_evidence > best.log_evidence):
