@@ -35,7 +35,7 @@ class Unstable(ArithmeticError):
 
 
 def rates(machine: Rig, y: State, t, h) -> tuple[State, list[str]]:
-    """dy/dt of every state, of a node of oil the rate of its pressure, and the names of these nodes."""
+    """dy/dt of every state (for an oil node, of its pressure), and the names of the oil nodes."""
     s, found = machine.evaluate(y, t, h, y)
     return found | s.record.pressure_rates, list(s.record.pressure_rates)
 

@@ -1,4 +1,4 @@
-"""Whether one unknown cause stands out; errors of laws that are known as curves only."""
+"""Strength of the best free term, the answers that follow from it, and the error that a fitted law curve may leave."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Least squares with derivatives that follow from earlier points: Broyden's update, and a search that relies on it."""
+"""Least squares with derivatives updated by Broyden's method instead of computed at every step."""
 
 import dataclasses
 
@@ -87,7 +87,7 @@ def rosenbrock(x) -> QuadraticModel:
 
 
 def test_a_search_with_frozen_derivatives_reaches_the_minimum():
-    """The residuals are exact and the derivatives those of the last evaluation: the worst that an update may be."""
+    """Exact residuals with the derivatives of the last evaluation: the crudest possible update."""
     kept = {}
 
     def evaluate(x, rows):

@@ -24,7 +24,7 @@ from edhas_jax.diagnosis.likelihood.whitening import whiten
 from edhas_jax.measurements.campaign import BenchRun
 from edhas_jax.measurements.measurement_model import EvaluationPoint, PredictedSignals
 
-MAX_BYTES = 2**29  # of the columns that are kept: beyond it every point is computed with derivatives
+MAX_BYTES = 2**29  # memory for the columns of all starts; if they need more, derivatives are computed at every point
 
 
 @dataclasses.dataclass
@@ -73,7 +73,7 @@ class SecantModel:
         self._starts: dict[int, _Start] = {}
 
     def fits_in_memory(self, starts: int) -> bool:
-        """Whether the columns of so many starts can be kept."""
+        """Whether the columns of that many starts need less memory than `MAX_BYTES`."""
         samples = sum(len(v) for run in self._runs for v in run.signals.values())
         columns = self._own + self._count + self._problem.bench.count + 1
         return 8 * samples * columns * starts < MAX_BYTES

@@ -11,8 +11,8 @@ import math
 from collections.abc import Mapping
 
 NOTHING, UNKNOWN = "nothing", "unknown"
-FAR_STRONGER = 10.0  # strength of a free term over that of members, from which these more probably imitate one cause
-SMALL_MISFIT, SMALL_STRENGTH = 0.01, 0.05  # less than these says as little as these
+FAR_STRONGER = 10.0  # a free term so many times as strong as the members: they imitate one cause with probability ½
+SMALL_MISFIT, SMALL_STRENGTH = 0.01, 0.05  # lower limits of misfit and strength before their logarithm is taken
 SMALL_SHARE = 0.05  # of a signal's rms: more is not left by many small causes
 
 

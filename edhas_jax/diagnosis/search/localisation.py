@@ -6,11 +6,10 @@ the share is
 
     share = (|P r|² − k)/|r|²,   P the orthogonal projector onto the k directions of the span of E,
 
-the fraction of χ² of the projected residual r that the best combination removes, without the k that noise alone gives
-it. It is at least the share that one
-free term at the component explains (see `free_curves`, `memory_term`). Signatures are linear, so a fit may
-achieve less than they predict: far from the noise the share is reduced by the ratio of achieved to predicted fall of
-χ². It is at least what a trial of a candidate there has achieved.
+the fraction of χ² of the projected residual r that the best combination removes, less the k that noise alone is
+expected to contribute. It is at least the share that one free term at the component explains (see `free_curves`,
+`memory_term`). Signatures are linear, so a fit may achieve less than they predict: far from the noise the share is
+reduced by the ratio of achieved to predicted fall of χ². It is at least what a trial of a candidate there has achieved.
 
 A combination of lag, delay, gain and offset follows almost any residual of one signal. Sensors therefore count only by
 trials, and only by the part of the remaining misfit that lies in the sensor's own signal, since a faulty sensor does

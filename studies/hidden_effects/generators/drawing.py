@@ -164,7 +164,7 @@ class _Draw:
             law = self._any(laws) if self.attempt % 4 == 3 else laws[self._turn(len(laws))]
             return [law], self._bench([law])
         bench = self._bench([])
-        # which laws a bench can have takes seconds to find out: it is asked of no more laws than needed
+        # checking whether a bench can have a law traces its equations, so only the laws to choose from are checked
         if self.family is Family.WITHHELD:
             if self.rng.uniform() < SHARE_OF_UNLISTED:
                 return [self._any(_possible(bench, self.content.unlisted))], bench
