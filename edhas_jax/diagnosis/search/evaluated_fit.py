@@ -24,7 +24,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 COST_TOLERANCE, RELATIVE_COST_TOLERANCE = 0.5, 3e-5
 # how often the solver's error is computed, and the change of ½χ² by the first one from which the second fit is searched
 SOLVER_CORRECTIONS, MIN_SOLVER_CHANGE = 2, 10.0
-UPDATED_STEPS = 1.5  # factor on the maximum number of steps of a fit whose derivatives are updated: these steps are cheap
+UPDATED_STEPS = 1.5  # factor on the maximum number of steps where derivatives are updated, as such steps are cheap
 MAX_RISE = 3.0  # factor by which correcting the solver's error may raise χ² of a run; see `_without_branches`
 REFINEMENT = 2  # steps with which the solver's error is computed, over the fine ones
 

@@ -186,8 +186,8 @@ def _finish_round(
     if sum(not isinstance(candidate, LawDeviation) for candidate in mounted) == MAX_EFFECTS:
         return RoundEnd(Round(baseline, (), (), None), None)
     candidates = search.candidates(baseline.fit.problem)
-    has_curves = any(isinstance(candidate, LawDeviation) for candidate in mounted)
-    law_error = LAW_ERROR_SHARE * max(calibrated.excess - baseline.excess, 0.0) if has_curves else 0.0
+    curves = {candidate.of for candidate in mounted if isinstance(candidate, LawDeviation)}
+    law_error = LAW_ERROR_SHARE * max(calibrated.excess - baseline.excess, 0.0) if curves else 0.0
     found = known or search_round(baseline, mounted, candidates, resolution, search.report, first, law_error)
     for trial in _promising(found, law_error)[: CURVES_TRIED if known is None else 1]:
         settled = settle(with_tightened_bench(trial.evaluated, resolution.coarse), resolution, search.report)
@@ -197,17 +197,12 @@ def _finish_round(
         laws = () if law is None else (law,)
         for earlier in mounted:  # what another candidate explains now has hidden whether its law differs
             present = (*mounted, trial.candidate, *laws)
-            if not isinstance(earlier, LawDeviation) and not any(_is_law_of(c, earlier) for c in mounted):
+            if not isinstance(earlier, LawDeviation) and earlier.id not in curves:
                 law, model = free_law(model, present, earlier, resolution, search.report)
                 laws = laws if law is None else (*laws, law)
         model = without_wrong_samples(with_tightened_bench(model, resolution.coarse), resolution)
         return RoundEnd(dataclasses.replace(found, accepted=trial, laws=laws), model)
     return RoundEnd(dataclasses.replace(found, accepted=None), None)
-
-
-def _is_law_of(candidate: Candidate, effect: Candidate) -> bool:
-    """Whether a candidate is the deviation of the law of an effect."""
-    return isinstance(candidate, LawDeviation) and candidate.of == effect.id
 
 
 def _promising(found: Round, law_error: float) -> list[Trial]:
