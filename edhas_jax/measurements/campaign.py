@@ -129,6 +129,8 @@ class Campaign:
         is_checked: whether the data are checked, impossible samples left out, and the noise measured.
         stated_accuracy: what the campaign states about the accuracy of the bench; see `accuracy`.
         tightening: divides the deviations of settings and sensors that a fit allows; above 1 where much is left.
+        unpredictable: by signal, standard deviation (SI) of what the model cannot predict because its signals depend
+            irregularly on its parameters; part of `noise` of the channels. Empty where they depend smoothly.
     """
 
     name: str
@@ -141,6 +143,7 @@ class Campaign:
     is_checked: bool = False
     stated_accuracy: BenchAccuracy = dataclasses.field(default_factory=BenchAccuracy)
     tightening: float = 1.0
+    unpredictable: dict[str, float] = dataclasses.field(default_factory=dict)
 
     @functools.cached_property
     def accuracy(self) -> BenchAccuracy:

@@ -1,6 +1,7 @@
 """The report of a diagnosis: what it says is what was found, and it needs nothing beside it."""
 
 import base64
+import dataclasses
 import json
 import re
 from html.parser import HTMLParser
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 from edhas_jax.core import structs
-from edhas_jax.core.units import format_with_error
+from edhas_jax.core.units import format_quantity, format_with_error
+from edhas_jax.diagnosis.calibration.unpredictable_part import with_unpredictable_part
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.diagnosis.report.machine_schematic import draw_schematic, probability_colour
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
@@ -72,6 +74,16 @@ def test_the_report_is_one_sound_file(diagnosis, report):
     assert not re.search(r"""(?:src|href)=(?!["']?data:)|https?://""", report)
     assert conclusions(diagnosis)[0] in parser.texts
     assert "inverter_dead_time" in conclusions(diagnosis)[0] and diagnosis.verdict is Verdict.MISSING_EFFECT
+
+
+def test_what_the_model_cannot_predict_is_said(diagnosis):
+    """A part far below the noise is not worth a sentence."""
+    noise = diagnosis.campaign.channels["current"].noise
+    for share, count in ((0.3, 1), (0.001, 0)):
+        campaign = with_unpredictable_part(diagnosis.campaign, {"current": share * noise})
+        said = [s for s in conclusions(dataclasses.replace(diagnosis, campaign=campaign)) if "counts as noise" in s]
+        assert len(said) == count
+        assert not said or f"{format_quantity(share * noise, 'A')} of current (rms)" in said[0]
 
 
 def test_the_traces_are_those_measured_and_those_of_the_models(diagnosis, report):

@@ -202,6 +202,15 @@ def _is_finite(model: QuadraticModel) -> np.ndarray:
         return finite & (np.abs(model.curvature) < OVERFLOW_LIMIT).all(axis=(1, 2))
 
 
+def proposed_step(
+    x: np.ndarray, model: QuadraticModel, damping: float, low: np.ndarray, high: np.ndarray,
+    constraints: LinearConstraints,
+) -> np.ndarray:  # fmt: skip
+    """The point (n,) of a damped step from `x` (n,), at which `model` holds, inside all limits."""
+    free = np.ones(len(x), bool)
+    return _propose(x, model.gradient[0], model.curvature[0], damping, free, low, high, constraints)[0]
+
+
 def _propose(x, gradient, curvature, damping, free, low, high, constraints):
     """The point of a damped step inside all limits, its predicted decrease, and that of the best (undamped) step."""
     active = free & ~((x <= low) & (gradient > 0.0)) & ~((x >= high) & (gradient < 0.0))

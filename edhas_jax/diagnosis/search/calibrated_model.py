@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
+from edhas_jax.diagnosis.calibration.unpredictable_part import unpredictable_part, with_unpredictable_part
 from edhas_jax.diagnosis.likelihood.slow_residuals import slow_excess
 from edhas_jax.diagnosis.search.candidates import build_problem
 from edhas_jax.diagnosis.search.decision_rules import remaining
@@ -26,6 +27,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_r
 
 CALIBRATION_STEPS = 25  # maximum number of Levenberg-Marquardt steps
 PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growing parts of the runs are fitted
+IRREGULAR_STEPS, REPETITIONS = 20, 3  # with an ensemble: maximum number of steps, and how often it begins again
 CHECK_STEPS = 6  # the same for the check of the time step
 STEP_SHARE = 0.1  # of the misfit: if half the coarse step removes more, it was too coarse
 
@@ -61,10 +63,34 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
         starts = np.array([centre, calibrated.fit.x])
         better = fit_progressively(problem, starts, 1, resolution.coarse, TRIAL_STEPS, calibrated)
         calibrated = better or calibrated
+    if (irregular := _irregular(calibrated, resolution, report)) is not None:
+        return irregular, TimeResolution(resolution.fine, resolution.fine, resolution.error)  # no error of the solver
     calibrated = with_tightened_bench(calibrated, resolution.coarse)
     settled, resolution = _with_sufficient_step(settle(calibrated, resolution, report), resolution, report)
     settled = with_tightened_bench(settled, resolution.coarse)
     return without_wrong_samples(settled, resolution), resolution
+
+
+def _irregular(calibrated: EvaluatedFit, resolution: TimeResolution, report: Report) -> EvaluatedFit | None:
+    """The fit of a model whose signals depend irregularly on its parameters; None where they depend smoothly."""
+    fit, steps = calibrated.fit, resolution.fine
+    deviations = unpredictable_part(fit.problem, fit.x, steps)
+    if not deviations:
+        return None
+    report("the signals depend irregularly on the parameters: fitting with an ensemble")
+    problem = dataclasses.replace(
+        fit.problem, campaign=with_unpredictable_part(fit.problem.campaign, deviations), solver_error=None
+    )
+    found = fit_coarse(problem, fit.x, steps, IRREGULAR_STEPS)
+    for _ in range(REPETITIONS):  # with a wide ensemble again
+        again = fit_coarse(problem, found.fit.x, steps, IRREGULAR_STEPS)
+        enough = again.excess > (1.0 - STEP_SHARE) * found.excess
+        found = min(found, again, key=lambda evaluated: evaluated.cost)
+        if enough:
+            break
+    found = with_tightened_bench(found, steps)
+    resolution = TimeResolution(steps, steps, resolution.error)
+    return without_wrong_samples(settle(found, resolution, report), resolution)
 
 
 def _with_sufficient_step(

@@ -14,6 +14,7 @@ from edhas_jax.measurements.campaign import Use
 
 DEVIATION_UNITS = {DeviationKind.TRIGGER: "s", DeviationKind.SHIFT: "s"}  # others are relative
 MAX_ACCURACIES, MOST_EXCESSIVE = 3.0, 3  # of a deviation of the bench: beyond them it is no usual one; sentences
+MIN_UNPREDICTABLE = 0.02  # of the noise of a signal: less of it is not named
 MIN_NAMED_SHARE = 1e-4  # of a signal's rms, left unexplained, below which the signal is not named
 
 
@@ -76,7 +77,26 @@ def uncertainty_sentences(diagnosis: Diagnosis) -> list[str]:
     larger = model_error_sentence(rms)
     curves = {name for law in diagnosis.laws for name in law.value_names}  # drawn with their own errors
     combinations = [c.sentence() for c in weak_combinations(diagnosis.final) if not set(c.changes) <= curves]
-    return [*([] if larger is None else [larger]), *combinations, *(a.sentence() for a in diagnosis.assumed)]
+    return [
+        *([] if larger is None else [larger]), *_unpredictable_sentences(diagnosis), *combinations,
+        *(a.sentence() for a in diagnosis.assumed),
+    ]  # fmt: skip
+
+
+def _unpredictable_sentences(diagnosis: Diagnosis) -> list[str]:
+    """What the model cannot predict because its signals depend irregularly on its parameters."""
+    campaign = diagnosis.campaign
+    parts = [
+        f"{format_quantity(size, campaign.machine.signals[name].unit)} of {name}"
+        for name, size in campaign.unpredictable.items()
+        if size > MIN_UNPREDICTABLE * campaign.channels[name].noise
+    ]
+    if not parts:
+        return []
+    return [
+        "Runs with almost the same parameters part after a while, as where valves bounce or a friction sticks. What "
+        f"no estimate of the parameters can predict counts as noise: {', '.join(parts)} (rms)."
+    ]
 
 
 def bench_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:

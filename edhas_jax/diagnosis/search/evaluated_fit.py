@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
+from edhas_jax.diagnosis.calibration.ensemble_search import minimise_by_ensemble
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem, SolverError
 from edhas_jax.diagnosis.calibration.least_squares import Minima, levenberg_marquardt
@@ -27,8 +28,7 @@ SOLVER_CORRECTIONS, MIN_SOLVER_CHANGE = 2, 10.0
 UPDATED_STEPS = 1.5  # factor on the maximum number of steps where derivatives are updated, as such steps are cheap
 MAX_RISE = 3.0  # factor by which correcting the solver's error may raise χ² of a run; see `_without_branches`
 REFINEMENT = 2  # steps with which the solver's error is computed, over the fine ones
-
-
+MODEL_FAILS = "the model fails (it is not finite, or leaves its physical range) wherever the fit has looked"
 MAX_PRODUCT = 1e14  # square of a whitened column: above it rounding errors of ½χ² reach a nat
 
 
@@ -140,11 +140,13 @@ def fit_coarse(
     Raises:
         FitError: the model fails at every point that was evaluated.
     """
+    if problem.campaign.unpredictable:
+        return _fit_by_ensemble(problem, starts, steps_per_sample, max_steps, keep_on)
     found, model = _search(problem, starts, steps_per_sample, max_steps, keep_on, may_update)
     best = int(np.argmin(found.model.cost))
     x, cost = found.x[best], float(found.model.cost[best])
     if not np.isfinite(cost):
-        raise FitError("the model fails (it is not finite, or leaves its physical range) wherever the fit has looked")
+        raise FitError(MODEL_FAILS)
     outcomes = model.outcomes_at(best, x)
     if outcomes is None:
         at_end = problem.model().predict_all_runs(x, steps_per_sample, with_sensitivities=True)
@@ -152,6 +154,21 @@ def fit_coarse(
     fitted = Fit(
         problem, x, x, regularised_inverse(found.model.curvature[best]), cost, outcomes,
         TimeResolution(steps_per_sample, steps_per_sample, math.nan), bool(found.converged[best]), found.model.cost,
+    )  # fmt: skip
+    return evaluate_fit(fitted)
+
+
+def _fit_by_ensemble(
+    problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
+    keep_on: Callable[[float, float], bool] | None,
+) -> EvaluatedFit:
+    """As `fit_coarse`, for a model whose signals depend irregularly on its unknowns."""
+    end = minimise_by_ensemble(problem, starts, steps_per_sample, math.ceil(UPDATED_STEPS * max_steps), keep_on)
+    if end is None or not np.isfinite(end.model.cost[0]):
+        raise FitError(MODEL_FAILS)
+    fitted = Fit(
+        problem, end.x, end.x, regularised_inverse(end.model.curvature[0]), float(end.model.cost[0]), end.outcomes,
+        TimeResolution(steps_per_sample, steps_per_sample, math.nan), end.converged, end.model.cost,
     )  # fmt: skip
     return evaluate_fit(fitted)
 
@@ -259,6 +276,8 @@ def with_solver_error(
 
     The error is computed again at the new estimate, and where it has changed the fit much, that is repeated too.
     """
+    if evaluated.fit.problem.campaign.unpredictable:  # then a finer step differs at random
+        return evaluated
     found, steps = evaluated, max_steps
     for _ in range(SOLVER_CORRECTIONS):
         before = found

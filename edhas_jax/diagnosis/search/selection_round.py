@@ -59,12 +59,13 @@ def search_round(
         scores = [score for score in scores if score.candidate not in again]
         scores = sorted([*scores, *score_all(test, again, report)], key=lambda score: -score.chi_square_fall)
     is_far = baseline.excess > PROGRESSIVE_RMS**2 * 0.5 * baseline.samples
-    if is_far or (is_distorted(baseline) and misfit(baseline) > 0.0):
+    is_irregular = bool(baseline.fit.problem.campaign.unpredictable)
+    if not is_irregular and (is_far or (is_distorted(baseline) and misfit(baseline) > 0.0)):
         scores = _with_scores_at_prior(baseline, accepted, scores, report)
     most = FAR_TRIALS if is_far else MAX_TRIALS
     scores = [score for score in scores if score.predicted_gain > MIN_LAW_ERRORS * law_error]
     trials = try_best_candidates(baseline, accepted, scores, resolution, report, max_trials=most)
-    if is_far:
+    if is_far and not is_irregular:
         trials = _retry_progressively(baseline, accepted, trials, resolution, report)
     trials = sorted(trials, key=lambda trial: -trial.log_evidence_gain)
     trials = [refine_trial(baseline, trial, resolution) if k < REFINED else trial for k, trial in enumerate(trials)]

@@ -12,6 +12,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
+from edhas_jax.diagnosis.calibration.unpredictable_part import with_unpredictable_part
 from edhas_jax.diagnosis.likelihood.bench_estimate import BenchEstimate
 from edhas_jax.diagnosis.likelihood.residual_outliers import without_missing
 from edhas_jax.diagnosis.likelihood.trigger_correction import with_shifted_time
@@ -94,6 +95,7 @@ class StageEncoder:
             ],
             "residuals": {run: self._table(rows) for run, rows in evaluated.residuals.items()},
             "time_shifts": dict(fit.problem.time_shifts), "tightening": fit.problem.campaign.tightening,
+            "unpredictable": fit.problem.campaign.unpredictable,
             "sensors": self._put(evaluated.bench.of_sensors), "runs": self._table(evaluated.bench.of_runs),
             "solver_error": (
                 None
@@ -165,6 +167,7 @@ class StageDecoder:
         residuals = {run: self._table(rows) for run, rows in plain["residuals"].items()}
         campaign = with_shifted_time(self.campaign, shifts) if shifts else self.campaign
         campaign = without_missing(dataclasses.replace(campaign, tightening=plain["tightening"]), residuals)
+        campaign = with_unpredictable_part(campaign, plain["unpredictable"])
         problem = mounted_problem(campaign, mounted)
         problem = dataclasses.replace(problem, solver_error=error, time_shifts=shifts)
         fitted = Fit(

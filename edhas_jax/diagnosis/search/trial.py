@@ -2,11 +2,11 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit_problem import FitError
+from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
@@ -21,7 +21,8 @@ DISTORTED_COORDINATE = 2.5  # of a calibrated parameter: beyond it the missing e
 PRIOR_BOUND_PENALTY = 30.0  # nats off the gain of a candidate that depends on a parameter at its prior bound
 SMALL_SIZE = 0.1  # of the predicted size, of a start that is hardly above the model without the candidate
 MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is made: the best of forty reaches it by chance
-MAX_TRIALS = 6
+MIN_IRREGULAR_FALL = 100.0  # the same for a model whose signals depend irregularly on its parameters
+MAX_TRIALS, MAX_IRREGULAR_TRIALS = 6, 4
 MIN_RIVAL_GAIN_SHARE = 0.1  # of the gain reached: a candidate that predicts less is not tried
 # close to the noise level and to the prior means the linear prediction is accurate, so that a candidate with a
 # smaller predicted share of the misfit, or of the gain reached, is not fitted; close is an excess of ½χ² below this
@@ -31,6 +32,7 @@ TRIAL_STEPS = 12  # maximum number of Levenberg-Marquardt steps of a trial
 # a trial is given up where, after so many steps, its fall of ½χ² is below a share of that of the best trial so far and
 # would be so after as many nats more as the last `FALL_STEPS` steps have brought
 CHECKED_STEPS, FALL_STEPS = {4: 0.4, 7: 0.75}, 2
+CHECKED_ENSEMBLES = {9: 0.4, 13: 0.75}  # the same for fits with an ensemble, which may come from far above
 NEARLY_ALL_SHARE = 0.7  # of the excess of χ²: below it the fit may have ended in a local minimum
 
 
@@ -122,13 +124,15 @@ def try_candidate(
         # far from the calibrated model the linear prediction overshoots: begin without influence as well
         without = np.concatenate([np.ones(count), np.zeros(len(score.x))])
         starts = [without * calibrated_start, without * shrunk_start, *starts]
+    if known.campaign.unpredictable:
+        return _try_irregular(baseline, problem, calibrated_start, score, resolution, max_steps, reached)
     small = np.concatenate([calibrated_start[:count], with_scaled_size(problem.unknowns[count:], score.x, SMALL_SIZE)])
     best: EvaluatedFit | None = None
     distorted = is_distorted(baseline)
     while starts:
         start = starts.pop(0)
         try:
-            rule = _give_up_rule(baseline.cost, reached)
+            rule = _give_up_rule(baseline.cost, reached, CHECKED_STEPS)
             found = fit_coarse(problem, start, resolution.coarse, max_steps, rule, may_update=not is_own_curve)
         except FitError:
             found = None
@@ -149,21 +153,45 @@ def try_candidate(
     return failed if best is None else failed.with_fit(baseline, best)
 
 
+def _try_irregular(
+    baseline: EvaluatedFit, problem: FitProblem, calibrated_start: np.ndarray, score: Score, resolution: TimeResolution,
+    max_steps: int, reached: float,
+) -> Trial:  # fmt: skip
+    """The trial of a candidate where the signals depend irregularly on the unknowns; arguments as in `try_candidate`.
+
+    The fit starts from the centre of the candidate's prior: an ensemble finds the way from a large effect to a small
+    one, but not from one that is too small to matter. Where that fails, it starts from the score test as well.
+    """
+    centre = np.concatenate([calibrated_start[: -len(score.x)], np.zeros(len(score.x))])
+    trial = Trial.failed(score)
+    for start in (centre, calibrated_start):
+        rule = _give_up_rule(baseline.cost, reached, CHECKED_ENSEMBLES)
+        try:
+            found = fit_coarse(problem, start, resolution.coarse, max_steps, rule)
+        except FitError:
+            continue
+        if trial.evaluated is None or found.log_evidence > trial.evaluated.log_evidence:
+            trial = trial.with_fit(baseline, found)
+        if found.cost < baseline.cost:
+            break
+    return trial
+
+
 def is_distorted(baseline: EvaluatedFit) -> bool:
     """Whether a parameter of a fit is so far from its prior mean that it stands in for something else."""
     return bool(baseline.fit.prior_distances.max(initial=0.0) > DISTORTED_COORDINATE)
 
 
-def _give_up_rule(baseline_cost: float, reached: float) -> Callable[[int, float], bool]:
+def _give_up_rule(baseline_cost: float, reached: float, checked: Mapping[int, float]) -> Callable[[int, float], bool]:
     """Whether a fit goes on, asked after every step with its number and ½χ²; see `CHECKED_STEPS`."""
     costs: list[float] = []
 
     def keep_on(step: int, cost: float) -> bool:
         costs.append(cost)
-        if step not in CHECKED_STEPS:
+        if step not in checked:
             return True
         soon = cost - (costs[-1 - FALL_STEPS] - cost)
-        return baseline_cost - soon >= CHECKED_STEPS[step] * reached
+        return baseline_cost - soon >= checked[step] * reached
 
     return keep_on
 
@@ -186,11 +214,13 @@ def try_best_candidates(
     trials: list[Trial] = []
     is_near = baseline.excess < NEAR_EXCESS * 0.5 * baseline.samples and not is_distorted(baseline)
     least = MIN_NEAR_SHARE * baseline.excess if is_near else 0.0
+    is_irregular = bool(baseline.fit.problem.campaign.unpredictable)
+    least_fall = MIN_IRREGULAR_FALL if is_irregular else MIN_CHI_SQUARE_FALL
     share = MIN_NEAR_RIVAL_SHARE if is_near else MIN_RIVAL_GAIN_SHARE
-    for score in scores[:max_trials]:
+    for score in scores[: MAX_IRREGULAR_TRIALS if is_irregular else max_trials]:
         # the prediction is linear: where one fit gains far more than predicted, others may gain more too
         limit = min(reached, scores[0].predicted_gain)
-        if score.chi_square_fall < MIN_CHI_SQUARE_FALL:
+        if score.chi_square_fall < least_fall:
             break
         if score.predicted_gain < max(share * limit, least):
             break
