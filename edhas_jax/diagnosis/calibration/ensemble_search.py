@@ -4,7 +4,8 @@ Where valves bounce on their seats or a friction just sticks, runs with nearly t
 as in deterministic chaos. The sum of squares then has many local minima next to each other, and a derivative along one
 run says little about its neighbours. Derivatives are therefore the slopes of a linear regression over an ensemble: over
 points scattered around the present one (statistical linearisation), which averages over what is irregular. Of several
-damped steps the best one is taken; if none lowers the cost, the ensemble becomes narrower.
+damped steps the best one is taken; if none lowers the cost, the ensemble becomes narrower. Once it is narrow it begins
+wide again, as long as that has brought much.
 
 Source: Iglesias, Law, Stuart, Ensemble Kalman methods for inverse problems, Inverse Problems 29 (2013) 045001; Chada,
 Chen, Sanz-Alonso, Iterative ensemble Kalman methods, Foundations of Data Science 3 (2021) 331.
@@ -26,6 +27,7 @@ SEED = 0
 FIRST_SPREAD, LAST_SPREAD = 0.3, 0.02  # standard deviation of the ensemble in coordinates: at first, and at the end
 WIDER, NARROWER, HALF = 1.2, 0.7, 0.5  # factors on it after a step that gains much, that gains little, and without one
 MUCH = 0.05  # of the excess of ½χ²
+MORE_MEMBERS, USUAL_MEMBERS = 8, 36  # than unknowns, at least; and the number that is not exceeded otherwise
 DAMPINGS = (1e-6, 1e-2, 1e-1, 1.0, 10.0)  # of the steps that are compared
 MAX_COST_RATIO = 20.0  # to the best member of the ensemble: the regression leaves out members with a larger ½χ²
 RIDGE = 1e-3  # of the regression, over the spread of the ensemble: a coordinate at its bound has no slope
@@ -73,14 +75,20 @@ def minimise_by_ensemble(
     present = min((f for f in found if f is not None), key=lambda f: f.cost, default=None)
     if present is None:
         return None
-    while step < max_steps and spread > LAST_SPREAD:
+    begun_at, lowest = present.cost, present
+    while step < max_steps:
+        if spread <= LAST_SPREAD:
+            if not begun_at - present.cost > MUCH * max(begun_at - 0.5 * ensemble.samples, 0.0):
+                break
+            begun_at, spread = present.cost, FIRST_SPREAD
+            present = ensemble.around(present.x, spread, rng) or present
         step += 1
         points = np.array(ensemble.proposals(present))
         costs = ensemble.costs(points, ensemble.predict(points), present)
-        x, lowest = points[np.argmin(costs)], costs.min()
-        if is_member := not lowest < present.cost:
-            x, lowest = present.members[np.argmin(present.member_costs)], present.member_costs.min()
-        new = ensemble.around(x, spread, rng) if lowest < present.cost else None
+        x, cost = points[np.argmin(costs)], costs.min()
+        if is_member := not cost < present.cost:
+            x, cost = present.members[np.argmin(present.member_costs)], present.member_costs.min()
+        new = ensemble.around(x, spread, rng) if cost < present.cost else None
         # far away the deviations of the bench change as well, so that only its own ensemble says what a point costs
         if new is None or not new.cost < present.cost:
             spread *= HALF
@@ -89,9 +97,10 @@ def minimise_by_ensemble(
             gains_much = present.cost - new.cost > MUCH * max(present.cost - 0.5 * ensemble.samples, 0.0)
             spread = min((WIDER if gains_much and not is_member else NARROWER) * spread, FIRST_SPREAD)
             present = new
+        lowest = min(lowest, present, key=lambda regression: regression.cost)
         if keep_on is not None and not keep_on(step, present.cost):
             break
-    return EnsembleMinimum(present.x, present.model, present.outcomes, spread <= LAST_SPREAD)
+    return EnsembleMinimum(lowest.x, lowest.model, lowest.outcomes, spread <= LAST_SPREAD)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,7 +167,8 @@ class Ensemble:
             spread: standard deviation of the members, in coordinates.
             rng: draws the members.
         """
-        scattered = x + spread * rng.standard_normal((2 * len(x) + 4, len(x)))
+        count = max(len(x) + MORE_MEMBERS, min(2 * len(x) + 4, USUAL_MEMBERS))
+        scattered = x + spread * rng.standard_normal((count, len(x)))
         members = np.array([self.inside(row) for row in scattered])
         at_x, *others = self.predict(np.concatenate([x[None], members]))
         rough = np.array([self._half_chi_square(of) for of in (at_x, *others)])

@@ -27,7 +27,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_r
 
 CALIBRATION_STEPS = 25  # maximum number of Levenberg-Marquardt steps
 PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growing parts of the runs are fitted
-IRREGULAR_STEPS, REPETITIONS = 20, 3  # with an ensemble: maximum number of steps, and how often it begins again
+IRREGULAR_STEPS = 25  # maximum number of steps where the signals depend irregularly on the parameters
 CHECK_STEPS = 6  # the same for the check of the time step
 STEP_SHARE = 0.1  # of the misfit: if half the coarse step removes more, it was too coarse
 
@@ -81,14 +81,7 @@ def _irregular(calibrated: EvaluatedFit, resolution: TimeResolution, report: Rep
     problem = dataclasses.replace(
         fit.problem, campaign=with_unpredictable_part(fit.problem.campaign, deviations), solver_error=None
     )
-    found = fit_coarse(problem, fit.x, steps, IRREGULAR_STEPS)
-    for _ in range(REPETITIONS):  # with a wide ensemble again
-        again = fit_coarse(problem, found.fit.x, steps, IRREGULAR_STEPS)
-        enough = again.excess > (1.0 - STEP_SHARE) * found.excess
-        found = min(found, again, key=lambda evaluated: evaluated.cost)
-        if enough:
-            break
-    found = with_tightened_bench(found, steps)
+    found = with_tightened_bench(fit_coarse(problem, fit.x, steps, IRREGULAR_STEPS), steps)
     resolution = TimeResolution(steps, steps, resolution.error)
     return without_wrong_samples(settle(found, resolution, report), resolution)
 

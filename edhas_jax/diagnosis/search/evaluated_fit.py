@@ -26,6 +26,7 @@ COST_TOLERANCE, RELATIVE_COST_TOLERANCE = 0.5, 3e-5
 # how often the solver's error is computed, and the change of ½χ² by the first one from which the second fit is searched
 SOLVER_CORRECTIONS, MIN_SOLVER_CHANGE = 2, 10.0
 UPDATED_STEPS = 1.5  # factor on the maximum number of steps where derivatives are updated, as such steps are cheap
+ENSEMBLE_STEPS = 2  # the same where they come from an ensemble, whose steps are shorter
 MAX_RISE = 3.0  # factor by which correcting the solver's error may raise χ² of a run; see `_without_branches`
 REFINEMENT = 2  # steps with which the solver's error is computed, over the fine ones
 MODEL_FAILS = "the model fails (it is not finite, or leaves its physical range) wherever the fit has looked"
@@ -163,7 +164,7 @@ def _fit_by_ensemble(
     keep_on: Callable[[float, float], bool] | None,
 ) -> EvaluatedFit:
     """As `fit_coarse`, for a model whose signals depend irregularly on its unknowns."""
-    end = minimise_by_ensemble(problem, starts, steps_per_sample, math.ceil(UPDATED_STEPS * max_steps), keep_on)
+    end = minimise_by_ensemble(problem, starts, steps_per_sample, ENSEMBLE_STEPS * max_steps, keep_on)
     if end is None or not np.isfinite(end.model.cost[0]):
         raise FitError(MODEL_FAILS)
     fitted = Fit(

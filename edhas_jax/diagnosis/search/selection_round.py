@@ -9,7 +9,7 @@ import numpy as np
 from edhas_jax.diagnosis.search.calibrated_model import misfit
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, is_promising, remaining
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, with_solver_error
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
 from edhas_jax.diagnosis.search.law_deviation import deviation_cost, law_deviation_columns
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
@@ -136,8 +136,16 @@ def _beyond_deviations(
 
 
 def refine_trial(baseline: EvaluatedFit, trial: Trial, resolution: TimeResolution) -> Trial:
-    """A trial with its own solver error where it ends near the noise; that of the baseline only approximates it."""
+    """A trial with its own solver error where it ends near the noise; that of the baseline only approximates it.
+
+    Where the signals depend irregularly on the parameters, one that has found a better model is fitted again with a
+    wide ensemble.
+    """
     found = trial.evaluated
+    if found is not None and found.fit.problem.campaign.unpredictable:
+        is_better = found.cost < baseline.cost
+        again = fit_coarse(found.fit.problem, found.fit.x, resolution.coarse, REFINEMENT_STEPS) if is_better else found
+        return trial.with_fit(baseline, again) if again.cost < found.cost else trial
     if found is None or found.excess > NEAR_EXCESS * 0.5 * found.samples:
         return trial
     refined = with_solver_error(found, resolution, REFINEMENT_STEPS)

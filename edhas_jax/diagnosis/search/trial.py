@@ -32,7 +32,7 @@ TRIAL_STEPS = 12  # maximum number of Levenberg-Marquardt steps of a trial
 # a trial is given up where, after so many steps, its fall of ½χ² is below a share of that of the best trial so far and
 # would be so after as many nats more as the last `FALL_STEPS` steps have brought
 CHECKED_STEPS, FALL_STEPS = {4: 0.4, 7: 0.75}, 2
-CHECKED_ENSEMBLES = {9: 0.4, 13: 0.75}  # the same for fits with an ensemble, which may come from far above
+CHECKED_ENSEMBLES = {12: 0.4, 16: 0.75}  # the same for fits with an ensemble, which may come from far above
 NEARLY_ALL_SHARE = 0.7  # of the excess of χ²: below it the fit may have ended in a local minimum
 
 
@@ -160,7 +160,8 @@ def _try_irregular(
     """The trial of a candidate where the signals depend irregularly on the unknowns; arguments as in `try_candidate`.
 
     The fit starts from the centre of the candidate's prior: an ensemble finds the way from a large effect to a small
-    one, but not from one that is too small to matter. Where that fails, it starts from the score test as well.
+    one, but not from one that is too small to matter. Where that brings less than predicted, it starts from the score
+    test as well.
     """
     centre = np.concatenate([calibrated_start[: -len(score.x)], np.zeros(len(score.x))])
     trial = Trial.failed(score)
@@ -172,7 +173,7 @@ def _try_irregular(
             continue
         if trial.evaluated is None or found.log_evidence > trial.evaluated.log_evidence:
             trial = trial.with_fit(baseline, found)
-        if found.cost < baseline.cost:
+        if baseline.cost - found.cost > score.predicted_gain:
             break
     return trial
 
