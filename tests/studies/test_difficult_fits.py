@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from edhas_jax.diagnosis.calibration.unpredictable_part import unpredictable_part
 from edhas_jax.diagnosis.search.calibrated_model import CALIBRATION_STEPS, calibrate, misfit
 from edhas_jax.diagnosis.search.candidates import build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import find_minima
+from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -45,3 +47,24 @@ def test_derivatives_of_a_cylinder_that_sticks_are_bounded():
         return max(np.abs(p.sensitivities[n]).max() / np.ptp(v) for p in found.values() for n, v in p.values.items())
 
     assert largest(resolution.coarse) < MAX_DERIVATIVE < 1e6 < largest(model.min_steps_per_sample())
+
+
+def test_a_cylinder_that_sticks_makes_signals_irregular():
+    """Neighbours of a point of the whole system scatter, those of a point of the pump do not."""
+    scatter = []
+    for family, number in (("f", 200), ("f", 205)):
+        campaign = campaign_of(family, number)
+        problem = build_problem(campaign, campaign.machine, Instruments(), ())
+        x = np.zeros(len(problem.unknowns))
+        scatter.append(unpredictable_part(problem, x, choose_time_resolution(problem.model(), x).fine))
+    system, pump = scatter
+    assert max(size / campaign_of("f", 200).channels[name].noise for name, size in system.items()) > 0.02
+    assert pump == {}
+
+
+def test_of_two_effects_that_imitate_each_other_the_plausible_one_stays():
+    """A spring with another law: cogging with an implausibly long pitch explains the same."""
+    case = draw(CaseKey("f", Split.TUNING, 821))
+    found = diagnose(case.campaign, case.library)
+    assert [trial.candidate.name for trial in found.named] == ["parasitic_spring"]
+    assert found.laws and found.laws[0].of == "parasitic_spring"

@@ -63,9 +63,12 @@ def take_back(
             found = gain / (gain / strength(gain, left, final.samples) + floor) if gain > 0.0 else 0.0
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
             without.append(refitted)
-        weakest = min(range(len(tests)), key=lambda k: _margin(tests[k]), default=None)
-        if weakest is None or _margin(tests[weakest]) >= 1.0:
+        removable = [k for k, test in enumerate(tests) if _margin(test) < 1.0]
+        if not removable:
             return rounds, _with_laws(tests, final)
+        # of two that stand in for each other, the one that alone has plausible parameters is the cause
+        left_implausible = {k: _implausible_count(_others(mounted, mounted[k]), without[k]) for k in removable}
+        weakest = min(removable, key=lambda k: (left_implausible[k], _margin(tests[k])))
         report(f"{mounted[weakest].name} is not needed")
         final = without[weakest]
         rounds = _without(rounds, mounted[weakest], final)
@@ -88,6 +91,11 @@ def _law_error_share(candidate: Candidate, mounted: Sequence[Candidate]) -> floa
 def _others(mounted: Sequence[Candidate], removed: Candidate) -> list[Candidate]:
     """What stays mounted where one candidate is removed: without an effect there is no deviation of its law."""
     return [c for c in mounted if c is not removed and _law_of(c) != removed.id]
+
+
+def _implausible_count(members: Sequence[Candidate], model: EvaluatedFit) -> int:
+    """The number of members with an implausible parameter in a model; curves have none."""
+    return sum(bool(implausible_parameters(member, model.fit)) for member in members if _law_of(member) is None)
 
 
 def _margin(test: MemberTest) -> float:
