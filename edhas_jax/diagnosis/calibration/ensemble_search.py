@@ -18,6 +18,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitProblem, quadratic_model
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, proposed_step
+from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, marginalised, run_columns
 from edhas_jax.diagnosis.likelihood.whitening import whiten
 from edhas_jax.measurements.campaign import BenchRun
@@ -209,14 +210,13 @@ class Ensemble:
         matrix = np.concatenate([np.ones((len(distances), 1)), distances], axis=1)
         tiny = np.finfo(float).tiny
         ridge = RIDGE * max(float(np.sum(np.square(distances))) / n, tiny)
-        weights = np.linalg.solve(matrix.T @ matrix + np.diag([tiny, *[ridge] * n]), matrix.T) if len(others) else None
+        weights = regularised_inverse(matrix.T @ matrix + np.diag([tiny, *[ridge] * n])) @ matrix.T
         outcomes, smooth = [], []
         for r, outcome in enumerate(at_x):
             values, slopes = {}, {}
             for name, signal in outcome.values.items():
-                found = np.zeros((n + 1, len(signal)))
-                found[0] = signal
-                if weights is not None:
+                found = np.concatenate([signal[None], np.zeros((n, len(signal)))])
+                if len(others):
                     found = weights @ np.array([of[r].values[name] for of in others])
                 values[name], slopes[name] = found[0], found[1:].T
             outcomes.append(PredictedSignals(outcome.values, slopes))
