@@ -60,7 +60,7 @@ def take_back(
                 gain = max(gain, before - left + penalty - deviation_cost(own) + deviation_cost(deviations))
             left_out_gain = float(np.sum(final.left_out - refitted.left_out))
             floor = _law_error_share(candidate, mounted) * explained
-            found = gain / (gain / strength(gain, left, final.samples) + floor) if gain > 0.0 else 0.0
+            found = max(strength(gain, left, final.samples, floor), 0.0)
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
             without.append(refitted)
         removable = [k for k, test in enumerate(tests) if _margin(test) < 1.0]

@@ -21,15 +21,16 @@ def remaining(excess: float, samples: int) -> float:
     return max(excess - EXCESS_SIGMAS * math.sqrt(0.5 * samples), 0.0)
 
 
-def strength(gain: float, excess_after: float, samples: int) -> float:
+def strength(gain: float, excess_after: float, samples: int, law_error: float = 0.0) -> float:
     """The gain of a candidate over what is left with it, in units that are 1 where both are equal.
 
     Args:
         gain: log-evidence gain [nats].
         excess_after: excess of ½χ² that the model with the candidate leaves.
         samples: number of samples.
+        law_error: what laws that are known as curves only may leave [nats].
     """
-    return gain / (remaining(excess_after, samples) + MIN_GAIN)
+    return gain / (remaining(excess_after, samples) + MIN_GAIN + law_error)
 
 
 def is_promising(trial: Trial, samples: int, law_error: float = 0.0) -> bool:
@@ -46,8 +47,7 @@ def is_promising(trial: Trial, samples: int, law_error: float = 0.0) -> bool:
     law_differs = trial.own_law_gain > DIFFERING_LAW * trial.gain_beyond_laws
     if not trial.left_out_gain > 0.0 and not law_differs:
         return False
-    left = trial.own_law_gain / max(strength(trial.own_law_gain, trial.own_law_excess, samples), 1e-9) + law_error
-    return trial.own_law_gain / left > PROMISING_RATIO
+    return strength(trial.own_law_gain, trial.own_law_excess, samples, law_error) > PROMISING_RATIO
 
 
 def holds_by_library_law(trial: Trial, samples: int) -> bool:
