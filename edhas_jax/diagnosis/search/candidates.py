@@ -197,6 +197,19 @@ def build_problem(
     )
 
 
+def with_candidate(known: FitProblem, accepted: Iterable[Candidate], candidate: Candidate) -> FitProblem:
+    """The fit problem of a model with one more candidate: same measurements, solver error and start of the records.
+
+    Args:
+        known: the fit problem of the model without it.
+        accepted: candidates that this model has already.
+        candidate: candidate to mount and fit in addition.
+    """
+    return build_problem(
+        known.campaign, known.machine, known.instruments, accepted, candidate, known.solver_error, known.time_shifts
+    )
+
+
 def limit_to_prior_bound(unknown: UnknownParameter) -> UnknownParameter:
     """Restrict an unknown to `PRIOR_BOUND` standard deviations of its prior, so that it cannot imitate an effect."""
     low, high = (float(unknown.value(x)) for x in (-PRIOR_BOUND, PRIOR_BOUND))

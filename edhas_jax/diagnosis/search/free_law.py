@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
+from edhas_jax.diagnosis.search.candidates import Candidate, with_candidate
 from edhas_jax.diagnosis.search.decision_rules import strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_columns, deviation_cost, law_deviation
@@ -47,11 +47,8 @@ def free_law(
         return unchanged
     deviation = dataclasses.replace(deviation, spread=factor * deviation.spread)
     report(f"{candidate.name}: fitting its law as a curve")
-    fitted, known = evaluated.fit, evaluated.fit.problem
-    problem = build_problem(
-        known.campaign, known.machine, known.instruments, mounted, deviation, known.solver_error, known.time_shifts
-    )
-    start = np.concatenate([fitted.x, np.zeros(len(deviation.nodes))])
+    problem = with_candidate(evaluated.fit.problem, mounted, deviation)
+    start = np.concatenate([evaluated.fit.x, np.zeros(len(deviation.nodes))])
     try:
         freed = fit_coarse(problem, start, resolution.coarse, FIT_STEPS)
     except FitError:

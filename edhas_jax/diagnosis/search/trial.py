@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
+from edhas_jax.diagnosis.search.candidates import Candidate, with_candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
@@ -111,10 +111,7 @@ def try_candidate(
         The trial with the fit of the largest log-evidence.
     """
     fitted, candidate = baseline.fit, score.candidate
-    known = fitted.problem
-    problem = build_problem(
-        known.campaign, known.machine, known.instruments, accepted, candidate, known.solver_error, known.time_shifts
-    )  # fmt: skip
+    problem = with_candidate(fitted.problem, accepted, candidate)
     count = len(problem.unknowns) - len(score.x)
     calibrated_start = np.concatenate([start_coordinates(problem, fitted.values)[:count], score.x])
     shrunk_start = np.concatenate([RESTART_PRIOR_SHARE * calibrated_start[:count], score.x])
@@ -124,7 +121,7 @@ def try_candidate(
         # far from the calibrated model the linear prediction overshoots: begin without influence as well
         without = np.concatenate([np.ones(count), np.zeros(len(score.x))])
         starts = [without * calibrated_start, without * shrunk_start, *starts]
-    if known.campaign.unpredictable:
+    if problem.campaign.unpredictable:
         return _try_irregular(baseline, problem, calibrated_start, score, resolution, max_steps, reached)
     small = np.concatenate([calibrated_start[:count], with_scaled_size(problem.unknowns[count:], score.x, SMALL_SIZE)])
     best: EvaluatedFit | None = None
@@ -246,10 +243,7 @@ def retry_progressively(
         trial: the trial to improve.
         resolution: coarse and fine time steps per sample.
     """
-    known, candidate = baseline.fit.problem, trial.candidate
-    problem = build_problem(
-        known.campaign, known.machine, known.instruments, accepted, candidate, known.solver_error, known.time_shifts
-    )  # fmt: skip
+    problem = with_candidate(baseline.fit.problem, accepted, trial.candidate)
     scanned = len(trial.score.x)
     calibrated = np.concatenate([start_coordinates(problem, baseline.fit.values)[:-scanned], trial.score.x])
     calibrated[:-scanned] *= RESTART_PRIOR_SHARE
