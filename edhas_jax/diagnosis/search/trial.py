@@ -18,7 +18,9 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 MIN_ACHIEVED_FALL_SHARE = 0.3  # of the predicted fall of χ²: a fit that achieves less is restarted elsewhere
 RESTART_PRIOR_SHARE = 0.3  # of the calibrated coordinates: where the restart lies between prior mean and calibration
 DISTORTED_COORDINATE = 2.5  # of a calibrated parameter: beyond it the missing effect has distorted the calibration
-PRIOR_BOUND_PENALTY = 30.0  # nats off the gain of a candidate that depends on a parameter at its prior bound
+# nats off the gain of a candidate that depends on a parameter beyond its plausible range, and the same as a share of what
+# the model leaves with it: smaller differences of evidence say nothing there, but an implausible value does
+PRIOR_BOUND_PENALTY, PRIOR_BOUND_SHARE = 30.0, 0.3
 SMALL_SIZE = 0.1  # of the predicted size, of a start that is hardly above the model without the candidate
 MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is made: the best of forty reaches it by chance
 MIN_IRREGULAR_FALL = 100.0  # the same for a model whose signals depend irregularly on its parameters
@@ -44,8 +46,8 @@ class Trial:
         candidate: what was tried.
         score: its score test before the trial (chi-square scale).
         evaluated: the fit with the candidate; None where no fit was possible.
-        log_evidence_gain: log-evidence with the candidate less that of the model without it, in nats, less
-            `PRIOR_BOUND_PENALTY` where it depends on a parameter at the prior bound; −inf without a fit.
+        log_evidence_gain: log-evidence with the candidate less that of the model without it, in nats, less a penalty
+            where it depends on a parameter beyond its plausible range; −inf without a fit.
         left_out_gain: the same for the predictions of each fitted run from the others; −inf without a fit.
         explained_share: share of the excess of ½χ² over the noise that the candidate removes; −inf without a fit.
         holdout_half_chi_square_fall: fall of ½χ² on the held-out runs, on all runs where none is held out; −inf
@@ -77,7 +79,7 @@ class Trial:
         """The trial with another fit of its candidate, compared with `baseline`, the model without it."""
         gain = evaluated.log_evidence - baseline.log_evidence
         if implausible_parameters(self.candidate, evaluated.fit):
-            gain -= PRIOR_BOUND_PENALTY
+            gain -= PRIOR_BOUND_PENALTY + PRIOR_BOUND_SHARE * max(evaluated.excess, 0.0)
         falls = baseline.holdout_half_chi_square() - evaluated.holdout_half_chi_square()
         return dataclasses.replace(
             self, evaluated=evaluated, log_evidence_gain=gain,
