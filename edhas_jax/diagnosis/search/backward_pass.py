@@ -12,7 +12,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.decision_rules import LAW_ERROR_SHARE, strength
+from edhas_jax.diagnosis.search.decision_rules import LAW_ERROR_SHARE, scatter_of_fits, strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_law import MIN_LAW_STRENGTH, MIN_MOUNTED_STRENGTH
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
@@ -59,7 +59,7 @@ def take_back(
             if _law_of(candidate) is None:
                 gain = max(gain, before - left + penalty - deviation_cost(own) + deviation_cost(deviations))
             left_out_gain = float(np.sum(final.left_out - refitted.left_out))
-            floor = _law_error_share(candidate, mounted) * explained
+            floor = _law_error_share(candidate, mounted) * explained + scatter_of_fits(final)
             found = max(strength(gain, left, final.samples, floor), 0.0)
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
             without.append(refitted)

@@ -7,18 +7,25 @@ if it removes much more than it leaves.
 
 import math
 
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.trial import Trial
 
 MIN_GAIN = 12.0  # nats: the best of some fifty candidates gains less by chance
 PROMISING_RATIO = 0.15  # gain over what is left, from which a candidate stays in the model while others are sought
 DIFFERING_LAW = 2.0  # gain with its own law deviating over that with the library's law, from which this law is wrong
 LAW_ERROR_SHARE = 0.001  # of what a model explains: a law known as a curve over one variable leaves so much anywhere
+IRREGULAR_SCATTER = 100.0  # nats: two fits of a model whose signals depend irregularly on its parameters differ by more
 EXCESS_SIGMAS = 2.0  # an excess of ½χ² counts beyond this many of its standard deviations under noise alone
 
 
 def remaining(excess: float, samples: int) -> float:
     """What is left of an excess of ½χ² beyond its scatter under noise alone [nats], at least 0."""
     return max(excess - EXCESS_SIGMAS * math.sqrt(0.5 * samples), 0.0)
+
+
+def scatter_of_fits(evaluated: EvaluatedFit) -> float:
+    """The gain [nats] that another fit of the same model may bring: nothing where the signals depend smoothly on it."""
+    return IRREGULAR_SCATTER if evaluated.fit.problem.campaign.unpredictable else 0.0
 
 
 def strength(gain: float, excess_after: float, samples: int, law_error: float = 0.0) -> float:
@@ -28,7 +35,7 @@ def strength(gain: float, excess_after: float, samples: int, law_error: float = 
         gain: log-evidence gain [nats].
         excess_after: excess of ½χ² that the model with the candidate leaves.
         samples: number of samples.
-        law_error: what laws that are known as curves only may leave [nats].
+        law_error: what laws that are known as curves only, or an imperfect fit, may leave [nats].
     """
     return gain / (remaining(excess_after, samples) + MIN_GAIN + law_error)
 
@@ -39,7 +46,7 @@ def is_promising(trial: Trial, samples: int, law_error: float = 0.0) -> bool:
     Args:
         trial: the trial.
         samples: number of samples.
-        law_error: what laws that are known as curves only may leave [nats].
+        law_error: what laws that are known as curves only, or an imperfect fit, may leave [nats].
     """
     if trial.evaluated is None or trial.gain_beyond_laws < MIN_GAIN:
         return False

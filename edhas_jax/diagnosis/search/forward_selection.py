@@ -23,6 +23,7 @@ from edhas_jax.diagnosis.search.decision_rules import (
     holds_by_library_law,
     is_promising,
     remaining,
+    scatter_of_fits,
 )
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.free_curves import score_free_curves
@@ -188,6 +189,7 @@ def _finish_round(
     candidates = search.candidates(baseline.fit.problem)
     curves = {candidate.of for candidate in mounted if isinstance(candidate, LawDeviation)}
     law_error = LAW_ERROR_SHARE * max(calibrated.excess - baseline.excess, 0.0) if curves else 0.0
+    law_error += scatter_of_fits(baseline)
     found = known or search_round(baseline, mounted, candidates, resolution, search.report, first, law_error)
     for trial in _promising(found, law_error)[: CURVES_TRIED if known is None else 1]:
         settled = settle(with_tightened_bench(trial.evaluated, resolution.coarse), resolution, search.report)

@@ -22,7 +22,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.search.candidates import SENSOR_LOCATION, Candidate
-from edhas_jax.diagnosis.search.decision_rules import EXCESS_SIGMAS, strength
+from edhas_jax.diagnosis.search.decision_rules import EXCESS_SIGMAS, scatter_of_fits, strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.trial import Trial
@@ -88,7 +88,7 @@ def free_strength(baseline: EvaluatedFit, free: Sequence[Score], trials: Sequenc
     gains = [0.0 if far else score.predicted_gain for score in free]
     gains += [baseline.excess - t.evaluated.excess for t in trials if t.evaluated is not None]
     best = max(gains, default=0.0)
-    return max(strength(best - FREE_COST, baseline.excess - best, baseline.samples), 0.0)
+    return max(strength(best - FREE_COST, baseline.excess - best, baseline.samples, scatter_of_fits(baseline)), 0.0)
 
 
 def _share(trial: Trial) -> float:

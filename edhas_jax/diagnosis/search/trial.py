@@ -18,13 +18,13 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 MIN_ACHIEVED_FALL_SHARE = 0.3  # of the predicted fall of χ²: a fit that achieves less is restarted elsewhere
 RESTART_PRIOR_SHARE = 0.3  # of the calibrated coordinates: where the restart lies between prior mean and calibration
 DISTORTED_COORDINATE = 2.5  # of a calibrated parameter: beyond it the missing effect has distorted the calibration
-# nats off the gain of a candidate that depends on a parameter beyond its plausible range, and the same as a share of what
-# the model leaves with it: smaller differences of evidence say nothing there, but an implausible value does
+# nats off the gain of a candidate that depends on a parameter beyond its plausible range, and a share of what the model
+# leaves with it in addition: smaller differences of evidence say nothing there, but an implausible value does
 PRIOR_BOUND_PENALTY, PRIOR_BOUND_SHARE = 30.0, 0.3
 SMALL_SIZE = 0.1  # of the predicted size, of a start that is hardly above the model without the candidate
 MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is made: the best of forty reaches it by chance
-MIN_IRREGULAR_FALL = 100.0  # the same for a model whose signals depend irregularly on its parameters
-MAX_TRIALS, MAX_IRREGULAR_TRIALS = 6, 4
+MIN_IRREGULAR_FALL = 200.0  # the same for a model whose signals depend irregularly on its parameters
+MAX_TRIALS, MAX_IRREGULAR_TRIALS = 6, 3
 MIN_RIVAL_GAIN_SHARE = 0.1  # of the gain reached: a candidate that predicts less is not tried
 # close to the noise level and to the prior means the linear prediction is accurate, so that a candidate with a
 # smaller predicted share of the misfit, or of the gain reached, is not fitted; close is an excess of ½χ² below this
