@@ -7,7 +7,7 @@ import pytest
 from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Evidence, Rivals, answer_from
 from edhas_jax.diagnosis.search.backward_pass import LAW_ERROR_SHARE_AT_COMPONENT, _law_error_share
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.decision_rules import LAW_ERROR_SHARE, MIN_GAIN
+from edhas_jax.diagnosis.search.decision_rules import IRREGULAR_SCATTER, LAW_ERROR_SHARE, MIN_GAIN
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.localisation import FREE_COST, free_strength
 from edhas_jax.machine.effects import CoggingForce, EddyDrag, HoseCompliance
@@ -16,8 +16,11 @@ from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 SAMPLES = 20_000
 
 
-def model(excess: float):
-    return SimpleNamespace(excess=excess, samples=SAMPLES)
+def model(excess: float, unpredictable=None):
+    campaign = SimpleNamespace(unpredictable=unpredictable or {})
+    return SimpleNamespace(
+        excess=excess, samples=SAMPLES, fit=SimpleNamespace(problem=SimpleNamespace(campaign=campaign))
+    )
 
 
 def score(gain: float):
@@ -27,6 +30,12 @@ def score(gain: float):
 def test_near_the_noise_the_prediction_counts():
     assert free_strength(model(50.0), [score(FREE_COST)], ()) == 0.0
     assert free_strength(model(50.0), [score(FREE_COST + 10.0 * MIN_GAIN)], ()) == pytest.approx(10.0)
+
+
+def test_a_gain_below_what_two_fits_of_an_irregular_model_differ_by_is_weak():
+    gain = [score(FREE_COST + IRREGULAR_SCATTER)]
+    assert free_strength(model(50.0), gain, ()) > 5.0
+    assert free_strength(model(50.0, {"outlet_pressure": 100.0}), gain, ()) < 1.0
 
 
 def test_many_small_causes_leave_much_with_any_term():
