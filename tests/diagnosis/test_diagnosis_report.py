@@ -77,7 +77,7 @@ def test_the_report_is_one_sound_file(diagnosis, report):
 
 
 def test_what_the_model_cannot_predict_is_said(diagnosis):
-    """A part far below the noise is not worth a sentence."""
+    """The report states the part that counts as noise, unless it is far below the noise of the sensor."""
     noise = diagnosis.campaign.channels["current"].noise
     for share, count in ((0.3, 1), (0.001, 0)):
         campaign = with_unpredictable_part(diagnosis.campaign, {"current": share * noise})

@@ -90,7 +90,7 @@ def test_the_unpredictable_part_counts_as_noise(problem):
 
 
 def test_a_regular_model_is_fitted_as_by_its_derivatives(problem):
-    """Both searches end at the same cost to half a nat, which is a standard error of one unknown."""
+    """Both searches end at the same cost within half a nat: its rise when one unknown is a standard error off."""
     start = start_coordinates(problem, {})
     derivatives = fit_coarse(problem, start, PER_SAMPLE, 20)
     end = minimise_by_ensemble(problem, start, PER_SAMPLE, 30)

@@ -87,7 +87,7 @@ def rosenbrock(x) -> QuadraticModel:
 
 
 def test_a_search_with_frozen_derivatives_reaches_the_minimum():
-    """Exact residuals with the derivatives of the last evaluation: the crudest possible update."""
+    """Residuals are exact, derivatives are kept from the last full evaluation and not updated at all."""
     kept = {}
 
     def evaluate(x, rows):

@@ -63,7 +63,7 @@ def test_a_cylinder_that_sticks_makes_signals_irregular():
 
 
 def test_of_two_effects_that_imitate_each_other_the_plausible_one_stays():
-    """A spring with another law: cogging with an implausibly long pitch explains the same."""
+    """The spring has another law than that of the library, and a cogging force of long pitch fits as well."""
     case = draw(CaseKey("f", Split.TUNING, 821))
     found = diagnose(case.campaign, case.library)
     assert [trial.candidate.name for trial in found.named] == ["parasitic_spring"]

@@ -22,13 +22,13 @@ from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inver
 from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, marginalised, run_columns
 from edhas_jax.diagnosis.likelihood.whitening import whiten
 from edhas_jax.measurements.campaign import BenchRun
-from edhas_jax.measurements.measurement_model import EvaluationPoint, PredictedSignals
+from edhas_jax.measurements.measurement_model import PredictedSignals
 
 SEED = 0
-FIRST_SPREAD, LAST_SPREAD = 0.3, 0.02  # standard deviation of the ensemble in coordinates: at first, and at the end
+FIRST_SPREAD, LAST_SPREAD = 0.3, 0.02  # standard deviation of the ensemble in coordinates: at the start, at the end
 WIDER, NARROWER, HALF = 1.2, 0.7, 0.5  # factors on it after a step that gains much, that gains little, and without one
 MUCH = 0.05  # of the excess of ½χ²
-MORE_MEMBERS, USUAL_MEMBERS = 8, 36  # than unknowns, at least; and the number that is not exceeded otherwise
+MORE_MEMBERS, USUAL_MEMBERS = 8, 36  # least number of members beyond that of unknowns; usual maximum number
 DAMPINGS = (1e-6, 1e-2, 1e-1, 1.0, 10.0)  # of the steps that are compared
 MAX_COST_RATIO = 20.0  # to the best member of the ensemble: the regression leaves out members with a larger ½χ²
 RIDGE = 1e-3  # of the regression, over the spread of the ensemble: a coordinate at its bound has no slope
@@ -135,7 +135,7 @@ class Regression:
 
 
 class Ensemble:
-    """Simulations of a fit problem at many points, and the sums of squares that follow from them.
+    """Simulates the runs of a fit problem at many points and computes the sums of squares there.
 
     Args:
         problem: the unknowns and the runs.
@@ -151,14 +151,12 @@ class Ensemble:
         self._constraints = problem.constraints()
 
     def inside(self, x: np.ndarray, margin: float = 0.0) -> np.ndarray:
-        """The point next to x (n,) that keeps the constraints and a distance to the bounds."""
+        """The nearest point to x (n,) that satisfies the constraints and lies at least `margin` inside the bounds."""
         return self._constraints.project(np.array(x, float), self._low + margin, self._high - margin)
 
     def predict(self, points: np.ndarray) -> list[Outcomes]:
         """The signals at points (k, n), by point and run."""
-        every, model = tuple(range(len(self.runs))), self._problem.model()
-        found = model.predict([EvaluationPoint(row, every) for row in points], self._steps_per_sample, False)
-        return [tuple(self._problem.corrected(run, of[r]) for r, run in enumerate(self.runs)) for of in found]
+        return self._problem.predict(points, self._steps_per_sample, with_sensitivities=False)
 
     def around(self, x: np.ndarray, spread: float, rng: np.random.Generator) -> Regression | None:
         """The regression over points scattered around one; None where the model fails at it.
@@ -254,7 +252,7 @@ class Ensemble:
         return total if np.isfinite(total) else np.inf
 
     def _residual(self, run: BenchRun, outcome: PredictedSignals) -> np.ndarray:
-        """The whitened residual (m,) of a run, in the order of `run_columns`."""
+        """The whitened residuals (m,) of a run, ordered as the rows of `run_columns`."""
         channels, rows = self._problem.campaign.channels, []
         for name, measured in run.signals.items():
             valid = np.isfinite(whiten(measured, channels[name]))

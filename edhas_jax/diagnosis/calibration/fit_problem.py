@@ -73,6 +73,25 @@ class FitProblem:
         values = {n: v + error[n][: len(v)] if n in error else v for n, v in predicted.values.items()}
         return PredictedSignals(values, predicted.sensitivities)
 
+    def predict(
+        self, points: np.ndarray, steps_per_sample: int, with_sensitivities: bool
+    ) -> list[tuple[PredictedSignals, ...]]:
+        """The signals of the fitted runs at points (k, n), the solver's error removed where it is known.
+
+        Args:
+            points: coordinates of the unknowns.
+            steps_per_sample: time steps per sample.
+            with_sensitivities: whether to compute the derivatives with respect to the coordinates as well.
+
+        Returns:
+            For each point the signals of every run, in the order of the runs.
+        """
+        model = self.model()
+        every = tuple(range(len(model.runs)))
+        cases = [EvaluationPoint(row, every) for row in points]
+        found = model.predict(cases, steps_per_sample, with_sensitivities)
+        return [tuple(self.corrected(run, of[r]) for r, run in enumerate(model.runs)) for of in found]
+
     def equations(self, outcomes: Sequence[PredictedSignals]) -> list[RunEquations]:
         """The normal equations of every fitted run at a point, from the signals (corrected) and sensitivities there."""
         runs = self.model().runs if self.runs is None else self.runs

@@ -22,7 +22,7 @@ from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, stacke
 from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, marginalised, run_columns
 from edhas_jax.diagnosis.likelihood.whitening import whiten
 from edhas_jax.measurements.campaign import BenchRun
-from edhas_jax.measurements.measurement_model import EvaluationPoint, PredictedSignals
+from edhas_jax.measurements.measurement_model import PredictedSignals
 
 MAX_BYTES = 2**29  # memory for the columns of all starts; if they need more, derivatives are computed at every point
 
@@ -68,7 +68,6 @@ class SecantModel:
     def __init__(self, problem: FitProblem, steps_per_sample: int):
         self._problem, self._steps_per_sample = problem, steps_per_sample
         self._runs: Sequence[BenchRun] = problem.model().runs
-        self._all = tuple(range(len(self._runs)))
         self._own, self._count = len(problem.bench.of_runs), len(problem.unknowns)
         self._starts: dict[int, _Start] = {}
 
@@ -80,8 +79,8 @@ class SecantModel:
 
     def evaluate(self, x: np.ndarray, starts: np.ndarray) -> QuadraticModel:
         """The sums of squares at points (k, n), which become the present ones of the starts (k,), with derivatives."""
-        found = []
-        for start, point, predicted in zip(starts, x, self._predict(x, with_sensitivities=True), strict=True):
+        found, outcomes = [], self._problem.predict(x, self._steps_per_sample, with_sensitivities=True)
+        for start, point, predicted in zip(starts, x, outcomes, strict=True):
             with np.errstate(over="ignore", invalid="ignore"):  # the search rejects such a point
                 runs = [self._run_state(run, outcome) for run, outcome in zip(self._runs, predicted, strict=True)]
                 self._starts[int(start)] = _Start(np.array(point), runs, predicted)
@@ -93,8 +92,8 @@ class SecantModel:
 
         The present point of a start is one of the last two that `evaluate` or `update` has seen for it.
         """
-        found = []
-        for start, point, at, predicted in zip(starts, x, present, self._predict(x, False), strict=True):
+        found, outcomes = [], self._problem.predict(x, self._steps_per_sample, with_sensitivities=False)
+        for start, point, at, predicted in zip(starts, x, present, outcomes, strict=True):
             state = self._starts[int(start)]
             if state.step is not None and np.array_equal(state.step.x, at):
                 self._go_to_step(state)
@@ -107,11 +106,6 @@ class SecantModel:
         """The signals with computed derivatives, by run, where the start has them at that point; else None."""
         state = self._starts.get(start)
         return None if state is None or not np.array_equal(state.x, x) else state.outcomes
-
-    def _predict(self, x: np.ndarray, with_sensitivities: bool) -> list[tuple[PredictedSignals, ...]]:
-        points = [EvaluationPoint(row, self._all) for row in x]
-        found = self._problem.model().predict(points, self._steps_per_sample, with_sensitivities)
-        return [tuple(self._problem.corrected(run, of[r]) for r, run in enumerate(self._runs)) for of in found]
 
     def _run_state(self, run: BenchRun, outcome: PredictedSignals) -> _RunState:
         problem = self._problem

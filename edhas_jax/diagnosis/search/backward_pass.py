@@ -66,9 +66,10 @@ def take_back(
         removable = [k for k, test in enumerate(tests) if _margin(test) < 1.0]
         if not removable:
             return rounds, _with_laws(tests, final)
-        # of two that stand in for each other, the one that alone has plausible parameters is the cause
-        left_implausible = {k: _implausible_count(_others(mounted, mounted[k]), without[k]) for k in removable}
-        weakest = min(removable, key=lambda k: (left_implausible[k], _margin(tests[k])))
+        weakest = removable[0]
+        if len(removable) > 1:  # of two that stand in for each other, the one with plausible parameters alone stays
+            left_implausible = {k: _implausible_count(_others(mounted, mounted[k]), without[k]) for k in removable}
+            weakest = min(removable, key=lambda k: (left_implausible[k], _margin(tests[k])))
         report(f"{mounted[weakest].name} is not needed")
         final = without[weakest]
         rounds = _without(rounds, mounted[weakest], final)

@@ -64,15 +64,20 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
         better = fit_progressively(problem, starts, 1, resolution.coarse, TRIAL_STEPS, calibrated)
         calibrated = better or calibrated
     if (irregular := _irregular(calibrated, resolution, report)) is not None:
-        return irregular, TimeResolution(resolution.fine, resolution.fine, resolution.error)  # no error of the solver
+        return irregular
     calibrated = with_tightened_bench(calibrated, resolution.coarse)
     settled, resolution = _with_sufficient_step(settle(calibrated, resolution, report), resolution, report)
     settled = with_tightened_bench(settled, resolution.coarse)
     return without_wrong_samples(settled, resolution), resolution
 
 
-def _irregular(calibrated: EvaluatedFit, resolution: TimeResolution, report: Report) -> EvaluatedFit | None:
-    """The fit of a model whose signals depend irregularly on its parameters; None where they depend smoothly."""
+def _irregular(
+    calibrated: EvaluatedFit, resolution: TimeResolution, report: Report
+) -> tuple[EvaluatedFit, TimeResolution] | None:
+    """The fit, and the time steps, where signals depend irregularly on the parameters; None where they do smoothly.
+
+    The coarse step is as fine as the other one, because the difference between two steps is random there.
+    """
     fit, steps = calibrated.fit, resolution.fine
     deviations = unpredictable_part(fit.problem, fit.x, steps)
     if not deviations:
@@ -83,7 +88,7 @@ def _irregular(calibrated: EvaluatedFit, resolution: TimeResolution, report: Rep
     )
     found = with_tightened_bench(fit_coarse(problem, fit.x, steps, IRREGULAR_STEPS), steps)
     resolution = TimeResolution(steps, steps, resolution.error)
-    return without_wrong_samples(settle(found, resolution, report), resolution)
+    return without_wrong_samples(settle(found, resolution, report), resolution), resolution
 
 
 def _with_sufficient_step(

@@ -25,7 +25,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 COST_TOLERANCE, RELATIVE_COST_TOLERANCE = 0.5, 3e-5
 # how often the solver's error is computed, and the change of ½χ² by the first one from which the second fit is searched
 SOLVER_CORRECTIONS, MIN_SOLVER_CHANGE = 2, 10.0
-UPDATED_STEPS = 1.5  # factor on the maximum number of steps where derivatives are updated, as such steps are cheap
+UPDATED_STEPS = 1.5  # factor on the maximum number of steps with updated derivatives, which cost less than others
 ENSEMBLE_STEPS = 2  # the same where they come from an ensemble, whose steps are shorter
 MAX_RISE = 3.0  # factor by which correcting the solver's error may raise χ² of a run; see `_without_branches`
 REFINEMENT = 2  # steps with which the solver's error is computed, over the fine ones
@@ -150,8 +150,7 @@ def fit_coarse(
         raise FitError(MODEL_FAILS)
     outcomes = model.outcomes_at(best, x)
     if outcomes is None:
-        at_end = problem.model().predict_all_runs(x, steps_per_sample, with_sensitivities=True)
-        outcomes = tuple(problem.corrected(run, at_end[r]) for r, run in enumerate(problem.model().runs))
+        (outcomes,) = problem.predict(x[None], steps_per_sample, with_sensitivities=True)
     fitted = Fit(
         problem, x, x, regularised_inverse(found.model.curvature[best]), cost, outcomes,
         TimeResolution(steps_per_sample, steps_per_sample, math.nan), bool(found.converged[best]), found.model.cost,

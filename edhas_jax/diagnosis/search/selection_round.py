@@ -90,9 +90,7 @@ def _with_scores_at_prior(
     fitted, problem = baseline.fit, baseline.fit.problem
     own = [any(u.name.startswith(candidate.prefix) for candidate in accepted) for u in problem.unknowns]
     x = np.where(own, fitted.x, 0.0)
-    predicted = problem.model().predict_all_runs(x, fitted.resolution.coarse, with_sensitivities=True)
-    runs = problem.model().runs
-    outcomes = tuple(problem.corrected(run, predicted[r]) for r, run in enumerate(runs))
+    (outcomes,) = problem.predict(x[None], fitted.resolution.coarse, with_sensitivities=True)
     test = ScoreTest(dataclasses.replace(fitted, x=x, uncorrected=x, outcomes=outcomes), accepted)
     residual = test.projected_residual()
     scale = 2.0 * baseline.excess / max(float(residual @ residual), np.finfo(float).tiny)
@@ -136,7 +134,7 @@ def _beyond_deviations(
 
 
 def refine_trial(baseline: EvaluatedFit, trial: Trial, resolution: TimeResolution) -> Trial:
-    """A trial with its own solver error where it ends near the noise; that of the baseline only approximates it.
+    """A trial that ends near the noise, refitted with its own solver error in place of that of the baseline.
 
     Where the signals depend irregularly on the parameters, one that has found a better model is fitted again with a
     wide ensemble.
