@@ -206,7 +206,7 @@ def proposed_step(
     x: np.ndarray, model: QuadraticModel, damping: float, low: np.ndarray, high: np.ndarray,
     constraints: LinearConstraints,
 ) -> np.ndarray:  # fmt: skip
-    """The end (n,) of a damped Gauss-Newton step within all limits from `x` (n,), where the sum of squares is `model`."""
+    """The end (n,) of a damped Gauss-Newton step within all limits; `model` holds at its start `x` (n,)."""
     free = np.ones(len(x), bool)
     return _propose(x, model.gradient[0], model.curvature[0], damping, free, low, high, constraints)[0]
 
