@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from edhas_jax.diagnosis.search import forward_selection
 from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Evidence, Rivals, answer_from
 from edhas_jax.diagnosis.search.backward_pass import LAW_ERROR_SHARE_AT_COMPONENT, _law_error_share
 from edhas_jax.diagnosis.search.candidates import Candidate
@@ -12,6 +13,7 @@ from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.localisation import FREE_COST, free_strength
 from edhas_jax.machine.effects import CoggingForce, EddyDrag, HoseCompliance
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
+from edhas_jax.measurements.time_resolution import TimeResolution
 
 SAMPLES = 20_000
 
@@ -19,7 +21,10 @@ SAMPLES = 20_000
 def model(excess: float, unpredictable=None):
     campaign = SimpleNamespace(unpredictable=unpredictable or {})
     return SimpleNamespace(
-        excess=excess, samples=SAMPLES, fit=SimpleNamespace(problem=SimpleNamespace(campaign=campaign))
+        excess=excess,
+        cost=excess,
+        samples=SAMPLES,
+        fit=SimpleNamespace(problem=SimpleNamespace(campaign=campaign), values={}),
     )
 
 
@@ -33,9 +38,20 @@ def test_near_the_noise_the_prediction_counts():
 
 
 def test_a_gain_below_what_two_fits_of_an_irregular_model_differ_by_is_weak():
-    gain = [score(FREE_COST + IRREGULAR_SCATTER)]
+    gain = [score(FREE_COST + IRREGULAR_SCATTER * 0.5 * SAMPLES)]
     assert free_strength(model(50.0), gain, ()) > 5.0
     assert free_strength(model(50.0, {"outlet_pressure": 100.0}), gain, ()) < 1.0
+
+
+def test_what_an_irregular_model_finds_without_the_term_is_no_merit_of_the_term(monkeypatch):
+    monkeypatch.setattr(forward_selection, "fit_coarse", lambda *_: model(60.0))
+    monkeypatch.setattr(forward_selection, "start_coordinates", lambda *_: None)
+    term = SimpleNamespace(evaluated=model(50.0))
+    refitted, regular = (
+        forward_selection._refitted_without_term(model(900.0, noise), [term], TimeResolution(8, 8, 0.1))
+        for noise in ({"outlet_pressure": 100.0}, {})
+    )
+    assert refitted.excess == 60.0 and regular.excess == 900.0
 
 
 def test_many_small_causes_leave_much_with_any_term():

@@ -76,9 +76,10 @@ def _irregular(
 ) -> tuple[EvaluatedFit, TimeResolution] | None:
     """The fit, and the time steps, where signals depend irregularly on the parameters; None where they do smoothly.
 
-    The coarse step is as fine as the other one, because the difference between two steps is random there.
+    One time step serves all fits, because the difference between two steps is random there, and for the same reason it
+    need not be quite as fine as elsewhere.
     """
-    fit, steps = calibrated.fit, resolution.fine
+    fit, steps = calibrated.fit, max(resolution.coarse, resolution.fine // 2)
     deviations = unpredictable_part(fit.problem, fit.x, steps)
     if not deviations:
         return None

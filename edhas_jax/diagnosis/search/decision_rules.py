@@ -14,7 +14,9 @@ MIN_GAIN = 12.0  # nats: the best of some fifty candidates gains less by chance
 PROMISING_RATIO = 0.15  # gain over what is left, from which a candidate stays in the model while others are sought
 DIFFERING_LAW = 2.0  # gain with its own law deviating over that with the library's law, from which this law is wrong
 LAW_ERROR_SHARE = 0.001  # of what a model explains: a law known as a curve over one variable leaves so much anywhere
-IRREGULAR_SCATTER = 100.0  # nats: two fits of a model whose signals depend irregularly on its parameters differ by more
+# of half the number of samples: two fits of a model whose signals depend irregularly on its parameters differ by so
+# much of ½χ², because there are many minima and because what is unpredictable is no white noise
+IRREGULAR_SCATTER = 0.02
 EXCESS_SIGMAS = 2.0  # an excess of ½χ² counts beyond this many of its standard deviations under noise alone
 
 
@@ -25,7 +27,7 @@ def remaining(excess: float, samples: int) -> float:
 
 def scatter_of_fits(evaluated: EvaluatedFit) -> float:
     """The gain [nats] that another fit of the same model may bring: nothing where the signals depend smoothly on it."""
-    return IRREGULAR_SCATTER if evaluated.fit.problem.campaign.unpredictable else 0.0
+    return IRREGULAR_SCATTER * 0.5 * evaluated.samples if evaluated.fit.problem.campaign.unpredictable else 0.0
 
 
 def strength(gain: float, excess_after: float, samples: int, law_error: float = 0.0) -> float:

@@ -25,7 +25,7 @@ from edhas_jax.diagnosis.search.decision_rules import (
     remaining,
     scatter_of_fits,
 )
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_curves import score_free_curves
 from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
@@ -249,4 +249,18 @@ def _localise(
     effects = [score.candidate for score in rounds[0].scores]
     shares = component_shares(test, baseline, effects, [*rounds[0].trials, *trials], terms)
     trials.sort(key=lambda trial: -trial.log_evidence_gain)
-    return shares, trials, free_strength(baseline, terms, trials)
+    return shares, trials, free_strength(_refitted_without_term(baseline, trials, resolution), terms, trials)
+
+
+def _refitted_without_term(baseline: EvaluatedFit, trials: Sequence[Trial], resolution: TimeResolution) -> EvaluatedFit:
+    """A model whose signals depend irregularly on its parameters, refitted from the values with the best free term.
+
+    Such a fit may end in another minimum by chance. What is found there without the term is no merit of the term.
+    """
+    found = [t.evaluated for t in trials if t.evaluated is not None and t.evaluated.cost < baseline.cost]
+    problem = baseline.fit.problem
+    if not problem.campaign.unpredictable or not found:
+        return baseline
+    best = min(found, key=lambda evaluated: evaluated.cost)
+    again = fit_coarse(problem, start_coordinates(problem, best.fit.values), resolution.coarse, FREE_STEPS)
+    return min(baseline, again, key=lambda evaluated: evaluated.cost)

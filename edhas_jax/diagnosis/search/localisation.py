@@ -57,7 +57,7 @@ def component_shares(
         _, fall, directions = test.joint_scores(of)
         falls[location] = max(falls.get(location, 0.0), fall - directions)
     # near the noise the excess may be far smaller than what is missing, because noise may lower it
-    scatter = EXCESS_SIGMAS * math.sqrt(0.5 * baseline.samples)
+    scatter = EXCESS_SIGMAS * math.sqrt(0.5 * baseline.samples) + scatter_of_fits(baseline)
     excess = max([2.0 * (baseline.excess + scatter), *falls.values(), 1.0])
     far = baseline.excess > NEAR_EXCESS * 0.5 * baseline.samples
     overall = _achieved_share(trials)
