@@ -45,6 +45,11 @@ def add_overrides(parser: argparse.ArgumentParser, example: str) -> None:
     )  # fmt: skip
 
 
+def add_cluster(parser: argparse.ArgumentParser, what: str) -> None:
+    """`--cluster` for work that other processes do; `what` they are handed, in words."""
+    parser.add_argument("--cluster", metavar="WHERE", help=f"{what}: local:2 for processes here, tcp://host:8786")
+
+
 def add_own_code(parser: argparse.ArgumentParser, effects: bool = True) -> None:
     """`--effect`, `--controller` and `--rig` for files of one's own that a configuration or campaign names."""
     for option in ("effect", "controller", "rig") if effects else ("controller", "rig"):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from edhas_jax.commands.arguments import (
     add_campaign_folder,
+    add_cluster,
     add_output_folder,
     add_output_options,
     add_own_code,
@@ -26,6 +27,7 @@ def add_parser(commands) -> None:
     add_campaign_folder(parser)
     add_output_folder(parser, "diagnoses")
     add_user_effects(parser, "FILE.py:CLASS", "also consider an effect of your own; may be given several times")
+    add_cluster(parser, "hand fits to Dask")
     add_own_code(parser, effects=False)
     add_output_options(parser)
     parser.set_defaults(command=run)
@@ -65,7 +67,9 @@ def run(options) -> int:
     checkpoint = Checkpoint(folder / CHECKPOINT_FOLDER, identity)
     with terminate_as_interrupt(), WorkProgress(options) as progress:
         try:
-            result = diagnose(campaign, user_effects, on_progress=progress, checkpoint=checkpoint)
+            result = diagnose(
+                campaign, user_effects, on_progress=progress, checkpoint=checkpoint, cluster=options.cluster
+            )
         except KeyboardInterrupt:
             if not checkpoint.kept:
                 raise

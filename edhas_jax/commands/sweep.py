@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from edhas_jax.commands.arguments import add_output_options, add_own_code, own_code, require_own_code
+from edhas_jax.commands.arguments import add_cluster, add_output_options, add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, finish, quoted
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED
 from edhas_jax.commands.progress import WorkProgress
@@ -17,9 +17,7 @@ def add_parser(commands) -> None:
     parser = commands.add_parser("sweep", help="run many designs of a machine; the same command resumes")
     parser.add_argument("config", type=Path, help="configuration of the sweep, YAML")
     parser.add_argument("--out", type=Path, help="folder of the result (default: runs/NAME)")
-    parser.add_argument(
-        "--cluster", metavar="WHERE", help="hand chunks to Dask: local:2 for processes here, tcp://host:8786"
-    )
+    add_cluster(parser, "hand chunks to Dask")
     add_own_code(parser)
     add_output_options(parser)
     parser.set_defaults(command=run)

@@ -1,5 +1,6 @@
 """Diagnose: which effect the model of a campaign's machine lacks, and of what size."""
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -15,7 +16,7 @@ from edhas_jax.diagnosis.planning import next_experiment as planning
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
 from edhas_jax.diagnosis.report.result_file import CURVE_CONFIG_FILE, save_diagnosis
-from edhas_jax.diagnosis.search.checkpoint import Checkpoint
+from edhas_jax.diagnosis.search.checkpoint import Checkpoint, program_versions
 from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions
 from edhas_jax.diagnosis.search.forward_selection import diagnose as search
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
@@ -156,6 +157,7 @@ def diagnose(
     trust: Trust = (),
     on_progress: Callable[[str], None] | None = None,
     checkpoint: Checkpoint | None = None,
+    cluster: str | None = None,
 ) -> DiagnosisResult:
     """Find the effects that the model of a campaign's machine lacks.
 
@@ -166,18 +168,26 @@ def diagnose(
         trust: Python files of your own that may run if the campaign names them.
         on_progress: called with a sentence on the work at hand.
         checkpoint: keeps finished stages, so that an interrupted search goes on.
+        cluster: "local:4" for four processes on this machine, or the address of a Dask scheduler, for the fits that do
+            not depend on each other; None: this process.
 
     Returns:
         The verdict with its probabilities, the candidates and the final model.
 
     Raises:
-        CampaignError: the campaign is wrong, or the fit fails.
+        CampaignError: the campaign is wrong, the fit fails, or the workers were lost.
+        ClusterError: the cluster cannot be reached or used.
     """
     more = [load_effect(e, trust=[e]) if isinstance(e, str) else e for e in effects]
     options = {"more": more, "on_progress": on_progress, "checkpoint": checkpoint}
     options |= {} if library is None else {"library": library}
-    try:
-        found = search(as_campaign(campaign, trust), **options)
-    except FitError as error:
-        raise CampaignError(str(error)) from None
+    with contextlib.ExitStack() as stack:
+        if cluster is not None:
+            from edhas_jax.design.sweep.dask_cluster import dask_executor
+
+            options["executor"] = stack.enter_context(dask_executor(cluster, program_versions))
+        try:
+            found = search(as_campaign(campaign, trust), **options)
+        except FitError as error:
+            raise CampaignError(str(error)) from None
     return with_methods(DiagnosisResult, found)

@@ -5,7 +5,7 @@ import logging
 import re
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 
 from edhas_jax.config.run_folder import ResultFileError
@@ -15,6 +15,7 @@ from edhas_jax.design.sweep.identity import versions
 SCHEDULER_TIMEOUT = 10.0  # s, for the connection
 MAX_WORKERS_PER_CORE = 4
 WORKER_TIMEOUT_FACTOR = 6  # times the above, for the first worker
+LARGEST_CALL = "1GB"  # of the arguments of a call, above which Dask warns: a fit has the derivatives of its signals
 MAX_WORKER_FAILURES = 1000  # workers that may die with the same chunk before the sweep fails
 
 
@@ -23,12 +24,13 @@ class ClusterError(ResultFileError):
 
 
 @contextlib.contextmanager
-def dask_executor(spec: str) -> Iterator[Executor]:
+def dask_executor(spec: str, versions: Callable[[], dict[str, str]] = versions) -> Iterator[Executor]:
     """Connect to a cluster for the duration of a context.
 
     Args:
         spec: "local:4" for four worker processes on this machine, or the address of a Dask scheduler,
             "tcp://host:8786".
+        versions: the versions that must be the same in all processes, from a function of a module.
 
     Yields:
         An executor that runs its calls on the workers.
@@ -52,7 +54,10 @@ def dask_executor(spec: str) -> Iterator[Executor]:
     # Dask logs a traceback for a lost scheduler, which is reported in a sentence instead
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL + 1)
     with contextlib.ExitStack() as stack:
-        stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": MAX_WORKER_FAILURES}))
+        stack.enter_context(dask.config.set({
+            "distributed.scheduler.allowed-failures": MAX_WORKER_FAILURES,
+            "distributed.admin.large-graph-warning-threshold": LARGEST_CALL,
+        }))  # fmt: skip
         if local:
             with _workers_ignore_interrupts():
                 address = stack.enter_context(
@@ -68,7 +73,7 @@ def dask_executor(spec: str) -> Iterator[Executor]:
         except (OSError, TimeoutError, ValueError):
             seconds = f"{SCHEDULER_TIMEOUT:.0f} s"
             raise ClusterError(f"no scheduler answers at {spec} within {seconds}; nothing was computed") from None
-        _check_workers(client, spec)
+        _check_workers(client, spec, versions)
         yield client.get_executor(pure=False)
 
 
@@ -85,7 +90,7 @@ def _workers_ignore_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGINT, previous)
 
 
-def _check_workers(client, spec: str) -> None:
+def _check_workers(client, spec: str, versions: Callable[[], dict[str, str]]) -> None:
     """Raise ClusterError unless there is a worker, and all workers have the versions of this process."""
     try:
         client.wait_for_workers(1, timeout=WORKER_TIMEOUT_FACTOR * SCHEDULER_TIMEOUT)

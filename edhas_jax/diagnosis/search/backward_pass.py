@@ -19,6 +19,7 @@ from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cos
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.result import MemberTest, Round, mounted_candidates
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
+from edhas_jax.diagnosis.search.workers import Workers
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution
@@ -29,7 +30,7 @@ LAW_ERROR_SHARE_AT_COMPONENT = 0.01  # as `LAW_ERROR_SHARE`, at the component on
 
 
 def take_back(
-    rounds: Sequence[Round], resolution: TimeResolution, report: Callable[[str], None]
+    rounds: Sequence[Round], resolution: TimeResolution, report: Callable[[str], None], workers: Workers | None = None
 ) -> tuple[list[Round], list[MemberTest]]:
     """Take each accepted candidate out, and remove those without which the model leaves little more.
 
@@ -37,6 +38,7 @@ def take_back(
         rounds: the rounds of the search, the last of which accepted nothing.
         resolution: coarse and fine time steps per sample.
         report: called with a sentence on the progress.
+        workers: processes for the refits; None for this one.
 
     Returns:
         The rounds of the members that stay, the last of which accepts nothing, and the test of each member.
@@ -47,10 +49,8 @@ def take_back(
         own = law_deviation_columns(final.fit, mounted) if mounted else None
         left = final.excess_with(own)
         explained = max(rounds[0].baseline.excess - final.excess, 0.0)
-        tests, without = [], []
-        for candidate in mounted:
-            report(f"the model without {candidate.name}")
-            refitted = _refit(final, _others(mounted, candidate), rounds[0], resolution)
+        tests, without = [], _refits(final, mounted, rounds[0], resolution, report, workers)
+        for candidate, refitted in zip(mounted, without, strict=True):
             kept = [c for c in _others(mounted, candidate) if c.id != _law_of(candidate)]
             deviations = law_deviation_columns(refitted.fit, kept) if kept else None
             before, after = refitted.excess_with(deviations), final.excess_with(deviations)
@@ -62,7 +62,6 @@ def take_back(
             floor = _law_error_share(candidate, mounted) * explained + scatter_of_fits(final)
             found = max(strength(gain, left, final.samples, floor), 0.0)
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
-            without.append(refitted)
         removable = [k for k, test in enumerate(tests) if _margin(test) < 1.0]
         if not removable:
             return rounds, _with_laws(tests, final)
@@ -124,6 +123,22 @@ def _with_laws(tests: Sequence[MemberTest], final: EvaluatedFit) -> list[MemberT
             differs = strength(gain - deviation_cost(columns), after, final.samples) > MIN_LAW_STRENGTH
         out.append(test._replace(implausible=implausible, law_gain=gain, law_differs=differs))
     return out
+
+
+def _refits(
+    final: EvaluatedFit, mounted: Sequence[Candidate], first: Round, resolution: TimeResolution,
+    report: Callable[[str], None], workers: Workers | None,
+) -> list[EvaluatedFit]:  # fmt: skip
+    """The model without each of its members, refitted."""
+    jobs = [(final, _others(mounted, candidate), first, resolution) for candidate in mounted]
+    if workers is not None and jobs:
+        report("the model without each of its members, on the workers")
+        return workers.map(_refit, jobs)
+    refits = []
+    for candidate, job in zip(mounted, jobs, strict=True):
+        report(f"the model without {candidate.name}")
+        refits.append(_refit(*job))
+    return refits
 
 
 def _refit(

@@ -165,8 +165,13 @@ def diagnosis_identity(
         "the campaign's description": _hash(description),
         "the measured samples": samples.hexdigest(),
         "the effects to consider": _hash([effects, chosen]),
-        "the program": _hash([sorted(versions().items()), runtime.code_hash(CODE_PACKAGES)]),
+        "the program": _hash(sorted(program_versions().items())),
     }
+
+
+def program_versions() -> dict[str, str]:
+    """The versions that determine the result of a diagnosis, with a hash of the code that it runs."""
+    return versions() | {"diagnosis code": runtime.code_hash(CODE_PACKAGES)[:12]}
 
 
 def _hash(value: Any) -> str:

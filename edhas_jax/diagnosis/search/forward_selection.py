@@ -7,6 +7,7 @@ member of the set again. Runs that are held out decide nothing: the residual on 
 
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
 from typing import Any
 
 from edhas_jax.core.runtime import single_threaded_algebra
@@ -33,12 +34,13 @@ from edhas_jax.diagnosis.search.law_deviation import LawDeviation, law_deviation
 from edhas_jax.diagnosis.search.localisation import FREE_COST, component_shares, free_strength
 from edhas_jax.diagnosis.search.memory_term import score_memory_terms
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest, Round, mounted_candidates
-from edhas_jax.diagnosis.search.screening import ScoreTest
+from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.selection_round import refine_trial, search_round
 from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
 from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, StageEncoder
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.search.trial import Trial, try_candidate
+from edhas_jax.diagnosis.search.workers import Workers, own_classes
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -67,6 +69,7 @@ class _Search:
     more: tuple[type[Effect], ...]
     checkpoint: Checkpoint
     report: Report
+    workers: Workers | None
 
     def stage(self, name: str, compute: Callable, encode: Callable, decode: Callable) -> Any:
         """The value of a stage from the checkpoint, or computed."""
@@ -88,6 +91,7 @@ def diagnose(
     more: Iterable[type[Effect]] = (),
     on_progress: Report | None = None,
     checkpoint: Checkpoint | None = None,
+    executor: Executor | None = None,
 ) -> Diagnosis:
     """Determine whether effects are missing in the model of a campaign, and which.
 
@@ -98,6 +102,8 @@ def diagnose(
         more: user-defined effect classes to consider in addition.
         on_progress: called with a sentence on the progress.
         checkpoint: keeps the finished stages, and has those of an interrupted diagnosis of the same inputs.
+        executor: makes fits that do not depend on each other in its worker processes, all at once; by default they are
+            made here one after the other, where a trial that stays far behind is given up early.
 
     Where the campaign has no hold-out runs, the last third of each run is held out.
 
@@ -105,31 +111,34 @@ def diagnose(
         The verdict with all scores, trials, probabilities and the final model.
 
     Raises:
-        FitError: there is nothing to fit, or the model cannot be fitted.
+        FitError: there is nothing to fit, the model cannot be fitted, or the workers were lost.
     """
     report, checkpoint = on_progress or (lambda sentence: None), checkpoint or Checkpoint()
     report("checking the data")
     campaign = checked_campaign(campaign)
     library = None if library is None else tuple(library)
     campaign, holdout_sentence = split_for_holdout(campaign)
-    search = _Search(campaign, library, tuple(more), checkpoint, report)
+    more = tuple(more)
+    own = own_classes([*more, campaign.machine, *campaign.machine.replaceable_parts()])
+    workers = None if executor is None else Workers(executor, own)
+    search = _Search(campaign, library, more, checkpoint, report, workers)
     calibrated, resolution = search.stage(
         "calibration", lambda: calibrate(campaign, report), StageEncoder.start, StageDecoder.start
     )
     test = ScoreTest(calibrated.fit, ())
     forward = _select_forward(search, calibrated, resolution, test)
-    rounds, members = take_back(forward, resolution, report)
+    rounds, members = take_back(forward, resolution, report, workers)
     left = _left(rounds)
     if (other := _other_beginning(forward[0])) is not None and left > MISFIT_SHARE * misfit(rounds[0].baseline):
         report(f"once more, beginning with {other.accepted.candidate.name}")
         again = _select_forward(search, calibrated, resolution, test, other)
-        again, other_members = take_back(again, resolution, report)
+        again, other_members = take_back(again, resolution, report, workers)
         other_left = _left(again)
         if other_left < CLEARLY_LESS * left and _implausible(other_members) <= _implausible(members):
             rounds, members, left = again, other_members, other_left
     shares, free, free_gain = {}, (), 0.0
     if not members or _is_unexplained(rounds, members, left):
-        shares, free, free_gain = _localise(rounds, test, resolution, report)
+        shares, free, free_gain = _localise(rounds, test, resolution, report, workers)
     after = rounds[-1].baseline
     campaign = after.fit.problem.campaign  # with the start of its records corrected
     before = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
@@ -190,7 +199,9 @@ def _finish_round(
     curves = {candidate.of for candidate in mounted if isinstance(candidate, LawDeviation)}
     law_error = LAW_ERROR_SHARE * max(calibrated.excess - baseline.excess, 0.0) if curves else 0.0
     law_error += scatter_of_fits(baseline)
-    found = known or search_round(baseline, mounted, candidates, resolution, search.report, first, law_error)
+    found = known or search_round(
+        baseline, mounted, candidates, resolution, search.report, first, law_error, search.workers
+    )
     for trial in _promising(found, law_error)[: CURVES_TRIED if known is None else 1]:
         settled = settle(with_tightened_bench(trial.evaluated, resolution.coarse), resolution, search.report)
         law, model = free_law(settled, (*mounted, trial.candidate), trial.candidate, resolution, search.report)
@@ -233,7 +244,7 @@ def _is_unexplained(rounds: Sequence[Round], members: Sequence[MemberTest], left
 
 
 def _localise(
-    rounds: Sequence[Round], test: ScoreTest, resolution: TimeResolution, report: Report
+    rounds: Sequence[Round], test: ScoreTest, resolution: TimeResolution, report: Report, workers: Workers | None
 ) -> tuple[dict[str, float], list[Trial], float]:
     """The share of the misfit of each component, fits of the free terms that explain most of it, and their strength."""
     report("localising the discrepancy")
@@ -241,15 +252,26 @@ def _localise(
     terms = [*score_free_curves(test, baseline.fit, report), *score_memory_terms(test, baseline.fit, report)]
     terms.sort(key=lambda score: -score.chi_square_fall)
     is_own = baseline.fit.machine.is_own
-    for score in terms[: OWN_FREE_TRIALS if is_own else FREE_TRIALS]:
-        if score.predicted_gain > max(MIN_FREE_SHARE * baseline.excess, FREE_COST + MIN_GAIN):
-            report(f"fitting {score.candidate.text}")
-            trial = try_candidate(baseline, (), score, resolution, OWN_FREE_STEPS if is_own else FREE_STEPS)
-            trials.append(refine_trial(baseline, trial, resolution))
+    least, steps = max(MIN_FREE_SHARE * baseline.excess, FREE_COST + MIN_GAIN), OWN_FREE_STEPS if is_own else FREE_STEPS
+    terms_tried = [s for s in terms[: OWN_FREE_TRIALS if is_own else FREE_TRIALS] if s.predicted_gain > least]
+    jobs = [(baseline, score, resolution, steps) for score in terms_tried]
+    if workers is not None and jobs:
+        report(f"fitting {' and '.join(score.candidate.text for score in terms_tried)} on the workers")
+        trials = workers.map(_try_free_term, jobs)
+    else:
+        for job in jobs:
+            report(f"fitting {job[1].candidate.text}")
+            trials.append(_try_free_term(*job))
     effects = [score.candidate for score in rounds[0].scores]
     shares = component_shares(test, baseline, effects, [*rounds[0].trials, *trials], terms)
     trials.sort(key=lambda trial: -trial.log_evidence_gain)
     return shares, trials, free_strength(_refitted_without_term(baseline, trials, resolution), terms, trials)
+
+
+def _try_free_term(baseline: EvaluatedFit, score: Score, resolution: TimeResolution, max_steps: int) -> Trial:
+    """The calibrated model with a free term."""
+    trial = try_candidate(baseline, (), score, resolution, max_steps)
+    return refine_trial(baseline, trial, resolution)
 
 
 def _refitted_without_term(baseline: EvaluatedFit, trials: Sequence[Trial], resolution: TimeResolution) -> EvaluatedFit:

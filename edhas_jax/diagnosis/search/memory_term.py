@@ -95,7 +95,8 @@ def memory_class(place: LawPlace) -> type[Effect]:
         return {f"memory_{k}": (q - getattr(z, f"memory_{k}")) / TIMES[k - 1] for k in numbers}
 
     states = {f"memory_{k}": state(place.variable_unit, f"{place.variable} of the past") for k in numbers}
-    return _term_class(f"memory_of_{place.variable}_at_{place.slot}", place, len(TIMES), contribute, rates, states)
+    name = f"memory_of_{place.variable}_at_{place.slot}"
+    return _term_class(memory_class, name, place, len(TIMES), contribute, rates, states)
 
 
 @functools.cache
@@ -123,13 +124,14 @@ def oscillator_class(place: LawPlace) -> type[Effect]:
     states = {f"follower_{k}": state(unit, f"{place.variable} as an oscillator follows it") for k in numbers}
     states |= {f"speed_{k}": state(f"{unit}/s", "its rate") for k in numbers}
     name = f"resonance_with_{place.variable}_at_{place.slot}"
-    return _term_class(name, place, 2 * len(FREQUENCIES), contribute, rates, states)
+    return _term_class(oscillator_class, name, place, 2 * len(FREQUENCIES), contribute, rates, states)
 
 
 def _term_class(
-    name: str, place: LawPlace, count: int, contribute: Callable, rates: Callable, states: Mapping[str, Any]
-) -> type[Effect]:
-    """An effect class with coefficients as parameters."""
+    generated_by: Callable, name: str, place: LawPlace, count: int, contribute: Callable, rates: Callable,
+    states: Mapping[str, Any],
+) -> type[Effect]:  # fmt: skip
+    """An effect class with coefficients as parameters, as the function `generated_by` makes it for a place."""
     body: dict[str, Any] = {
         f"coefficient_{k}": par(0.0, coefficient_unit(place), LIMITS, f"of part {k}") for k in range(1, count + 1)
     }
@@ -139,6 +141,7 @@ def _term_class(
         "__doc__": f"Memory of {place.variable} at the slot {place.slot}.\n\nSource: a sum of exponentials.",
         "id": name,
         "looks_like": "a response to the past",
+        "_generated_by": (generated_by, (place,)),
         place.slot: contribute,
         "rates": rates,
     }

@@ -22,6 +22,7 @@ from edhas_jax.diagnosis.search.trial import (
     retry_progressively,
     try_best_candidates,
 )
+from edhas_jax.diagnosis.search.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 # candidates whose signatures are simulated again in later rounds: how many, and from which fall of χ² on
@@ -36,7 +37,7 @@ FAR_TRIALS = 8  # largest number of trials above it
 
 def search_round(
     baseline: EvaluatedFit, accepted: Sequence[Candidate], candidates: Sequence[Candidate], resolution: TimeResolution,
-    report: Callable[[str], None], first: ScoreTest, law_error: float = 0.0,
+    report: Callable[[str], None], first: ScoreTest, law_error: float = 0.0, workers: Workers | None = None,
 ) -> Round:  # fmt: skip
     """Search for one more candidate.
 
@@ -48,6 +49,7 @@ def search_round(
         report: called with a sentence on the progress.
         first: the score test of the first round, whose signatures later rounds use again for most candidates.
         law_error: what laws that are known as curves only may have left [nats]; less is no reason to add a candidate.
+        workers: processes for the trials; None for this one.
     """
     deviations = law_deviation_columns(baseline.fit, accepted) if accepted else None
     test = ScoreTest(baseline.fit, accepted, deviations, first) if accepted else first
@@ -64,9 +66,9 @@ def search_round(
         scores = _with_scores_at_prior(baseline, accepted, scores, report)
     most = FAR_TRIALS if is_far else MAX_TRIALS
     scores = [score for score in scores if score.predicted_gain > MIN_LAW_ERRORS * law_error]
-    trials = try_best_candidates(baseline, accepted, scores, resolution, report, max_trials=most)
+    trials = try_best_candidates(baseline, accepted, scores, resolution, report, max_trials=most, workers=workers)
     if is_far and not is_irregular:
-        trials = _retry_progressively(baseline, accepted, trials, resolution, report)
+        trials = _retry_progressively(baseline, accepted, trials, resolution, report, workers)
     trials = sorted(trials, key=lambda trial: -trial.log_evidence_gain)
     trials = [refine_trial(baseline, trial, resolution) if k < REFINED else trial for k, trial in enumerate(trials)]
     trials = [_beyond_deviations(baseline, trial, deviations) for trial in trials]
@@ -106,15 +108,20 @@ def _with_scores_at_prior(
 
 def _retry_progressively(
     baseline: EvaluatedFit, accepted: Sequence[Candidate], trials: Sequence[Trial], resolution: TimeResolution,
-    report: Callable[[str], None],
+    report: Callable[[str], None], workers: Workers | None,
 ) -> list[Trial]:  # fmt: skip
-    """Fit the first candidates progressively until one of them explains nearly all."""
-    trials = list(trials)
-    for k, trial in enumerate(trials[:PROGRESSIVE_TRIALS]):
+    """Fit the first candidates progressively until one of them explains nearly all; on workers all at once."""
+    trials, retried = list(trials), list(trials[:PROGRESSIVE_TRIALS])
+    at_once: list[Trial] = []
+    if workers is not None and max((t.explained_share for t in trials), default=1.0) <= NEARLY_ALL_SHARE:
+        report("fitting growing parts of the runs on the workers")
+        at_once = workers.map(retry_progressively, [(baseline, accepted, trial, resolution) for trial in retried])
+    for k, trial in enumerate(retried):
         if max(t.explained_share for t in trials) > NEARLY_ALL_SHARE:
             break
-        report(f"{trial.candidate.name}: fitting growing parts of the runs")
-        trials[k] = retry_progressively(baseline, accepted, trial, resolution)
+        if workers is None:
+            report(f"{trial.candidate.name}: fitting growing parts of the runs")
+        trials[k] = at_once[k] if at_once else retry_progressively(baseline, accepted, trial, resolution)
     return trials
 
 

@@ -1,6 +1,7 @@
 """Trials of candidates: everything is refitted with a candidate in place and compared with the model without it."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -13,6 +14,7 @@ from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.screening import Score, with_scaled_size
+from edhas_jax.diagnosis.search.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 MIN_ACHIEVED_FALL_SHARE = 0.3  # of the predicted fall of χ²: a fit that achieves less is restarted elsewhere
@@ -198,9 +200,12 @@ def _give_up_rule(baseline_cost: float, reached: float, checked: Mapping[int, fl
 
 def try_best_candidates(
     baseline: EvaluatedFit, accepted: Sequence[Candidate], scores: Sequence[Score], resolution: TimeResolution,
-    report: Callable[[str], None], reached: float = 0.0, max_trials: int = MAX_TRIALS,
+    report: Callable[[str], None], reached: float = 0.0, max_trials: int = MAX_TRIALS, workers: Workers | None = None,
 ) -> list[Trial]:  # fmt: skip
     """Try the candidates with the largest predicted fall of χ², until the others predict too little.
+
+    On workers all are tried at once, so that none is given up early; those that would not have been tried without
+    workers are left out.
 
     Args:
         baseline: the model without the candidates.
@@ -210,6 +215,7 @@ def try_best_candidates(
         report: called with a sentence on the progress.
         reached: fall of ½χ² that other candidates have achieved already.
         max_trials: largest number of trials.
+        workers: processes for the trials; None for this one.
     """
     trials: list[Trial] = []
     is_near = baseline.excess < NEAR_EXCESS * 0.5 * baseline.samples and not is_distorted(baseline)
@@ -217,15 +223,27 @@ def try_best_candidates(
     is_irregular = bool(baseline.fit.problem.campaign.unpredictable)
     least_fall = MIN_IRREGULAR_FALL if is_irregular else MIN_CHI_SQUARE_FALL
     share = MIN_NEAR_RIVAL_SHARE if is_near else MIN_RIVAL_GAIN_SHARE
-    for score in scores[: MAX_IRREGULAR_TRIALS if is_irregular else max_trials]:
+    most = MAX_IRREGULAR_TRIALS if is_irregular else max_trials
+    tried = [score for score in scores[:most] if score.chi_square_fall >= least_fall]
+
+    def is_enough(score: Score) -> bool:
         # the prediction is linear: where one fit gains far more than predicted, others may gain more too
-        limit = min(reached, scores[0].predicted_gain)
-        if score.chi_square_fall < least_fall:
+        return score.predicted_gain >= max(share * min(reached, scores[0].predicted_gain), least)
+
+    at_once: list[Trial] = []
+    if workers is not None:
+        tried = list(itertools.takewhile(is_enough, tried))
+        report(f"trying {', '.join(score.candidate.name for score in tried)} on the workers")
+        jobs = [(baseline, accepted, score, resolution, TRIAL_STEPS, reached) for score in tried]
+        at_once = workers.map(try_candidate, jobs)
+    for k, score in enumerate(tried):
+        if not is_enough(score):
             break
-        if score.predicted_gain < max(share * limit, least):
-            break
-        report(f"trying {score.candidate.name}: predicted fall of χ² {score.chi_square_fall:.0f}")
-        trial = try_candidate(baseline, accepted, score, resolution, TRIAL_STEPS, reached)
+        if workers is None:
+            report(f"trying {score.candidate.name}: predicted fall of χ² {score.chi_square_fall:.0f}")
+            trial = try_candidate(baseline, accepted, score, resolution, TRIAL_STEPS, reached)
+        else:
+            trial = at_once[k]
         trials.append(trial)
         if trial.evaluated is not None:
             reached = max(reached, baseline.cost - trial.evaluated.cost)

@@ -186,6 +186,7 @@ def tabulated_class(name: str, place: LawPlace, count: int) -> type[Effect]:
         "looks_like": "whatever its table says",
         "_place": place,
         "_count": count,
+        "_generated_by": (tabulated_class, (name, place, count)),
         place.slot: contribute,
     }
     # compiled loops are cached by the name of the class, so it holds all that the program depends on
