@@ -18,14 +18,9 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 SAMPLES = 20_000
 
 
-def model(excess: float, unpredictable=None):
-    campaign = SimpleNamespace(unpredictable=unpredictable or {})
-    return SimpleNamespace(
-        excess=excess,
-        cost=excess,
-        samples=SAMPLES,
-        fit=SimpleNamespace(problem=SimpleNamespace(campaign=campaign), values={}),
-    )
+def model(excess: float, is_irregular: bool = False):
+    fit = SimpleNamespace(problem=SimpleNamespace(is_irregular=is_irregular), values={})
+    return SimpleNamespace(excess=excess, cost=excess, samples=SAMPLES, fit=fit)
 
 
 def score(gain: float):
@@ -40,7 +35,7 @@ def test_near_the_noise_the_prediction_counts():
 def test_a_gain_below_what_two_fits_of_an_irregular_model_differ_by_is_weak():
     gain = [score(FREE_COST + IRREGULAR_SCATTER * 0.5 * SAMPLES)]
     assert free_strength(model(50.0), gain, ()) > 5.0
-    assert free_strength(model(50.0, {"outlet_pressure": 100.0}), gain, ()) < 1.0
+    assert free_strength(model(50.0, is_irregular=True), gain, ()) < 1.0
 
 
 def test_what_an_irregular_model_finds_without_the_term_is_no_merit_of_the_term(monkeypatch):
@@ -48,8 +43,8 @@ def test_what_an_irregular_model_finds_without_the_term_is_no_merit_of_the_term(
     monkeypatch.setattr(forward_selection, "start_coordinates", lambda *_: None)
     term = SimpleNamespace(evaluated=model(50.0))
     refitted, regular = (
-        forward_selection._refitted_without_term(model(900.0, noise), [term], TimeResolution(8, 8, 0.1))
-        for noise in ({"outlet_pressure": 100.0}, {})
+        forward_selection._refitted_without_term(model(900.0, is_irregular), [term], TimeResolution(8, 8, 0.1))
+        for is_irregular in (True, False)
     )
     assert refitted.excess == 60.0 and regular.excess == 900.0
 

@@ -107,6 +107,6 @@ def test_only_classes_of_the_user_are_their_own(windage):
 
 
 def test_a_worker_that_dies_ends_the_diagnosis_in_a_sentence():
-    with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        with pytest.raises(FitError, match="a worker failed"):
-            Workers(pool).map(os._exit, [(3,)])
+    pool = concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+    with pool, pytest.raises(FitError, match="a worker failed"):
+        Workers(pool).map(os._exit, [(3,)])

@@ -48,6 +48,11 @@ class FitProblem:
     solver_error: SolverError | None = None
     time_shifts: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
+    @property
+    def is_irregular(self) -> bool:
+        """Whether the signals depend irregularly on the unknowns, see `unpredictable_part`."""
+        return bool(self.campaign.unpredictable)
+
     def model(self) -> MeasurementModel:
         """The model that predicts the signals of the runs.
 

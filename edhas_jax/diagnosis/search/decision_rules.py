@@ -27,7 +27,7 @@ def remaining(excess: float, samples: int) -> float:
 
 def scatter_of_fits(evaluated: EvaluatedFit) -> float:
     """The gain [nats] that another fit of the same model may bring: nothing where the signals depend smoothly on it."""
-    return IRREGULAR_SCATTER * 0.5 * evaluated.samples if evaluated.fit.problem.campaign.unpredictable else 0.0
+    return IRREGULAR_SCATTER * 0.5 * evaluated.samples if evaluated.fit.problem.is_irregular else 0.0
 
 
 def strength(gain: float, excess_after: float, samples: int, law_error: float = 0.0) -> float:

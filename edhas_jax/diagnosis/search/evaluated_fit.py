@@ -141,7 +141,7 @@ def fit_coarse(
     Raises:
         FitError: the model fails at every point that was evaluated.
     """
-    if problem.campaign.unpredictable:
+    if problem.is_irregular:
         return _fit_by_ensemble(problem, starts, steps_per_sample, max_steps, keep_on)
     found, model = _search(problem, starts, steps_per_sample, max_steps, keep_on, may_update)
     best = int(np.argmin(found.model.cost))
@@ -276,7 +276,7 @@ def with_solver_error(
 
     The error is computed again at the new estimate, and where it has changed the fit much, that is repeated too.
     """
-    if evaluated.fit.problem.campaign.unpredictable:  # then a finer step differs at random
+    if evaluated.fit.problem.is_irregular:  # then a finer step differs at random
         return evaluated
     found, steps = evaluated, max_steps
     for _ in range(SOLVER_CORRECTIONS):

@@ -281,7 +281,7 @@ def _refitted_without_term(baseline: EvaluatedFit, trials: Sequence[Trial], reso
     """
     found = [t.evaluated for t in trials if t.evaluated is not None and t.evaluated.cost < baseline.cost]
     problem = baseline.fit.problem
-    if not problem.campaign.unpredictable or not found:
+    if not problem.is_irregular or not found:
         return baseline
     best = min(found, key=lambda evaluated: evaluated.cost)
     again = fit_coarse(problem, start_coordinates(problem, best.fit.values), resolution.coarse, FREE_STEPS)

@@ -61,7 +61,7 @@ def search_round(
         scores = [score for score in scores if score.candidate not in again]
         scores = sorted([*scores, *score_all(test, again, report)], key=lambda score: -score.chi_square_fall)
     is_far = baseline.excess > PROGRESSIVE_RMS**2 * 0.5 * baseline.samples
-    is_irregular = bool(baseline.fit.problem.campaign.unpredictable)
+    is_irregular = baseline.fit.problem.is_irregular
     if not is_irregular and (is_far or (is_distorted(baseline) and misfit(baseline) > 0.0)):
         scores = _with_scores_at_prior(baseline, accepted, scores, report)
     most = FAR_TRIALS if is_far else MAX_TRIALS
@@ -147,7 +147,7 @@ def refine_trial(baseline: EvaluatedFit, trial: Trial, resolution: TimeResolutio
     wide ensemble.
     """
     found = trial.evaluated
-    if found is not None and found.fit.problem.campaign.unpredictable:
+    if found is not None and found.fit.problem.is_irregular:
         is_better = found.cost < baseline.cost
         again = fit_coarse(found.fit.problem, found.fit.x, resolution.coarse, REFINEMENT_STEPS) if is_better else found
         return trial.with_fit(baseline, again) if again.cost < found.cost else trial

@@ -125,7 +125,7 @@ def try_candidate(
         # far from the calibrated model the linear prediction overshoots: begin without influence as well
         without = np.concatenate([np.ones(count), np.zeros(len(score.x))])
         starts = [without * calibrated_start, without * shrunk_start, *starts]
-    if problem.campaign.unpredictable:
+    if problem.is_irregular:
         return _try_irregular(baseline, problem, calibrated_start, score, resolution, max_steps, reached)
     small = np.concatenate([calibrated_start[:count], with_scaled_size(problem.unknowns[count:], score.x, SMALL_SIZE)])
     best: EvaluatedFit | None = None
@@ -220,7 +220,7 @@ def try_best_candidates(
     trials: list[Trial] = []
     is_near = baseline.excess < NEAR_EXCESS * 0.5 * baseline.samples and not is_distorted(baseline)
     least = MIN_NEAR_SHARE * baseline.excess if is_near else 0.0
-    is_irregular = bool(baseline.fit.problem.campaign.unpredictable)
+    is_irregular = baseline.fit.problem.is_irregular
     least_fall = MIN_IRREGULAR_FALL if is_irregular else MIN_CHI_SQUARE_FALL
     share = MIN_NEAR_RIVAL_SHARE if is_near else MIN_RIVAL_GAIN_SHARE
     most = MAX_IRREGULAR_TRIALS if is_irregular else max_trials
