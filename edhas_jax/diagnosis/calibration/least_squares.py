@@ -108,91 +108,132 @@ def levenberg_marquardt(
     constraints = no_constraints(np.shape(starts)[1]) if constraints is None else constraints
     x = np.array([constraints.project(row, low, high) for row in np.array(starts, float)])
     free = np.ones(x.shape, bool) if free is None else np.broadcast_to(free, x.shape)
-    initial = evaluate(x, np.arange(len(x)))
-    cost, gradient, curvature = (np.array(part) for part in (initial.cost, initial.gradient, initial.curvature))
-    cost[~_is_finite(initial)] = np.inf
-    damping, growth = np.full(len(x), INITIAL_DAMPING), np.full(len(x), 2.0)
-    steps, rejected, converged = np.zeros(len(x), int), np.zeros(len(x), int), np.zeros(len(x), bool)
-    active, is_updated = np.isfinite(cost), np.zeros(len(x), bool)
-    may_update = np.full(len(x), update is not None)
-    evaluated = [(x[k].copy(), cost[k], gradient[k].copy(), curvature[k].copy()) for k in range(len(x))]
-
-    def evaluate_again(rows: np.ndarray) -> None:
-        """Compute the derivatives of some starts where they are; back to the last such point where that was better."""
-        if not len(rows):
-            return
-        found = evaluate(x[rows], rows)
-        valid = _is_finite(found)
-        for row, k in enumerate(rows):
-            if valid[row] and found.cost[row] <= evaluated[k][1]:
-                evaluated[k] = x[k].copy(), found.cost[row], found.gradient[row], found.curvature[row]
-            else:  # what is kept between evaluations has changed too much
-                may_update[k] = False
-            x[k], cost[k], gradient[k], curvature[k] = evaluated[k]
-        is_updated[rows] = False
-
+    search = _Search(x, _Limits(low, high, constraints), free, evaluate, update)
     number = 0
-    while number < max_steps:
-        rows = np.flatnonzero(active)
-        if not len(rows):
-            break
-        proposals = [
-            _propose(x[k], gradient[k], curvature[k], damping[k], free[k], low, high, constraints) for k in rows
-        ]  # fmt: skip
-        trial, predicted, attainable = (np.array(column) for column in zip(*proposals, strict=True))
-        floor = np.maximum(NOISE_FLOOR, RELATIVE_NOISE_FLOOR * cost[rows])
-        unfinished = attainable > np.maximum(tolerance, relative_tolerance * cost[rows])
-        unfinished &= ~((attainable < floor) & (rejected[rows] >= MAX_FAILED_STEPS))
-        unsure = rows[~unfinished & is_updated[rows]]
+    while number < max_steps and len(rows := np.flatnonzero(search.active)):
+        trial, predicted, attainable = search.proposals(rows)
+        unfinished = search.is_unfinished(rows, attainable, tolerance, relative_tolerance)
+        unsure = rows[~unfinished & search.is_updated[rows]]
         if len(unsure):
-            evaluate_again(unsure)
+            search.evaluate_again(unsure)
             continue
-        converged[rows[~unfinished]], active[rows[~unfinished]] = True, False
-        rows, trial, predicted = rows[unfinished], trial[unfinished], predicted[unfinished]
-        if not len(rows):
+        search.finish(rows[~unfinished])
+        if not unfinished.any():
             break
-        new = _evaluated(trial, rows, x[rows], evaluate, update, may_update[rows])
-        valid, doubtful = _is_finite(new), []
-        for row, k in enumerate(rows):
-            steps[k] += 1
-            ratio = (cost[k] - new.cost[row]) / predicted[row] if valid[row] else -1.0
-            if ratio > 0.0:
-                x[k], cost[k], gradient[k], curvature[k] = (
-                    trial[row], new.cost[row], new.gradient[row], new.curvature[row],
-                )  # fmt: skip
-                damping[k] *= max(1.0 / 10.0, 1.0 - (2.0 * min(ratio, 2.0) - 1.0) ** 3)
-                growth[k], rejected[k], is_updated[k] = 2.0, 0, may_update[k]
-                if not may_update[k]:
-                    evaluated[k] = x[k].copy(), cost[k], gradient[k].copy(), curvature[k].copy()
-            else:
-                rejected[k] += 1
-                damping[k] *= growth[k]
-                growth[k] *= 2.0
-                active[k] = damping[k] < MAX_DAMPING
-            if is_updated[k] and active[k] and not GOOD_RATIOS[0] < ratio < GOOD_RATIOS[1]:
-                doubtful.append(k)
-        evaluate_again(np.array(doubtful, int))
+        search.step(rows[unfinished], trial[unfinished], predicted[unfinished])
         number += 1
         if merge > 0.0:
-            _merge_starts(x, cost, curvature, active, merge)
+            _merge_starts(search.x, search.cost, search.curvature, search.active, merge)
         if on_step is not None:
-            on_step(number, cost)
-        if keep_on is not None and not keep_on(number, cost):
+            on_step(number, search.cost)
+        if keep_on is not None and not keep_on(number, search.cost):
             break
-    evaluate_again(np.flatnonzero(is_updated & np.isfinite(cost)))
-    return Minima(x, QuadraticModel(cost, gradient, curvature), steps, converged)
+    search.evaluate_again(np.flatnonzero(search.is_updated & np.isfinite(search.cost)))
+    model = QuadraticModel(search.cost, search.gradient, search.curvature)
+    return Minima(search.x, model, search.steps, search.converged)
 
 
-def _evaluated(points, rows, present, evaluate, update, may_update) -> QuadraticModel:
-    """The models at the points of some starts, by `update` where they may, else by `evaluate`."""
-    if may_update.all():
-        return update(points, rows, present)
-    if not may_update.any():
-        return evaluate(points, rows)
-    some, others = np.flatnonzero(may_update), np.flatnonzero(~may_update)
-    both = stacked_models([update(points[some], rows[some], present[some]), evaluate(points[others], rows[others])])
-    order = np.argsort(np.concatenate([some, others]))
-    return QuadraticModel(both.cost[order], both.gradient[order], both.curvature[order])
+@dataclasses.dataclass(frozen=True)
+class _Limits:
+    """Where the points of a search may lie: between bounds (n,) and within linear constraints."""
+
+    low: np.ndarray
+    high: np.ndarray
+    constraints: LinearConstraints
+
+
+class _Search:
+    """The points (k, n) of a search with their sums of squares, and how far each of them has come."""
+
+    def __init__(self, x: np.ndarray, limits: _Limits, free: np.ndarray, evaluate: Callable, update: Callable | None):
+        self.x, self._limits, self._free = x, limits, free
+        self._evaluate, self._update = evaluate, update
+        initial, count = evaluate(x, np.arange(len(x))), len(x)
+        self.cost, self.gradient, self.curvature = (
+            np.array(part) for part in (initial.cost, initial.gradient, initial.curvature)
+        )
+        self.cost[~_is_finite(initial)] = np.inf
+        self.active, self.converged = np.isfinite(self.cost), np.zeros(count, bool)
+        self.steps, self._rejected = np.zeros(count, int), np.zeros(count, int)
+        self._damping, self._growth = np.full(count, INITIAL_DAMPING), np.full(count, 2.0)
+        self.is_updated, self._may_update = np.zeros(count, bool), np.full(count, update is not None)
+        self._evaluated = [self._at(k) for k in range(count)]  # where derivatives were computed last
+
+    def proposals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The ends (m, n) of the next steps of some points, their predicted decreases (m,), and the largest ones."""
+        found = [
+            _propose(self.x[k], self.gradient[k], self.curvature[k], self._damping[k], self._free[k], self._limits)
+            for k in rows
+        ]
+        trial, predicted, attainable = (np.array(column) for column in zip(*found, strict=True))
+        return trial, predicted, attainable
+
+    def is_unfinished(self, rows: np.ndarray, attainable: np.ndarray, tolerance: float, share: float) -> np.ndarray:
+        """Whether so much can be gained from some points (m,) that their search goes on."""
+        cost = self.cost[rows]
+        floor = np.maximum(NOISE_FLOOR, RELATIVE_NOISE_FLOOR * cost)
+        unfinished = attainable > np.maximum(tolerance, share * cost)
+        return unfinished & ~((attainable < floor) & (self._rejected[rows] >= MAX_FAILED_STEPS))
+
+    def finish(self, rows: np.ndarray) -> None:
+        """The search of some points has converged."""
+        self.converged[rows], self.active[rows] = True, False
+
+    def step(self, rows: np.ndarray, trial: np.ndarray, predicted: np.ndarray) -> None:
+        """Take the proposed steps of some points where they lower the cost; change their damping."""
+        new = self._values_at(trial, rows)
+        valid, doubtful = _is_finite(new), []
+        for row, k in enumerate(rows):
+            self.steps[k] += 1
+            ratio = (self.cost[k] - new.cost[row]) / predicted[row] if valid[row] else -1.0
+            if ratio > 0.0:
+                self._move(k, (trial[row], new.cost[row], new.gradient[row], new.curvature[row]))
+                self._damping[k] *= max(1.0 / 10.0, 1.0 - (2.0 * min(ratio, 2.0) - 1.0) ** 3)
+                self._growth[k], self._rejected[k], self.is_updated[k] = 2.0, 0, self._may_update[k]
+                if not self._may_update[k]:
+                    self._evaluated[k] = self._at(k)
+            else:
+                self._rejected[k] += 1
+                self._damping[k] *= self._growth[k]
+                self._growth[k] *= 2.0
+                self.active[k] = self._damping[k] < MAX_DAMPING
+            if self.is_updated[k] and self.active[k] and not GOOD_RATIOS[0] < ratio < GOOD_RATIOS[1]:
+                doubtful.append(k)
+        self.evaluate_again(np.array(doubtful, int))
+
+    def evaluate_again(self, rows: np.ndarray) -> None:
+        """Compute the derivatives at some points; a point goes back to the last such one where that was better."""
+        if not len(rows):
+            return
+        found = self._evaluate(self.x[rows], rows)
+        valid = _is_finite(found)
+        for row, k in enumerate(rows):
+            if valid[row] and found.cost[row] <= self._evaluated[k][1]:
+                self._evaluated[k] = self.x[k].copy(), found.cost[row], found.gradient[row], found.curvature[row]
+            else:  # what is kept between evaluations has changed too much
+                self._may_update[k] = False
+            self._move(k, self._evaluated[k])
+        self.is_updated[rows] = False
+
+    def _values_at(self, trial: np.ndarray, rows: np.ndarray) -> QuadraticModel:
+        """The models at the ends of steps, with updated derivatives where those are good enough."""
+        may_update = self._may_update[rows]
+        if may_update.all():
+            return self._update(trial, rows, self.x[rows])
+        if not may_update.any():
+            return self._evaluate(trial, rows)
+        some, others = np.flatnonzero(may_update), np.flatnonzero(~may_update)
+        updated = self._update(trial[some], rows[some], self.x[rows][some])
+        both = stacked_models([updated, self._evaluate(trial[others], rows[others])])
+        order = np.argsort(np.concatenate([some, others]))
+        return QuadraticModel(both.cost[order], both.gradient[order], both.curvature[order])
+
+    def _at(self, k: int) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+        """A point, its cost, gradient and curvature."""
+        return self.x[k].copy(), self.cost[k], self.gradient[k].copy(), self.curvature[k].copy()
+
+    def _move(self, k: int, to: tuple[np.ndarray, float, np.ndarray, np.ndarray]) -> None:
+        self.x[k], self.cost[k], self.gradient[k], self.curvature[k] = to
 
 
 def _is_finite(model: QuadraticModel) -> np.ndarray:
@@ -207,21 +248,22 @@ def proposed_step(
     constraints: LinearConstraints,
 ) -> np.ndarray:  # fmt: skip
     """The end (n,) of a damped Gauss-Newton step within all limits; `model` holds at its start `x` (n,)."""
-    free = np.ones(len(x), bool)
-    return _propose(x, model.gradient[0], model.curvature[0], damping, free, low, high, constraints)[0]
+    free, limits = np.ones(len(x), bool), _Limits(low, high, constraints)
+    return _propose(x, model.gradient[0], model.curvature[0], damping, free, limits)[0]
 
 
-def _propose(x, gradient, curvature, damping, free, low, high, constraints):
+def _propose(x, gradient, curvature, damping, free, limits: _Limits):
     """The point of a damped step inside all limits, its predicted decrease, and that of the best (undamped) step."""
+    low, high, constraints = limits.low, limits.high, limits.constraints
     active = free & ~((x <= low) & (gradient > 0.0)) & ~((x >= high) & (gradient < 0.0))
 
     def decrease(step):
         return -(gradient @ step + 0.5 * step @ curvature @ step)
 
-    limits = np.maximum(low - x, -MAX_COORDINATE_STEP), np.minimum(high - x, MAX_COORDINATE_STEP)
+    nearest = np.maximum(low - x, -MAX_COORDINATE_STEP), np.minimum(high - x, MAX_COORDINATE_STEP)
     room = LinearConstraints(constraints.rows, constraints.limits - constraints.rows @ x)
-    step = _constrained_step(gradient, curvature, damping, active, *limits, room)
-    gauss_newton_step = _constrained_step(gradient, curvature, 1e-12, active, *limits, room)
+    step = _constrained_step(gradient, curvature, damping, active, *nearest, room)
+    gauss_newton_step = _constrained_step(gradient, curvature, 1e-12, active, *nearest, room)
     predicted = decrease(step)
     return x + step, max(predicted, 1e-300), max(predicted, decrease(gauss_newton_step))
 
