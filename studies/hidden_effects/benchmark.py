@@ -91,7 +91,8 @@ def main(arguments: list[str] | None = None) -> int:
                         help="; ".join(f"{letter}: {family.value}" for letter, family in FAMILIES.items()))  # fmt: skip
     parser.add_argument(
         "--split", choices=[split.value for split in Split], default=Split.JUDGING.value,
-        help="judging (default): to compare methods with; tuning: to choose thresholds with, and to train",
+        help="judging (default): to compare methods with; tuning: to choose thresholds with, and to train; practice: "
+        "the same with further laws",
     )  # fmt: skip
     parser.add_argument("--cases", type=int, default=40, help="number of cases of each family")
     parser.add_argument("--first", "--seed", type=int, help="number of the first case")
@@ -127,7 +128,7 @@ def main(arguments: list[str] | None = None) -> int:
               file=sys.stderr)  # fmt: skip
         return 130
     records = results.records(keys, [m.value for m in methods])
-    kinds = {Split.TUNING: "development", Split.JUDGING: "test"}
+    kinds = {Split.TUNING: "development", Split.PRACTICE: "development", Split.JUDGING: "test"}
     print(f"\n{' and '.join(dict.fromkeys(kinds[key.split] for key in keys))} cases {keys[0]} … {keys[-1]}")
     print(report(records, results.not_drawn(keys)))
     save_figures(records, options.out)

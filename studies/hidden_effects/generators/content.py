@@ -19,6 +19,9 @@ from studies.hidden_effects.generators.judging import settings as judging_settin
 from studies.hidden_effects.generators.judging import unlisted_laws as judging_unlisted
 from studies.hidden_effects.generators.judging import valve_laws as judging_valves
 from studies.hidden_effects.generators.laws import Law
+from studies.hidden_effects.generators.practice import electrical_laws as practice_electrical
+from studies.hidden_effects.generators.practice import hydraulic_laws as practice_hydraulic
+from studies.hidden_effects.generators.practice import mechanical_laws as practice_mechanical
 from studies.hidden_effects.generators.settings import RunDrift, WrongSheet
 from studies.hidden_effects.generators.tuning import benches as tuning_benches
 from studies.hidden_effects.generators.tuning import chains as tuning_chains
@@ -55,12 +58,15 @@ class Content:
     benches: tuple[Bench, ...]
 
 
+_TUNING = Content(
+    (*tuning_mover.LAWS, *tuning_coupling.LAWS, *tuning_electrical.LAWS, *tuning_hydraulic.LAWS, *tuning_cylinder.LAWS),
+    tuning_unlisted.LAWS, tuning_crumbs.CRUMBS, tuning_chains.LINKS, tuning_settings.DRIFTS, tuning_settings.SHEETS,
+    tuning_benches.BENCHES,
+)  # fmt: skip
 CONTENT = {
-    Split.TUNING: Content(
-        (*tuning_mover.LAWS, *tuning_coupling.LAWS, *tuning_electrical.LAWS, *tuning_hydraulic.LAWS,
-         *tuning_cylinder.LAWS),
-        tuning_unlisted.LAWS, tuning_crumbs.CRUMBS, tuning_chains.LINKS, tuning_settings.DRIFTS, tuning_settings.SHEETS,
-        tuning_benches.BENCHES,
+    Split.TUNING: _TUNING,
+    Split.PRACTICE: dataclasses.replace(
+        _TUNING, laws=(*practice_mechanical.LAWS, *practice_electrical.LAWS, *practice_hydraulic.LAWS)
     ),
     Split.JUDGING: Content(
         (*judging_mover.LAWS, *judging_friction.LAWS, *judging_coupling.LAWS, *judging_electrical.LAWS,

@@ -12,6 +12,7 @@ class Split(enum.Enum):
     """What a case may be used for."""
 
     TUNING = "tuning"  # to choose thresholds and methods
+    PRACTICE = "practice"  # the same with further laws, to see what a method does with laws that it is not tuned to
     JUDGING = "judging"  # to count right answers; nothing may be changed because of one of them
 
 
