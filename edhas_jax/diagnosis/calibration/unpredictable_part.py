@@ -16,7 +16,7 @@ from edhas_jax.measurements.campaign import Campaign
 SEED = 0
 # distance in coordinates within which neighbours are close, their number, and the degree of the curve through them
 CLOSE, NEIGHBOURS, DEGREE = 0.005, 12, 3
-MIN_SCATTER = 2.0  # nats of ½χ² by which neighbours scatter, from which a model is irregular
+MIN_SCATTER = 8.0  # nats of ½χ² by which neighbours scatter, from which a model is irregular
 
 
 def unpredictable_part(problem: FitProblem, x: np.ndarray, steps_per_sample: int) -> dict[str, float]:

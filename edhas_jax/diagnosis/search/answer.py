@@ -22,7 +22,9 @@ class Constants:
 
     Args:
         temperature: scale [nats] on which the evidences of rivals are compared,
-        temperature_share: and what is added to it for each nat that is left.
+        temperature_share: what is added to it for each nat that is left,
+        gain_share: and for each nat that the accepted candidate gains: real laws differ from those of the library.
+        simplicity: probability of a name for each further parameter that the data determine, over one without it.
         real_offset: logit of a member to be real at a strength of 1,
         real_slope: and its growth with the logarithm of the strength.
         max_real: the largest probability to be real, as an unknown cause may be imitated well.
@@ -40,6 +42,8 @@ class Constants:
 
     temperature: float = 4.0
     temperature_share: float = 0.1
+    gain_share: float = 0.01
+    simplicity: float = 0.5
     real_offset: float = -0.75
     real_slope: float = 4.9
     max_real: float = 0.96
@@ -57,6 +61,11 @@ class Constants:
 CONSTANTS = Constants()
 
 
+def temperature(gain: float, left: float, constants: Constants = CONSTANTS) -> float:
+    """The scale [nats] on which the evidences of rivals are compared, from the gain and from what is left with it."""
+    return constants.temperature + constants.temperature_share * left + constants.gain_share * max(gain, 0.0)
+
+
 @dataclasses.dataclass(frozen=True)
 class Rivals:
     """An accepted candidate and the others tried in its place.
@@ -67,6 +76,7 @@ class Rivals:
         gains: log-evidence gain [nats] of every candidate that was tried in its place, by name.
         left: excess of ½χ² that is left with it, beyond the scatter of noise [nats].
         is_implausible: whether the data demand an implausible value of one of its parameters.
+        parameters: how many parameters the data determine of each of these candidates, by name; 1 where not stated.
     """
 
     name: str
@@ -74,6 +84,7 @@ class Rivals:
     gains: Mapping[str, float]
     left: float
     is_implausible: bool = False
+    parameters: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def probability_real(self, constants: Constants = CONSTANTS) -> float:
         """The probability that something is missing that this candidate, or a rival of it, describes."""
@@ -82,9 +93,12 @@ class Rivals:
 
     def names(self, constants: Constants = CONSTANTS) -> dict[str, float]:
         """The probability of each name, given that one of them is right."""
-        scale = constants.temperature + constants.temperature_share * self.left
         own = self.gains[self.name]
-        weights = {name: math.exp(min(gain - own, 0.0) / scale) for name, gain in self.gains.items()}
+        scale = temperature(own, self.left, constants)
+        weights = {
+            name: math.exp(min(gain - own, 0.0) / scale) * constants.simplicity ** self.parameters.get(name, 1.0)
+            for name, gain in self.gains.items()
+        }
         total = sum(weights.values())
         names = {name: weight / total for name, weight in weights.items()}
         if self.is_implausible:

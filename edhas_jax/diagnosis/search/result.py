@@ -135,14 +135,15 @@ class Diagnosis:
                 continue
             taken = {t.candidate for t in self.accepted if t is not r.accepted}
             gains = {
-                t.candidate.name: 0.5 * (t.gain_beyond_laws + t.own_law_gain)
+                t.candidate.name: t.mean_gain
                 for t in r.trials
                 if t.evaluated is not None and t.candidate not in taken
             }
-            gains[r.accepted.candidate.name] = 0.5 * (r.accepted.gain_beyond_laws + r.accepted.own_law_gain)
+            gains[r.accepted.candidate.name] = r.accepted.mean_gain
+            parameters = {t.candidate.name: t.determined_parameters for t in r.trials if t.candidate.name in gains}
             left = remaining(r.accepted.own_law_excess, self.after.samples)
             test = tests[r.accepted.candidate]
-            rivals.append(Rivals(test.candidate.name, test.strength, gains, left, bool(test.implausible)))
+            rivals.append(Rivals(test.candidate.name, test.strength, gains, left, bool(test.implausible), parameters))
         relative = 2.0 * misfit(self.calibrated) / max(self.calibrated.samples, 1)
         share = max(self.location_shares.values(), default=0.0)
         unexplained = max(self._unexplained_shares(self.calibrated, Use.FIT).values(), default=0.0)

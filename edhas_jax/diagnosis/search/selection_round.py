@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from edhas_jax.diagnosis.search.answer import CONSTANTS, temperature
 from edhas_jax.diagnosis.search.calibrated_model import misfit
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, is_promising, remaining
@@ -76,9 +77,25 @@ def search_round(
         _with_own_law(baseline, accepted, trial, deviations) if k < OWN_LAWS else trial
         for k, trial in enumerate(trials)
     ]
-    trials.sort(key=lambda trial: -(trial.gain_beyond_laws + trial.own_law_gain))
-    best = trials[0] if trials and is_promising(trials[0], baseline.samples, law_error) else None
+    trials.sort(key=lambda trial: -trial.mean_gain)
+    promising = [trial for trial in trials if is_promising(trial, baseline.samples, law_error)]
+    best = _simplest(promising, baseline.samples) if promising and promising[0] is trials[0] else None
     return Round(baseline, tuple(scores), tuple(trials), best)
+
+
+def _simplest(trials: Sequence[Trial], samples: int) -> Trial:
+    """The trial, of those that explain nearly the same as the first, whose name is the most probable one.
+
+    A law with several parameters follows the difference between another law and that of the library, as a periodic
+    force with a long pitch follows a spring that softens.
+    """
+    first = trials[0]
+    scale = temperature(first.mean_gain, remaining(first.own_law_excess, samples))
+
+    def log_probability(trial: Trial) -> float:
+        return trial.mean_gain / scale + math.log(CONSTANTS.simplicity) * trial.determined_parameters
+
+    return max(trials, key=log_probability)
 
 
 def _with_scores_at_prior(

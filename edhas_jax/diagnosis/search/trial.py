@@ -23,6 +23,7 @@ DISTORTED_COORDINATE = 2.5  # of a calibrated parameter: beyond it the missing e
 # nats off the gain of a candidate that depends on a parameter beyond its plausible range, and a share of what the model
 # leaves with it in addition: smaller differences of evidence say nothing there, but an implausible value does
 PRIOR_BOUND_PENALTY, PRIOR_BOUND_SHARE = 30.0, 0.3
+MOST_PARAMETERS = 3.0  # that count against a candidate: more describe details of a law, which imitate no other one
 SMALL_SIZE = 0.1  # of the predicted size, of a start that is hardly above the model without the candidate
 MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is made: the best of forty reaches it by chance
 MIN_IRREGULAR_FALL = 200.0  # the same for a model whose signals depend irregularly on its parameters
@@ -71,6 +72,24 @@ class Trial:
     remaining_excess: float = math.inf
     own_law_excess: float = math.inf
     own_law_gain: float = -math.inf
+
+    @property
+    def mean_gain(self) -> float:
+        """The log-evidence gain [nats] beyond other laws, the mean of that with the library's and with its own law."""
+        return 0.5 * (self.gain_beyond_laws + self.own_law_gain)
+
+    @property
+    def determined_parameters(self) -> float:
+        """How many parameters of the candidate the data determine, at most `MOST_PARAMETERS`; 0 without a fit.
+
+        Source: MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415, well-determined parameters.
+        """
+        if self.evaluated is None:
+            return 0.0
+        fit = self.evaluated.fit
+        own = {u.name for u in self.candidate.own_unknowns(fit.problem.unknowns).values()}
+        found = sum(1.0 - std**2 for u, std in zip(fit.problem.unknowns, fit.std, strict=True) if u.name in own)
+        return min(float(found), MOST_PARAMETERS)
 
     @classmethod
     def failed(cls, score: Score) -> "Trial":
@@ -127,7 +146,6 @@ def try_candidate(
         starts = [without * calibrated_start, without * shrunk_start, *starts]
     if problem.is_irregular:
         return _try_irregular(baseline, problem, calibrated_start, score, resolution, max_steps, reached)
-    small = np.concatenate([calibrated_start[:count], with_scaled_size(problem.unknowns[count:], score.x, SMALL_SIZE)])
     best: EvaluatedFit | None = None
     distorted = is_distorted(baseline)
     while starts:
@@ -141,7 +159,7 @@ def try_candidate(
             best = found
         has_failed = best is None or best.cost > baseline.cost
         if has_failed and start is calibrated_start and not isinstance(candidate, FreeTerm):
-            starts.insert(0, small)
+            starts.insert(0, _with_small_size(problem, score, calibrated_start))
             continue
         achieved = 0.0 if best is None else baseline.cost - best.cost
         if distorted and achieved > 0.5 * baseline.excess:
@@ -162,11 +180,14 @@ def _try_irregular(
 
     The fit starts from the centre of the candidate's prior: an ensemble finds the way from a large effect to a small
     one, but not from one that is too small to matter. Where that brings less than predicted, it starts from the score
-    test as well.
+    test as well, and where all end above the model without the candidate, with so small a size that it begins there.
     """
-    centre = np.concatenate([calibrated_start[: -len(score.x)], np.zeros(len(score.x))])
+    count = len(score.x)
+    centre = np.concatenate([calibrated_start[:-count], np.zeros(count)])
+    starts = [centre, calibrated_start]
     trial = Trial.failed(score)
-    for start in (centre, calibrated_start):
+    while starts:
+        start = starts.pop(0)
         rule = _give_up_rule(baseline.cost, reached, CHECKED_ENSEMBLES)
         try:
             found = fit_coarse(problem, start, resolution.coarse, max_steps, rule)
@@ -176,7 +197,15 @@ def _try_irregular(
             trial = trial.with_fit(baseline, found)
         if baseline.cost - found.cost > score.predicted_gain:
             break
+        if start is calibrated_start and trial.evaluated.cost > baseline.cost:
+            starts.append(_with_small_size(problem, score, start))
     return trial
+
+
+def _with_small_size(problem: FitProblem, score: Score, start: np.ndarray) -> np.ndarray:
+    """A start (n,) at which the candidate of a score is hardly felt."""
+    count = len(start) - len(score.x)
+    return np.concatenate([start[:count], with_scaled_size(problem.unknowns[count:], score.x, SMALL_SIZE)])
 
 
 def is_distorted(baseline: EvaluatedFit) -> bool:
