@@ -36,11 +36,27 @@ def test_a_strong_candidate_is_named_and_a_weak_one_is_not():
 
 
 def test_rivals_are_compared_on_the_scale_of_what_is_left():
-    gains = {"cogging_force": 1000.0, "parasitic_spring": 960.0}
+    gains = {"cogging_force": 1000.0, "parasitic_spring": 900.0}
     sharp, blurred = (
         answer_from(Evidence((rivals(9.0, left, **gains),), 0.5, 0.0)).probabilities for left in (0.0, 5000.0)
     )
     assert sharp["parasitic_spring"] < 0.01 < 0.2 < blurred["parasitic_spring"]
+
+
+def test_rivals_are_compared_on_the_scale_of_what_is_explained():
+    """Real laws differ from those of the library by so much that a small share of the gain says nothing."""
+    small, large = (
+        answer_from(Evidence((rivals(9.0, 0.0, cogging_force=gain, parasitic_spring=gain - 50.0),), 0.5, 0.0))
+        for gain in (100.0, 50_000.0)
+    )
+    assert small.probabilities["parasitic_spring"] < 1e-3 < 0.4 < large.probabilities["parasitic_spring"]
+
+
+def test_of_names_that_explain_the_same_the_one_with_fewer_parameters_is_more_probable():
+    gains, counts = {"parasitic_spring": 500.0, "cogging_force": 501.0}, {"parasitic_spring": 1.0, "cogging_force": 3.0}
+    counted = dataclasses.replace(rivals(50.0, **gains), parameters=counts)
+    names = counted.names()
+    assert names["parasitic_spring"] == pytest.approx(0.8) and names["cogging_force"] == pytest.approx(0.2)
 
 
 def test_one_place_that_explains_a_misfit_speaks_for_one_unknown_cause():
