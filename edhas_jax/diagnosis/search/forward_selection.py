@@ -26,6 +26,7 @@ from edhas_jax.diagnosis.search.decision_rules import (
     remaining,
     scatter_of_fits,
 )
+from edhas_jax.diagnosis.search.effect_of_curve import round_with_effect_of_curve
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_curves import score_free_curves
 from edhas_jax.diagnosis.search.free_law import free_law
@@ -55,6 +56,7 @@ RUNNER_UP_SHARE, MISFIT_SHARE, CLEARLY_LESS = 0.5, 0.1, 0.5
 CURVES_TRIED = 2  # largest number of trials for which a fit with another law is tried in a round
 # free terms that are fitted, their least predicted share of the misfit, and the largest number of steps
 FREE_TRIALS, MIN_FREE_SHARE, FREE_STEPS = 2, 0.2, 12
+MIN_CURVE_STRENGTH = 3.0  # gain of a free curve over what it leaves, from which it may be the law of an effect
 OWN_FREE_TRIALS, OWN_FREE_STEPS = 4, 60  # the same of a rig of one's own, where curves take the place of a library
 
 Report = Callable[[str], None]
@@ -139,6 +141,14 @@ def diagnose(
     shares, free, free_gain = {}, (), 0.0
     if not members or _is_unexplained(rounds, members, left):
         shares, free, free_gain = _localise(rounds, test, resolution, report, workers)
+    if not members and free and free_gain > MIN_CURVE_STRENGTH:
+        end = round_with_effect_of_curve(rounds[0], free[0], more, resolution)
+        if end is not None:
+            report(f"its law is that curve: {end.round.accepted.candidate.name}")
+            again = _select_forward(search, calibrated, resolution, test, end)
+            again, other_members = take_back(again, resolution, report, workers)
+            if other_members:
+                rounds, members, left, shares, free, free_gain = again, other_members, _left(again), {}, (), 0.0
     after = rounds[-1].baseline
     campaign = after.fit.problem.campaign  # with the start of its records corrected
     before = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
@@ -153,11 +163,13 @@ def diagnose(
 
 def _select_forward(
     search: _Search, calibrated: EvaluatedFit, resolution: TimeResolution, first: ScoreTest,
-    beginning: Round | None = None,
+    beginning: Round | RoundEnd | None = None,
 ) -> list[Round]:  # fmt: skip
     """Add one candidate after another until none is promising; begin with a given round, if any."""
     baseline, rounds = calibrated, []
     name = "round" if beginning is None else "again"
+    if isinstance(beginning, RoundEnd):
+        baseline, rounds, name = beginning.baseline, [beginning.round], "curve"
     while True:
         mounted = mounted_candidates(rounds)
         known = None if rounds else beginning
