@@ -12,7 +12,7 @@ from typing import Any
 
 from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
+from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.diagnosis.search.backward_pass import take_back
 from edhas_jax.diagnosis.search.calibrated_model import calibrate, misfit
@@ -296,5 +296,8 @@ def _refitted_without_term(baseline: EvaluatedFit, trials: Sequence[Trial], reso
     if not problem.is_irregular or not found:
         return baseline
     best = min(found, key=lambda evaluated: evaluated.cost)
-    again = fit_coarse(problem, start_coordinates(problem, best.fit.values), resolution.coarse, FREE_STEPS)
+    try:
+        again = fit_coarse(problem, start_coordinates(problem, best.fit.values), resolution.coarse, FREE_STEPS)
+    except FitError:
+        return baseline
     return min(baseline, again, key=lambda evaluated: evaluated.cost)

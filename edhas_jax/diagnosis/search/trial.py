@@ -197,7 +197,8 @@ def _try_irregular(
             trial = trial.with_fit(baseline, found)
         if baseline.cost - found.cost > score.predicted_gain:
             break
-        if start is calibrated_start and trial.evaluated.cost > baseline.cost:
+        has_failed = start is calibrated_start and trial.evaluated.cost > baseline.cost
+        if has_failed and not isinstance(score.candidate, FreeTerm):
             starts.append(_with_small_size(problem, score, start))
     return trial
 
@@ -260,8 +261,7 @@ def try_best_candidates(
         return score.predicted_gain >= max(share * min(reached, scores[0].predicted_gain), least)
 
     at_once: list[Trial] = []
-    if workers is not None:
-        tried = list(itertools.takewhile(is_enough, tried))
+    if workers is not None and (tried := list(itertools.takewhile(is_enough, tried))):
         report(f"trying {', '.join(score.candidate.name for score in tried)} on the workers")
         jobs = [(baseline, accepted, score, resolution, TRIAL_STEPS, reached) for score in tried]
         at_once = workers.map(try_candidate, jobs)
