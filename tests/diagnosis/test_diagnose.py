@@ -16,7 +16,6 @@ from edhas_jax.diagnosis.report.result_file import save_diagnosis
 from edhas_jax.diagnosis.search.backward_pass import take_back
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import EXCESS_SIGMAS
-from edhas_jax.diagnosis.search.effect_of_curve import round_with_effect_of_curve
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.free_curves import free_curve
@@ -70,15 +69,6 @@ class SoftDeadTime(Effect):
 
     def coil_voltage_change(self, s, z):
         return -self.voltage * s.current / (jnp.abs(s.current) + 0.4)
-
-
-class TiltedForceConstant(Effect):
-    """A force constant that rises along the stroke, which a droop to both sides cannot follow."""
-
-    tilt: float = par(0.1, "-", (-1.0, 1.0), "rise over 5 mm")
-
-    def force_constant_factor(self, s, z):
-        return 1.0 + self.tilt * s.piston_position / 5e-3
 
 
 def diagnosed(*hidden: Effect, chains=None, seed: int, on_progress=None) -> Diagnosis:
@@ -280,45 +270,3 @@ def test_a_sensor_that_lags(of_a_lagging_sensor):
     assert before > calibrated > 1.05 and after == pytest.approx(1.0, abs=0.05)
     assert lead(found) > DECISIVE and next(iter(found.location_probabilities())) == "sensor"
     assert found.final.values["current.sensor_lag.lag_time"] == pytest.approx(1e-3, rel=0.1)
-
-
-@pytest.fixture(scope="module")
-def of_a_tilted_force_constant() -> Diagnosis:
-    """The diagnosis of a bench whose force constant does not droop to both sides, but rises along the stroke."""
-    return diagnosed(TiltedForceConstant(tilt=0.12), seed=8)
-
-
-def slope_near_zero(model) -> float:
-    """The slope [1/m] of the deviation of the droop within 3 mm of mid-stroke."""
-    table = table_of(next(e for e in model.fit.machine.effects if e.id == "force_constant_droop_deviation"))
-    inside = np.abs(table.nodes) < 3e-3
-    return np.polyfit(table.nodes[inside], table.values[inside], 1)[0]
-
-
-def test_a_mechanism_with_quite_another_law_is_named_by_its_slot(of_a_tilted_force_constant):
-    found = of_a_tilted_force_constant
-    assert [t.candidate for t in found.named] == [Candidate(ForceConstantDroop)], evidence(found)
-    assert [m.law_differs for m in found.members] == [True]
-    assert slope_near_zero(found.after) == pytest.approx(0.12 / 5e-3, rel=0.15)
-    assert errors(found)[2] == pytest.approx(1.0, abs=0.1)
-
-
-def test_a_curve_is_the_law_of_the_one_effect_of_its_slot(of_a_tilted_force_constant):
-    """Also where no trial of it succeeds; not at a slot of several effects, nor over another signal."""
-    first = dataclasses.replace(of_a_tilted_force_constant.rounds[0], trials=(), accepted=None, laws=())
-    baseline, coarse = first.baseline, first.baseline.fit.resolution.coarse
-    resolution, ends = TimeResolution(coarse, coarse, 0.0), []
-    for slot, variable in (
-        ("force_constant_factor", "piston_position"), ("mover_force", "piston_position"),
-        ("force_constant_factor", "current"),
-    ):  # fmt: skip
-        curve = free_curve(baseline.fit, LawPlace(slot, variable))
-        columns = curve_columns(baseline.fit, curve.place, np.array(curve.nodes))
-        scaled = [{n: curve.spread * v for n, v in run.items()} for run in columns]
-        trial = try_candidate(baseline, (), ScoreTest(baseline.fit, ()).score_columns(curve, scaled), resolution, 12)
-        ends.append(round_with_effect_of_curve(first, trial, (), resolution))
-    end, *others = ends
-    assert others == [None, None]
-    assert end.round.accepted.candidate == Candidate(ForceConstantDroop) and len(end.round.laws) == 1
-    assert end.baseline.excess < 0.05 * baseline.excess
-    assert slope_near_zero(end.baseline) == pytest.approx(0.12 / 5e-3, rel=0.15)

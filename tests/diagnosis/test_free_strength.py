@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from edhas_jax.diagnosis.search import forward_selection
+from edhas_jax.diagnosis.search import unknown_cause
 from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Evidence, Rivals, answer_from
 from edhas_jax.diagnosis.search.backward_pass import LAW_ERROR_SHARE_AT_COMPONENT, _law_error_share
 from edhas_jax.diagnosis.search.candidates import Candidate
@@ -39,11 +39,11 @@ def test_a_gain_below_what_two_fits_of_an_irregular_model_differ_by_is_weak():
 
 
 def test_what_an_irregular_model_finds_without_the_term_is_no_merit_of_the_term(monkeypatch):
-    monkeypatch.setattr(forward_selection, "fit_coarse", lambda *_: model(60.0))
-    monkeypatch.setattr(forward_selection, "start_coordinates", lambda *_: None)
+    monkeypatch.setattr(unknown_cause, "fit_coarse", lambda *_: model(60.0))
+    monkeypatch.setattr(unknown_cause, "start_coordinates", lambda *_: None)
     term = SimpleNamespace(evaluated=model(50.0))
     refitted, regular = (
-        forward_selection._refitted_without_term(model(900.0, is_irregular), [term], TimeResolution(8, 8, 0.1))
+        unknown_cause._refitted_without_term(model(900.0, is_irregular), [term], TimeResolution(8, 8, 0.1))
         for is_irregular in (True, False)
     )
     assert refitted.excess == 60.0 and regular.excess == 900.0

@@ -16,8 +16,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from edhas_jax.diagnosis.calibration.bounded_step import Limits, proposed_step
 from edhas_jax.diagnosis.calibration.fit_problem import FitProblem, quadratic_model
-from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, proposed_step
+from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, marginalised, run_columns
 from edhas_jax.diagnosis.likelihood.whitening import whiten
@@ -189,8 +190,10 @@ class Ensemble:
 
     def proposals(self, present: Regression) -> list[np.ndarray]:
         """The ends of steps with different dampings."""
-        limits = self._low, self._high, self._constraints
-        return [proposed_step(present.x, present.smooth, damping, *limits) for damping in DAMPINGS]
+        limits, model = Limits(self._low, self._high, self._constraints), present.smooth
+        return [
+            proposed_step(present.x, model.gradient[0], model.curvature[0], damping, limits)[0] for damping in DAMPINGS
+        ]
 
     def costs(self, points: np.ndarray, outcomes: Sequence[Outcomes], present: Regression) -> np.ndarray:
         """½χ² of residuals, deviations of the bench and prior (k,) at points (k, n) near the present one."""

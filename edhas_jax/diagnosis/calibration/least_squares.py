@@ -5,18 +5,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from edhas_jax.diagnosis.calibration.bounded_step import Limits, proposed_step
 from edhas_jax.diagnosis.calibration.parameter_order import LinearConstraints, no_constraints
-from edhas_jax.diagnosis.calibration.symmetric_matrices import least_norm_solution
 
-MAX_COORDINATE_STEP = 1.5  # largest change of a coordinate per step; coordinates are scaled to be of order one
 OVERFLOW_LIMIT = 1e150  # products of two larger numbers would overflow
 INITIAL_DAMPING = 1e-2
 MAX_DAMPING = 1e8  # a start whose damping grows beyond this is abandoned
 RELATIVE_TOLERANCE = 1e-7
 # a cost simulated with contacts is not smooth below this decrease, absolute or as a share of the cost
 NOISE_FLOOR, RELATIVE_NOISE_FLOOR = 1.0, 1e-6
-UNDETERMINED_SHARE = 1e-13  # of the largest curvature: along flatter directions there is no step
-CONSTRAINT_TOLERANCE = 1e-12  # in coordinates, by which rounding may violate a linear constraint
 GOOD_RATIOS = 0.25, 4.0  # of achieved to predicted decrease, within which updated derivatives are good enough to go on
 MAX_FAILED_STEPS = 3  # consecutive rejected steps below the noise floor that end a search
 
@@ -108,7 +105,7 @@ def levenberg_marquardt(
     constraints = no_constraints(np.shape(starts)[1]) if constraints is None else constraints
     x = np.array([constraints.project(row, low, high) for row in np.array(starts, float)])
     free = np.ones(x.shape, bool) if free is None else np.broadcast_to(free, x.shape)
-    search = _Search(x, _Limits(low, high, constraints), free, evaluate, update)
+    search = _Search(x, Limits(low, high, constraints), free, evaluate, update)
     number = 0
     while number < max_steps and len(rows := np.flatnonzero(search.active)):
         trial, predicted, attainable = search.proposals(rows)
@@ -133,19 +130,10 @@ def levenberg_marquardt(
     return Minima(search.x, model, search.steps, search.converged)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Limits:
-    """Where the points of a search may lie: between bounds (n,) and within linear constraints."""
-
-    low: np.ndarray
-    high: np.ndarray
-    constraints: LinearConstraints
-
-
 class _Search:
     """The points (k, n) of a search with their sums of squares, and how far each of them has come."""
 
-    def __init__(self, x: np.ndarray, limits: _Limits, free: np.ndarray, evaluate: Callable, update: Callable | None):
+    def __init__(self, x: np.ndarray, limits: Limits, free: np.ndarray, evaluate: Callable, update: Callable | None):
         self.x, self._limits, self._free = x, limits, free
         self._evaluate, self._update = evaluate, update
         initial, count = evaluate(x, np.arange(len(x))), len(x)
@@ -162,7 +150,7 @@ class _Search:
     def proposals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The ends (m, n) of the next steps of some points, their predicted decreases (m,), and the largest ones."""
         found = [
-            _propose(self.x[k], self.gradient[k], self.curvature[k], self._damping[k], self._free[k], self._limits)
+            proposed_step(self.x[k], self.gradient[k], self.curvature[k], self._damping[k], self._limits, self._free[k])
             for k in rows
         ]
         trial, predicted, attainable = (np.array(column) for column in zip(*found, strict=True))
@@ -241,75 +229,6 @@ def _is_finite(model: QuadraticModel) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         finite = (np.abs(model.cost) < OVERFLOW_LIMIT) & (np.abs(model.gradient) < OVERFLOW_LIMIT).all(axis=1)
         return finite & (np.abs(model.curvature) < OVERFLOW_LIMIT).all(axis=(1, 2))
-
-
-def proposed_step(
-    x: np.ndarray, model: QuadraticModel, damping: float, low: np.ndarray, high: np.ndarray,
-    constraints: LinearConstraints,
-) -> np.ndarray:  # fmt: skip
-    """The end (n,) of a damped Gauss-Newton step within all limits; `model` holds at its start `x` (n,)."""
-    free, limits = np.ones(len(x), bool), _Limits(low, high, constraints)
-    return _propose(x, model.gradient[0], model.curvature[0], damping, free, limits)[0]
-
-
-def _propose(x, gradient, curvature, damping, free, limits: _Limits):
-    """The point of a damped step inside all limits, its predicted decrease, and that of the best (undamped) step."""
-    low, high, constraints = limits.low, limits.high, limits.constraints
-    active = free & ~((x <= low) & (gradient > 0.0)) & ~((x >= high) & (gradient < 0.0))
-
-    def decrease(step):
-        return -(gradient @ step + 0.5 * step @ curvature @ step)
-
-    nearest = np.maximum(low - x, -MAX_COORDINATE_STEP), np.minimum(high - x, MAX_COORDINATE_STEP)
-    room = LinearConstraints(constraints.rows, constraints.limits - constraints.rows @ x)
-    step = _constrained_step(gradient, curvature, damping, active, *nearest, room)
-    gauss_newton_step = _constrained_step(gradient, curvature, 1e-12, active, *nearest, room)
-    predicted = decrease(step)
-    return x + step, max(predicted, 1e-300), max(predicted, decrease(gauss_newton_step))
-
-
-def _constrained_step(gradient, curvature, damping, active, low, high, room):
-    """The bounded step; where it would violate constraints, the best one along their boundary."""
-    step = _bounded_step(gradient, curvature, damping, active, low, high)
-    if not gradient @ step + 0.5 * step @ curvature @ step < 0.0:  # several bounds at once may lead uphill
-        step = _bounded_step(gradient, curvature, damping, active, low, high, one_at_a_time=True)
-    violated = room.rows @ step < room.limits - CONSTRAINT_TOLERANCE
-    if not violated.any():
-        return step
-    boundary = LinearConstraints(room.rows[violated], room.limits[violated])
-    step = _bounded_step(gradient, curvature, damping, active, low, high, boundary)
-    # the quadratic is convex: its minimum inside lies on the boundary; bounds may still prevent to reach it
-    change = room.rows @ step
-    outside = change < room.limits - CONSTRAINT_TOLERANCE
-    return step * min([1.0, *np.maximum(room.limits[outside] / change[outside], 0.0)])
-
-
-def _bounded_step(gradient, curvature, damping, active, low, high, boundary=None, one_at_a_time=False):
-    """Minimise the damped quadratic over the active coordinates; those that reach a bound are fixed there.
-
-    With a boundary the step ends on it: rows · step = limits. One at a time: of several coordinates that would pass
-    their bounds only the first one is fixed before the others are computed again.
-    """
-    step, active = np.zeros(len(gradient)), active.copy()
-    damped = curvature + damping * np.diag(np.maximum(np.diag(curvature), 1e-12))
-    while active.any():
-        reduced = gradient[active] + damped[np.ix_(active, ~active)] @ step[~active]
-        matrix = damped[np.ix_(active, active)]
-        if boundary is not None:
-            rows, rest = boundary.rows[:, active], boundary.rows[:, ~active] @ step[~active] - boundary.limits
-            scale = np.max(np.diag(matrix))  # of the order of the curvature, for the sake of conditioning
-            matrix = np.block([[matrix, scale * rows.T], [scale * rows, np.zeros((len(rows), len(rows)))]])
-            reduced = np.concatenate([reduced, scale * rest])
-        step[active] = -least_norm_solution(matrix, reduced, UNDETERMINED_SHARE)[: active.sum()]
-        outside = active & ((step < low) | (step > high))
-        if not outside.any():
-            break
-        if boundary is not None or one_at_a_time:  # the others can still move along the boundary
-            first = np.argmin(np.where(outside, np.clip(step, low, high) / np.where(outside, step, 1.0), np.inf))
-            outside = np.arange(len(step)) == first
-        step = np.where(outside, np.clip(step, low, high), step)
-        active &= ~outside
-    return step
 
 
 def _merge_starts(x, cost, curvature, active, tolerance) -> None:

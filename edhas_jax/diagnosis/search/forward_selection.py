@@ -12,7 +12,7 @@ from typing import Any
 
 from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
-from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
+from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.diagnosis.search.backward_pass import take_back
 from edhas_jax.diagnosis.search.calibrated_model import calibrate, misfit
@@ -20,27 +20,24 @@ from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.decision_rules import (
     LAW_ERROR_SHARE,
-    MIN_GAIN,
     holds_by_library_law,
     is_promising,
     remaining,
     scatter_of_fits,
 )
 from edhas_jax.diagnosis.search.effect_of_curve import round_with_effect_of_curve
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
-from edhas_jax.diagnosis.search.free_curves import score_free_curves
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, law_deviation_columns
-from edhas_jax.diagnosis.search.localisation import FREE_COST, component_shares, free_strength
-from edhas_jax.diagnosis.search.memory_term import score_memory_terms
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest, Round, mounted_candidates
-from edhas_jax.diagnosis.search.screening import Score, ScoreTest
-from edhas_jax.diagnosis.search.selection_round import refine_trial, search_round
+from edhas_jax.diagnosis.search.screening import ScoreTest
+from edhas_jax.diagnosis.search.selection_round import search_round
 from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
 from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, StageEncoder
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
-from edhas_jax.diagnosis.search.trial import Trial, try_candidate
+from edhas_jax.diagnosis.search.trial import Trial
+from edhas_jax.diagnosis.search.unknown_cause import localise
 from edhas_jax.diagnosis.search.workers import Workers, own_classes
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
@@ -54,10 +51,7 @@ UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects lea
 # leaves more than a share of the misfit; it is taken where it leaves less than a share of what the first one leaves
 RUNNER_UP_SHARE, MISFIT_SHARE, CLEARLY_LESS = 0.5, 0.1, 0.5
 CURVES_TRIED = 2  # largest number of trials for which a fit with another law is tried in a round
-# free terms that are fitted, their least predicted share of the misfit, and the largest number of steps
-FREE_TRIALS, MIN_FREE_SHARE, FREE_STEPS = 2, 0.2, 12
 MIN_CURVE_STRENGTH = 3.0  # gain of a free curve over what it leaves, from which it may be the law of an effect
-OWN_FREE_TRIALS, OWN_FREE_STEPS = 4, 60  # the same of a rig of one's own, where curves take the place of a library
 
 Report = Callable[[str], None]
 
@@ -140,7 +134,7 @@ def diagnose(
             rounds, members, left = again, other_members, other_left
     shares, free, free_gain = {}, (), 0.0
     if not members or _is_unexplained(rounds, members, left):
-        shares, free, free_gain = _localise(rounds, test, resolution, report, workers)
+        shares, free, free_gain = localise(rounds, test, resolution, report, workers)
     if not members and free and free_gain > MIN_CURVE_STRENGTH:
         end = round_with_effect_of_curve(rounds[0], free[0], more, resolution)
         if end is not None:
@@ -253,51 +247,3 @@ def _implausible(members: Sequence[MemberTest]) -> int:
 def _is_unexplained(rounds: Sequence[Round], members: Sequence[MemberTest], left: float) -> bool:
     """Whether so much is left, or so doubtfully explained, that its place is sought."""
     return any(member.implausible for member in members) or left > UNEXPLAINED_SHARE * misfit(rounds[0].baseline)
-
-
-def _localise(
-    rounds: Sequence[Round], test: ScoreTest, resolution: TimeResolution, report: Report, workers: Workers | None
-) -> tuple[dict[str, float], list[Trial], float]:
-    """The share of the misfit of each component, fits of the free terms that explain most of it, and their strength."""
-    report("localising the discrepancy")
-    baseline, trials = rounds[0].baseline, []
-    terms = [*score_free_curves(test, baseline.fit, report), *score_memory_terms(test, baseline.fit, report)]
-    terms.sort(key=lambda score: -score.chi_square_fall)
-    is_own = baseline.fit.machine.is_own
-    least, steps = max(MIN_FREE_SHARE * baseline.excess, FREE_COST + MIN_GAIN), OWN_FREE_STEPS if is_own else FREE_STEPS
-    terms_tried = [s for s in terms[: OWN_FREE_TRIALS if is_own else FREE_TRIALS] if s.predicted_gain > least]
-    jobs = [(baseline, score, resolution, steps) for score in terms_tried]
-    if workers is not None and jobs:
-        report(f"fitting {' and '.join(score.candidate.text for score in terms_tried)} on the workers")
-        trials = workers.map(_try_free_term, jobs)
-    else:
-        for job in jobs:
-            report(f"fitting {job[1].candidate.text}")
-            trials.append(_try_free_term(*job))
-    effects = [score.candidate for score in rounds[0].scores]
-    shares = component_shares(test, baseline, effects, [*rounds[0].trials, *trials], terms)
-    trials.sort(key=lambda trial: -trial.log_evidence_gain)
-    return shares, trials, free_strength(_refitted_without_term(baseline, trials, resolution), terms, trials)
-
-
-def _try_free_term(baseline: EvaluatedFit, score: Score, resolution: TimeResolution, max_steps: int) -> Trial:
-    """The calibrated model with a free term."""
-    trial = try_candidate(baseline, (), score, resolution, max_steps)
-    return refine_trial(baseline, trial, resolution)
-
-
-def _refitted_without_term(baseline: EvaluatedFit, trials: Sequence[Trial], resolution: TimeResolution) -> EvaluatedFit:
-    """A model whose signals depend irregularly on its parameters, refitted from the values with the best free term.
-
-    Such a fit may end in another minimum by chance. What is found there without the term is no merit of the term.
-    """
-    found = [t.evaluated for t in trials if t.evaluated is not None and t.evaluated.cost < baseline.cost]
-    problem = baseline.fit.problem
-    if not problem.is_irregular or not found:
-        return baseline
-    best = min(found, key=lambda evaluated: evaluated.cost)
-    try:
-        again = fit_coarse(problem, start_coordinates(problem, best.fit.values), resolution.coarse, FREE_STEPS)
-    except FitError:
-        return baseline
-    return min(baseline, again, key=lambda evaluated: evaluated.cost)

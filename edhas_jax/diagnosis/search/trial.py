@@ -268,11 +268,9 @@ def try_best_candidates(
     for k, score in enumerate(tried):
         if not is_enough(score):
             break
-        if workers is None:
+        if not at_once:
             report(f"trying {score.candidate.name}: predicted fall of χ² {score.chi_square_fall:.0f}")
-            trial = try_candidate(baseline, accepted, score, resolution, TRIAL_STEPS, reached)
-        else:
-            trial = at_once[k]
+        trial = at_once[k] if at_once else try_candidate(baseline, accepted, score, resolution, TRIAL_STEPS, reached)
         trials.append(trial)
         if trial.evaluated is not None:
             reached = max(reached, baseline.cost - trial.evaluated.cost)
