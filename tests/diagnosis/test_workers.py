@@ -13,7 +13,7 @@ from edhas_jax.core import structs
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.memory_term import memory_class, oscillator_class
-from edhas_jax.diagnosis.search.workers import Workers, _packed, own_classes
+from edhas_jax.diagnosis.workers import Workers, _packed, own_classes
 from edhas_jax.machine.effects import (
     AsymmetricFriction,
     CoggingForce,

@@ -19,7 +19,7 @@ from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cos
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.result import MemberTest, Round, mounted_candidates
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
-from edhas_jax.diagnosis.search.workers import Workers
+from edhas_jax.diagnosis.workers import Workers
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution

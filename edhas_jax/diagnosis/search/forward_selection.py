@@ -38,7 +38,7 @@ from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, St
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.diagnosis.search.unknown_cause import localise
-from edhas_jax.diagnosis.search.workers import Workers, own_classes
+from edhas_jax.diagnosis.workers import Workers, own_classes
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign

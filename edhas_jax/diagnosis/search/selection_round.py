@@ -23,7 +23,7 @@ from edhas_jax.diagnosis.search.trial import (
     retry_progressively,
     try_best_candidates,
 )
-from edhas_jax.diagnosis.search.workers import Workers
+from edhas_jax.diagnosis.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 # candidates whose signatures are simulated again in later rounds: how many, and from which fall of χ² on

@@ -12,7 +12,7 @@ from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.selection_round import refine_trial
 from edhas_jax.diagnosis.search.trial import Trial, try_candidate
-from edhas_jax.diagnosis.search.workers import Workers
+from edhas_jax.diagnosis.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 # free terms that are fitted, their least predicted share of the misfit, and the largest number of steps
