@@ -1,4 +1,4 @@
-"""Worker processes for the independent fits of a diagnosis: of several candidates, or of the model without each member.
+"""Worker processes for independent fits of a diagnosis: of several candidates, or of the model without each member.
 
 Any executor of the standard library's kind will do, of processes of this machine or of other machines. Classes that the
 package generates travel as the call that generates them; those of the user as the file that they come from.
@@ -53,6 +53,29 @@ class Workers:
         finally:
             for future in waiting:
                 future.cancel()
+
+
+def fits_of(
+    function: Callable[..., T], jobs: Sequence[tuple], sentences: Sequence[str], workers: Workers | None,
+    report: Callable[[str], None],
+) -> list[T]:  # fmt: skip
+    """The values of a function for several tuples of arguments, on workers at once or here one after the other.
+
+    Args:
+        function: a function of a module.
+        jobs: its arguments.
+        sentences: what each job does, for the report.
+        workers: the processes; None for this one.
+        report: called with a sentence on the progress.
+    """
+    if workers is not None and jobs:
+        report(f"on the workers: {', '.join(sentences)}")
+        return workers.map(function, jobs)
+    found = []
+    for sentence, job in zip(sentences, jobs, strict=True):
+        report(sentence)
+        found.append(function(*job))
+    return found
 
 
 def own_classes(parts: Iterable[Any]) -> tuple[type, ...]:

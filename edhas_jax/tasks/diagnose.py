@@ -168,8 +168,8 @@ def diagnose(
         trust: Python files of your own that may run if the campaign names them.
         on_progress: called with a sentence on the work at hand.
         checkpoint: keeps finished stages, so that an interrupted search goes on.
-        cluster: "local:4" for four processes on this machine, or the address of a Dask scheduler, for the fits that do
-            not depend on each other; None: this process.
+        cluster: "local:4" for four processes on this machine, or the address of a Dask scheduler, for independent
+            fits; None: this process.
 
     Returns:
         The verdict with its probabilities, the candidates and the final model.

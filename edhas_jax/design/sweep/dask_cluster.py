@@ -15,7 +15,7 @@ from edhas_jax.design.sweep.identity import versions
 SCHEDULER_TIMEOUT = 10.0  # s, for the connection
 MAX_WORKERS_PER_CORE = 4
 WORKER_TIMEOUT_FACTOR = 6  # times the above, for the first worker
-LARGEST_CALL = "1GB"  # of the arguments of a call, above which Dask warns: a fit has the derivatives of its signals
+LARGEST_CALL = "1GB"  # Dask warns of larger arguments of a call; those of a fit contain derivatives of all signals
 MAX_WORKER_FAILURES = 1000  # workers that may die with the same chunk before the sweep fails
 
 

@@ -66,6 +66,11 @@ def temperature(gain: float, left: float, constants: Constants = CONSTANTS) -> f
     return constants.temperature + constants.temperature_share * left + constants.gain_share * max(gain, 0.0)
 
 
+def log_weight(gain: float, parameters: float, scale: float, constants: Constants = CONSTANTS) -> float:
+    """The logarithm of the weight of a name, from its gain [nats], its number of parameters, and the `temperature`."""
+    return gain / scale + parameters * math.log(constants.simplicity)
+
+
 @dataclasses.dataclass(frozen=True)
 class Rivals:
     """An accepted candidate and the others tried in its place.
@@ -96,7 +101,7 @@ class Rivals:
         own = self.gains[self.name]
         scale = temperature(own, self.left, constants)
         weights = {
-            name: math.exp(min(gain - own, 0.0) / scale) * constants.simplicity ** self.parameters.get(name, 1.0)
+            name: math.exp(log_weight(min(gain - own, 0.0), self.parameters.get(name, 1.0), scale, constants))
             for name, gain in self.gains.items()
         }
         total = sum(weights.values())

@@ -19,7 +19,7 @@ from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cos
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
 from edhas_jax.diagnosis.search.result import MemberTest, Round, mounted_candidates
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
-from edhas_jax.diagnosis.workers import Workers
+from edhas_jax.diagnosis.workers import Workers, fits_of
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution
@@ -49,7 +49,9 @@ def take_back(
         own = law_deviation_columns(final.fit, mounted) if mounted else None
         left = final.excess_with(own)
         explained = max(rounds[0].baseline.excess - final.excess, 0.0)
-        tests, without = [], _refits(final, mounted, rounds[0], resolution, report, workers)
+        tests, jobs = [], [(final, _others(mounted, candidate), rounds[0], resolution) for candidate in mounted]
+        sentences = [f"the model without {candidate.name}" for candidate in mounted]
+        without = fits_of(_refit, jobs, sentences, workers, report)
         for candidate, refitted in zip(mounted, without, strict=True):
             kept = [c for c in _others(mounted, candidate) if c.id != _law_of(candidate)]
             deviations = law_deviation_columns(refitted.fit, kept) if kept else None
@@ -123,22 +125,6 @@ def _with_laws(tests: Sequence[MemberTest], final: EvaluatedFit) -> list[MemberT
             differs = strength(gain - deviation_cost(columns), after, final.samples) > MIN_LAW_STRENGTH
         out.append(test._replace(implausible=implausible, law_gain=gain, law_differs=differs))
     return out
-
-
-def _refits(
-    final: EvaluatedFit, mounted: Sequence[Candidate], first: Round, resolution: TimeResolution,
-    report: Callable[[str], None], workers: Workers | None,
-) -> list[EvaluatedFit]:  # fmt: skip
-    """The model without each of its members, refitted."""
-    jobs = [(final, _others(mounted, candidate), first, resolution) for candidate in mounted]
-    if workers is not None and jobs:
-        report("the model without each of its members, on the workers")
-        return workers.map(_refit, jobs)
-    refits = []
-    for candidate, job in zip(mounted, jobs, strict=True):
-        report(f"the model without {candidate.name}")
-        refits.append(_refit(*job))
-    return refits
 
 
 def _refit(

@@ -13,7 +13,7 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.search.candidates import Candidate, with_candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
+from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.law_deviation import SUFFIX, LawDeviation, law_deviation
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import with_scaled_size
@@ -75,7 +75,7 @@ def _as_deviation(
     resolution: TimeResolution,
 ) -> LawDeviation | None:  # fmt: skip
     """The curve as the deviation of the law of a candidate; None where this law follows another variable."""
-    usual: EvaluatedFit = fit_coarse(problem, start_coordinates(problem, values), resolution.coarse, 0)
+    usual = fit_coarse(problem, start_coordinates(problem, values), resolution.coarse, 0)
     found = law_deviation(usual.fit, candidate)
     if found is None or found.place != curve.place:
         return None

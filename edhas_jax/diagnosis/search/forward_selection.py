@@ -98,8 +98,8 @@ def diagnose(
         more: user-defined effect classes to consider in addition.
         on_progress: called with a sentence on the progress.
         checkpoint: keeps the finished stages, and has those of an interrupted diagnosis of the same inputs.
-        executor: makes fits that do not depend on each other in its worker processes, all at once; by default they are
-            made here one after the other, where a trial that stays far behind is given up early.
+        executor: runs independent fits in parallel in its worker processes; by default they are made here one after
+            the other, where a trial that stays far behind is given up early.
 
     Where the campaign has no hold-out runs, the last third of each run is held out.
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.search.answer import CONSTANTS, temperature
+from edhas_jax.diagnosis.search.answer import log_weight, temperature
 from edhas_jax.diagnosis.search.calibrated_model import misfit
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, is_promising, remaining
@@ -91,11 +91,7 @@ def _simplest(trials: Sequence[Trial], samples: int) -> Trial:
     """
     first = trials[0]
     scale = temperature(first.mean_gain, remaining(first.own_law_excess, samples))
-
-    def log_probability(trial: Trial) -> float:
-        return trial.mean_gain / scale + math.log(CONSTANTS.simplicity) * trial.determined_parameters
-
-    return max(trials, key=log_probability)
+    return max(trials, key=lambda trial: log_weight(trial.mean_gain, trial.determined_parameters, scale))
 
 
 def _with_scores_at_prior(

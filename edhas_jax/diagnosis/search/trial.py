@@ -75,12 +75,12 @@ class Trial:
 
     @property
     def mean_gain(self) -> float:
-        """The log-evidence gain [nats] beyond other laws, the mean of that with the library's and with its own law."""
+        """The mean of the log-evidence gains [nats] with the library's law and with a law that may differ from it."""
         return 0.5 * (self.gain_beyond_laws + self.own_law_gain)
 
     @property
     def determined_parameters(self) -> float:
-        """How many parameters of the candidate the data determine, at most `MOST_PARAMETERS`; 0 without a fit.
+        """The effective number of parameters that the data determine, at most `MOST_PARAMETERS`; 0 without a fit.
 
         Source: MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415, well-determined parameters.
         """

@@ -12,7 +12,7 @@ from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.selection_round import refine_trial
 from edhas_jax.diagnosis.search.trial import Trial, try_candidate
-from edhas_jax.diagnosis.workers import Workers
+from edhas_jax.diagnosis.workers import Workers, fits_of
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 # free terms that are fitted, their least predicted share of the misfit, and the largest number of steps
@@ -38,20 +38,15 @@ def localise(
         The share of the misfit of each component, fits of the free terms that explain most of it, and their strength.
     """
     report("localising the discrepancy")
-    baseline, trials = rounds[0].baseline, []
+    baseline = rounds[0].baseline
     terms = [*score_free_curves(test, baseline.fit, report), *score_memory_terms(test, baseline.fit, report)]
     terms.sort(key=lambda score: -score.chi_square_fall)
     is_own = baseline.fit.machine.is_own
     least, steps = max(MIN_FREE_SHARE * baseline.excess, FREE_COST + MIN_GAIN), OWN_FREE_STEPS if is_own else FREE_STEPS
     terms_tried = [s for s in terms[: OWN_FREE_TRIALS if is_own else FREE_TRIALS] if s.predicted_gain > least]
     jobs = [(baseline, score, resolution, steps) for score in terms_tried]
-    if workers is not None and jobs:
-        report(f"fitting {' and '.join(score.candidate.text for score in terms_tried)} on the workers")
-        trials = workers.map(_try_free_term, jobs)
-    else:
-        for job in jobs:
-            report(f"fitting {job[1].candidate.text}")
-            trials.append(_try_free_term(*job))
+    sentences = [f"fitting {score.candidate.text}" for score in terms_tried]
+    trials = fits_of(_try_free_term, jobs, sentences, workers, report)
     effects = [score.candidate for score in rounds[0].scores]
     shares = component_shares(test, baseline, effects, [*rounds[0].trials, *trials], terms)
     trials.sort(key=lambda trial: -trial.log_evidence_gain)

@@ -1,1 +1,1 @@
-"""Further laws for development: the tuning laws are few, and a method can be tuned to them without being any better."""
+"""Further laws for development: they show whether a method that was tuned to the tuning laws works with other laws."""

@@ -1,4 +1,4 @@
-"""Laws at coil, amplifier and supply, for practice."""
+"""Practice laws of coil, amplifier and supply."""
 
 import jax.numpy as jnp
 
@@ -35,7 +35,7 @@ class CubicSaturation(Effect):
 
 
 class RampDeadTime(Effect):
-    """Dead time with straight flanks: −V i/√(i² + (0.15 A)²).
+    """Dead time with a wide, gradual transition: −V i/√(i² + (0.15 A)²).
 
     Source: soft switching around zero current; the form is chosen.
     """

@@ -1,4 +1,4 @@
-"""Laws of chambers, valves, oil and lines, for practice."""
+"""Practice laws of chambers, valves, oil and lines."""
 
 import jax.numpy as jnp
 
@@ -23,7 +23,7 @@ class WideningLeakage(Effect):
 
 
 class DissolvingAir(Effect):
-    """Air that the oil takes up: its volume falls as p_atm/p, and as 1/(1 + p/2 MPa) by solution.
+    """Free air that dissolves under pressure: its compressibility is α p_atm/(p² (1 + p/2 MPa)).
 
     Source: Henry's law with a rate; Zhou, Vacca, Manhartsgruber, J. Dyn. Syst. Meas. Control 135 (2013); form chosen.
     """
@@ -64,7 +64,7 @@ class OpeningFlowForce(Effect):
 
 
 class ViscousAdhesion(Effect):
-    """Adhesion by a film that is squeezed: −c ẏ/(1 + y/20 µm)³ while the ball lifts.
+    """Viscous adhesion of the oil film between ball and seat: −c ẏ/(1 + y/20 µm)³ while the ball lifts.
 
     Source: Stefan, Sitzungsber. Akad. Wiss. Wien 69 (1874) 713: force over the cube of the gap.
     """
@@ -77,7 +77,7 @@ class ViscousAdhesion(Effect):
 
 
 class ClosingSuctionLeak(Effect):
-    """A leak of the suction seats that pressure closes: area A/(1 + |Δp|/0.5 MPa).
+    """Leakage of the suction seats that decreases with pressure: area A/(1 + |Δp|/0.5 MPa).
 
     Source: soft seats that the pressure presses on; the form is chosen.
     """
@@ -89,7 +89,7 @@ class ClosingSuctionLeak(Effect):
 
 
 class ClosingDeliveryLeak(Effect):
-    """A leak of the delivery seats that pressure closes: area A/(1 + |Δp|/0.5 MPa).
+    """Leakage of the delivery seats that decreases with pressure: area A/(1 + |Δp|/0.5 MPa).
 
     Source: soft seats that the pressure presses on; the form is chosen.
     """

@@ -1,4 +1,4 @@
-"""Laws at mover, coupling and cylinder, for practice."""
+"""Practice laws of mover, coupling and cylinder."""
 
 import math
 
@@ -68,7 +68,7 @@ class CubedCogging(Effect):
 
 
 class RootEddyDrag(Effect):
-    """Eddy drag that levels off: −c v/√(1 + (v/v_e)²).
+    """Eddy-current drag whose growth with speed levels off: −c v/√(1 + (v/v_e)²).
 
     Source: thick conductors, whose skin depth falls with speed; Smythe, Trans. AIEE 61 (1942) 681; the form is chosen.
     """
@@ -82,7 +82,7 @@ class RootEddyDrag(Effect):
 
 
 class SofteningSpring(Effect):
-    """A spring that softens: −k x/√(1 + (x/3 mm)²).
+    """A softening spring: −k x/√(1 + (x/3 mm)²).
 
     Source: cables and corrugated boots that unfold; the form is chosen.
     """
@@ -95,7 +95,7 @@ class SofteningSpring(Effect):
 
 
 class OneSidedSpring(Effect):
-    """A spring that is three times as stiff on one side: −k (2 x + √(x² + (0.3 mm)²))/2, 0.5 k … 1.5 k.
+    """A spring that is three times as stiff on one side: −k (x + (√(x² + (0.3 mm)²) − 0.3 mm)/2).
 
     Source: a boot or a cable that is stretched in one direction and folded in the other; the form is chosen.
     """
@@ -108,7 +108,7 @@ class OneSidedSpring(Effect):
 
 
 class RippledBias(Effect):
-    """A constant force that varies along the stroke by a tenth: −F (1 + 0.1 sin(2π x/3 mm)).
+    """A bias force that varies by 10 % along the stroke: −F (1 + 0.1 sin(2π x/3 mm)).
 
     Source: a weight on a cable over a pulley that runs out; the form is chosen.
     """
@@ -172,7 +172,7 @@ class SaturatingSealFriction(Effect):
 
 
 class SoftCentreCoupling(Effect):
-    """A coupling that is soft around its centre: k Δ (1 − 0.5/(1 + (Δ/15 µm)²)) + 20 N·s/m Δ̇, compliance 1/k.
+    """A coupling that is less stiff near zero deflection: k Δ (1 − 0.5/(1 + (Δ/15 µm)²)) + 20 N·s/m Δ̇, compliance 1/k.
 
     Source: joints whose surfaces touch at asperities first; the form is chosen.
     """
@@ -228,7 +228,7 @@ class SaturatingCylinderSeal(Effect):
 
 
 class SofteningLoadSpring(Effect):
-    """A load spring that softens: −k x/(1 + |x|/10 mm).
+    """A softening load spring: −k x/(1 + |x|/10 mm).
 
     Source: disc springs, whose characteristic falls off; DIN EN 16984; the form is chosen.
     """
