@@ -8,7 +8,7 @@ import pytest
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.laws.deviation import curve_columns
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.effect_of_curve import round_with_effect_of_curve
+from edhas_jax.diagnosis.search.effect_of_curve import _is_plain, round_with_effect_of_curve
 from edhas_jax.diagnosis.search.free_curves import free_curve
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.screening import ScoreTest
@@ -68,3 +68,13 @@ def test_a_curve_is_the_law_of_the_one_effect_of_its_slot(of_a_tilted_force_cons
     assert end.round.accepted.candidate == Candidate(ForceConstantDroop) and len(end.round.laws) == 1
     assert end.baseline.excess < 0.05 * baseline.excess
     assert slope_near_zero(end.baseline) == pytest.approx(0.12 / 5e-3, rel=0.15)
+
+
+def test_a_ripple_is_no_law_of_the_library(of_a_tilted_force_constant):
+    """A rise or a kink along the stroke may be the law of an effect, a factor that goes up and down is not."""
+    curve = free_curve(of_a_tilted_force_constant.rounds[0].baseline.fit,
+                       LawPlace("force_constant_factor", "piston_position"))  # fmt: skip
+    x = np.array(curve.nodes) / np.max(np.abs(curve.nodes))
+    shapes = {"rise": x, "droop": x**2, "kink": np.maximum(x, 0.0), "step": np.sign(x), "ripple": np.sin(12.0 * x)}
+    plain = {name: _is_plain(curve, dict(zip(curve.value_names, y, strict=True))) for name, y in shapes.items()}
+    assert plain == {"rise": True, "droop": True, "kink": True, "step": True, "ripple": False}

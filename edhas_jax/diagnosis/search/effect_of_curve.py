@@ -2,7 +2,8 @@
 
 A mechanism whose law differs much may explain nothing with the law of the library, so that no trial of it succeeds. A
 free curve at the same place explains what it does, whatever its law. Most slots belong to one mechanism: a curve there,
-over the variable that the law of the library follows, is the law of that effect.
+over the variable that the law of the library follows, is the law of that effect. Laws of the library turn once or twice
+at most; a curve that goes up and down along its variable, such as a ripple, is none of them.
 """
 
 import dataclasses
@@ -25,6 +26,7 @@ from edhas_jax.machine.effects import LIBRARY, Effect
 from edhas_jax.machine.effects.tabulated_law import tabulated_class
 from edhas_jax.measurements.time_resolution import TimeResolution
 
+PLAIN_DEGREE, MIN_PLAIN_SHARE = 3, 0.5  # a polynomial of this degree explains at least this share of a plain curve
 FIT_STEPS = 10  # maximum number of Levenberg-Marquardt steps of the fit with the effect and its curve
 
 
@@ -40,16 +42,18 @@ def round_with_effect_of_curve(
         resolution: coarse and fine time steps per sample.
 
     Returns:
-        The round and the model; None where the curve is not the law of just one effect that is considered.
+        The round and the model; None where the curve is not the law of just one effect that is considered, or goes up
+        and down more often than the laws of the library do.
     """
     curve, baseline = curve_trial.candidate, first.baseline
     if not isinstance(curve, CurveCandidate) or curve_trial.evaluated is None:
         return None
     known = [kind for kind in (*LIBRARY, *more) if [slot.name for slot in kind.slots] == [curve.place.slot]]
     score = next((s for s in first.scores if [s.candidate.kind] == known and s.candidate.signal is None), None)
-    if score is None:
+    values = dict(curve_trial.evaluated.fit.values)
+    if score is None or not _is_plain(curve, values):
         return None
-    candidate, values = score.candidate, dict(curve_trial.evaluated.fit.values)
+    candidate = score.candidate
     problem = with_candidate(baseline.fit.problem, (), candidate)
     try:
         deviation = _as_deviation(problem, candidate, curve, values, resolution)
@@ -68,6 +72,13 @@ def round_with_effect_of_curve(
     others = [t for t in first.trials if t.candidate != candidate]
     found = dataclasses.replace(first, trials=(trial, *others), accepted=trial, laws=(deviation,))
     return RoundEnd(found, without_wrong_samples(with_tightened_bench(model, resolution.coarse), resolution))
+
+
+def _is_plain(curve: CurveCandidate, values: dict[str, float]) -> bool:
+    """Whether a polynomial of low degree explains most of a curve's variation over its nodes."""
+    y = np.array([values[name] for name in curve.value_names])
+    fitted = np.polynomial.Polynomial.fit(curve.nodes, y, PLAIN_DEGREE)(np.array(curve.nodes))
+    return bool(np.sum(np.square(y - fitted)) <= (1.0 - MIN_PLAIN_SHARE) * np.sum(np.square(y - y.mean())))
 
 
 def _as_deviation(
