@@ -127,11 +127,12 @@ def diagnose(
     left = _left(rounds)
     if (other := _other_beginning(forward[0])) is not None and left > MISFIT_SHARE * misfit(rounds[0].baseline):
         report(f"once more, beginning with {other.accepted.candidate.name}")
-        again = _select_forward(search, calibrated, resolution, test, other)
-        again, other_members = take_back(again, resolution, report, workers)
-        other_left = _left(again)
-        if other_left < CLEARLY_LESS * left and _implausible(other_members) <= _implausible(members):
-            rounds, members, left = again, other_members, other_left
+        again = _select_again(search, forward, resolution, test, other)
+        if again:
+            again, other_members = take_back(again, resolution, report, workers)
+            other_left = _left(again)
+            if other_left < CLEARLY_LESS * left and _implausible(other_members) <= _implausible(members):
+                rounds, members, left = again, other_members, other_left
     shares, free, free_gain = {}, (), 0.0
     if not members or _is_unexplained(rounds, members, left):
         shares, free, free_gain = localise(rounds, test, resolution, report, workers)
@@ -139,7 +140,7 @@ def diagnose(
         end = round_with_effect_of_curve(rounds[0], free[0], more, resolution)
         if end is not None:
             report(f"its law is that curve: {end.round.accepted.candidate.name}")
-            again = _select_forward(search, calibrated, resolution, test, end)
+            again = _select_forward(search, calibrated, resolution, test, end, "curve")
             again, other_members = take_back(again, resolution, report, workers)
             if other_members:
                 rounds, members, left, shares, free, free_gain = again, other_members, _left(again), {}, (), 0.0
@@ -157,19 +158,17 @@ def diagnose(
 
 def _select_forward(
     search: _Search, calibrated: EvaluatedFit, resolution: TimeResolution, first: ScoreTest,
-    beginning: Round | RoundEnd | None = None,
+    beginning: RoundEnd | None = None, name: str = "round",
 ) -> list[Round]:  # fmt: skip
-    """Add one candidate after another until none is promising; begin with a given round, if any."""
+    """Add one candidate after another until none is promising; begin with a finished round, if any."""
     baseline, rounds = calibrated, []
-    name = "round" if beginning is None else "again"
-    if isinstance(beginning, RoundEnd):
-        baseline, rounds, name = beginning.baseline, [beginning.round], "curve"
+    if beginning is not None:
+        baseline, rounds = beginning.baseline, [beginning.round]
     while True:
         mounted = mounted_candidates(rounds)
-        known = None if rounds else beginning
         end = search.stage(
             f"{name}_{len(rounds) + 1}",
-            lambda: _finish_round(search, calibrated, baseline, mounted, resolution, first, known),  # noqa: B023 called at once
+            lambda: _finish_round(search, calibrated, baseline, mounted, resolution, first),  # noqa: B023 called at once
             StageEncoder.round_end,
             lambda decoder, plain: decoder.round_end(plain, mounted),  # noqa: B023
         )
@@ -178,6 +177,28 @@ def _select_forward(
             return rounds
         search.report(f"found: {end.round.accepted.candidate.name}")
         baseline = end.baseline
+
+
+def _select_again(
+    search: _Search, forward: Sequence[Round], resolution: TimeResolution, first: ScoreTest, other: Round
+) -> list[Round]:
+    """A search that begins with another round; empty where that one leaves more than the first of the known search."""
+    calibrated = forward[0].baseline
+    end = search.stage(
+        "again_1",
+        lambda: _finish_round(search, calibrated, calibrated, [], resolution, first, other),
+        StageEncoder.round_end,
+        lambda decoder, plain: decoder.round_end(plain, []),
+    )
+    if end.baseline is None or _left_after(end.round, end.baseline) > _left_after(forward[0], forward[1].baseline):
+        return []
+    search.report(f"found: {other.accepted.candidate.name}")
+    return _select_forward(search, calibrated, resolution, first, end, "again")
+
+
+def _left_after(found: Round, model: EvaluatedFit) -> float:
+    """What the model after a round leaves, see `_left`."""
+    return _left([found, Round(model, (), (), None)])
 
 
 def _other_beginning(first: Round) -> Round | None:
