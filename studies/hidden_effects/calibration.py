@@ -1,4 +1,4 @@
-"""Find the constants of the diagnosis's probabilities that make the right answers of tuning cases most probable.
+"""Find the constants of the diagnosis's probabilities that make the right answers of development cases most probable.
 
     python -m studies.hidden_effects.calibration [--out DIR] [--families b c …]
 
@@ -41,7 +41,7 @@ from studies.hidden_effects.rates import Answered, first_is_right, mean_set_size
 from studies.hidden_effects.reliability import reliability
 from studies.hidden_effects.store import CASE_FILE, ResultFolder, read_json
 
-SPLITS = (Split.TUNING, Split.PRACTICE)
+DEVELOPMENT = (Split.TUNING, Split.PRACTICE)
 TARGET = 0.95  # share of cases whose set holds the truth
 COVERAGES = np.concatenate([np.linspace(0.5, 0.95, 19), np.linspace(0.955, 0.999, 12)])
 SMALLEST_PROBABILITY = 1e-3  # of a right answer, in the loss
@@ -64,7 +64,7 @@ class Case:
 def read_cases(folder: ResultFolder, families: Sequence[str] = ()) -> list[Case]:
     """The tuning and practice cases of a folder that the diagnosis has answered, of all families or of some."""
     cases = []
-    for path in sorted(p for split in SPLITS for p in (folder.folder / split.value).glob(f"*/{CASE_FILE}")):
+    for path in sorted(p for split in DEVELOPMENT for p in (folder.folder / split.value).glob(f"*/{CASE_FILE}")):
         answer_file = path.parent / "ours.json"
         truth = truth_from_json(read_json(path))
         if not answer_file.exists() or (families and truth.family not in families):
@@ -152,7 +152,7 @@ def main(arguments: list[str] | None = None) -> int:
     cases = read_cases(ResultFolder(options.out), options.families)
     families = sorted({case.truth.family for case in cases})
     if len(families) < 2:
-        print(f"{options.out}: cases that do not judge, of at least two families, are needed, with answers of `ours`",
+        print(f"{options.out}: tuning or practice cases of two families at least are needed, with answers of `ours`",
               file=sys.stderr)  # fmt: skip
         return 1
     left_out: list[tuple[Case, Constants]] = []

@@ -6,7 +6,7 @@
 Prints the report of the benchmark for the kept answers, without running any case: those to judging cases, or with
 `--split tuning` those to tuning cases. `--add` copies the finished cases of a result folder into the file, and notes
 the commit of the code that computed them; an answer that is in the file already is not replaced. `--to` writes the file
-as a result folder, in which the benchmark can go on with more cases or other methods.
+as a result folder, from which the benchmark can be continued with more cases or other methods.
 
 The last line has the main figures of each method as `key=value`: `ours_top1=… ours_in_set=… … bic_top1=… …`.
 """

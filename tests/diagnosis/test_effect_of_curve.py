@@ -8,7 +8,7 @@ import pytest
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.laws.deviation import curve_columns
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.effect_of_curve import _is_plain, round_with_effect_of_curve
+from edhas_jax.diagnosis.search.effect_of_curve import _is_smooth, round_with_effect_of_curve
 from edhas_jax.diagnosis.search.free_curves import free_curve
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.screening import ScoreTest
@@ -50,7 +50,7 @@ def test_a_mechanism_with_quite_another_law_is_named_by_its_slot(of_a_tilted_for
 
 
 def test_a_curve_is_the_law_of_the_one_effect_of_its_slot(of_a_tilted_force_constant):
-    """Also where no trial of it succeeds; not at a slot of several effects, nor over another signal."""
+    """Even if its own trial failed; not where several effects share the slot, or the curve is over another signal."""
     first = dataclasses.replace(of_a_tilted_force_constant.rounds[0], trials=(), accepted=None, laws=())
     baseline, coarse = first.baseline, first.baseline.fit.resolution.coarse
     resolution, ends = TimeResolution(coarse, coarse, 0.0), []
@@ -71,10 +71,10 @@ def test_a_curve_is_the_law_of_the_one_effect_of_its_slot(of_a_tilted_force_cons
 
 
 def test_a_ripple_is_no_law_of_the_library(of_a_tilted_force_constant):
-    """A rise or a kink along the stroke may be the law of an effect, a factor that goes up and down is not."""
+    """A monotonic, parabolic, kinked or stepped curve may be the law of an effect; a sinusoidal ripple is not."""
     curve = free_curve(of_a_tilted_force_constant.rounds[0].baseline.fit,
                        LawPlace("force_constant_factor", "piston_position"))  # fmt: skip
     x = np.array(curve.nodes) / np.max(np.abs(curve.nodes))
     shapes = {"rise": x, "droop": x**2, "kink": np.maximum(x, 0.0), "step": np.sign(x), "ripple": np.sin(12.0 * x)}
-    plain = {name: _is_plain(curve, dict(zip(curve.value_names, y, strict=True))) for name, y in shapes.items()}
-    assert plain == {"rise": True, "droop": True, "kink": True, "step": True, "ripple": False}
+    smooth = {name: _is_smooth(curve, dict(zip(curve.value_names, y, strict=True))) for name, y in shapes.items()}
+    assert smooth == {"rise": True, "droop": True, "kink": True, "step": True, "ripple": False}

@@ -9,12 +9,12 @@ from edhas_jax.diagnosis.calibration.symmetric_matrices import least_norm_soluti
 
 MAX_COORDINATE_STEP = 1.5  # largest change of a coordinate per step; coordinates are scaled to be of order one
 UNDETERMINED_SHARE = 1e-13  # of the largest curvature: along flatter directions there is no step
-CONSTRAINT_TOLERANCE = 1e-12  # in coordinates, by which rounding may violate a linear constraint
+CONSTRAINT_TOLERANCE = 1e-12  # largest violation of a linear constraint by rounding, in coordinates
 
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """Where points may lie: between bounds (n,) and within linear constraints."""
+    """The feasible set of a search: lower and upper bounds (n,) and linear inequality constraints."""
 
     low: np.ndarray
     high: np.ndarray
@@ -32,7 +32,7 @@ def proposed_step(
         gradient: gradient of the cost there (n,).
         curvature: Gauss-Newton curvature there (n, n).
         damping: share of the diagonal of the curvature that is added to it.
-        limits: where the points may lie.
+        limits: bounds and constraints of the points.
         free: marks the coordinates that may vary (n,); all by default.
 
     Returns:
@@ -63,7 +63,7 @@ def _constrained_step(gradient, curvature, damping, active, low, high, room):
         return step
     boundary = LinearConstraints(room.rows[violated], room.limits[violated])
     step = _bounded_step(gradient, curvature, damping, active, low, high, boundary)
-    # the quadratic is convex: its minimum inside lies on the boundary; bounds may still prevent to reach it
+    # the quadratic is convex: its minimum inside lies on the boundary; bounds may still keep the step from it
     change = room.rows @ step
     outside = change < room.limits - CONSTRAINT_TOLERANCE
     return step * min([1.0, *np.maximum(room.limits[outside] / change[outside], 0.0)])

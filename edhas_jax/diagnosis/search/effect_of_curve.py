@@ -2,8 +2,8 @@
 
 A mechanism whose law differs much may explain nothing with the law of the library, so that no trial of it succeeds. A
 free curve at the same place explains what it does, whatever its law. Most slots belong to one mechanism: a curve there,
-over the variable that the law of the library follows, is the law of that effect. Laws of the library turn once or twice
-at most; a curve that goes up and down along its variable, such as a ripple, is none of them.
+over the variable that the law of the library follows, is the law of that effect. The laws of
+these effects have one or two extrema at most; a curve with many, such as a ripple, is none of them.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ from edhas_jax.machine.effects import LIBRARY, Effect
 from edhas_jax.machine.effects.tabulated_law import tabulated_class
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-PLAIN_DEGREE, MIN_PLAIN_SHARE = 3, 0.5  # a polynomial of this degree explains at least this share of a plain curve
+CURVE_DEGREE, MIN_CURVE_SHARE = 3, 0.5  # a polynomial of this degree explains at least this share of a smooth curve
 FIT_STEPS = 10  # maximum number of Levenberg-Marquardt steps of the fit with the effect and its curve
 
 
@@ -42,8 +42,8 @@ def round_with_effect_of_curve(
         resolution: coarse and fine time steps per sample.
 
     Returns:
-        The round and the model; None where the curve is not the law of just one effect that is considered, or goes up
-        and down more often than the laws of the library do.
+        The round and the model; None where the curve is not the law of just one effect that is considered, or has
+        more extrema than such a law.
     """
     curve, baseline = curve_trial.candidate, first.baseline
     if not isinstance(curve, CurveCandidate) or curve_trial.evaluated is None:
@@ -51,7 +51,7 @@ def round_with_effect_of_curve(
     known = [kind for kind in (*LIBRARY, *more) if [slot.name for slot in kind.slots] == [curve.place.slot]]
     score = next((s for s in first.scores if [s.candidate.kind] == known and s.candidate.signal is None), None)
     values = dict(curve_trial.evaluated.fit.values)
-    if score is None or not _is_plain(curve, values):
+    if score is None or not _is_smooth(curve, values):
         return None
     candidate = score.candidate
     problem = with_candidate(baseline.fit.problem, (), candidate)
@@ -74,11 +74,11 @@ def round_with_effect_of_curve(
     return RoundEnd(found, without_wrong_samples(with_tightened_bench(model, resolution.coarse), resolution))
 
 
-def _is_plain(curve: CurveCandidate, values: dict[str, float]) -> bool:
+def _is_smooth(curve: CurveCandidate, values: dict[str, float]) -> bool:
     """Whether a polynomial of low degree explains most of a curve's variation over its nodes."""
     y = np.array([values[name] for name in curve.value_names])
-    fitted = np.polynomial.Polynomial.fit(curve.nodes, y, PLAIN_DEGREE)(np.array(curve.nodes))
-    return bool(np.sum(np.square(y - fitted)) <= (1.0 - MIN_PLAIN_SHARE) * np.sum(np.square(y - y.mean())))
+    fitted = np.polynomial.Polynomial.fit(curve.nodes, y, CURVE_DEGREE)(np.array(curve.nodes))
+    return bool(np.sum(np.square(y - fitted)) <= (1.0 - MIN_CURVE_SHARE) * np.sum(np.square(y - y.mean())))
 
 
 def _as_deviation(

@@ -1,1 +1,1 @@
-"""Further laws for development: they show whether a method that was tuned to the tuning laws works with other laws."""
+"""Laws of a second development set, which show whether a method generalises beyond the laws it was tuned on."""

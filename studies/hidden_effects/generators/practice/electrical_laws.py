@@ -1,4 +1,4 @@
-"""Practice laws of coil, amplifier and supply."""
+"""Laws of coil, amplifier and supply in the split `practice`, a second development set."""
 
 import jax.numpy as jnp
 

@@ -1,4 +1,4 @@
-"""Practice laws of chambers, valves, oil and lines."""
+"""Laws of chambers, valves, oil and lines in the split `practice`, a second development set."""
 
 import jax.numpy as jnp
 
@@ -64,9 +64,9 @@ class OpeningFlowForce(Effect):
 
 
 class ViscousAdhesion(Effect):
-    """Viscous adhesion of the oil film between ball and seat: −c ẏ/(1 + y/20 µm)³ while the ball lifts.
+    """Squeeze-film force of the oil between ball and seat: −c ẏ/(1 + y/20 µm)³ while the ball lifts.
 
-    Source: Stefan, Sitzungsber. Akad. Wiss. Wien 69 (1874) 713: force over the cube of the gap.
+    Source: Stefan, Sitzungsber. Akad. Wiss. Wien 69 (1874) 713: force inversely proportional to the cube of the gap.
     """
 
     film_drag: float = par(20.0, "N*s/m", (0.0, 1e6), "c", plausible=(2.0, 100.0))

@@ -1,4 +1,4 @@
-"""Practice laws of mover, coupling and cylinder."""
+"""Laws of mover, coupling and cylinder in the split `practice`, a second development set."""
 
 import math
 
@@ -82,7 +82,7 @@ class RootEddyDrag(Effect):
 
 
 class SofteningSpring(Effect):
-    """A softening spring: −k x/√(1 + (x/3 mm)²).
+    """A spring whose stiffness decreases with deflection: −k x/√(1 + (x/3 mm)²).
 
     Source: cables and corrugated boots that unfold; the form is chosen.
     """
@@ -172,7 +172,7 @@ class SaturatingSealFriction(Effect):
 
 
 class SoftCentreCoupling(Effect):
-    """A coupling that is less stiff near zero deflection: k Δ (1 − 0.5/(1 + (Δ/15 µm)²)) + 20 N·s/m Δ̇, compliance 1/k.
+    """A coupling with half its stiffness k at zero deflection: k Δ (1 − 0.5/(1 + (Δ/15 µm)²)) + 20 N·s/m Δ̇.
 
     Source: joints whose surfaces touch at asperities first; the form is chosen.
     """
@@ -228,9 +228,9 @@ class SaturatingCylinderSeal(Effect):
 
 
 class SofteningLoadSpring(Effect):
-    """A softening load spring: −k x/(1 + |x|/10 mm).
+    """A load spring whose stiffness decreases with deflection: −k x/(1 + |x|/10 mm).
 
-    Source: disc springs, whose characteristic falls off; DIN EN 16984; the form is chosen.
+    Source: disc springs, whose force-deflection curve is degressive; DIN EN 16984; the form is chosen.
     """
 
     disc_stiffness: float = par(5e3, "N/m", (0.0, 1e9), "k", plausible=(100.0, 3e5))
