@@ -15,7 +15,7 @@ from edhas_jax.commands.arguments import (
     require_own_code,
 )
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
-from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
+from edhas_jax.commands.interruption import STATUS_INTERRUPTED, interruptible
 from edhas_jax.commands.progress import WorkProgress
 
 DEFAULT_PARENT = Path("diagnoses")
@@ -33,6 +33,7 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
+@interruptible
 def run(options) -> int:
     """Find the effects that a campaign's model lacks, write a folder, print the verdict.
 
@@ -65,7 +66,7 @@ def run(options) -> int:
         out.print(sentence, soft_wrap=True)
     print_data_check(out, campaign)
     checkpoint = Checkpoint(folder / CHECKPOINT_FOLDER, identity)
-    with terminate_as_interrupt(), WorkProgress(options) as progress:
+    with WorkProgress(options) as progress:
         try:
             result = diagnose(
                 campaign, user_effects, on_progress=progress, checkpoint=checkpoint, cluster=options.cluster

@@ -12,7 +12,7 @@ from edhas_jax.commands.arguments import (
     whole_number,
 )
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
-from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
+from edhas_jax.commands.interruption import STATUS_INTERRUPTED, interruptible
 from edhas_jax.commands.progress import WorkProgress
 
 STATUS_NOT_CONVERGED = 4
@@ -36,6 +36,7 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
+@interruptible
 def run(options) -> int:
     """Calibrate the uncertain parameters of a campaign's machine, write a folder, print the estimates.
 
@@ -69,7 +70,7 @@ def run(options) -> int:
             files.begin()
             save_calibration(estimates, folder)
 
-    with terminate_as_interrupt(), WorkProgress(options) as progress:
+    with WorkProgress(options) as progress:
         result = fit(campaign, options.starts, options.profile, on_progress=progress, keep=keep)
         progress("writing the report")
         with report_write_errors(folder):

@@ -1,11 +1,12 @@
 """Interruption of a command by its user or by the system."""
 
 import contextlib
+import functools
 import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 STATUS_INTERRUPTED = 130  # exit status of a command that its user has interrupted
 RESEND_AFTER = 0.05  # s, until a signal whose exception was lost is sent again
@@ -45,3 +46,14 @@ def terminate_as_interrupt() -> Iterator[None]:
             timer.cancel()
         sys.unraisablehook = previous_hook
         signal.signal(signal.SIGTERM, previous)
+
+
+def interruptible(command: Callable[..., int]) -> Callable[..., int]:
+    """A command all of which runs within `terminate_as_interrupt`, its imports and the reading of its files too."""
+
+    @functools.wraps(command)
+    def run(options) -> int:
+        with terminate_as_interrupt():
+            return command(options)
+
+    return run

@@ -12,7 +12,7 @@ from edhas_jax.commands.arguments import (
     require_own_code,
 )
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
-from edhas_jax.commands.interruption import STATUS_INTERRUPTED, terminate_as_interrupt
+from edhas_jax.commands.interruption import STATUS_INTERRUPTED, interruptible
 from edhas_jax.commands.progress import WorkProgress
 
 
@@ -28,6 +28,7 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
+@interruptible
 def run(options) -> int:
     """Predict which effects a planned campaign can detect, write a folder, print the most useful next run.
 
@@ -51,7 +52,7 @@ def run(options) -> int:
     with WorkProgress(options, "checking the data"):
         campaign = checked_campaign(campaign)
     print_data_check(out, campaign)
-    with terminate_as_interrupt(), WorkProgress(options, "compiling") as progress:
+    with WorkProgress(options, "compiling") as progress:
         result = plan(campaign, effects=options.effects, on_progress=progress)
         with report_write_errors(folder):
             files.begin()

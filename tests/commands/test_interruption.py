@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from edhas_jax.commands.interruption import terminate_as_interrupt
+from edhas_jax.commands.interruption import interruptible, terminate_as_interrupt
 
 
 class InterruptedDestructor:
@@ -35,3 +35,15 @@ def test_the_handler_of_before_is_restored():
     with terminate_as_interrupt():
         pass
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_all_of_a_command_can_be_interrupted():
+    @interruptible
+    def command(options):
+        del options[0]  # swallowed where a command imports its modules, long before its work
+        for _ in range(1000):
+            time.sleep(0.01)
+
+    options = [InterruptedDestructor()]
+    with pytest.raises(KeyboardInterrupt):
+        command(options)
