@@ -86,13 +86,18 @@ def _slots(kind: type[Effect]) -> tuple[str, ...]:
     return (term, *(slot for slot, other in SAME_TERMS.items() if other == term))
 
 
-def _trace(campaign: Campaign, machine: Rig, acting: _Acting, steps: int) -> np.ndarray:
-    """What acts along the fitted runs, (places · samples,)."""
-    return np.concatenate(list(along_runs(campaign, machine, campaign.runs_for(Use.FIT), steps, acting).values()))
+def _trace(campaign: Campaign, machine: Rig, acting: _Acting, steps: int) -> dict[str, np.ndarray]:
+    """What acts along the fitted runs at each place (samples,)."""
+    return along_runs(campaign, machine, campaign.runs_for(Use.FIT), steps, acting)
 
 
-def _relative(estimate: np.ndarray, true: np.ndarray) -> float:
-    """Rms error of an estimated contribution over the rms of the true one; NaN if that is zero in all fitted runs."""
-    if not np.any(true):
+def _relative(estimate: dict[str, np.ndarray], true: dict[str, np.ndarray]) -> float:
+    """Rms error of an estimated contribution over the rms of the true one; NaN if that is zero in all fitted runs.
+
+    Where only one of the two acts at a place, the other one is zero there.
+    """
+    if not any(map(np.any, true.values())):
         return float("nan")
-    return float(np.sqrt(np.mean(np.square(estimate - true)) / np.mean(np.square(true))))
+    places = {**estimate, **true}
+    differences = [estimate.get(place, 0.0) - true.get(place, 0.0) for place in places]
+    return float(np.sqrt(np.sum(np.square(differences)) / np.sum(np.square(list(true.values())))))

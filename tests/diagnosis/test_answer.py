@@ -1,6 +1,7 @@
 """Probabilities and sets of a diagnosis from its evidence."""
 
 import dataclasses
+import math
 
 import pytest
 
@@ -96,3 +97,11 @@ def test_a_further_member_that_is_hardly_real_adds_no_names_to_the_set():
     assert doubtful.probability_real() < 1.0 - CONSTANTS.coverage
     assert answer_from(Evidence((first, doubtful), 0.5, 0.0)).members == ("cogging_force",)
     assert set(answer_from(Evidence((first, real), 0.5, 0.0)).members) == {"cogging_force", "parasitic_spring"}
+
+
+def test_an_implausible_value_costs_the_same_however_much_is_left():
+    """Of two that explain the same, the one with a value 3 standard deviations off its prior is the less probable."""
+    for left in (0.0, 5000.0):
+        member = rivals(50.0, left, backlash=1000.0, coupling_compliance=1000.0)
+        names = dataclasses.replace(member, prior_costs={"backlash": 2.5}).names()
+        assert names["backlash"] / names["coupling_compliance"] == pytest.approx(math.exp(-2.5))

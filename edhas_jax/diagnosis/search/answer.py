@@ -66,9 +66,20 @@ def temperature(gain: float, left: float, constants: Constants = CONSTANTS) -> f
     return constants.temperature + constants.temperature_share * left + constants.gain_share * max(gain, 0.0)
 
 
-def log_weight(gain: float, parameters: float, scale: float, constants: Constants = CONSTANTS) -> float:
-    """The logarithm of the weight of a name, from its gain [nats], its number of parameters, and the `temperature`."""
-    return gain / scale + parameters * math.log(constants.simplicity)
+def log_weight(
+    gain: float, parameters: float, scale: float, constants: Constants = CONSTANTS, prior_cost: float = 0.0
+) -> float:
+    """The logarithm of the weight of a name.
+
+    Args:
+        gain: log-evidence gain [nats].
+        parameters: number of parameters that the data determine.
+        scale: the `temperature` [nats].
+        constants: the constants of the probabilities.
+        prior_cost: of implausible values of its parameters [nats]; that a model is wrong makes them no more plausible,
+            so that it is not divided by the temperature.
+    """
+    return gain / scale - prior_cost + parameters * math.log(constants.simplicity)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,6 +93,7 @@ class Rivals:
         left: excess of ½χ² that is left with it, beyond the scatter of noise [nats].
         is_implausible: whether the data demand an implausible value of one of its parameters.
         parameters: how many parameters the data determine of each of these candidates, by name; 1 where not stated.
+        prior_costs: of their implausible values [nats], by name; 0 where not stated.
     """
 
     name: str
@@ -90,6 +102,7 @@ class Rivals:
     left: float
     is_implausible: bool = False
     parameters: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    prior_costs: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def probability_real(self, constants: Constants = CONSTANTS) -> float:
         """The probability that something is missing that this candidate, or a rival of it, describes."""
@@ -100,10 +113,13 @@ class Rivals:
         """The probability of each name, given that one of them is right."""
         own = self.gains[self.name]
         scale = temperature(own, self.left, constants)
-        weights = {
-            name: math.exp(log_weight(min(gain - own, 0.0), self.parameters.get(name, 1.0), scale, constants))
+        logs = {
+            name: log_weight(
+                min(gain - own, 0.0), self.parameters.get(name, 1.0), scale, constants, self.prior_costs.get(name, 0.0)
+            )
             for name, gain in self.gains.items()
         }
+        weights = {name: math.exp(value - max(logs.values())) for name, value in logs.items()}
         total = sum(weights.values())
         names = {name: weight / total for name, weight in weights.items()}
         if self.is_implausible:

@@ -210,6 +210,20 @@ def with_candidate(known: FitProblem, accepted: Iterable[Candidate], candidate: 
     )
 
 
+def at_prior_means(unknowns: Iterable[UnknownParameter], accepted: Iterable[Candidate], x: np.ndarray) -> np.ndarray:
+    """Coordinates (n,) with the uncertain parameters of the machine at their prior means.
+
+    A model that lacks something is calibrated to parameters that stand in for it, far from the true ones.
+
+    Args:
+        unknowns: the unknowns of a fit.
+        accepted: candidates whose parameters stay.
+        x: coordinates (n,) of the unknowns.
+    """
+    prefixes = tuple(candidate.prefix for candidate in accepted)
+    return np.array([value if u.name.startswith(prefixes) else 0.0 for u, value in zip(unknowns, x, strict=True)])
+
+
 def limit_to_prior_bound(unknown: UnknownParameter) -> UnknownParameter:
     """Restrict an unknown to `PRIOR_BOUND` standard deviations of its prior, so that it cannot imitate an effect."""
     low, high = (float(unknown.value(x)) for x in (-PRIOR_BOUND, PRIOR_BOUND))

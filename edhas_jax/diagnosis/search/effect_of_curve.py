@@ -17,7 +17,7 @@ from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.law_deviation import SUFFIX, LawDeviation, law_deviation
 from edhas_jax.diagnosis.search.result import Round
-from edhas_jax.diagnosis.search.screening import with_scaled_size
+from edhas_jax.diagnosis.search.screening import Score, with_scaled_size
 from edhas_jax.diagnosis.search.settled_fit import without_wrong_samples
 from edhas_jax.diagnosis.search.stage_encoding import RoundEnd
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
@@ -61,7 +61,7 @@ def round_with_effect_of_curve(
             return None
         values |= dict(zip(deviation.value_names, (values[name] for name in curve.value_names), strict=True))
         both = with_candidate(problem, (candidate,), deviation)
-        model = fit_coarse(both, _start(both, candidate, values), resolution.coarse, FIT_STEPS)
+        model = fit_coarse(both, _start(both, score, values), resolution.coarse, FIT_STEPS)
     except FitError:
         return None
     trial = Trial.failed(score).with_fit(baseline, model)
@@ -94,10 +94,10 @@ def _as_deviation(
     return LawDeviation(kind, None, curve.place, curve.spread, curve.nodes)
 
 
-def _start(problem: FitProblem, candidate: Candidate, values: dict[str, float]) -> np.ndarray:
+def _start(problem: FitProblem, score: Score, values: dict[str, float]) -> np.ndarray:
     """Coordinates (n,) with the law of the library so small that the curve alone acts."""
     x = start_coordinates(problem, values)
-    own = {u.name for u in candidate.own_unknowns(problem.unknowns).values()}
+    own = {u.name for u in score.candidate.own_unknowns(problem.unknowns).values()}
     places = [k for k, u in enumerate(problem.unknowns) if u.name in own]
-    x[places] = with_scaled_size([problem.unknowns[k] for k in places], x[places], SMALL_SIZE)
+    x[places] = with_scaled_size([problem.unknowns[k] for k in places], x[places], SMALL_SIZE, score.exponent)
     return x

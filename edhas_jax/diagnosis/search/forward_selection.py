@@ -20,23 +20,18 @@ from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.decision_rules import (
     LAW_ERROR_SHARE,
-    holds_by_library_law,
     is_promising,
     remaining,
     scatter_of_fits,
 )
 from edhas_jax.diagnosis.search.effect_of_curve import round_with_effect_of_curve
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
-from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, law_deviation_columns
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest, Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import ScoreTest
-from edhas_jax.diagnosis.search.selection_round import search_round
-from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
+from edhas_jax.diagnosis.search.selection_round import end_of_round, search_round
 from edhas_jax.diagnosis.search.stage_encoding import RoundEnd, StageDecoder, StageEncoder
-from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
-from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.diagnosis.search.unknown_cause import localise
 from edhas_jax.diagnosis.workers import Workers, own_classes
 from edhas_jax.machine.effects import Effect
@@ -50,7 +45,7 @@ UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects lea
 # a second search begins with a candidate that gains more than a share of the gain of the best, where the first search
 # leaves more than a share of the misfit; it is taken where it leaves less than a share of what the first one leaves
 RUNNER_UP_SHARE, MISFIT_SHARE, CLEARLY_LESS = 0.5, 0.1, 0.5
-CURVES_TRIED = 2  # largest number of trials for which a fit with another law is tried in a round
+CURVES_TRIED = 2  # largest number of trials with which a round may end: the best one, then the next one
 MIN_CURVE_STRENGTH = 3.0  # gain of a free curve over what it leaves, from which it may be the law of an effect
 
 Report = Callable[[str], None]
@@ -229,27 +224,9 @@ def _finish_round(
     found = known or search_round(
         baseline, mounted, candidates, resolution, search.report, first, law_error, search.workers
     )
-    for trial in _promising(found, law_error)[: CURVES_TRIED if known is None else 1]:
-        settled = settle(with_tightened_bench(trial.evaluated, resolution.coarse), resolution, search.report)
-        law, model = free_law(settled, (*mounted, trial.candidate), trial.candidate, resolution, search.report)
-        if law is None and not holds_by_library_law(trial, baseline.samples):
-            continue
-        laws = () if law is None else (law,)
-        for earlier in mounted:  # what another candidate explains now has hidden whether its law differs
-            present = (*mounted, trial.candidate, *laws)
-            if not isinstance(earlier, LawDeviation) and earlier.id not in curves:
-                law, model = free_law(model, present, earlier, resolution, search.report)
-                laws = laws if law is None else (*laws, law)
-        model = without_wrong_samples(with_tightened_bench(model, resolution.coarse), resolution)
-        return RoundEnd(dataclasses.replace(found, accepted=trial, laws=laws), model)
-    return RoundEnd(dataclasses.replace(found, accepted=None), None)
-
-
-def _promising(found: Round, law_error: float) -> list[Trial]:
-    """The accepted trial of a round, then its other promising ones, the best first; none where nothing was accepted."""
-    first = found.accepted
-    others = [t for t in found.trials if t is not first and is_promising(t, found.baseline.samples, law_error)]
-    return [] if first is None else [first, *others]
+    return end_of_round(
+        found, mounted, resolution, search.report, law_error, CURVES_TRIED if known is None else 1
+    )
 
 
 def _left(rounds: Sequence[Round]) -> float:

@@ -12,6 +12,9 @@ PLAUSIBLE_COORDINATE = 2.0  # prior standard deviations: the end of the plausibl
 # rise of ½χ² with a plausible value from which the data demand the implausible one: absolute [nats], which is three
 # standard deviations of one parameter, and as a share of the misfit that the model leaves anyway
 MIN_RISE, MIN_RISE_SHARE = 5.0, 0.1
+# nats off the gain of a candidate that depends on a parameter beyond its plausible range, and a share of what the model
+# leaves with it in addition: smaller differences of evidence say nothing there, but an implausible value does
+PRIOR_BOUND_PENALTY, PRIOR_BOUND_SHARE = 30.0, 0.3
 
 
 def beyond_plausible_range(candidate: Candidate, fit: Fit) -> list[str]:
@@ -52,3 +55,16 @@ def implausible_parameters(candidate: Candidate, fit: Fit) -> list[str]:
     limit = max(MIN_RISE, MIN_RISE_SHARE * (costs[0] - 0.5 * samples))
     # a rise that is not finite counts: the model fails with a plausible value
     return [name for name, cost in zip(names, costs[1:], strict=True) if not cost - costs[0] < limit]
+
+
+def implausibility_penalty(excess: float) -> float:
+    """What an implausible parameter costs in log-evidence [nats], where the model leaves that excess of ½χ²."""
+    return PRIOR_BOUND_PENALTY + PRIOR_BOUND_SHARE * max(excess, 0.0)
+
+
+def prior_cost(candidate: Candidate, fit: Fit) -> float:
+    """What the prior density of a candidate's parameters falls beyond their plausible range: Σ ½(x² − 2²) [nats]."""
+    beyond = beyond_plausible_range(candidate, fit)
+    own = {u.name for name, u in candidate.own_unknowns(fit.problem.unknowns).items() if name in beyond}
+    values = [x for u, x in zip(fit.problem.unknowns, fit.x, strict=True) if u.name in own]
+    return float(sum(0.5 * (x**2 - PLAUSIBLE_COORDINATE**2) for x in values))

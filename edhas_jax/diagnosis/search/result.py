@@ -140,10 +140,14 @@ class Diagnosis:
                 if t.evaluated is not None and t.candidate not in taken
             }
             gains[r.accepted.candidate.name] = r.accepted.mean_gain
-            parameters = {t.candidate.name: t.determined_parameters for t in r.trials if t.candidate.name in gains}
+            tried = [t for t in r.trials if t.candidate.name in gains]
+            parameters = {t.candidate.name: t.determined_parameters for t in tried}
+            costs = {t.candidate.name: t.prior_cost for t in tried if t.prior_cost > 0.0}
             left = remaining(r.accepted.own_law_excess, self.after.samples)
             test = tests[r.accepted.candidate]
-            rivals.append(Rivals(test.candidate.name, test.strength, gains, left, bool(test.implausible), parameters))
+            rivals.append(
+                Rivals(test.candidate.name, test.strength, gains, left, bool(test.implausible), parameters, costs)
+            )
         relative = 2.0 * misfit(self.calibrated) / max(self.calibrated.samples, 1)
         share = max(self.location_shares.values(), default=0.0)
         unexplained = max(self._unexplained_shares(self.calibrated, Use.FIT).values(), default=0.0)

@@ -14,6 +14,8 @@ Source: Rao's score test, with signatures of finite size because local derivativ
 """
 
 import dataclasses
+import itertools
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -26,11 +28,12 @@ from edhas_jax.diagnosis.likelihood.whitening import whiten
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, screening_grid
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint
-from edhas_jax.measurements.unknown_parameters import UnknownParameter
+from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
 MIN_RELATIVE_EIGENVALUE = 1e-2  # of the largest: smaller ones are differences of nearly equal signatures
 MIN_PROJECTED_SHARE = 1e-12  # of a signature's square: below it the projection leaves only rounding errors
 MAX_SCALE, MIN_SCALE = 4.0, 0.25  # scale factors of a signature beyond which another grid point is nearer
+EXPONENTS = 0.5, 2.0  # smallest and largest magnitude of the power with which a signature grows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,12 +45,15 @@ class Score:
         chi_square_fall: predicted fall of χ² (chi-square scale), 0 where none is predicted.
         x: coordinates (n,) of its unknowns, the size scaled to the predicted optimum; start of a trial.
         direction: projected signature (m,) of unit length, over all samples and the rows of the prior.
+        exponent: power of its first unknown with which the signature grows; negative where a stiffness, for example,
+            makes the candidate vanish as it grows.
     """
 
     candidate: Candidate
     chi_square_fall: float
     x: np.ndarray
     direction: np.ndarray
+    exponent: float = 1.0
 
     @property
     def predicted_gain(self) -> float:
@@ -155,19 +161,17 @@ class ScoreTest:
         """The score of a candidate, and its projected signatures at all grid points that have one."""
         unknowns = candidate.unknowns(self._campaign)
         points = screening_grid(unknowns)
-        best = Score(candidate, 0.0, points[0], np.zeros(len(self.residual)))
-        all_projected = []
-        for x, projected in zip(points, self._projected(candidate, points), strict=True):
-            if projected is None:
-                continue
-            all_projected.append(projected)
+        found = [(x, row) for x, row in zip(points, self._projected(candidate, points), strict=True) if row is not None]
+        exponent = _size_exponent(unknowns, found)
+        best = Score(candidate, 0.0, points[0], np.zeros(len(self.residual)), exponent)
+        for x, projected in found:
             square, overlap = projected @ projected, projected @ self.residual
             scale = np.clip(overlap / square, 0.0, MAX_SCALE)
             fall = scale * (2.0 * overlap - scale * square)
             if fall > best.chi_square_fall:
-                start = with_scaled_size(unknowns, x, max(scale, MIN_SCALE))
-                best = Score(candidate, float(fall), start, projected / np.sqrt(square))
-        return best, all_projected
+                start = with_scaled_size(unknowns, x, max(scale, MIN_SCALE), exponent)
+                best = Score(candidate, float(fall), start, projected / np.sqrt(square), exponent)
+        return best, [projected for _, projected in found]
 
     def _projected(self, candidate: Candidate, points: np.ndarray) -> list[np.ndarray | None]:
         """The part of each signature orthogonal to the sensitivities; None where not finite or mere rounding."""
@@ -238,15 +242,32 @@ class ScoreTest:
             yield [faulty.record(run.time, self._baseline[r].values, None, (), ())[0] for r, run in enumerate(runs)]
 
 
-def with_scaled_size(unknowns: Sequence[UnknownParameter], x: np.ndarray, scale: float) -> np.ndarray:
-    """Coordinates (n,) of a candidate with its size, the first unknown, multiplied by a factor in SI.
+def _size_exponent(unknowns: Sequence[UnknownParameter], found: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """The power of the first unknown with which a signature grows, from signatures at grid points; see `Score`."""
+    if not unknowns or unknowns[0].scale is not ParameterScale.LOGARITHMIC:
+        return 1.0
+    slopes = [
+        math.log(np.linalg.norm(to) / np.linalg.norm(row)) / math.log(unknowns[0].value(y[0]) / unknowns[0].value(x[0]))
+        for (x, row), (y, to) in itertools.combinations(found, 2)
+        if y[0] != x[0] and (y[1:] == x[1:]).all()
+    ]
+    exponent = float(np.median(slopes)) if slopes else 1.0
+    return math.copysign(np.clip(abs(exponent), *EXPONENTS), exponent)
+
+
+def with_scaled_size(
+    unknowns: Sequence[UnknownParameter], x: np.ndarray, scale: float, exponent: float = 1.0
+) -> np.ndarray:
+    """Coordinates (n,) of a candidate with its signature multiplied by a factor, by a change of its first unknown.
 
     Args:
         unknowns: the unknowns of the candidate.
         x: their coordinates (n,).
         scale: the factor.
+        exponent: power of the first unknown with which the signature grows, see `Score`.
     """
     out = np.array(x, float)
     if unknowns:
-        out[0] = np.clip(unknowns[0].coordinate(scale * float(unknowns[0].value(x[0]))), *unknowns[0].bounds())
+        value = scale ** (1.0 / exponent) * float(unknowns[0].value(x[0]))
+        out[0] = np.clip(unknowns[0].coordinate(value), *unknowns[0].bounds())
     return out

@@ -8,12 +8,17 @@ import numpy as np
 
 from edhas_jax.diagnosis.search.answer import log_weight, temperature
 from edhas_jax.diagnosis.search.calibrated_model import misfit
-from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, is_promising, remaining
+from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_means
+from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, holds_by_library_law, is_promising, remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
-from edhas_jax.diagnosis.search.law_deviation import deviation_cost, law_deviation_columns
+from edhas_jax.diagnosis.search.free_law import free_law
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
+from edhas_jax.diagnosis.search.plausibility import implausibility_penalty, implausible_parameters, prior_cost
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
+from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
+from edhas_jax.diagnosis.search.stage_encoding import RoundEnd
+from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.search.trial import (
     MAX_TRIALS,
     NEAR_EXCESS,
@@ -32,6 +37,7 @@ PROGRESSIVE_TRIALS = 8  # candidates that are fitted progressively where none ex
 REFINED, REFINEMENT_STEPS = 2, 6  # trials that are refined where they end near the noise, and the steps of the fit
 MIN_LAW_ERRORS = 0.05  # predicted gain over the error of laws below which a candidate is not tried
 OWN_LAWS = 2  # trials whose own law may deviate
+AS_MUCH = 2.0  # what another candidate may leave, over what one with an implausible parameter leaves
 PROGRESSIVE_RMS = 3.0  # residual over noise below which a fit is not caught in a distant minimum
 FAR_TRIALS = 8  # largest number of trials above it
 
@@ -83,6 +89,85 @@ def search_round(
     return Round(baseline, tuple(scores), tuple(trials), best)
 
 
+def end_of_round(
+    found: Round, mounted: Sequence[Candidate], resolution: TimeResolution, report: Callable[[str], None],
+    law_error: float, most: int,
+) -> RoundEnd:  # fmt: skip
+    """Accept a trial of a round, and fit the model with it and with the laws that differ as curves.
+
+    The best trial is accepted if it holds and its parameters are plausible. What only an implausible value explains is
+    rather the next promising one, if that explains nearly as much.
+
+    Args:
+        found: the round, with the trial that is best.
+        mounted: the candidates of earlier rounds.
+        resolution: coarse and fine time steps per sample.
+        report: called with a sentence on the progress.
+        law_error: what laws that are known as curves only may have left [nats].
+        most: largest number of trials with which the model is fitted.
+    """
+    ends: list[RoundEnd] = []
+    for trial in _promising(found, law_error)[:most]:
+        end = _end_with(found, trial, mounted, resolution, report)
+        if end is None:
+            continue
+        is_plausible = not implausible_parameters(trial.candidate, end.baseline.fit)
+        if not ends and is_plausible:
+            return end
+        if is_plausible and _explains_as_much(end, ends[0], law_error):
+            return _with_outdone(end, ends[0])
+        ends.append(end)
+    return ends[0] if ends else RoundEnd(dataclasses.replace(found, accepted=None), None)
+
+
+def _promising(found: Round, law_error: float) -> list[Trial]:
+    """The accepted trial of a round, then its other promising ones, the best first; none where nothing was accepted."""
+    first = found.accepted
+    others = [t for t in found.trials if t is not first and is_promising(t, found.baseline.samples, law_error)]
+    return [] if first is None else [first, *others]
+
+
+def _end_with(
+    found: Round, trial: Trial, mounted: Sequence[Candidate], resolution: TimeResolution,
+    report: Callable[[str], None],
+) -> RoundEnd | None:  # fmt: skip
+    """A round that accepts a trial, and the model with it and the laws that differ; None where it does not hold."""
+    settled = settle(with_tightened_bench(trial.evaluated, resolution.coarse), resolution, report)
+    law, model = free_law(settled, (*mounted, trial.candidate), trial.candidate, resolution, report)
+    if law is None and not holds_by_library_law(trial, found.baseline.samples):
+        return None
+    laws = () if law is None else (law,)
+    curves = {candidate.of for candidate in mounted if isinstance(candidate, LawDeviation)}
+    for earlier in mounted:  # what another candidate explains now has hidden whether its law differs
+        present = (*mounted, trial.candidate, *laws)
+        if not isinstance(earlier, LawDeviation) and earlier.id not in curves:
+            law, model = free_law(model, present, earlier, resolution, report)
+            laws = laws if law is None else (*laws, law)
+    model = without_wrong_samples(with_tightened_bench(model, resolution.coarse), resolution)
+    return RoundEnd(dataclasses.replace(found, accepted=trial, laws=laws), model)
+
+
+def _explains_as_much(end: RoundEnd, other: RoundEnd, law_error: float) -> bool:
+    """Whether the model of one end leaves not much more than that of another one."""
+    samples = other.baseline.samples
+    floor = MIN_GAIN + law_error
+    return remaining(end.baseline.excess, samples) + floor < AS_MUCH * (
+        remaining(other.baseline.excess, samples) + floor
+    )
+
+
+def _with_outdone(end: RoundEnd, outdone: RoundEnd) -> RoundEnd:
+    """An end of a round whose trials have, for the candidate of another end, the gain by which that one lost."""
+    kept, lost = end.round.accepted, outdone.round.accepted
+    change = outdone.baseline.log_evidence - end.baseline.log_evidence - implausibility_penalty(outdone.baseline.excess)
+    lost_now = dataclasses.replace(
+        lost, gain_beyond_laws=kept.gain_beyond_laws + change, own_law_gain=kept.own_law_gain + change,
+        prior_cost=prior_cost(lost.candidate, outdone.baseline.fit),
+    )  # fmt: skip
+    trials = tuple(lost_now if t is lost else t for t in end.round.trials)
+    return RoundEnd(dataclasses.replace(end.round, trials=trials), end.baseline)
+
+
 def _simplest(trials: Sequence[Trial], samples: int) -> Trial:
     """The trial, of those that explain nearly the same as the first, whose name is the most probable one.
 
@@ -91,7 +176,10 @@ def _simplest(trials: Sequence[Trial], samples: int) -> Trial:
     """
     first = trials[0]
     scale = temperature(first.mean_gain, remaining(first.own_law_excess, samples))
-    return max(trials, key=lambda trial: log_weight(trial.mean_gain, trial.determined_parameters, scale))
+    return max(
+        trials,
+        key=lambda t: log_weight(t.mean_gain, t.determined_parameters, scale, prior_cost=t.prior_cost),
+    )
 
 
 def _with_scores_at_prior(
@@ -99,12 +187,11 @@ def _with_scores_at_prior(
 ) -> list[Score]:
     """The scores, each the better one of that at the fit and that at the prior means of the uncertain parameters.
 
-    A model that lacks something is calibrated to parameters that stand in for it, far from the true ones, where the
-    right candidate may explain little. Falls of χ² at the prior means are scaled to the misfit of the fit.
+    Where parameters stand in for what is missing, the right candidate may explain little. Falls of χ² at the prior
+    means are scaled to the misfit of the fit.
     """
     fitted, problem = baseline.fit, baseline.fit.problem
-    own = [any(u.name.startswith(candidate.prefix) for candidate in accepted) for u in problem.unknowns]
-    x = np.where(own, fitted.x, 0.0)
+    x = at_prior_means(problem.unknowns, accepted, fitted.x)
     (outcomes,) = problem.predict(x[None], fitted.resolution.coarse, with_sensitivities=True)
     test = ScoreTest(dataclasses.replace(fitted, x=x, uncorrected=x, outcomes=outcomes), accepted)
     residual = test.projected_residual()

@@ -33,7 +33,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 Plain = dict[str, Any]
 TRIAL_NUMBERS = (
     "log_evidence_gain", "left_out_gain", "explained_share", "holdout_half_chi_square_fall", "gain_beyond_laws",
-    "remaining_excess", "own_law_excess", "own_law_gain",
+    "remaining_excess", "own_law_excess", "own_law_gain", "prior_cost",
 )  # fmt: skip
 
 
@@ -80,7 +80,10 @@ class StageEncoder:
     def score(self, score: Score) -> Plain:
         """A score; its direction is left out, because nothing after the screening needs it."""
         candidate = [score.candidate.id, score.candidate.signal]
-        return {"candidate": candidate, "chi_square_fall": score.chi_square_fall, "x": self._put(score.x)}
+        return {
+            "candidate": candidate, "chi_square_fall": score.chi_square_fall, "x": self._put(score.x),
+            "exponent": score.exponent,
+        }  # fmt: skip
 
     def fit(self, evaluated: EvaluatedFit, with_sensitivities: bool = True) -> Plain:
         """A fit with its residuals."""
@@ -157,7 +160,9 @@ class StageDecoder:
         kind_id, signal = plain["candidate"]
         known = SENSOR_FAULTS if signal is not None else (*LIBRARY, *self.kinds)
         candidate = Candidate(next(kind for kind in known if kind.id == kind_id), signal)
-        return Score(candidate, plain["chi_square_fall"], self.arrays[plain["x"]], np.zeros(0))
+        return Score(
+            candidate, plain["chi_square_fall"], self.arrays[plain["x"]], np.zeros(0), plain.get("exponent", 1.0)
+        )
 
     def fit(self, plain: Plain, mounted: Sequence[Candidate]) -> EvaluatedFit:
         """A fit of the model with the candidates `mounted`."""

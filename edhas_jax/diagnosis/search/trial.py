@@ -8,21 +8,17 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
-from edhas_jax.diagnosis.search.candidates import Candidate, with_candidate
+from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_means, with_candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
-from edhas_jax.diagnosis.search.plausibility import implausible_parameters
+from edhas_jax.diagnosis.search.plausibility import implausibility_penalty, implausible_parameters, prior_cost
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.screening import Score, with_scaled_size
 from edhas_jax.diagnosis.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 MIN_ACHIEVED_FALL_SHARE = 0.3  # of the predicted fall of χ²: a fit that achieves less is restarted elsewhere
-RESTART_PRIOR_SHARE = 0.3  # of the calibrated coordinates: where the restart lies between prior mean and calibration
 DISTORTED_COORDINATE = 2.5  # of a calibrated parameter: beyond it the missing effect has distorted the calibration
-# nats off the gain of a candidate that depends on a parameter beyond its plausible range, and a share of what the model
-# leaves with it in addition: smaller differences of evidence say nothing there, but an implausible value does
-PRIOR_BOUND_PENALTY, PRIOR_BOUND_SHARE = 30.0, 0.3
 MOST_PARAMETERS = 3.0  # that count against a candidate: more describe details of a law, which imitate no other one
 SMALL_SIZE = 0.1  # of the predicted size, of a start that is hardly above the model without the candidate
 MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is made: the best of forty reaches it by chance
@@ -59,6 +55,7 @@ class Trial:
         remaining_excess: excess of ½χ² that the candidate and deviations of the accepted laws leave.
         own_law_excess: the same where its own law may deviate as well; `remaining_excess` where not computed.
         own_law_gain: log-evidence gain [nats] with its own law deviating, less the cost of the deviation's values.
+        prior_cost: what the implausible values of its parameters cost [nats], see `plausibility.prior_cost`.
     """
 
     candidate: Candidate
@@ -72,6 +69,7 @@ class Trial:
     remaining_excess: float = math.inf
     own_law_excess: float = math.inf
     own_law_gain: float = -math.inf
+    prior_cost: float = 0.0
 
     @property
     def mean_gain(self) -> float:
@@ -98,15 +96,16 @@ class Trial:
 
     def with_fit(self, baseline: EvaluatedFit, evaluated: EvaluatedFit) -> "Trial":
         """The trial with another fit of its candidate, compared with `baseline`, the model without it."""
-        gain = evaluated.log_evidence - baseline.log_evidence
+        gain, implausible = evaluated.log_evidence - baseline.log_evidence, 0.0
         if implausible_parameters(self.candidate, evaluated.fit):
-            gain -= PRIOR_BOUND_PENALTY + PRIOR_BOUND_SHARE * max(evaluated.excess, 0.0)
+            gain -= implausibility_penalty(evaluated.excess)
+            implausible = prior_cost(self.candidate, evaluated.fit)
         falls = baseline.holdout_half_chi_square() - evaluated.holdout_half_chi_square()
         return dataclasses.replace(
             self, evaluated=evaluated, log_evidence_gain=gain,
             left_out_gain=float(np.sum(evaluated.left_out - baseline.left_out)),
             explained_share=(baseline.cost - evaluated.cost) / max(baseline.excess, 1.0),
-            holdout_half_chi_square_fall=float(falls.sum()),
+            holdout_half_chi_square_fall=float(falls.sum()), prior_cost=implausible,
         )  # fmt: skip
 
 
@@ -117,7 +116,7 @@ def try_candidate(
     """Refit all unknowns with a candidate in place.
 
     The fit starts from the calibrated values. If it achieves less than 30 % of the predicted fall of χ², it is
-    restarted nearer the prior mean, because a wrong model biases the calibrated values; also if a calibrated parameter
+    restarted at the prior means, because a wrong model biases the calibrated values; also if a calibrated parameter
     is implausible and less than half of the misfit is removed. If it ends above the model without the candidate, it is
     restarted with so small a size that it begins there. A free term of a rig of one's own begins without influence
     first.
@@ -137,13 +136,13 @@ def try_candidate(
     problem = with_candidate(fitted.problem, accepted, candidate)
     count = len(problem.unknowns) - len(score.x)
     calibrated_start = np.concatenate([start_coordinates(problem, fitted.values)[:count], score.x])
-    shrunk_start = np.concatenate([RESTART_PRIOR_SHARE * calibrated_start[:count], score.x])
-    starts = [calibrated_start, shrunk_start]
+    prior_start = at_prior_means(problem.unknowns, (*accepted, candidate), calibrated_start)
+    starts = [calibrated_start, prior_start]
     is_own_curve = isinstance(candidate, FreeTerm) and fitted.machine.is_own
     if is_own_curve:
         # far from the calibrated model the linear prediction overshoots: begin without influence as well
         without = np.concatenate([np.ones(count), np.zeros(len(score.x))])
-        starts = [without * calibrated_start, without * shrunk_start, *starts]
+        starts = [without * calibrated_start, without * prior_start, *starts]
     if problem.is_irregular:
         return _try_irregular(baseline, problem, calibrated_start, score, resolution, max_steps, reached)
     best: EvaluatedFit | None = None
@@ -206,7 +205,8 @@ def _try_irregular(
 def _with_small_size(problem: FitProblem, score: Score, start: np.ndarray) -> np.ndarray:
     """A start (n,) at which the candidate of a score is hardly felt."""
     count = len(start) - len(score.x)
-    return np.concatenate([start[:count], with_scaled_size(problem.unknowns[count:], score.x, SMALL_SIZE)])
+    small = with_scaled_size(problem.unknowns[count:], score.x, SMALL_SIZE, score.exponent)
+    return np.concatenate([start[:count], small])
 
 
 def is_distorted(baseline: EvaluatedFit) -> bool:
@@ -293,7 +293,7 @@ def retry_progressively(
     problem = with_candidate(baseline.fit.problem, accepted, trial.candidate)
     scanned = len(trial.score.x)
     calibrated = np.concatenate([start_coordinates(problem, baseline.fit.values)[:-scanned], trial.score.x])
-    calibrated[:-scanned] *= RESTART_PRIOR_SHARE
+    calibrated = at_prior_means(problem.unknowns, (*accepted, trial.candidate), calibrated)
     starts = np.array([calibrated] if trial.evaluated is None else [trial.evaluated.fit.x, calibrated])
     found = fit_progressively(problem, starts, scanned, resolution.coarse, TRIAL_STEPS, trial.evaluated)
     return trial if found is None else trial.with_fit(baseline, found)

@@ -1,0 +1,49 @@
+"""The score test: a trial begins near the size that explains most, whichever way a parameter makes an effect large."""
+
+import numpy as np
+import pytest
+
+from edhas_jax.core import structs
+from edhas_jax.diagnosis.search.calibrated_model import calibrate
+from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.screening import ScoreTest, with_scaled_size
+from edhas_jax.diagnosis.search.trial import try_candidate
+from edhas_jax.machine.effects import CoilHeating, InverterDeadTime, MagneticSaturation
+from tests.support.synthetic_campaign import bench, empty_campaign, measured
+
+SATURATION = 20.0  # A, of the bench; the model has none
+FAST = (
+    {"frequency": 10.0, "amplitude": 8e-3}, {"frequency": 30.0, "amplitude": 6e-3},
+    {"frequency": 15.0, "amplitude": 2.5e-3},
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def calibrated():
+    """The calibrated model of a bench whose motor saturates, and its time steps."""
+    truth = structs.replace(bench(), effects=(*bench().effects, MagneticSaturation(saturation_current=SATURATION)))
+    return calibrate(measured(empty_campaign(conditions=FAST), truth))
+
+
+def test_a_signature_grows_or_vanishes_with_the_first_parameter(calibrated):
+    """A dead time acts in proportion to its voltage, a saturation and a heat capacity the less the larger they are."""
+    test = ScoreTest(calibrated[0].fit, ())
+    exponents = [test.score(Candidate(kind)).exponent for kind in (InverterDeadTime, MagneticSaturation, CoilHeating)]
+    assert exponents[0] == pytest.approx(1.0, abs=0.2)
+    assert exponents[1] <= -0.5 and exponents[2] <= -0.5
+
+
+def test_a_smaller_signature_of_a_saturation_has_a_larger_current(calibrated):
+    (unknown,) = Candidate(MagneticSaturation).unknowns(calibrated[0].fit.problem.campaign)
+    x = with_scaled_size([unknown], np.zeros(1), 0.25, -2.0)
+    assert unknown.value(x[0]) == pytest.approx(2.0 * unknown.value(0.0))
+
+
+def test_a_saturation_is_found_from_the_score(calibrated):
+    model, resolution = calibrated
+    score = ScoreTest(model.fit, ()).score(Candidate(MagneticSaturation))
+    (unknown,) = Candidate(MagneticSaturation).unknowns(model.fit.problem.campaign)
+    assert unknown.value(score.x[0]) == pytest.approx(SATURATION, rel=0.3)
+    trial = try_candidate(model, (), score, resolution, 12)
+    assert trial.evaluated.fit.values["magnetic_saturation.saturation_current"] == pytest.approx(SATURATION, rel=0.01)
+    assert trial.evaluated.excess < 1e-3 * model.excess
