@@ -46,6 +46,8 @@ class CurveStart:
 def start_beside_law(fit: Fit, effect: Effect) -> CurveStart | None:
     """The start of a curve for the law of an effect, over the variable that explains most of this law.
 
+    A law that is constant is drawn over the signal with which it would vary, if the effect names one.
+
     Args:
         fit: a fit whose machine has the effect.
         effect: the effect.
@@ -55,6 +57,7 @@ def start_beside_law(fit: Fit, effect: Effect) -> CurveStart | None:
     """
     # the first slot where a curve has a meaning: entrained air, for one, also sets a pole that none can follow
     places = next((found for slot in effect.slots if (found := law_places(fit.machine, slot.name))), ())
+    places = tuple(place for place in places if effect.varies_with in ("", place.variable))
     if not places:
         return None
     samples = _thinned(law_samples(fit, places, effect.id))

@@ -57,11 +57,12 @@ def law_deviation(fit: Fit, candidate: Candidate) -> LawDeviation | None:
     """
     if candidate.signal is not None or isinstance(candidate, LawDeviation) or candidate.memory_of:
         return None
-    start = start_beside_law(fit, _effect_of(fit, candidate))
+    effect = _effect_of(fit, candidate)
+    start = start_beside_law(fit, effect)
     if start is None:
         return None
     is_constant = np.std(start.law) <= MIN_VARIATION * start.size
-    if is_constant and len(law_places(fit.machine, start.place.slot)) > 1:
+    if is_constant and not effect.varies_with and len(law_places(fit.machine, start.place.slot)) > 1:
         return None
     low, high = float(start.nodes[0]), float(start.nodes[-1])
     is_steep = np.diff(start.nodes).min() < STEEP_SPACING * (high - low)

@@ -56,6 +56,8 @@ class Effect:
         looks_like: what the effect does to measurements, in one sentence.
         confused_with: ids of effects and names of parameters whose influence is similar.
         memory_of: the signal on whose past the contribution to the first slot depends linearly; empty for other laws.
+        varies_with: the signal with which a constant contribution to the first slot would vary, if it did; empty where
+            none is more likely than the others, and for other laws.
 
     Raises:
         EffectError: at class creation, for a class derived from an effect, a public method that is no slot, a slot
@@ -68,6 +70,7 @@ class Effect:
     looks_like: ClassVar[str] = ""
     confused_with: ClassVar[tuple[str, ...]] = ()
     memory_of: ClassVar[str] = ""
+    varies_with: ClassVar[str] = ""
 
     def __init_subclass__(cls, rig: Any = None):
         known = SLOTS if rig is None else {slot.name: slot for slot in rig.slots}

@@ -12,6 +12,7 @@ class SuctionSeatLeakage(Effect):
 
     looks_like = "flow lost in proportion to the root of the pressure and to time: worst at low frequency under load"
     confused_with = ("delivery_seat_leakage", "piston_clearance", "piston_leakage")
+    varies_with = "pressure_drop"
 
     seat_leakage_area: float = par(
         3e-8, "m^2", (0.0, 1e-3), "area that stays open in each suction valve A_leak", plausible=(1e-9, 3e-7)
@@ -29,6 +30,7 @@ class DeliverySeatLeakage(Effect):
 
     looks_like = "flow back into the chambers during suction, worst at low frequency; outlet pressure falls at rest"
     confused_with = ("suction_seat_leakage", "piston_clearance", "piston_leakage")
+    varies_with = "pressure_drop"
 
     seat_leakage_area: float = par(
         3e-8, "m^2", (0.0, 1e-3), "area that stays open in each delivery valve A_leak", plausible=(1e-9, 3e-7)
