@@ -66,6 +66,10 @@ class _Search:
         """The value of a stage from the checkpoint, or computed."""
         return self.checkpoint.stage(name, self.campaign, self.more, compute, encode, decode)
 
+    def round(self, name: str, mounted: Sequence[Candidate], compute: Callable[[], RoundEnd]) -> RoundEnd:
+        """A round after those that mounted some candidates, from the checkpoint, or computed."""
+        return self.stage(name, compute, StageEncoder.round_end, lambda of, plain: of.round_end(plain, mounted))
+
     def candidates(self, fitted: FitProblem) -> list[Candidate]:
         """The candidates that a model lacks."""
         found = candidates_for(self.campaign, fitted.machine, fitted.instruments, self.more)
@@ -161,12 +165,10 @@ def _select_forward(
         baseline, rounds = beginning.baseline, [beginning.round]
     while True:
         mounted = mounted_candidates(rounds)
-        end = search.stage(
-            f"{name}_{len(rounds) + 1}",
+        end = search.round(
+            f"{name}_{len(rounds) + 1}", mounted,
             lambda: _finish_round(search, calibrated, baseline, mounted, resolution, first),  # noqa: B023 called at once
-            StageEncoder.round_end,
-            lambda decoder, plain: decoder.round_end(plain, mounted),  # noqa: B023
-        )
+        )  # fmt: skip
         rounds.append(end.round)
         if end.baseline is None:
             return rounds
@@ -179,11 +181,8 @@ def _select_again(
 ) -> list[Round]:
     """A search that begins with another round; empty where that one leaves more than the first of the known search."""
     calibrated = forward[0].baseline
-    end = search.stage(
-        "again_1",
-        lambda: _finish_round(search, calibrated, calibrated, [], resolution, first, other),
-        StageEncoder.round_end,
-        lambda decoder, plain: decoder.round_end(plain, []),
+    end = search.round(
+        "again_1", [], lambda: _finish_round(search, calibrated, calibrated, [], resolution, first, other)
     )
     if end.baseline is None or _left_after(end.round, end.baseline) > _left_after(forward[0], forward[1].baseline):
         return []
