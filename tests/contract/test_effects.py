@@ -14,7 +14,6 @@ from edhas_jax.compiler.derivative_graph import linearize
 from edhas_jax.compiler.sparse_elimination import solve
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
-from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.machine.effects import LIBRARY, AsymmetricFriction, Backlash, Effect, state
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.machine.interface.slots import SLOTS
@@ -131,9 +130,6 @@ def test_declaration_is_complete(effect):
             assert low <= parameter.plausible[0] <= parameter.default <= parameter.plausible[1] <= high
     for own in effect.states.values():
         assert own.unit and own.doc
-    if effect.varies_with:
-        places = law_places(PumpBench(effects=(effect(),)), effect.slots[0].name)
-        assert effect.varies_with in {place.variable for place in places}
 
 
 @by_effect

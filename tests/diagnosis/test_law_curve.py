@@ -19,7 +19,13 @@ from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
 from edhas_jax.diagnosis.laws.deviation import curve_columns, deviation_columns
 from edhas_jax.diagnosis.laws.law_places import free_places, law_places
 from edhas_jax.diagnosis.laws.model_files import write_curve_model
-from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime, LugreFriction
+from edhas_jax.machine.effects import (
+    LIBRARY,
+    ConstantBiasForce,
+    DeliverySeatLeakage,
+    InverterDeadTime,
+    LugreFriction,
+)
 from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable, table_of
 from edhas_jax.machine.rigs import RIGS, PumpBench
 from edhas_jax.measurements.campaign import Use
@@ -198,3 +204,11 @@ def test_an_effect_without_a_law_over_a_signal_has_no_curve():
     machine = with_effect(bench(), ConstantBiasForce(bias_force=0.0))
     assert estimate_law_curve(fitted(campaign, machine), "constant_bias_force") is None
     assert {p.variable for p in law_places(PumpBench(effects=(LugreFriction(),)), "check_valve_force")} >= {"lift"}
+
+
+def test_the_signal_with_which_a_constant_law_would_vary_is_known_at_its_slot():
+    kinds = [kind for kind in LIBRARY if kind.varies_with]
+    assert DeliverySeatLeakage in kinds
+    for kind in kinds:
+        places = law_places(PumpBench(effects=(kind(),)), kind.slots[0].name)
+        assert kind.varies_with in {place.variable for place in places}
