@@ -119,7 +119,8 @@ class Rivals:
             )
             for name, gain in self.gains.items()
         }
-        weights = {name: math.exp(value - max(logs.values())) for name, value in logs.items()}
+        largest = max(logs.values())
+        weights = {name: math.exp(value - largest) for name, value in logs.items()}
         total = sum(weights.values())
         names = {name: weight / total for name, weight in weights.items()}
         if self.is_implausible:

@@ -73,6 +73,12 @@ class Candidate:
         """Select the unknowns of a fit that are parameters of this candidate, by their names without the prefix."""
         return {u.name.removeprefix(self.prefix): u for u in unknowns if u.name.startswith(self.prefix)}
 
+    def own_coordinates(self, fit: Fit) -> dict[str, float]:
+        """The fitted coordinates of its parameters that have a prior, by their names without the prefix."""
+        known = {u.name: x for u, x in zip(fit.problem.unknowns, fit.x, strict=True)}
+        own = self.own_unknowns(fit.problem.unknowns)
+        return {name: float(known[u.name]) for name, u in own.items() if u.has_prior}
+
     def free_parameters(self) -> list[Parameter]:
         """The parameters that a fit has to estimate: those with a plausible range, and offsets."""
         return [p for p in structs.parameters(self.kind) if p.plausible is not None or p.name == "offset"]
@@ -233,10 +239,8 @@ def limit_to_prior_bound(unknown: UnknownParameter) -> UnknownParameter:
 
 def at_prior_bound(candidate: Candidate, fit: Fit) -> list[str]:
     """Names of a candidate's parameters whose estimate is 3 prior standard deviations from the prior mean."""
-    estimates = {u.name: x for u, x in zip(fit.problem.unknowns, fit.x, strict=True)}
-    own = candidate.own_unknowns(fit.problem.unknowns)
     limit = PRIOR_BOUND - PRIOR_BOUND_TOLERANCE
-    return [name for name, u in own.items() if u.has_prior and abs(estimates[u.name]) > limit]
+    return [name for name, x in candidate.own_coordinates(fit).items() if abs(x) > limit]
 
 
 def screening_grid(unknowns: list[UnknownParameter]) -> np.ndarray:

@@ -30,6 +30,11 @@ def scatter_of_fits(evaluated: EvaluatedFit) -> float:
     return IRREGULAR_SCATTER * 0.5 * evaluated.samples if evaluated.fit.problem.is_irregular else 0.0
 
 
+def unexplained_floor(excess: float, samples: int, law_error: float = 0.0) -> float:
+    """What a gain is compared with [nats]: the excess of ½χ² that is left, and the least gain that counts."""
+    return remaining(excess, samples) + MIN_GAIN + law_error
+
+
 def strength(gain: float, excess_after: float, samples: int, law_error: float = 0.0) -> float:
     """The gain of a candidate over what is left with it, in units that are 1 where both are equal.
 
@@ -39,7 +44,7 @@ def strength(gain: float, excess_after: float, samples: int, law_error: float = 
         samples: number of samples.
         law_error: what laws that are known as curves only, or an imperfect fit, may leave [nats].
     """
-    return gain / (remaining(excess_after, samples) + MIN_GAIN + law_error)
+    return gain / unexplained_floor(excess_after, samples, law_error)
 
 
 def is_promising(trial: Trial, samples: int, law_error: float = 0.0) -> bool:

@@ -19,9 +19,7 @@ PRIOR_BOUND_PENALTY, PRIOR_BOUND_SHARE = 30.0, 0.3
 
 def beyond_plausible_range(candidate: Candidate, fit: Fit) -> list[str]:
     """Names of a candidate's parameters whose estimate is beyond the end of its plausible range."""
-    estimates = {u.name: x for u, x in zip(fit.problem.unknowns, fit.x, strict=True)}
-    own = candidate.own_unknowns(fit.problem.unknowns)
-    return [name for name, u in own.items() if u.has_prior and abs(estimates[u.name]) > PLAUSIBLE_COORDINATE]
+    return [name for name, x in candidate.own_coordinates(fit).items() if abs(x) > PLAUSIBLE_COORDINATE]
 
 
 def implausible_parameters(candidate: Candidate, fit: Fit) -> list[str]:
@@ -63,8 +61,6 @@ def implausibility_penalty(excess: float) -> float:
 
 
 def prior_cost(candidate: Candidate, fit: Fit) -> float:
-    """What the prior density of a candidate's parameters falls beyond their plausible range: Σ ½(x² − 2²) [nats]."""
-    beyond = beyond_plausible_range(candidate, fit)
-    own = {u.name for name, u in candidate.own_unknowns(fit.problem.unknowns).items() if name in beyond}
-    values = [x for u, x in zip(fit.problem.unknowns, fit.x, strict=True) if u.name in own]
-    return float(sum(0.5 * (x**2 - PLAUSIBLE_COORDINATE**2) for x in values))
+    """Fall of the log prior density [nats] beyond the plausible ranges of a candidate: Σ ½(x² − 2²) over |x| > 2."""
+    values = candidate.own_coordinates(fit).values()
+    return float(sum(0.5 * max(x**2 - PLAUSIBLE_COORDINATE**2, 0.0) for x in values))

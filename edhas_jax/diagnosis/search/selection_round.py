@@ -9,7 +9,13 @@ import numpy as np
 from edhas_jax.diagnosis.search.answer import log_weight, temperature
 from edhas_jax.diagnosis.search.calibrated_model import misfit
 from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_means
-from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, holds_by_library_law, is_promising, remaining
+from edhas_jax.diagnosis.search.decision_rules import (
+    MIN_GAIN,
+    holds_by_library_law,
+    is_promising,
+    remaining,
+    unexplained_floor,
+)
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
 from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
@@ -95,8 +101,8 @@ def end_of_round(
 ) -> RoundEnd:  # fmt: skip
     """Accept a trial of a round, and fit the model with it and with the laws that differ as curves.
 
-    The best trial is accepted if it holds and its parameters are plausible. What only an implausible value explains is
-    rather the next promising one, if that explains nearly as much.
+    The best trial is accepted if its parameters are plausible. If not, the next promising trial is accepted, provided
+    that its parameters are plausible and that it leaves less than `AS_MUCH` times as much unexplained.
 
     Args:
         found: the round, with the trial that is best.
@@ -115,7 +121,7 @@ def end_of_round(
         if not ends and is_plausible:
             return end
         if is_plausible and _explains_as_much(end, ends[0], law_error):
-            return _with_outdone(end, ends[0])
+            return _with_rejected(end, ends[0])
         ends.append(end)
     return ends[0] if ends else RoundEnd(dataclasses.replace(found, accepted=None), None)
 
@@ -150,21 +156,19 @@ def _end_with(
 def _explains_as_much(end: RoundEnd, other: RoundEnd, law_error: float) -> bool:
     """Whether the model of one end leaves not much more than that of another one."""
     samples = other.baseline.samples
-    floor = MIN_GAIN + law_error
-    return remaining(end.baseline.excess, samples) + floor < AS_MUCH * (
-        remaining(other.baseline.excess, samples) + floor
-    )
+    left, left_by_other = (unexplained_floor(e.baseline.excess, samples, law_error) for e in (end, other))
+    return left < AS_MUCH * left_by_other
 
 
-def _with_outdone(end: RoundEnd, outdone: RoundEnd) -> RoundEnd:
-    """An end of a round whose trials have, for the candidate of another end, the gain by which that one lost."""
-    kept, lost = end.round.accepted, outdone.round.accepted
-    change = outdone.baseline.log_evidence - end.baseline.log_evidence - implausibility_penalty(outdone.baseline.excess)
-    lost_now = dataclasses.replace(
+def _with_rejected(end: RoundEnd, rejected: RoundEnd) -> RoundEnd:
+    """The end of a round, the trial of the rejected candidate with the evidence of its fit with laws as curves."""
+    kept, lost, model = end.round.accepted, rejected.round.accepted, rejected.baseline
+    change = model.log_evidence - end.baseline.log_evidence - implausibility_penalty(model.excess)
+    compared = dataclasses.replace(
         lost, gain_beyond_laws=kept.gain_beyond_laws + change, own_law_gain=kept.own_law_gain + change,
-        prior_cost=prior_cost(lost.candidate, outdone.baseline.fit),
+        prior_cost=prior_cost(lost.candidate, model.fit),
     )  # fmt: skip
-    trials = tuple(lost_now if t is lost else t for t in end.round.trials)
+    trials = tuple(compared if t is lost else t for t in end.round.trials)
     return RoundEnd(dataclasses.replace(end.round, trials=trials), end.baseline)
 
 
