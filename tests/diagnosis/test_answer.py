@@ -100,7 +100,7 @@ def test_a_further_member_that_is_hardly_real_adds_no_names_to_the_set():
 
 
 def test_an_implausible_value_costs_the_same_however_much_is_left():
-    """Of two that explain the same, the one with a value 3 standard deviations off its prior is the less probable."""
+    """Of two equally good effects, that with a parameter 3 standard deviations from its prior mean is less probable."""
     for left in (0.0, 5000.0):
         member = rivals(50.0, left, backlash=1000.0, coupling_compliance=1000.0)
         names = dataclasses.replace(member, prior_costs={"backlash": 2.5}).names()

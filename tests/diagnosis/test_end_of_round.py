@@ -1,4 +1,4 @@
-"""The end of a round of the search: what only an implausible value explains gives way to another candidate."""
+"""The end of a round of the search: a candidate with an implausible value is replaced by a plausible one."""
 
 import dataclasses
 import types
@@ -21,12 +21,12 @@ PLAY, ROD = Candidate(Backlash), Candidate(CouplingCompliance)
 
 
 def model(excess: float):
-    """A fitted model that leaves an excess of ½χ² [nats]; its fit is that excess too."""
+    """Stands in for a fitted model that leaves this excess of ½χ² over its expected value [nats]."""
     return types.SimpleNamespace(samples=SAMPLES, excess=excess, log_evidence=-excess, fit=excess)
 
 
 def found() -> Round:
-    """A round in which a backlash gains a little more than an elastic coupling."""
+    """A search round in which backlash raises the log-evidence slightly more than an elastic coupling."""
     trials = []
     for candidate, gain in ((PLAY, GAIN), (ROD, GAIN - 3000.0)):
         trial = Trial.failed(Score(candidate, 2.0 * gain, np.zeros(1), np.zeros(0)))
@@ -62,10 +62,10 @@ def test_the_best_candidate_is_accepted_if_it_is_plausible(ended):
 def test_a_plausible_candidate_that_leaves_little_more_is_accepted_instead(ended):
     end = ended({PLAY: 1000.0, ROD: 1500.0}, (PLAY,))
     assert end.round.accepted.candidate == ROD and end.baseline.excess == 1500.0
-    outdone = next(trial for trial in end.round.trials if trial.candidate == PLAY)
-    assert outdone.prior_cost == 2.5
+    rejected = next(trial for trial in end.round.trials if trial.candidate == PLAY)
+    assert rejected.prior_cost == 2.5
     # the evidence of the fits with curves counts now, and an implausible value costs 30 nats and 0.3 of what is left
-    assert outdone.mean_gain - end.round.accepted.mean_gain == pytest.approx(500.0 - 330.0)
+    assert rejected.mean_gain - end.round.accepted.mean_gain == pytest.approx(500.0 - 330.0)
 
 
 @pytest.mark.parametrize(("left", "implausible"), [(3000.0, (PLAY,)), (1000.0, (PLAY, ROD))])

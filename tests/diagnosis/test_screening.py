@@ -26,7 +26,7 @@ def calibrated():
 
 
 def test_a_signature_grows_or_vanishes_with_the_first_parameter(calibrated):
-    """A dead time acts in proportion to its voltage, a saturation and a heat capacity the less the larger they are."""
+    """A larger dead time changes the signals more; a larger saturation current or heat capacity changes them less."""
     test = ScoreTest(calibrated[0].fit, ())
     exponents = [test.score(Candidate(kind)).exponent for kind in (InverterDeadTime, MagneticSaturation, CoilHeating)]
     assert exponents[0] == pytest.approx(1.0, abs=0.2)

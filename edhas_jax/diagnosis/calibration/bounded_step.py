@@ -63,7 +63,7 @@ def _constrained_step(gradient, curvature, damping, active, low, high, room):
         return step
     boundary = LinearConstraints(room.rows[violated], room.limits[violated])
     step = _bounded_step(gradient, curvature, damping, active, low, high, boundary)
-    # the quadratic is convex: its minimum inside lies on the boundary; bounds may still keep the step from it
+    # the cost model is convex, so that its constrained minimum lies on violated constraints; a bound may come first
     change = room.rows @ step
     outside = change < room.limits - CONSTRAINT_TOLERANCE
     return step * min([1.0, *np.maximum(room.limits[outside] / change[outside], 0.0)])

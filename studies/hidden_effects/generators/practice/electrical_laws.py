@@ -1,4 +1,4 @@
-"""Laws of coil, amplifier and supply in the split `practice`, a second development set."""
+"""Laws of coil, amplifier and supply for practice cases, which are a second set of development cases."""
 
 import jax.numpy as jnp
 

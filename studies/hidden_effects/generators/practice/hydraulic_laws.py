@@ -1,4 +1,4 @@
-"""Laws of chambers, valves, oil and lines in the split `practice`, a second development set."""
+"""Laws of chambers, valves, oil and lines for practice cases, which are a second set of development cases."""
 
 import jax.numpy as jnp
 

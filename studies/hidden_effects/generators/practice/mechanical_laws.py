@@ -1,4 +1,4 @@
-"""Laws of mover, coupling and cylinder in the split `practice`, a second development set."""
+"""Laws of mover, coupling and cylinder for practice cases, which are a second set of development cases."""
 
 import math
 
