@@ -142,6 +142,7 @@ class Answer:
         failed: the error in which the method ended.
         details: sentences for a reader.
         evidence: what the probabilities of `edhas diagnose` follow from, to calibrate them; empty for other methods.
+        location_shares: and the share of the misfit of each component, from which the place of an unknown cause follows.
         estimates: for each rightly named effect the error of its law, where a method estimates laws.
     """
 
@@ -157,6 +158,7 @@ class Answer:
     failed: str = ""
     details: tuple[str, ...] = ()
     evidence: dict[str, Any] = dataclasses.field(default_factory=dict)
+    location_shares: dict[str, float] = dataclasses.field(default_factory=dict)
     estimates: dict[str, LawEstimate] = dataclasses.field(default_factory=dict)
 
     @property

@@ -34,4 +34,5 @@ def answer_of(diagnosis: Diagnosis) -> Answer:
         verdict, named, answer.members, place, float(next(iter(answer.probabilities.values()))),
         {name: laws[name] for name in named}, tuple(answer.probabilities)[:MAX_RANKED], parameters, diagnosis.seconds,
         details=tuple(conclusions(diagnosis)), evidence=dataclasses.asdict(diagnosis.evidence),
+        location_shares=diagnosis.location_shares,
     )  # fmt: skip
