@@ -142,7 +142,7 @@ class Answer:
         failed: the error in which the method ended.
         details: sentences for a reader.
         evidence: what the probabilities of `edhas diagnose` follow from, to calibrate them; empty for other methods.
-        location_shares: and the share of the misfit of each component, from which the place of an unknown cause follows.
+        location_shares: and, for the place of an unknown cause, the share of the misfit of each component.
         estimates: for each rightly named effect the error of its law, where a method estimates laws.
     """
 

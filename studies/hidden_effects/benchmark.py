@@ -128,7 +128,7 @@ def main(arguments: list[str] | None = None) -> int:
               file=sys.stderr)  # fmt: skip
         return 130
     records = results.records(keys, [m.value for m in methods])
-    kinds = {Split.TUNING: "development", Split.PRACTICE: "development", Split.JUDGING: "test"}
+    kinds = {split: "test" if split is Split.JUDGING else "development" for split in Split}
     print(f"\n{' and '.join(dict.fromkeys(kinds[key.split] for key in keys))} cases {keys[0]} … {keys[-1]}")
     print(report(records, results.not_drawn(keys)))
     save_figures(records, options.out)

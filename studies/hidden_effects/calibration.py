@@ -1,10 +1,13 @@
 """Find the constants of the diagnosis's probabilities that make the right answers of development cases most probable.
 
-    python -m studies.hidden_effects.calibration [--out DIR] [--families b c …]
+    python -m studies.hidden_effects.calibration [--out DIR] [--families b c …] [--temperature]
 
-The cases are those of the splits "tuning" and "practice" in DIR that `edhas diagnose` has answered (`python -m
+The cases are those of the splits for development in DIR that `edhas diagnose` has answered (`python -m
 studies.hidden_effects --split tuning --methods ours --out DIR`). Their evidence is stored with the answers, so that no
 diagnosis is repeated.
+
+The temperature also orders the trials of the search, so that with another one the search would find other evidence. It
+is kept, unless `--temperature` asks for it; the cases must then be diagnosed again with what is found.
 
 The constants are found by maximum likelihood with a weak prior around those of the package. Whether they hold for other
 generators is tested by leaving out one family after the other: the constants are found without it, and its cases are
@@ -41,28 +44,30 @@ from studies.hidden_effects.rates import Answered, first_is_right, mean_set_size
 from studies.hidden_effects.reliability import reliability
 from studies.hidden_effects.store import CASE_FILE, ResultFolder, read_json
 
-DEVELOPMENT = (Split.TUNING, Split.PRACTICE)
+DEVELOPMENT = (Split.TUNING, Split.PRACTICE, Split.VARIED)
 TARGET = 0.95  # share of cases whose set holds the truth
 COVERAGES = np.concatenate([np.linspace(0.5, 0.95, 19), np.linspace(0.955, 0.999, 12)])
 SMALLEST_PROBABILITY = 1e-3  # of a right answer, in the loss
 PRIOR_SPREAD = 0.7  # of the transformed constants around those of the package
+TEMPERATURE = ("temperature", "temperature_share")  # what the search uses too
 # constants that are positive are searched on a logarithmic scale, shares on a logistic one
-POSITIVE = ("temperature", "temperature_share", "real_slope", "unknown_misfit_slope", "unknown_place_slope",
+POSITIVE = ("real_slope", "unknown_misfit_slope", "unknown_place_slope",
             "unknown_free_slope", "unknown_signal_slope", "unknown_distortion_slope")  # fmt: skip
 SHARES = ("max_real", "max_nothing", "implausible_share")
 FREE = ("real_offset", "unknown_offset")
+FITTED = (*POSITIVE, *SHARES, *FREE)
 
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A tuning case and the evidence that the diagnosis found in it."""
+    """A development case and the evidence that the diagnosis found in it."""
 
     truth: Truth
     evidence: Evidence
 
 
 def read_cases(folder: ResultFolder, families: Sequence[str] = ()) -> list[Case]:
-    """The tuning and practice cases of a folder that the diagnosis has answered, of all families or of some."""
+    """The development cases of a folder that the diagnosis has answered, of all families or of some."""
     cases = []
     for path in sorted(p for split in DEVELOPMENT for p in (folder.folder / split.value).glob(f"*/{CASE_FILE}")):
         answer_file = path.parent / "ours.json"
@@ -94,30 +99,34 @@ def loss(cases: Sequence[Case], constants: Constants) -> float:
     return float(-np.mean(np.log(np.maximum(right, SMALLEST_PROBABILITY))))
 
 
-def best_constants(cases: Sequence[Case], start: Constants = CONSTANTS) -> Constants:
-    """The constants with the smallest loss and prior."""
-    centre = _transformed(start)
+def best_constants(cases: Sequence[Case], start: Constants = CONSTANTS, names: Sequence[str] = FITTED) -> Constants:
+    """The constants with the smallest loss and prior, of those with some names."""
+    centre = np.array([_transformed(name, getattr(start, name)) for name in names])
 
     def objective(x: np.ndarray) -> float:
         prior = 0.5 * float(np.sum(np.square((x - centre) / PRIOR_SPREAD)))
-        return len(cases) * loss(cases, _constants(x, start)) + prior
+        return len(cases) * loss(cases, with_values(x)) + prior
+
+    def with_values(x: np.ndarray) -> Constants:
+        values = {name: _constant(name, float(value)) for name, value in zip(names, x, strict=True)}
+        return dataclasses.replace(start, **values)
 
     found = minimize(objective, centre, method="Powell", options={"maxiter": 30, "xtol": 1e-3, "ftol": 1e-4})
-    return _constants(found.x, start)
+    return with_values(found.x)
 
 
-def _transformed(constants: Constants) -> np.ndarray:
-    rows = [math.log(getattr(constants, name)) for name in POSITIVE]
-    rows += [math.log(p / (1.0 - p)) for p in (getattr(constants, name) for name in SHARES)]
-    return np.array(rows + [getattr(constants, name) for name in FREE])
+def _transformed(name: str, value: float) -> float:
+    """A constant on the scale on which it is searched."""
+    if name in FREE:
+        return value
+    return math.log(value / (1.0 - value)) if name in SHARES else math.log(value)
 
 
-def _constants(x: np.ndarray, start: Constants) -> Constants:
-    names = (*POSITIVE, *SHARES, *FREE)
-    values = dict(zip(names, map(float, x), strict=True))
-    values |= {name: math.exp(min(values[name], 50.0)) for name in POSITIVE}
-    values |= {name: 1.0 / (1.0 + math.exp(-values[name])) for name in SHARES}
-    return dataclasses.replace(start, **values)
+def _constant(name: str, x: float) -> float:
+    """A constant from its value on that scale."""
+    if name in FREE:
+        return x
+    return 1.0 / (1.0 + math.exp(-x)) if name in SHARES else math.exp(min(x, 50.0))
 
 
 def best_coverage(pairs: Sequence[tuple[Case, Constants]]) -> float:
@@ -148,22 +157,25 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"))
     parser.add_argument("--families", nargs="+", default=[], help="families of the cases; all by default")
+    parser.add_argument("--temperature", action="store_true",
+                        help="also the temperature, with which the cases must be diagnosed again")  # fmt: skip
     options = parser.parse_args(arguments)
+    names = (*TEMPERATURE, *FITTED) if options.temperature else FITTED
     cases = read_cases(ResultFolder(options.out), options.families)
     families = sorted({case.truth.family for case in cases})
     if len(families) < 2:
-        print(f"{options.out}: tuning or practice cases of two families at least are needed, with answers of `ours`",
+        print(f"{options.out}: development cases of two families at least are needed, with answers of `ours`",
               file=sys.stderr)  # fmt: skip
         return 1
     left_out: list[tuple[Case, Constants]] = []
     for family in families:
-        found = best_constants([case for case in cases if case.truth.family != family])
+        found = best_constants([case for case in cases if case.truth.family != family], names=names)
         own = [case for case in cases if case.truth.family == family]
         left_out += [(case, found) for case in own]
         before, after = loss(own, CONSTANTS), loss(own, found)
         print(f"without family {family}: loss {before:.3f} → {after:.3f} on its {len(own)} cases")
     coverage = best_coverage(left_out)
-    best = dataclasses.replace(best_constants(cases), coverage=coverage)
+    best = dataclasses.replace(best_constants(cases, names=names), coverage=coverage)
     print("\nconstants of all families")
     for field in dataclasses.fields(best):
         print(f"  {field.name} = {getattr(best, field.name):.4g}  (now {getattr(CONSTANTS, field.name):.4g})")

@@ -41,7 +41,8 @@ def take_back(
         workers: processes for the refits; None for this one.
 
     Returns:
-        The rounds of the members that stay, the last of which accepts nothing, and the test of each member.
+        The rounds of the members that stay, the last of which accepts nothing, and the test of each member. The model
+        of the first round is the best one without an effect that was found.
     """
     rounds, final = list(rounds), rounds[-1].baseline
     while True:
@@ -66,7 +67,7 @@ def take_back(
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
         removable = [k for k, test in enumerate(tests) if _margin(test) < 1.0]
         if not removable:
-            return rounds, _with_laws(tests, final)
+            return _with_best_start(rounds, mounted, without), _with_laws(tests, final)
         weakest = removable[0]
         if len(removable) > 1:  # of two that stand in for each other, the one with plausible parameters alone stays
             left_implausible = {k: _implausible_count(_others(mounted, mounted[k]), without[k]) for k in removable}
@@ -74,6 +75,17 @@ def take_back(
         report(f"{mounted[weakest].name} is not needed")
         final = without[weakest]
         rounds = _without(rounds, mounted[weakest], final)
+
+
+def _with_best_start(
+    rounds: Sequence[Round], mounted: Sequence[Candidate], without: Sequence[EvaluatedFit]
+) -> list[Round]:
+    """The rounds, the first one with the better of its model and of the refit without a single effect."""
+    first, *others = rounds
+    effects = [k for k, candidate in enumerate(mounted) if _law_of(candidate) is None]
+    if len(effects) == 1 and without[effects[0]].cost < first.baseline.cost:
+        first = dataclasses.replace(first, baseline=without[effects[0]])
+    return [first, *others]
 
 
 def _law_of(candidate: Candidate) -> str | None:

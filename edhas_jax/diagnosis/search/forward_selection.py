@@ -20,6 +20,7 @@ from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.decision_rules import (
     LAW_ERROR_SHARE,
+    MIN_GAIN,
     is_promising,
     remaining,
     scatter_of_fits,
@@ -45,6 +46,7 @@ UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects lea
 # a second search begins with a candidate that gains more than a share of the gain of the best, where the first search
 # leaves more than a share of the misfit; it is taken where it leaves less than a share of what the first one leaves
 RUNNER_UP_SHARE, MISFIT_SHARE, CLEARLY_LESS = 0.5, 0.1, 0.5
+BETTER_SHARE = 0.2  # of the misfit of the calibrated model: the search begins again where a refit leaves so much less
 CURVES_TRIED = 2  # largest number of trials with which a round may end: the best one, then the next one
 MIN_CURVE_STRENGTH = 3.0  # gain of a free curve over what it leaves, from which it may be the law of an effect
 
@@ -123,6 +125,12 @@ def diagnose(
     test = ScoreTest(calibrated.fit, ())
     forward = _select_forward(search, calibrated, resolution, test)
     rounds, members = take_back(forward, resolution, report, workers)
+    if _is_much_better(rounds[0].baseline, calibrated):
+        report("once more, from a better fit of the uncertain parameters")
+        calibrated = rounds[0].baseline
+        test = ScoreTest(calibrated.fit, ())
+        forward = _select_forward(search, calibrated, resolution, test, name="restarted")
+        rounds, members = take_back(forward, resolution, report, workers)
     left = _left(rounds)
     if (other := _other_beginning(forward[0])) is not None and left > MISFIT_SHARE * misfit(rounds[0].baseline):
         report(f"once more, beginning with {other.accepted.candidate.name}")
@@ -188,6 +196,12 @@ def _select_again(
         return []
     search.report(f"found: {other.accepted.candidate.name}")
     return _select_forward(search, calibrated, resolution, first, end, "again")
+
+
+def _is_much_better(found: EvaluatedFit, calibrated: EvaluatedFit) -> bool:
+    """Whether another fit of the calibrated model is so much better that candidates were compared with a poor one."""
+    gain, scatter = calibrated.cost - found.cost, scatter_of_fits(calibrated)
+    return gain > max(MIN_GAIN, BETTER_SHARE * remaining(calibrated.excess, calibrated.samples)) + scatter
 
 
 def _left_after(found: Round, model: EvaluatedFit) -> float:

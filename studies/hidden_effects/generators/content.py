@@ -33,6 +33,11 @@ from studies.hidden_effects.generators.tuning import hydraulic_laws as tuning_hy
 from studies.hidden_effects.generators.tuning import mover_laws as tuning_mover
 from studies.hidden_effects.generators.tuning import settings as tuning_settings
 from studies.hidden_effects.generators.tuning import unlisted_laws as tuning_unlisted
+from studies.hidden_effects.generators.varied import benches as varied_benches
+from studies.hidden_effects.generators.varied import chains as varied_chains
+from studies.hidden_effects.generators.varied import crumbs as varied_crumbs
+from studies.hidden_effects.generators.varied import laws as varied_laws
+from studies.hidden_effects.generators.varied import settings as varied_settings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,6 +72,10 @@ CONTENT = {
     Split.TUNING: _TUNING,
     Split.PRACTICE: dataclasses.replace(
         _TUNING, laws=(*practice_mechanical.LAWS, *practice_electrical.LAWS, *practice_hydraulic.LAWS)
+    ),
+    Split.VARIED: Content(
+        varied_laws.LAWS, tuning_unlisted.LAWS, varied_crumbs.CRUMBS, varied_chains.LINKS, varied_settings.DRIFTS,
+        varied_settings.SHEETS, varied_benches.BENCHES,
     ),
     Split.JUDGING: Content(
         (*judging_mover.LAWS, *judging_friction.LAWS, *judging_coupling.LAWS, *judging_electrical.LAWS,

@@ -33,7 +33,7 @@ SHARE_OF_OTHER_LAWS = 0.5  # of the effects of a case with several, or of a smal
 SHARE_OF_UNLISTED = 0.5  # of the withheld effects
 SHARE_OF_WRONG_SHEETS = 0.6  # of the cases whose settings are off
 SHORTEST = 0.55  # of the duration of a run, in a small campaign
-_SPLIT_NUMBER = {Split.TUNING: 1, Split.JUDGING: 2, Split.PRACTICE: 3}
+_SPLIT_NUMBER = {Split.TUNING: 1, Split.JUDGING: 2, Split.PRACTICE: 3, Split.VARIED: 4}
 _FAMILY_NUMBER = {family: k for k, family in enumerate(Family)}
 _DIFFICULTIES = (Family.CRUMBS, Family.SENSOR_CHAINS, Family.SETTINGS)  # of the cases with several effects, in turn
 

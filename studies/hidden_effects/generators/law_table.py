@@ -1,4 +1,4 @@
-"""The table of all laws of the generators with their sources, as on the page `docs/hidden_laws.md`.
+"""The table of the laws of the generators with their sources, as on the page `docs/hidden_laws.md`.
 
     from studies.hidden_effects.generators.law_table import markdown
 
@@ -14,10 +14,10 @@ from studies.hidden_effects.generators.laws import Law
 
 
 def markdown() -> str:
-    """All laws: mechanism, split, law, formula and source."""
+    """All laws but the varied ones: mechanism, split, law, formula and source."""
     rows = ["| mechanism | split | law | what acts | source |", "| --- | --- | --- | --- | --- |"]
     for mechanism in LIBRARY:
-        for split in Split:
+        for split in (Split.TUNING, Split.PRACTICE, Split.JUDGING):  # the varied ones have one formula for all
             rows += [_row(f"`{mechanism.id}`", split, law) for law in CONTENT[split].laws if law.mechanism is mechanism]
     for split in (Split.TUNING, Split.JUDGING):  # those for practice are those for tuning
         rows += [_row("none", split, law) for law in CONTENT[split].unlisted]

@@ -27,10 +27,12 @@ class Law:
     Args:
         mechanism: the effect of the library that an engineer would name; None where the library has none.
         kind: the effect that acts; the mechanism itself for the law of the library.
+        falling: whether it becomes smaller as its first parameter grows; known for those of the library.
     """
 
     mechanism: type[Effect] | None
     kind: type[Effect]
+    falling: bool = False
 
     @property
     def id(self) -> str:
@@ -50,7 +52,7 @@ class Law:
     @property
     def falls(self) -> bool:
         """Whether the effect becomes smaller as that parameter grows."""
-        return self.kind in FALLING
+        return self.falling or self.kind in FALLING
 
     @property
     def locations(self) -> tuple[str, ...]:
