@@ -10,11 +10,12 @@ The temperature also orders the trials of the search, so that with another one t
 is kept, unless `--temperature` asks for it; the cases must then be diagnosed again with what is found.
 
 The constants are found by maximum likelihood with a weak prior around those of the package. Whether they hold for other
-generators is tested by leaving out one family after the other: the constants are found without it, and its cases are
-answered with them. The nominal coverage of the sets is that with which 95 % of these left-out cases have the truth in
-their set (split conformal prediction: Vovk, Gammerman, Shafer, Algorithmic Learning in a Random World, 2005).
+generators is tested by leaving out one split after the other: the constants are found without it, and its cases, with
+other laws, disturbances or benches, are answered with them. The nominal coverage of the sets is that with which 95 % of
+these left-out cases have the truth in their set (split conformal prediction: Vovk, Gammerman, Shafer, Algorithmic
+Learning in a Random World, 2005).
 
-The last line: `cases=… loss=… loss_left_out=… first=… in_set=… set_size=… ece=…`, all of left-out families.
+The last line: `cases=… loss=… loss_left_out=… first=… in_set=… set_size=… ece=…`, all of left-out splits.
 """
 
 import argparse
@@ -162,21 +163,21 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     names = (*TEMPERATURE, *FITTED) if options.temperature else FITTED
     cases = read_cases(ResultFolder(options.out), options.families)
-    families = sorted({case.truth.family for case in cases})
-    if len(families) < 2:
-        print(f"{options.out}: development cases of two families at least are needed, with answers of `ours`",
+    splits = sorted({case.truth.split for case in cases})
+    if len(splits) < 2:
+        print(f"{options.out}: development cases of two splits at least are needed, with answers of `ours`",
               file=sys.stderr)  # fmt: skip
         return 1
     left_out: list[tuple[Case, Constants]] = []
-    for family in families:
-        found = best_constants([case for case in cases if case.truth.family != family], names=names)
-        own = [case for case in cases if case.truth.family == family]
+    for split in splits:
+        found = best_constants([case for case in cases if case.truth.split != split], names=names)
+        own = [case for case in cases if case.truth.split == split]
         left_out += [(case, found) for case in own]
         before, after = loss(own, CONSTANTS), loss(own, found)
-        print(f"without family {family}: loss {before:.3f} → {after:.3f} on its {len(own)} cases")
+        print(f"without {split} cases: loss {before:.3f} → {after:.3f} on its {len(own)} cases")
     coverage = best_coverage(left_out)
     best = dataclasses.replace(best_constants(cases, names=names), coverage=coverage)
-    print("\nconstants of all families")
+    print("\nconstants of all cases")
     for field in dataclasses.fields(best):
         print(f"  {field.name} = {getattr(best, field.name):.4g}  (now {getattr(CONSTANTS, field.name):.4g})")
     print(_last_line(cases, left_out, coverage))

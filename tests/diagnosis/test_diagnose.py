@@ -82,6 +82,12 @@ def diagnosed(*hidden: Effect, chains=None, seed: int, on_progress=None) -> Diag
 
 
 @pytest.fixture(scope="module")
+def of_a_dead_time() -> Diagnosis:
+    """The diagnosis of a bench whose amplifier has a dead time."""
+    return diagnosed(InverterDeadTime(dead_time_voltage=0.8), seed=2)
+
+
+@pytest.fixture(scope="module")
 def of_windage() -> Diagnosis:
     """The diagnosis of a bench with a drag that the library does not have."""
     return diagnosed(Windage(windage=40.0), seed=4)
@@ -136,13 +142,28 @@ def test_an_effect_that_only_led_the_calibration_out_of_a_bad_point_is_taken_bac
     trial = trial.with_fit(bad, trial.evaluated)
     assert trial.log_evidence_gain > 500.0
     rounds = [Round(bad, (score,), (trial,), trial), Round(trial.evaluated, (), (), None)]
-    kept, members = take_back(rounds, resolution, lambda sentence: None)
+    kept, members, rejected = take_back(rounds, resolution, lambda sentence: None)
     assert not members and len(kept) == 1 and kept[0].accepted is None
+    assert [r.test.candidate.id for r in rejected] == ["inverter_dead_time"] and rejected[0].test.strength < 0.3
     assert kept[0].baseline.rms_over_noise(Use.HOLDOUT) == pytest.approx(1.0, abs=0.05)
+    # what was taken out is still among the names, with the probability that its strength deserves
+    (doubtful,) = dataclasses.replace(found, rejected=rejected).evidence.members
+    assert doubtful.name == "inverter_dead_time" and doubtful.strength == rejected[0].test.strength
+    assert not found.evidence.members
 
 
-def test_one_effect():
-    found = diagnosed(InverterDeadTime(dead_time_voltage=0.8), seed=2)
+def test_the_model_without_the_only_effect_is_the_best_known_one(of_a_dead_time):
+    first, last = of_a_dead_time.rounds
+    resolution = TimeResolution(first.baseline.fit.resolution.coarse, first.baseline.fit.resolution.coarse, 0.0)
+    poor = fit_coarse(first.baseline.fit.problem, first.baseline.fit.x + 3.0, resolution.coarse, 0)
+    assert poor.cost > 1.1 * first.baseline.cost
+    kept, members, _ = take_back([dataclasses.replace(first, baseline=poor), last], resolution, lambda sentence: None)
+    assert [m.candidate.id for m in members] == ["inverter_dead_time"]
+    assert kept[0].baseline.cost < 1.01 * first.baseline.cost
+
+
+def test_one_effect(of_a_dead_time):
+    found = of_a_dead_time
     before, calibrated, after = errors(found)
     assert found.verdict is Verdict.MISSING_EFFECT, evidence(found)
     assert [t.candidate.id for t in found.accepted] == ["inverter_dead_time"]
@@ -189,7 +210,7 @@ def test_an_effect_outside_the_library(of_windage):
     assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
     assert before > calibrated > 1.1
     where = found.location_probabilities()
-    assert next(iter(where)) == "mover" and "sensor" not in where and where["mover"] > 0.5
+    assert next(iter(where)) == "mover" and where.get("sensor", 0.0) < 0.01 and where["mover"] > 0.5
     best = found.best_free_trial
     assert best.candidate.place == LawPlace("mover_force", "piston_velocity")
     table = best.candidate.table(best.evaluated.fit)

@@ -30,7 +30,8 @@ from studies.hidden_effects.generators.tuning.unlisted_laws import ForceRipple
 from studies.hidden_effects.generators.visibility import VisibilityTest
 from tests.support import ROOT
 
-COMPARED = Split.TUNING, Split.JUDGING  # which must not share anything; practice shares all but its laws with tuning
+# which must not share anything; practice shares all but its laws with tuning, varied its unlisted laws
+COMPARED = Split.TUNING, Split.JUDGING
 CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
 ACTUATOR = Bench(
     "short runs of an actuator", ActuatorBench, (LugreFriction,), {"coil_resistance": 0.02, "coulomb_friction": 0.25},

@@ -7,6 +7,7 @@ leaves much more than the model with it.
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, s
 from edhas_jax.diagnosis.search.free_law import MIN_LAW_STRENGTH, MIN_MOUNTED_STRENGTH
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
-from edhas_jax.diagnosis.search.result import MemberTest, Round, mounted_candidates
+from edhas_jax.diagnosis.search.result import MemberTest, Rejected, Round, mounted_candidates
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.workers import Workers, fits_of
 from edhas_jax.measurements.campaign import Campaign
@@ -29,9 +30,17 @@ MIN_STRENGTH = 0.7  # of a member: gain over what is left; below it the member i
 LAW_ERROR_SHARE_AT_COMPONENT = 0.01  # as `LAW_ERROR_SHARE`, at the component on which the law acts
 
 
+class TakenBack(NamedTuple):
+    """What the backward pass leaves: see `take_back`."""
+
+    rounds: list[Round]
+    members: list[MemberTest]
+    rejected: tuple[Rejected, ...] = ()
+
+
 def take_back(
     rounds: Sequence[Round], resolution: TimeResolution, report: Callable[[str], None], workers: Workers | None = None
-) -> tuple[list[Round], list[MemberTest]]:
+) -> TakenBack:
     """Take each accepted candidate out, and remove those without which the model leaves little more.
 
     Args:
@@ -41,10 +50,11 @@ def take_back(
         workers: processes for the refits; None for this one.
 
     Returns:
-        The rounds of the members that stay, the last of which accepts nothing, and the test of each member. The model
-        of the first round is the best one without an effect that was found.
+        The rounds of the members that stay, the last of which accepts nothing, the test of each member, and what was
+        taken out. The model of the first round is the best one without an effect that was found.
     """
     rounds, final = list(rounds), rounds[-1].baseline
+    rejected: list[Rejected] = []
     while True:
         mounted = mounted_candidates(rounds)
         own = law_deviation_columns(final.fit, mounted) if mounted else None
@@ -67,12 +77,13 @@ def take_back(
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
         removable = [k for k, test in enumerate(tests) if _margin(test) < 1.0]
         if not removable:
-            return _with_best_start(rounds, mounted, without), _with_laws(tests, final)
+            return TakenBack(_with_best_start(rounds, mounted, without), _with_laws(tests, final), tuple(rejected))
         weakest = removable[0]
         if len(removable) > 1:  # of two that stand in for each other, the one with plausible parameters alone stays
             left_implausible = {k: _implausible_count(_others(mounted, mounted[k]), without[k]) for k in removable}
             weakest = min(removable, key=lambda k: (left_implausible[k], _margin(tests[k])))
         report(f"{mounted[weakest].name} is not needed")
+        rejected += [Rejected(r, tests[weakest]) for r in _accepting(rounds, mounted[weakest])]
         final = without[weakest]
         rounds = _without(rounds, mounted[weakest], final)
 
@@ -86,6 +97,11 @@ def _with_best_start(
     if len(effects) == 1 and without[effects[0]].cost < first.baseline.cost:
         first = dataclasses.replace(first, baseline=without[effects[0]])
     return [first, *others]
+
+
+def _accepting(rounds: Sequence[Round], candidate: Candidate) -> list[Round]:
+    """The round that accepted a candidate; none for the deviation of a law."""
+    return [r for r in rounds if r.accepted is not None and r.accepted.candidate is candidate]
 
 
 def _law_of(candidate: Candidate) -> str | None:

@@ -124,42 +124,42 @@ def diagnose(
     )
     test = ScoreTest(calibrated.fit, ())
     forward = _select_forward(search, calibrated, resolution, test)
-    rounds, members = take_back(forward, resolution, report, workers)
-    if _is_much_better(rounds[0].baseline, calibrated):
+    kept = take_back(forward, resolution, report, workers)
+    if _is_much_better(kept.rounds[0].baseline, calibrated):
         report("once more, from a better fit of the uncertain parameters")
-        calibrated = rounds[0].baseline
+        calibrated = kept.rounds[0].baseline
         test = ScoreTest(calibrated.fit, ())
         forward = _select_forward(search, calibrated, resolution, test, name="restarted")
-        rounds, members = take_back(forward, resolution, report, workers)
-    left = _left(rounds)
-    if (other := _other_beginning(forward[0])) is not None and left > MISFIT_SHARE * misfit(rounds[0].baseline):
+        kept = take_back(forward, resolution, report, workers)
+    left = _left(kept.rounds)
+    if (other := _other_beginning(forward[0])) is not None and left > MISFIT_SHARE * misfit(kept.rounds[0].baseline):
         report(f"once more, beginning with {other.accepted.candidate.name}")
         again = _select_again(search, forward, resolution, test, other)
         if again:
-            again, other_members = take_back(again, resolution, report, workers)
-            other_left = _left(again)
-            if other_left < CLEARLY_LESS * left and _implausible(other_members) <= _implausible(members):
-                rounds, members, left = again, other_members, other_left
+            others = take_back(again, resolution, report, workers)
+            other_left = _left(others.rounds)
+            if other_left < CLEARLY_LESS * left and _implausible(others.members) <= _implausible(kept.members):
+                kept, left = others, other_left
     shares, free, free_gain = {}, (), 0.0
-    if not members or _is_unexplained(rounds, members, left):
-        shares, free, free_gain = localise(rounds, test, resolution, report, workers)
-    if not members and free and free_gain > MIN_CURVE_STRENGTH:
-        end = round_with_effect_of_curve(rounds[0], free[0], more, resolution)
+    if not kept.members or _is_unexplained(kept.rounds, kept.members, left):
+        shares, free, free_gain = localise(kept.rounds, test, resolution, report, workers)
+    if not kept.members and free and free_gain > MIN_CURVE_STRENGTH:
+        end = round_with_effect_of_curve(kept.rounds[0], free[0], more, resolution)
         if end is not None:
             report(f"its law is that curve: {end.round.accepted.candidate.name}")
             again = _select_forward(search, calibrated, resolution, test, end, "curve")
-            again, other_members = take_back(again, resolution, report, workers)
-            if other_members:
-                rounds, members, left, shares, free, free_gain = again, other_members, _left(again), {}, (), 0.0
-    after = rounds[-1].baseline
+            others = take_back(again, resolution, report, workers)
+            if others.members:
+                kept, left, shares, free, free_gain = others, _left(others.rounds), {}, (), 0.0
+    rounds, after = kept.rounds, kept.rounds[-1].baseline
     campaign = after.fit.problem.campaign  # with the start of its records corrected
     before = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
     report("what the error bars take for granted")
     assumed = tuple(assumed_parameters(after.fit, report))
     seconds = checkpoint.seconds
     return Diagnosis(
-        campaign, tuple(rounds), before, rounds[0].baseline, after, seconds, tuple(members), shares, tuple(free),
-        left, free_gain, holdout_sentence, assumed,
+        campaign, tuple(rounds), before, rounds[0].baseline, after, seconds, tuple(kept.members), shares, tuple(free),
+        left, free_gain, holdout_sentence, assumed, kept.rejected,
     )  # fmt: skip
 
 

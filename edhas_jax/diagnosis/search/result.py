@@ -90,6 +90,13 @@ class MemberTest(NamedTuple):
     law_differs: bool = False
 
 
+class Rejected(NamedTuple):
+    """A candidate that the backward pass has taken out: the round that accepted it, and its test."""
+
+    round: Round
+    test: MemberTest
+
+
 @dataclasses.dataclass(frozen=True)
 class Diagnosis:
     """The result of the search for effects that a model lacks.
@@ -109,6 +116,7 @@ class Diagnosis:
         free_strength: gain of the best free term over what it leaves; 0 where no place was sought.
         holdout_split: a sentence on how runs were divided for want of hold-out runs; empty where there are such runs.
         assumed: parameters taken as known whose error the unknowns of the final model would hide.
+        rejected: effects that the backward pass has taken out; they are not ruled out where they explain much.
     """
 
     campaign: Campaign
@@ -124,36 +132,34 @@ class Diagnosis:
     free_strength: float = 0.0
     holdout_split: str = ""
     assumed: tuple[AssumedParameter, ...] = ()
+    rejected: tuple[Rejected, ...] = ()
 
     @functools.cached_property
     def evidence(self) -> Evidence:
         """What the answer follows from."""
         tests = {member.candidate: member for member in self.members}
-        rivals = []
-        for r in self.rounds:
-            if r.accepted is None or r.accepted.candidate not in tests:
-                continue
-            taken = {t.candidate for t in self.accepted if t is not r.accepted}
-            gains = {
-                t.candidate.name: t.mean_gain
-                for t in r.trials
-                if t.evaluated is not None and t.candidate not in taken
-            }
-            gains[r.accepted.candidate.name] = r.accepted.mean_gain
-            tried = [t for t in r.trials if t.candidate.name in gains]
-            parameters = {t.candidate.name: t.determined_parameters for t in tried}
-            costs = {t.candidate.name: t.prior_cost for t in tried if t.prior_cost > 0.0}
-            left = remaining(r.accepted.own_law_excess, self.after.samples)
-            test = tests[r.accepted.candidate]
-            rivals.append(
-                Rivals(test.candidate.name, test.strength, gains, left, bool(test.implausible), parameters, costs)
-            )
+        found = [(r, tests[r.accepted.candidate]) for r in self.rounds if r.accepted and r.accepted.candidate in tests]
+        rivals = [self._rivals(r, test) for r, test in found]
+        rivals += [self._rivals(r, test) for r, test in self.rejected if test.candidate not in tests]
         relative = 2.0 * misfit(self.calibrated) / max(self.calibrated.samples, 1)
         share = max(self.location_shares.values(), default=0.0)
         unexplained = max(self._unexplained_shares(self.calibrated, Use.FIT).values(), default=0.0)
         distances = self.calibrated.fit.prior_distances
         distortion = float(np.sqrt(np.mean(np.square(distances)))) if distances.size else 1.0
         return Evidence(tuple(rivals), relative, share, unexplained, distortion, self.free_strength)
+
+    def _rivals(self, of_round: Round, test: MemberTest) -> Rivals:
+        """A candidate and those that were tried in its place, without the others that are in the final model."""
+        accepted = of_round.accepted
+        taken = {t.candidate for t in self.accepted} - {accepted.candidate}
+        tried = [t for t in of_round.trials if t.evaluated is not None and t.candidate not in taken]
+        gains = {t.candidate.name: t.mean_gain for t in tried} | {accepted.candidate.name: accepted.mean_gain}
+        tried = [t for t in of_round.trials if t.candidate.name in gains]
+        parameters = {t.candidate.name: t.determined_parameters for t in tried}
+        costs = {t.candidate.name: t.prior_cost for t in tried if t.prior_cost > 0.0}
+        left = remaining(accepted.own_law_excess, self.after.samples)
+        implausible = bool(test.implausible)
+        return Rivals(test.candidate.name, test.strength, gains, left, implausible, parameters, costs)
 
     @functools.cached_property
     def answer(self) -> Answer:

@@ -7,6 +7,8 @@ from edhas_jax.measurements.checks.signal_checks import MIN_STUCK_SAMPLES, true_
 MIN_NOISE_OVER_RESOLUTION = 1.0  # with less noise a live sensor repeats its value too
 MIN_EQUAL = 3  # successive equal samples
 MAX_CHANCE = 1e-3  # expected number of such repetitions of a live sensor in the record
+# share of the samples of a record with drop-outs that single repetitions may have, to be left out without being certain
+MAX_UNCERTAIN_SHARE = 0.01
 
 
 def find_held_values(values: np.ndarray, noise: float, resolution: float) -> np.ndarray:
@@ -19,7 +21,8 @@ def find_held_values(values: np.ndarray, noise: float, resolution: float) -> np.
 
     Returns:
         A mask (samples,) of the repetitions, of zeros with the first one. Extreme values, which may be a limit, and
-        repetitions as long as those of a stuck sensor, are not among them.
+        repetitions as long as those of a stuck sensor, are not among them. In a record with such repetitions, values
+        that occur twice in a row count too, because a recorder that repeats values also repeats some only once.
     """
     found = np.zeros(len(values), bool)
     if not np.isfinite(values).any() or noise < MIN_NOISE_OVER_RESOLUTION * resolution:
@@ -28,10 +31,12 @@ def find_held_values(values: np.ndarray, noise: float, resolution: float) -> np.
     pairs = sum(last - first + 1 < MIN_EQUAL for first, last in equal)
     chance_of_a_pair = (pairs + 1.0) / len(values)
     limits = (np.nanmin(values), np.nanmax(values))
+    uncertain = np.zeros(len(values), bool)
     for first, last in equal:
         length = last - first + 1
         is_chance = length < MIN_EQUAL or len(values) * chance_of_a_pair ** (length - 1) > MAX_CHANCE
         at_an_end = first == 0 or last == len(values) - 1
-        if not (is_chance or at_an_end or length >= MIN_STUCK_SAMPLES or values[first] in limits):
-            found[first if values[first] == 0.0 else first + 1 : last + 1] = True
-    return found
+        if not (at_an_end or length >= MIN_STUCK_SAMPLES or values[first] in limits):
+            mask = uncertain if is_chance else found
+            mask[first if values[first] == 0.0 else first + 1 : last + 1] = True
+    return found | uncertain if found.any() and uncertain.sum() < MAX_UNCERTAIN_SHARE * len(values) else found

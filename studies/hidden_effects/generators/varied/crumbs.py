@@ -1,4 +1,7 @@
-"""Small unlisted physics for varied cases: waves of random pitch and phase at many places of the machine."""
+"""Small unlisted physics for varied cases, with random shapes.
+
+None is a mechanism of the library with another law, which a diagnosis would rightly name.
+"""
 
 import jax.numpy as jnp
 
@@ -30,45 +33,35 @@ def _wave(u, pitch, phase):
 
 
 class VariedCrumbs(Effect):
-    """Crumbs of coil, amplifier and mover, each a wave over one variable, with one size."""
+    """Crumbs of coil, amplifier and mover, each with one size."""
 
-    uneven_friction: float = _size("N", "dry friction that varies with the position")
-    uneven_friction_pitch: float = _pitch()
-    uneven_friction_phase: float = _phase()
-    rail_force: float = _size("N", "force of the guide over the position")
-    rail_force_pitch: float = _pitch()
-    rail_force_phase: float = _phase()
     air_drag: float = _size("N", "force over the velocity, at 0.3 m/s")
     amplifier_curve: float = _size("V", "curvature of the amplifier over the current, at 5 A")
     amplifier_curve_pitch: float = _pitch()
     amplifier_curve_phase: float = _phase()
-    field_waves: float = _size("-", "waves of the force constant over the position")
-    field_waves_pitch: float = _pitch()
-    field_waves_phase: float = _phase()
     contact_resistance: float = _size("-", "resistance that falls with the current, at 5 A")
+    soft_iron: float = _size("-", "inductance that falls with the current, at 5 A")
+    beating_supply: float = _size("V", "beat of two switched supplies")
+    beat_frequency: float = par(80.0, "Hz", (0.0, 1e4), "its frequency", plausible=(40.0, 400.0))
     shaken_frame: float = _size("N", "vibration of the frame")
     shaken_frame_frequency: float = par(60.0, "Hz", (0.0, 1e4), "its frequency", plausible=(30.0, 300.0))
     shaken_frame_phase: float = _phase()
 
     def coil_voltage_change(self, s, z):
         u = s.current / 5.0
-        return self.amplifier_curve * _wave(u, self.amplifier_curve_pitch, self.amplifier_curve_phase)
+        beat = self.beating_supply * jnp.sin(2.0 * jnp.pi * self.beat_frequency * s.time)
+        return beat + self.amplifier_curve * _wave(u, self.amplifier_curve_pitch, self.amplifier_curve_phase)
+
+    def coil_inductance_factor(self, s, z):
+        return 1.0 - self.soft_iron * jnp.abs(s.current) / (jnp.abs(s.current) + 5.0)
 
     def coil_resistance_factor(self, s, z):
         return 1.0 - self.contact_resistance * jnp.abs(s.current) / (jnp.abs(s.current) + 5.0)
 
-    def force_constant_factor(self, s, z):
-        return 1.0 + self.field_waves * _wave(s.piston_position / 4e-3, self.field_waves_pitch, self.field_waves_phase)
-
     def mover_force(self, s, z):
         u = s.piston_velocity / 0.3
-        rail = self.rail_force * _wave(s.piston_position / 4e-3, self.rail_force_pitch, self.rail_force_phase)
         angle = 2.0 * jnp.pi * self.shaken_frame_frequency * s.time + self.shaken_frame_phase
-        return rail - self.air_drag * u * jnp.abs(u) + self.shaken_frame * jnp.sin(angle)
-
-    def mover_friction(self, s, z):
-        wave = _wave(s.piston_position / 4e-3, self.uneven_friction_pitch, self.uneven_friction_phase)
-        return self.uneven_friction * wave * jnp.tanh(s.piston_velocity / 5e-3)
+        return -self.air_drag * u * jnp.abs(u) + self.shaken_frame * jnp.sin(angle)
 
 
 class VariedPumpCrumbs(Effect):
@@ -77,7 +70,6 @@ class VariedPumpCrumbs(Effect):
     warm_oil: float = _size("-", "viscosity of the gaps that falls with the speed, at 0.3 m/s")
     sticking_guide: float = _size("N", "dry friction of the valves in their guides")
     gap_turbulence: float = _size("m^3/s", "leakage with the root of the pressure, at 0.5 MPa")
-    soft_outlet: float = _size("m^3/Pa", "capacity of the outlet that falls with the pressure")
     rounded_seat: float = _size("-", "relative change of the valves' area over the lift, at 0.5 mm")
 
     def oil_viscosity_factor(self, s, z):
@@ -90,9 +82,6 @@ class VariedPumpCrumbs(Effect):
         over = (s.chamber_pressure - s.atmospheric_pressure) / 0.5e6
         return self.gap_turbulence * over / jnp.sqrt(jnp.sqrt(over * over + 1e-4))
 
-    def outlet_capacity(self, s, z):
-        return self.soft_outlet / (1.0 + jnp.square(s.outlet_pressure / 0.5e6))
-
     def suction_valve_area(self, s, z):
         return self.rounded_seat * s.valve_area * jnp.tanh(s.lift / 0.5e-3)
 
@@ -100,21 +89,15 @@ class VariedPumpCrumbs(Effect):
         return self.rounded_seat * s.valve_area * jnp.tanh(s.lift / 0.5e-3)
 
 
-def _waved(name: str) -> tuple[str, str]:
-    return f"{name}_pitch", f"{name}_phase"
-
-
 CRUMBS = (
-    Crumb(VariedCrumbs, "uneven_friction", 0.2, _waved("uneven_friction")),
-    Crumb(VariedCrumbs, "rail_force", 0.1, _waved("rail_force")),
     Crumb(VariedCrumbs, "air_drag", 0.2),
-    Crumb(VariedCrumbs, "amplifier_curve", 0.1, _waved("amplifier_curve")),
-    Crumb(VariedCrumbs, "field_waves", 0.005, _waved("field_waves")),
+    Crumb(VariedCrumbs, "amplifier_curve", 0.1, ("amplifier_curve_pitch", "amplifier_curve_phase")),
     Crumb(VariedCrumbs, "contact_resistance", 0.02),
+    Crumb(VariedCrumbs, "soft_iron", 0.1),
+    Crumb(VariedCrumbs, "beating_supply", 0.1, ("beat_frequency",)),
     Crumb(VariedCrumbs, "shaken_frame", 0.1, ("shaken_frame_frequency", "shaken_frame_phase")),
     Crumb(VariedPumpCrumbs, "warm_oil", 0.05),
     Crumb(VariedPumpCrumbs, "sticking_guide", 0.02),
     Crumb(VariedPumpCrumbs, "gap_turbulence", 1e-8),
-    Crumb(VariedPumpCrumbs, "soft_outlet", 1e-13),
     Crumb(VariedPumpCrumbs, "rounded_seat", 0.02),
 )

@@ -35,7 +35,6 @@ PLACES = (
     (library.EddyDrag, "mover_force", "piston_velocity", 0.2),
     (library.InverterDeadTime, "coil_voltage_change", "current", 2.0),
     (library.SupplySag, "supply_voltage_change", "current", 4.0),
-    (library.ConstantBiasForce, "mover_force", "piston_position", 3e-3),
     (library.ParasiticSpring, "mover_force", "piston_position", 3e-3),
     (library.AsymmetricFriction, "mover_friction", "piston_velocity", 0.2),
     (library.AsymmetricDamping, "mover_force", "piston_velocity", 0.2),
