@@ -79,11 +79,18 @@ def test_tuning_and_judging_have_nothing_in_common(what):
     assert tuning and judging and len({*tuning, *judging}) == len(tuning) + len(judging)
 
 
+@pytest.mark.parametrize("what", ["laws", "crumbs", "links", "drifts", "sheets"])
+def test_varied_cases_have_nothing_that_judges(what):
+    varied, judging = ({item.id for item in getattr(CONTENT[split], what)} for split in (Split.VARIED, Split.JUDGING))
+    assert varied and not varied & judging
+
+
 def test_the_benches_of_the_splits_share_no_run():
-    runs = [
-        {tuple(run.conditions.items()) for bench in CONTENT[split].benches for run in bench.runs} for split in COMPARED
-    ]
-    assert not runs[0] & runs[1]
+    tuning, varied, judging = (
+        {tuple(run.conditions.items()) for bench in CONTENT[split].benches for run in bench.runs}
+        for split in (Split.TUNING, Split.VARIED, Split.JUDGING)
+    )
+    assert not tuning & judging and not varied & judging
 
 
 def test_every_mechanism_has_three_other_laws_of_which_two_judge():

@@ -44,17 +44,17 @@ class Constants:
     temperature_share: float = 0.1
     gain_share: float = 0.01
     simplicity: float = 0.5
-    real_offset: float = -0.27
-    real_slope: float = 2.1
-    max_real: float = 0.966
-    max_nothing: float = 0.88
-    implausible_share: float = 0.27
-    unknown_offset: float = -6.9
-    unknown_misfit_slope: float = 0.37
-    unknown_free_slope: float = 3.2
-    unknown_place_slope: float = 5.4
+    real_offset: float = -0.75
+    real_slope: float = 4.9
+    max_real: float = 0.96
+    max_nothing: float = 0.9
+    implausible_share: float = 0.4
+    unknown_offset: float = -6.65
+    unknown_misfit_slope: float = 0.38
+    unknown_free_slope: float = 2.1
+    unknown_place_slope: float = 17.0
     unknown_signal_slope: float = 5.0
-    unknown_distortion_slope: float = 2.2
+    unknown_distortion_slope: float = 3.0
     coverage: float = 0.95
 
 

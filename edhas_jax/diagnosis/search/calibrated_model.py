@@ -9,7 +9,7 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.calibration.unpredictable_part import unpredictable_part, with_unpredictable_part
 from edhas_jax.diagnosis.likelihood.slow_residuals import slow_excess
 from edhas_jax.diagnosis.search.candidates import build_problem
-from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, remaining
+from edhas_jax.diagnosis.search.decision_rules import remaining
 from edhas_jax.diagnosis.search.evaluated_fit import (
     REFINEMENT,
     EvaluatedFit,
@@ -67,26 +67,8 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
         return irregular
     calibrated = with_tightened_bench(calibrated, resolution.coarse)
     settled, resolution = _with_sufficient_step(settle(calibrated, resolution, report), resolution, report)
-    settled = with_tightened_bench(_from_prior_means(settled, centre, resolution, report), resolution.coarse)
+    settled = with_tightened_bench(settled, resolution.coarse)
     return without_wrong_samples(settled, resolution), resolution
-
-
-def _from_prior_means(
-    settled: EvaluatedFit, centre: np.ndarray, resolution: TimeResolution, report: Report
-) -> EvaluatedFit:
-    """The better of a fit and of one from the prior means, where the start of the records has been corrected.
-
-    What was fitted before that may have led the parameters into another minimum.
-    """
-    problem = settled.fit.problem
-    if not any(problem.time_shifts.values()) or not misfit(settled) > 0.0:
-        return settled
-    report("fitting the uncertain parameters with the corrected start")
-    try:
-        again = fit_coarse(problem, centre, resolution.coarse, CALIBRATION_STEPS)
-    except FitError:
-        return settled
-    return settle(again, resolution, report) if again.cost < settled.cost - MIN_GAIN else settled
 
 
 def _irregular(

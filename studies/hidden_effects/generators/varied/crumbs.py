@@ -1,6 +1,7 @@
 """Small unlisted physics for varied cases, with random shapes.
 
-None is a mechanism of the library with another law, which a diagnosis would rightly name.
+None is a mechanism of the library with another law, which a diagnosis would rightly name, and none is among the
+disturbances for judging.
 """
 
 import jax.numpy as jnp
@@ -40,9 +41,11 @@ class VariedCrumbs(Effect):
     amplifier_curve_pitch: float = _pitch()
     amplifier_curve_phase: float = _phase()
     contact_resistance: float = _size("-", "resistance that falls with the current, at 5 A")
-    soft_iron: float = _size("-", "inductance that falls with the current, at 5 A")
     beating_supply: float = _size("V", "beat of two switched supplies")
     beat_frequency: float = par(80.0, "Hz", (0.0, 1e4), "its frequency", plausible=(40.0, 400.0))
+    speed_loss: float = _size("-", "force constant that falls with the speed, far above 0.1 m/s")
+    pulsed_supply: float = _size("V", "short dips of the supply")
+    pulse_frequency: float = par(30.0, "Hz", (0.0, 1e4), "their frequency", plausible=(15.0, 90.0))
     shaken_frame: float = _size("N", "vibration of the frame")
     shaken_frame_frequency: float = par(60.0, "Hz", (0.0, 1e4), "its frequency", plausible=(30.0, 300.0))
     shaken_frame_phase: float = _phase()
@@ -50,13 +53,15 @@ class VariedCrumbs(Effect):
     def coil_voltage_change(self, s, z):
         u = s.current / 5.0
         beat = self.beating_supply * jnp.sin(2.0 * jnp.pi * self.beat_frequency * s.time)
-        return beat + self.amplifier_curve * _wave(u, self.amplifier_curve_pitch, self.amplifier_curve_phase)
-
-    def coil_inductance_factor(self, s, z):
-        return 1.0 - self.soft_iron * jnp.abs(s.current) / (jnp.abs(s.current) + 5.0)
+        pulses = self.pulsed_supply * jnp.exp(20.0 * (jnp.cos(2.0 * jnp.pi * self.pulse_frequency * s.time) - 1.0))
+        return beat - pulses + self.amplifier_curve * _wave(u, self.amplifier_curve_pitch, self.amplifier_curve_phase)
 
     def coil_resistance_factor(self, s, z):
         return 1.0 - self.contact_resistance * jnp.abs(s.current) / (jnp.abs(s.current) + 5.0)
+
+    def force_constant_factor(self, s, z):
+        square = jnp.square(s.piston_velocity / 0.1)
+        return 1.0 - self.speed_loss * square / (1.0 + square)
 
     def mover_force(self, s, z):
         u = s.piston_velocity / 0.3
@@ -67,16 +72,12 @@ class VariedCrumbs(Effect):
 class VariedPumpCrumbs(Effect):
     """Crumbs of oil, gaps and valves, each with one size."""
 
-    warm_oil: float = _size("-", "viscosity of the gaps that falls with the speed, at 0.3 m/s")
-    sticking_guide: float = _size("N", "dry friction of the valves in their guides")
+    shear_thinning: float = _size("-", "viscosity that falls with the speed, at 0.3 m/s")
     gap_turbulence: float = _size("m^3/s", "leakage with the root of the pressure, at 0.5 MPa")
     rounded_seat: float = _size("-", "relative change of the valves' area over the lift, at 0.5 mm")
 
     def oil_viscosity_factor(self, s, z):
-        return 1.0 - self.warm_oil * jnp.abs(s.piston_velocity) / (jnp.abs(s.piston_velocity) + 0.3)
-
-    def check_valve_force(self, s, z):
-        return -self.sticking_guide * jnp.tanh(s.lift_velocity / 0.02)
+        return 1.0 - self.shear_thinning * jnp.abs(s.piston_velocity) / (jnp.abs(s.piston_velocity) + 0.3)
 
     def chamber_leakage(self, s, z):
         over = (s.chamber_pressure - s.atmospheric_pressure) / 0.5e6
@@ -93,11 +94,11 @@ CRUMBS = (
     Crumb(VariedCrumbs, "air_drag", 0.2),
     Crumb(VariedCrumbs, "amplifier_curve", 0.1, ("amplifier_curve_pitch", "amplifier_curve_phase")),
     Crumb(VariedCrumbs, "contact_resistance", 0.02),
-    Crumb(VariedCrumbs, "soft_iron", 0.1),
     Crumb(VariedCrumbs, "beating_supply", 0.1, ("beat_frequency",)),
+    Crumb(VariedCrumbs, "speed_loss", 0.005),
+    Crumb(VariedCrumbs, "pulsed_supply", 0.2, ("pulse_frequency",)),
     Crumb(VariedCrumbs, "shaken_frame", 0.1, ("shaken_frame_frequency", "shaken_frame_phase")),
-    Crumb(VariedPumpCrumbs, "warm_oil", 0.05),
-    Crumb(VariedPumpCrumbs, "sticking_guide", 0.02),
+    Crumb(VariedPumpCrumbs, "shear_thinning", 0.05),
     Crumb(VariedPumpCrumbs, "gap_turbulence", 1e-8),
     Crumb(VariedPumpCrumbs, "rounded_seat", 0.02),
 )

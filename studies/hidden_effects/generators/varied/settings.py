@@ -1,13 +1,8 @@
-"""Settings and sheets that are off, for varied cases."""
+"""Settings and sheets that are off, for varied cases; none is among those for judging."""
 
 import numpy as np
 
 from studies.hidden_effects.generators.settings import RunDrift, WrongSheet
-
-
-def _random_walk(rng, runs):
-    """From run to run 0.2 … 0.6 % further, in either direction."""
-    return 1.0 + np.cumsum(rng.uniform(0.002, 0.006, runs) * rng.choice([-1.0, 1.0], runs))
 
 
 def _one_is_wrong(rng, runs):
@@ -17,14 +12,21 @@ def _one_is_wrong(rng, runs):
     return out
 
 
-def _wide(rng, count):
-    """All parameters scatter by 1.5 times what the sheet says."""
-    return np.clip(1.5 * rng.standard_normal(count), -3.0, 3.0)
+def _two_levels(rng, runs):
+    """Every second run 0.4 … 1 % above the others, as if set by another person."""
+    return 1.0 + rng.uniform(0.004, 0.01) * (np.arange(runs) % 2)
+
+
+def _every_second(rng, count):
+    """Every second parameter 1.6 … 2.2 standard deviations off, the others exact."""
+    out = rng.uniform(1.6, 2.2, count) * rng.choice([-1.0, 1.0], count)
+    out[int(rng.integers(2)) :: 2] = 0.0
+    return out
 
 
 DRIFTS = (
-    RunDrift("settings walk", None, _random_walk), RunDrift("one setting is wrong", None, _one_is_wrong),
-    RunDrift("magnets warm up", "force_constant", _random_walk),
-    RunDrift("oil warms up", "oil_viscosity", _random_walk),
-)  # fmt: skip
-SHEETS = (WrongSheet("a sheet that is too sure", _wide),)
+    RunDrift("one setting is wrong", None, _one_is_wrong),
+    RunDrift("settings of two persons", None, _two_levels),
+    RunDrift("magnets warm up in every second run", "force_constant", _two_levels),
+)
+SHEETS = (WrongSheet("every second parameter off", _every_second),)
