@@ -36,7 +36,9 @@ def _wave(u, pitch, phase):
 class VariedCrumbs(Effect):
     """Crumbs of coil, amplifier and mover, each with one size."""
 
-    air_drag: float = _size("N", "force over the velocity, at 0.3 m/s")
+    rocking_frame: float = _size("N", "slow rocking of the frame")
+    rocking_frequency: float = par(5.0, "Hz", (0.0, 1e4), "its frequency", plausible=(2.0, 9.0))
+    rocking_phase: float = _phase()
     amplifier_curve: float = _size("V", "curvature of the amplifier over the current, at 5 A")
     amplifier_curve_pitch: float = _pitch()
     amplifier_curve_phase: float = _phase()
@@ -64,9 +66,9 @@ class VariedCrumbs(Effect):
         return 1.0 - self.speed_loss * square / (1.0 + square)
 
     def mover_force(self, s, z):
-        u = s.piston_velocity / 0.3
-        angle = 2.0 * jnp.pi * self.shaken_frame_frequency * s.time + self.shaken_frame_phase
-        return -self.air_drag * u * jnp.abs(u) + self.shaken_frame * jnp.sin(angle)
+        shaking = 2.0 * jnp.pi * self.shaken_frame_frequency * s.time + self.shaken_frame_phase
+        rocking = 2.0 * jnp.pi * self.rocking_frequency * s.time + self.rocking_phase
+        return self.shaken_frame * jnp.sin(shaking) + self.rocking_frame * jnp.sin(rocking)
 
 
 class VariedPumpCrumbs(Effect):
@@ -91,7 +93,7 @@ class VariedPumpCrumbs(Effect):
 
 
 CRUMBS = (
-    Crumb(VariedCrumbs, "air_drag", 0.2),
+    Crumb(VariedCrumbs, "rocking_frame", 0.1, ("rocking_frequency", "rocking_phase")),
     Crumb(VariedCrumbs, "amplifier_curve", 0.1, ("amplifier_curve_pitch", "amplifier_curve_phase")),
     Crumb(VariedCrumbs, "contact_resistance", 0.02),
     Crumb(VariedCrumbs, "beating_supply", 0.1, ("beat_frequency",)),
