@@ -1,7 +1,8 @@
 """Benchmark of hidden effects: how often do methods name the effects that are hidden in synthetic campaigns?
 
-    python -m studies.hidden_effects [--families a b …] [--split judging|tuning] [--cases N] [--first K] [--workers K]
-                                     [--out DIR] [--methods ours,bic,…] [--crumbs] [--baselines]
+    python -m studies.hidden_effects [--families a b …] [--split judging|tuning|practice|varied] [--cases N]
+                                     [--first K] [--workers K] [--out DIR] [--methods ours,bic,…]
+                                     [--crumbs] [--baselines]
 
 Each case is a campaign made by an integrator and sensor models that no method uses. A case is determined by family,
 split and number; `--cases` from `--first` (or `--seed`) on are run of each family. Family (a), the default, has one
@@ -92,7 +93,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--split", choices=[split.value for split in Split], default=Split.JUDGING.value,
         help="judging (default): to compare methods with; tuning: to choose thresholds with, and to train; practice: "
-        "the same with further laws",
+        "the same with further laws; varied: for development too, with laws drawn anew in every case",
     )  # fmt: skip
     parser.add_argument("--cases", type=int, default=40, help="number of cases of each family")
     parser.add_argument("--first", "--seed", type=int, help="number of the first case")

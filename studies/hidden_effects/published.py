@@ -1,7 +1,7 @@
 """Answers of the benchmark that are kept in a file of the project, and the tables that follow from them.
 
-    python -m studies.hidden_effects.published [--split judging|tuning|practice] [--file FILE] [--add DIR --commit NAME]
-                                               [--to DIR] [--out DIR]
+    python -m studies.hidden_effects.published [--split judging|tuning|practice|varied] [--file FILE]
+                                               [--add DIR --commit NAME] [--to DIR] [--out DIR]
 
 Prints the report of the benchmark for the kept answers, without running any case: those to judging cases, or with
 `--split tuning` those to tuning cases. `--add` copies the finished cases of a result folder into the file, and notes
@@ -121,7 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Add answers to the file and print their tables, from the command line; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--split", type=Split, choices=list(Split), default=Split.JUDGING,
-                        metavar="judging|tuning|practice", help="which cases (default judging)")  # fmt: skip
+                        metavar="judging|tuning|practice|varied", help="which cases (default judging)")  # fmt: skip
     parser.add_argument("--file", type=Path, help="file of kept answers (default: that of the project)")
     parser.add_argument("--add", type=Path, metavar="DIR", help="add the cases of this result folder to the file")
     parser.add_argument("--commit", default="", help="with --add: commit of the code that computed them")
