@@ -83,7 +83,8 @@ def test_links_of_a_chain_act_in_different_places():
             places = [link.link.place for link in chain]
             assert 1 <= len(chain) <= 3 and len(set(places)) == len(places)
             assert all(link.signals for link in chain)
-            shifted = any(place in (Place.SIGNAL, Place.CLOCK) for place in places)
-            assert late_signals(chain) == (("voltage", "current") if shifted else ())
+            shifting = [link for link in chain if link.link.place in (Place.SIGNAL, Place.CLOCK)]
+            assert sorted(late_signals(chain)) == sorted({name for link in shifting for name in link.signals})
+            assert all(set(link.signals) == {"voltage", "current"} for link in chain if link.link.everywhere)
             for link in chain:
                 assert link.link.plausible[0] <= link.value <= link.link.plausible[1]
