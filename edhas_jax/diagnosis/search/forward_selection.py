@@ -46,7 +46,7 @@ UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects lea
 # a second search begins with a candidate that gains more than a share of the gain of the best, where the first search
 # leaves more than a share of the misfit; it is taken where it leaves less than a share of what the first one leaves
 RUNNER_UP_SHARE, MISFIT_SHARE, CLEARLY_LESS = 0.5, 0.1, 0.5
-BETTER_SHARE = 0.2  # of the misfit of the calibrated model: the search begins again where a refit leaves so much less
+BETTER_SHARE = 0.2  # of the misfit of the calibrated model; a refit that reduces it by more restarts the search
 CURVES_TRIED = 2  # largest number of trials with which a round may end: the best one, then the next one
 MIN_CURVE_STRENGTH = 3.0  # gain of a free curve over what it leaves, from which it may be the law of an effect
 
@@ -201,7 +201,7 @@ def _select_again(
 
 
 def _is_much_better(found: EvaluatedFit, calibrated: EvaluatedFit) -> bool:
-    """Whether another fit of the calibrated model is so much better that candidates were compared with a poor one."""
+    """Whether another fit without effects is so much better that `calibrated` was a poor local minimum."""
     gain, scatter = calibrated.cost - found.cost, scatter_of_fits(calibrated)
     return gain > max(MIN_GAIN, BETTER_SHARE * remaining(calibrated.excess, calibrated.samples)) + scatter
 

@@ -30,11 +30,16 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
+def _with_noise(rng: np.random.Generator, channels: dict[str, Channel]) -> dict[str, Channel]:
+    """The sensors, the noise of each multiplied by a random factor of 0.5 … 3."""
+    return {n: dataclasses.replace(c, noise=c.noise * _log_uniform(rng, 0.5, 3.0)) for n, c in channels.items()}
+
+
 def _sensors(rng: np.random.Generator, channels: dict[str, Channel]) -> dict[str, Channel]:
-    """Most of the sensors, each with 0.5 … 3 times the usual noise."""
+    """A random selection of the sensors, at least three, with random noise levels."""
     kept = [name for name in channels if rng.uniform() < 0.85]
     kept = kept if len(kept) >= LEAST_SENSORS else list(channels)
-    return {n: dataclasses.replace(channels[n], noise=channels[n].noise * _log_uniform(rng, 0.5, 3.0)) for n in kept}
+    return _with_noise(rng, {name: channels[name] for name in kept})
 
 
 def _sheet(rng: np.random.Generator, uncertain: dict[str, float]) -> dict[str, float]:
@@ -75,7 +80,7 @@ def _pump(rng: np.random.Generator, k: int) -> Bench:
 def _actuator(rng: np.random.Generator, k: int) -> Bench:
     return Bench(
         f"varied actuator {k}", ActuatorBench, (LugreFriction,), _sheet(rng, ACTUATOR_UNCERTAIN),
-        {n: dataclasses.replace(c, noise=c.noise * _log_uniform(rng, 0.5, 3.0)) for n, c in ACTUATOR_CHANNELS.items()},
+        _with_noise(rng, ACTUATOR_CHANNELS),
         _cyclic_runs(rng, {}), float(rng.choice([1.5e-4, 2e-4, 3e-4])), (0.2 - SHARE_OF_SYSTEMS) / ACTUATORS,
     )  # fmt: skip
 

@@ -37,7 +37,7 @@ def _moving_average_noise(rng, count, weight):
 
 
 def _ringing_noise(rng, count, radius):
-    """Noise of an amplifier that rings at a fifth of the sample rate, of unit standard deviation."""
+    """Noise with a resonance at a fifth of the sampling rate, scaled to unit standard deviation."""
     first, second = 2.0 * radius * np.cos(2.0 * np.pi / 5.0), -(radius**2)
     variance = (1.0 - second) / ((1.0 + second) * ((1.0 - second) ** 2 - first**2))
     noise = lfilter([1.0], [1.0, -first, -second], rng.standard_normal(count + 300))[300:]
@@ -45,7 +45,7 @@ def _ringing_noise(rng, count, radius):
 
 
 def _held_values(rng, samples, noise, share):
-    """A transmission that fails now and then: the last value is repeated for 2 … 12 samples."""
+    """Data transmission that drops out: the last value is repeated, 2 … 12 equal samples in a row."""
     out = samples.copy()
     for start in np.flatnonzero(rng.uniform(size=len(samples)) < share / 7.0):
         out[start : start + int(rng.integers(2, 13))] = out[start]

@@ -27,7 +27,7 @@ def _phase():
 
 
 def _wave(u, pitch, phase):
-    """Two harmonics, less their value at u = 0."""
+    """A sine and its second harmonic, shifted vertically so that the curve is 0 at u = 0."""
     angle = jnp.pi * pitch * u
     second = 0.4 * (jnp.sin(2.0 * angle + 2.3 * phase) - jnp.sin(2.3 * phase))
     return jnp.sin(angle + phase) - jnp.sin(phase) + second

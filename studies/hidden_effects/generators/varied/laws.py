@@ -22,7 +22,7 @@ from studies.hidden_effects.generators.laws import FALLING, Law
 
 LARGEST_POWER, LARGEST_ASYMMETRY = 1.0, 0.5
 FLOOR = 0.05  # of v₀², so that the factor stays finite at v = 0
-SOURCE = "Source: chosen; no bench has exactly the law of the library."
+SOURCE = "Source: the factor is chosen; real mechanisms follow no textbook law exactly."
 
 # mechanism, slot, variable and its typical size (SI)
 PLACES = (
@@ -56,7 +56,7 @@ PLACES = (
 
 
 def varied_law(mechanism: type[Effect], slot: str, variable: str, size: float) -> Law:
-    """The law of an effect of the library at one of its slots, times a factor over a variable.
+    """A law made from an effect of the library: its contribution at one slot, times a factor that depends on a signal.
 
     Args:
         mechanism: the effect.

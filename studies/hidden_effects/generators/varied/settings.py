@@ -1,4 +1,4 @@
-"""Settings and sheets that are off, for varied cases; none is among those for judging."""
+"""Errors of test settings and of parameter sheets, for varied cases; judging cases have other ones."""
 
 import numpy as np
 
