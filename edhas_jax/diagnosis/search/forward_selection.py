@@ -143,7 +143,8 @@ def diagnose(
     shares, free, free_gain = {}, (), 0.0
     if not kept.members or _is_unexplained(kept.rounds, kept.members, left):
         if kept.rounds[0].baseline is not calibrated:
-            test = ScoreTest(kept.rounds[0].baseline.fit, ())
+            calibrated = kept.rounds[0].baseline
+            test = ScoreTest(calibrated.fit, ())
         shares, free, free_gain = localise(kept.rounds, test, resolution, report, workers)
     if not kept.members and free and free_gain > MIN_CURVE_STRENGTH:
         end = round_with_effect_of_curve(kept.rounds[0], free[0], more, resolution)
