@@ -55,7 +55,7 @@ TEMPERATURE = ("temperature", "temperature_share")  # what the search uses too
 POSITIVE = ("real_slope", "unknown_misfit_slope", "unknown_place_slope",
             "unknown_free_slope", "unknown_signal_slope", "unknown_distortion_slope")  # fmt: skip
 SHARES = ("max_real", "max_nothing", "implausible_share")
-FREE = ("real_offset", "unknown_offset")
+FREE = ("real_offset", "real_misfit_slope", "unknown_offset")
 FITTED = (*POSITIVE, *SHARES, *FREE)
 
 

@@ -108,6 +108,25 @@ def test_autoregressive_noise_is_recovered(coefficients):
     assert correlation == pytest.approx(autocorrelation_of(coefficients, 5), abs=0.08)
 
 
+def test_slow_noise_above_a_white_one_is_predicted_at_low_frequencies():
+    """Power over that of the innovations of the model, at 1 … 5 % of half the sample rate."""
+    share, decay = 0.3, 0.88
+
+    def mixed(rng, count):
+        slow = autoregressive(rng, (decay,), count)
+        return NOISE * (math.sqrt(share) * slow + math.sqrt(1.0 - share) * rng.standard_normal(count))
+
+    turn = np.exp(-1j * np.pi * np.linspace(0.01, 0.05, 9))
+    power = 1.0 - share + share * (1.0 - decay**2) / np.abs(1.0 - decay * turn) ** 2
+    ratios = []
+    for seed in range(8):
+        a = measure_noise(periodic_campaign(mixed, cycles=6.2, seed=seed), "current").correlation
+        innovation = 1.0 - np.dot(a, autocorrelation_of(a, len(a))[1:])
+        response = 1.0 - sum(one * turn ** (k + 1) for k, one in enumerate(a))
+        ratios.append(np.mean(power * np.abs(response) ** 2) / innovation)
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.25)  # 1.38 with four coefficients
+
+
 def test_white_noise_after_a_filter_keeps_its_level_and_its_innovations():
     # two poles of a filter of 900 Hz with damping 0.7, sampled at 5 kHz
     decay, angle = 2.0 * np.pi * 900.0 * 0.7 * INTERVAL, 2.0 * np.pi * 900.0 * math.sqrt(1.0 - 0.49) * INTERVAL

@@ -45,13 +45,17 @@ def test_clocks():
     assert LINKS["clock_fast"].act(np.array([1.001]), 1e-3) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(("name", "parameter"), [("first_order_noise", 0.6), ("slow_noise", 0.3)])
+@pytest.mark.parametrize(
+    ("name", "parameter"), [("first_order_noise", 0.6), ("slow_noise", 0.3), ("flicker_noise", 0.3)]
+)
 def test_correlated_noise_has_unit_variance_and_is_whitened(name, parameter):
     link, rng = LINKS[name], np.random.default_rng(0)
     noise = np.array([link.act(rng, 500, parameter) for _ in range(200)])
     assert noise.std() == pytest.approx(1.0, abs=0.02)
     correlation = np.mean(noise[:, 1:] * noise[:, :-1])
-    assert correlation == pytest.approx(0.6 if name == "first_order_noise" else 0.3 * 0.88, abs=0.02)
+    flicker = 0.3 * np.mean(np.exp(-1.0 / np.array([4.0, 16.0, 64.0, 256.0])))
+    expected = {"first_order_noise": 0.6, "slow_noise": 0.3 * 0.88, "flicker_noise": flicker}[name]
+    assert correlation == pytest.approx(expected, abs=0.02)
     record = typical_noise([DrawnLink(link, parameter, ("current",))])
     white = np.convolve(record, whitening_filter(record), mode="valid")
     assert white.std() == pytest.approx(1.0, abs=0.02)

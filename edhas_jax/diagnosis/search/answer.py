@@ -13,6 +13,7 @@ from collections.abc import Mapping
 NOTHING, UNKNOWN = "nothing", "unknown"
 FAR_STRONGER = 10.0  # a free term so many times as strong as the members: they imitate one cause with probability ½
 SMALL_MISFIT, SMALL_STRENGTH = 0.01, 0.05  # lower limits of misfit and strength before their logarithm is taken
+LARGE_MISFIT = 10.0  # more than small unlisted physics ever leaves, so that it says no more
 SMALL_SHARE = 0.05  # of a signal's rms: more is not left by many small causes
 
 
@@ -24,6 +25,7 @@ class Constants:
         temperature: scale [nats] on which the evidences of rivals are compared,
         temperature_share: what is added to it for each nat that is left,
         gain_share: and for each nat that the accepted candidate gains: real laws differ from those of the library.
+        differing_law_share: the same where the data show that its law differs: those of its rivals may differ as well.
         simplicity: probability of a name for each further parameter that the data determine, over one without it.
         real_offset: logit of a member to be real at a strength of 1,
         real_slope: and its growth with the logarithm of the strength.
@@ -43,9 +45,11 @@ class Constants:
     temperature: float = 4.0
     temperature_share: float = 0.1
     gain_share: float = 0.01
+    differing_law_share: float = 0.04
     simplicity: float = 0.5
     real_offset: float = -0.75
     real_slope: float = 4.9
+    real_misfit_slope: float = 0.0
     max_real: float = 0.96
     max_nothing: float = 0.9
     implausible_share: float = 0.4
@@ -61,9 +65,10 @@ class Constants:
 CONSTANTS = Constants()
 
 
-def temperature(gain: float, left: float, constants: Constants = CONSTANTS) -> float:
+def temperature(gain: float, left: float, constants: Constants = CONSTANTS, law_differs: bool = False) -> float:
     """The scale [nats] on which the evidences of rivals are compared, from the gain and from what is left with it."""
-    return constants.temperature + constants.temperature_share * left + constants.gain_share * max(gain, 0.0)
+    share = constants.differing_law_share if law_differs else constants.gain_share
+    return constants.temperature + constants.temperature_share * left + share * max(gain, 0.0)
 
 
 def log_weight(
@@ -94,6 +99,8 @@ class Rivals:
         is_implausible: whether the data demand an implausible value of one of its parameters.
         parameters: how many parameters the data determine of each of these candidates, by name; 1 where not stated.
         prior_costs: of their implausible values [nats], by name; 0 where not stated.
+        law_differs: whether the data show that the law of the accepted one is not that of the library; the gains are
+            then those with laws that may deviate.
     """
 
     name: str
@@ -103,16 +110,18 @@ class Rivals:
     is_implausible: bool = False
     parameters: Mapping[str, float] = dataclasses.field(default_factory=dict)
     prior_costs: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    law_differs: bool = False
 
-    def probability_real(self, constants: Constants = CONSTANTS) -> float:
+    def probability_real(self, misfit: float, constants: Constants = CONSTANTS) -> float:
         """The probability that something is missing that this candidate, or a rival of it, describes."""
         logit = constants.real_offset + constants.real_slope * math.log(max(self.strength, 1e-9))
+        logit += constants.real_misfit_slope * math.log(min(max(misfit, SMALL_MISFIT), LARGE_MISFIT))
         return constants.max_real * _logistic(logit)
 
     def names(self, constants: Constants = CONSTANTS) -> dict[str, float]:
         """The probability of each name, given that one of them is right."""
         own = self.gains[self.name]
-        scale = temperature(own, self.left, constants)
+        scale = temperature(own, self.left, constants, self.law_differs)
         logs = {
             name: log_weight(
                 min(gain - own, 0.0), self.parameters.get(name, 1.0), scale, constants, self.prior_costs.get(name, 0.0)
@@ -192,7 +201,7 @@ class Answer:
 def answer_from(evidence: Evidence, constants: Constants = CONSTANTS) -> Answer:
     """The answer that follows from the evidence."""
     found: dict[str, float] = {}
-    reals = [member.probability_real(constants) for member in evidence.members]
+    reals = [member.probability_real(evidence.misfit, constants) for member in evidence.members]
     imitates = evidence.probability_imitation()
     names = [{n: p * (1.0 - imitates) for n, p in member.names(constants).items()} for member in evidence.members]
     for real, of in zip(reals, names, strict=True):

@@ -153,13 +153,17 @@ class Diagnosis:
         accepted = of_round.accepted
         taken = {t.candidate for t in self.accepted} - {accepted.candidate}
         tried = [t for t in of_round.trials if t.evaluated is not None and t.candidate not in taken]
-        gains = {t.candidate.name: t.mean_gain for t in tried} | {accepted.candidate.name: accepted.mean_gain}
+        # where the accepted law differs, that of a rival may differ as well
+        compared = [*tried, accepted]
+        gains = {t.candidate.name: t.own_law_gain if test.law_differs else t.mean_gain for t in compared}
         tried = [t for t in of_round.trials if t.candidate.name in gains]
         parameters = {t.candidate.name: t.determined_parameters for t in tried}
         costs = {t.candidate.name: t.prior_cost for t in tried if t.prior_cost > 0.0}
         left = remaining(accepted.own_law_excess, self.after.samples)
         implausible = bool(test.implausible)
-        return Rivals(test.candidate.name, test.strength, gains, left, implausible, parameters, costs)
+        return Rivals(
+            test.candidate.name, test.strength, gains, left, implausible, parameters, costs, test.law_differs
+        )  # fmt: skip
 
     @functools.cached_property
     def answer(self) -> Answer:
@@ -223,7 +227,7 @@ class Diagnosis:
 
         The name of one that is real may still be shared with its rivals.
         """
-        real = {member.name: member.probability_real() for member in self.evidence.members}
+        real = {member.name: member.probability_real(self.evidence.misfit) for member in self.evidence.members}
         first, p = self.answer.first, self.answer.probabilities
         return [
             t

@@ -16,9 +16,10 @@ from scipy.stats import chi2
 
 LAGS = 12  # sample intervals over which the noise may be correlated
 LONG_LAGS = 120  # up to which an autoregressive model continues its autocovariance
-MAX_ORDER = 4
+MAX_ORDER = 8  # of the autoregressive model: fewer coefficients cannot follow slow noise above a white one
 MAX_FALSE_CORRELATION = 1e-3  # probability of calling white noise correlated
 MIN_PREDICTED_SHARE = 0.004  # of the variance that earlier samples must predict; less changes no result
+CONTINUATION_ORDER = 4  # of the autoregressive model that continues an autocovariance beyond `LAGS`
 MAX_CONTINUATIONS = 30  # of the autocovariance beyond `LAGS`, each by the autoregressive model of the one before
 MAX_CHANGE = 1e-3  # of the autocovariance by the last continuation, over the variance
 SPECTRUM_LENGTH = 2048  # samples over which the autocovariance has to die out
@@ -75,7 +76,7 @@ def restore(filtered: np.ndarray, autocorrelation: np.ndarray) -> np.ndarray:
     short, long = filter_map(autocorrelation), filter_map(autocorrelation, LONG_LAGS)
     found = np.linalg.lstsq(short, filtered, rcond=None)[0]
     for _ in range(MAX_CONTINUATIONS):
-        if not found[0] > 0.0 or not is_stable(coefficients := yule_walker(found, MAX_ORDER)):
+        if not found[0] > 0.0 or not is_stable(coefficients := yule_walker(found, CONTINUATION_ORDER)):
             break
         continued = found[0] * autocorrelation_of(coefficients, LONG_LAGS)
         change = np.linalg.lstsq(short, filtered - long @ continued, rcond=None)[0]

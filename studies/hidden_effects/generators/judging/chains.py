@@ -28,10 +28,16 @@ def _fast_clock(times, error):
     return times / (1.0 + error)
 
 
-def _second_order_noise(rng, count, share):
-    """White noise and a first-order process with a correlation of 0.88, which has a `share` of the variance."""
-    slow = lfilter([1.0], [1.0, -0.88], np.sqrt(1.0 - 0.88**2) * rng.standard_normal(count + 200))[200:]
-    return np.sqrt(share) * slow + np.sqrt(1.0 - share) * rng.standard_normal(count)
+def _flicker_noise(rng, count, share):
+    """White noise and flicker noise, whose power falls with the frequency and which has a `share` of the variance.
+
+    The flicker noise is a sum of processes of first order, of equal variance, with times of 4 to 256 samples.
+    """
+    flicker = np.zeros(count)
+    for time in (4.0, 16.0, 64.0, 256.0):
+        decay = np.exp(-1.0 / time)
+        flicker += lfilter([1.0], [1.0, -decay], np.sqrt(1.0 - decay**2) * rng.standard_normal(count + 1500))[1500:]
+    return np.sqrt(share / 4.0) * flicker + np.sqrt(1.0 - share) * rng.standard_normal(count)
 
 
 def _bursts(rng, samples, noise, rate):
@@ -60,7 +66,7 @@ LINKS = (
     Link("moving_average", Place.SIGNAL, _moving_average, (0.2e-3, 0.8e-3)),
     Link("trigger_late", Place.CLOCK, _late, (0.05e-3, 0.4e-3)),
     Link("clock_fast", Place.CLOCK, _fast_clock, (1e-4, 1e-3)),
-    Link("slow_noise", Place.NOISE, _second_order_noise, (0.1, 0.4)),
+    Link("flicker_noise", Place.NOISE, _flicker_noise, (0.05, 0.3)),
     Link("bursts", Place.SAMPLES, _bursts, (2e-4, 1.5e-3), everywhere=False),
     Link("missing_samples", Place.SAMPLES, _missing, (5e-4, 5e-3), everywhere=False),
     Link("noise_stated_wrong_by_signal", Place.STATEMENT, _own_factor, (1.6, 2.5)),

@@ -44,6 +44,12 @@ def _ringing_noise(rng, count, radius):
     return noise / np.sqrt(variance)
 
 
+def _slow_noise(rng, count, share):
+    """White noise and a first-order process with a correlation of 0.88, which has a `share` of the variance."""
+    slow = lfilter([1.0], [1.0, -0.88], np.sqrt(1.0 - 0.88**2) * rng.standard_normal(count + 200))[200:]
+    return np.sqrt(share) * slow + np.sqrt(1.0 - share) * rng.standard_normal(count)
+
+
 def _held_values(rng, samples, noise, share):
     """Data transmission that drops out: the last value is repeated, 2 … 12 equal samples in a row."""
     out = samples.copy()
@@ -63,6 +69,7 @@ LINKS = (
     Link("wavering_clock", Place.CLOCK, _wavering_clock, (2e-5, 2e-4)),
     Link("moving_average_noise", Place.NOISE, _moving_average_noise, (0.3, 0.9)),
     Link("ringing_noise", Place.NOISE, _ringing_noise, (0.3, 0.8)),
+    Link("slow_noise", Place.NOISE, _slow_noise, (0.1, 0.4)),
     Link("held_values", Place.SAMPLES, _held_values, (2e-3, 2e-2), everywhere=False),
     Link("coarse_converter", Place.SAMPLES, _coarse_converter, (1.0, 6.0)),
 )
