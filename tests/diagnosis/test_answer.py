@@ -69,7 +69,8 @@ def test_of_names_that_explain_the_same_the_one_with_fewer_parameters_is_more_pr
 
 def test_one_place_that_explains_a_misfit_speaks_for_one_unknown_cause():
     scattered, placed = (
-        answer_from(Evidence((), 0.5, share, free_strength=1.0)).probabilities[UNKNOWN] for share in (0.1, 0.95)
+        answer_from(Evidence((), 0.5, share, free_strength=share / (1.0 - share))).probabilities[UNKNOWN]
+        for share in (0.1, 0.95)
     )
     assert scattered < 0.2 and placed > 0.8
 
@@ -77,6 +78,20 @@ def test_one_place_that_explains_a_misfit_speaks_for_one_unknown_cause():
 def test_many_small_causes_leave_little_of_a_signal():
     small, large = (answer_from(Evidence((), 5.0, 0.1, left, free_strength=0.5)).first for left in (0.01, 0.3))
     assert (small, large) == (NOTHING, UNKNOWN)
+
+
+def test_the_answer_to_a_large_misfit_of_a_signal_is_never_nothing():
+    """Also where no free curve at any place explains it."""
+    answer = answer_from(Evidence((), 200.0, 0.3, 0.3, distortion=2.4))
+    assert answer.first == UNKNOWN and answer.probabilities[NOTHING] < 0.05
+
+
+def test_a_gain_as_large_as_what_is_left_is_more_probably_real_where_the_misfit_is_large():
+    """Many small causes, one of which may imitate an effect, do not add up to a large misfit."""
+    small, large = (rivals(1.0, 5000.0, cogging_force=5000.0).probability_real(misfit) for misfit in (0.1, 10.0))
+    assert small < 0.2 and large > 0.5
+    alone = rivals(4.0, 0.0, cogging_force=48.0)  # where nothing is left nothing can be imitated
+    assert alone.probability_real(0.01) == alone.probability_real(10.0) > 0.8
 
 
 def test_an_implausible_value_speaks_for_an_unknown_cause():

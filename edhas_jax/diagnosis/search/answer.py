@@ -12,8 +12,9 @@ from collections.abc import Mapping
 
 NOTHING, UNKNOWN = "nothing", "unknown"
 FAR_STRONGER = 10.0  # a free term so many times as strong as the members: they imitate one cause with probability ½
-SMALL_MISFIT, SMALL_STRENGTH = 0.01, 0.05  # lower limits of misfit and strength before their logarithm is taken
+SMALL_MISFIT, SMALL_STRENGTH = 0.01, 0.3  # lower limits of misfit and strength before their logarithm is taken
 LARGE_MISFIT = 10.0  # more than small unlisted physics ever leaves, so that it says no more
+SMALL_LEFT = 12.0  # nats; less is left by chance
 SMALL_SHARE = 0.05  # of a signal's rms: more is not left by many small causes
 
 
@@ -28,7 +29,9 @@ class Constants:
         differing_law_share: the same where the data show that its law differs: those of its rivals may differ as well.
         simplicity: probability of a name for each further parameter that the data determine, over one without it.
         real_offset: logit of a member to be real at a strength of 1,
-        real_slope: and its growth with the logarithm of the strength.
+        real_slope: its growth with the logarithm of the strength,
+        real_misfit_slope: and, where something is left, with that of the misfit: many small causes, one of which may
+            imitate an effect, leave a small one.
         max_real: the largest probability to be real, as an unknown cause may be imitated well.
         max_nothing: the largest probability of nothing, where no candidate is real: what is too small to be seen, or is
             absorbed by the uncertain parameters, leaves no misfit.
@@ -48,17 +51,17 @@ class Constants:
     differing_law_share: float = 0.04
     simplicity: float = 0.5
     real_offset: float = -0.75
-    real_slope: float = 4.9
-    real_misfit_slope: float = 0.0
+    real_slope: float = 2.3
+    real_misfit_slope: float = 0.65
     max_real: float = 0.96
-    max_nothing: float = 0.9
-    implausible_share: float = 0.4
-    unknown_offset: float = -6.65
-    unknown_misfit_slope: float = 0.38
-    unknown_free_slope: float = 2.1
-    unknown_place_slope: float = 17.0
+    max_nothing: float = 0.85
+    implausible_share: float = 0.27
+    unknown_offset: float = -6.8
+    unknown_misfit_slope: float = 0.39
+    unknown_free_slope: float = 3.1
+    unknown_place_slope: float = 6.3
     unknown_signal_slope: float = 5.0
-    unknown_distortion_slope: float = 3.0
+    unknown_distortion_slope: float = 2.25
     coverage: float = 0.95
 
 
@@ -113,9 +116,15 @@ class Rivals:
     law_differs: bool = False
 
     def probability_real(self, misfit: float, constants: Constants = CONSTANTS) -> float:
-        """The probability that something is missing that this candidate, or a rival of it, describes."""
+        """The probability that something is missing that this candidate, or a rival of it, describes.
+
+        Args:
+            misfit: of the calibrated model, as in `Evidence`.
+            constants: the constants of the probabilities.
+        """
         logit = constants.real_offset + constants.real_slope * math.log(max(self.strength, 1e-9))
-        logit += constants.real_misfit_slope * math.log(min(max(misfit, SMALL_MISFIT), LARGE_MISFIT))
+        share = self.left / (self.left + SMALL_LEFT)
+        logit += constants.real_misfit_slope * share * math.log(min(max(misfit, SMALL_MISFIT), LARGE_MISFIT))
         return constants.max_real * _logistic(logit)
 
     def names(self, constants: Constants = CONSTANTS) -> dict[str, float]:

@@ -27,6 +27,8 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 
 REFIT_STEPS = 8  # maximum number of Levenberg-Marquardt steps of a refit without a member
 MIN_STRENGTH = 0.7  # of a member: gain over what is left; below it the member is removed
+# the same where the misfit is larger than small unlisted physics leaves: then it is other effects or laws that are left
+MIN_FAR_STRENGTH, FAR_MISFIT = 0.4, 3.0
 LAW_ERROR_SHARE_AT_COMPONENT = 0.01  # as `LAW_ERROR_SHARE`, at the component on which the law acts
 
 
@@ -75,13 +77,14 @@ def take_back(
             floor = _law_error_share(candidate, mounted) * explained + scatter_of_fits(final)
             found = max(strength(gain, left, final.samples, floor), 0.0)
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
-        removable = [k for k, test in enumerate(tests) if _margin(test) < 1.0]
+        least = _least_strength(rounds[0].baseline)
+        removable = [k for k, test in enumerate(tests) if _margin(test, least) < 1.0]
         if not removable:
             return TakenBack(_with_best_start(rounds, mounted, without), _with_laws(tests, final), tuple(rejected))
         weakest = removable[0]
         if len(removable) > 1:  # of two that stand in for each other, the one with plausible parameters alone stays
             left_implausible = {k: _implausible_count(_others(mounted, mounted[k]), without[k]) for k in removable}
-            weakest = min(removable, key=lambda k: (left_implausible[k], _margin(tests[k])))
+            weakest = min(removable, key=lambda k: (left_implausible[k], _margin(tests[k], least)))
         report(f"{mounted[weakest].name} is not needed")
         rejected += [Rejected(r, tests[weakest]) for r in _accepting(rounds, mounted[weakest])]
         final = without[weakest]
@@ -128,10 +131,14 @@ def _implausible_count(members: Sequence[Candidate], model: EvaluatedFit) -> int
     return sum(bool(implausible_parameters(member, model.fit)) for member in members if _law_of(member) is None)
 
 
-def _margin(test: MemberTest) -> float:
-    """The strength of a member over the least that keeps it."""
-    least = MIN_STRENGTH if _law_of(test.candidate) is None else MIN_MOUNTED_STRENGTH
-    return test.strength / least
+def _least_strength(calibrated: EvaluatedFit) -> float:
+    """The least strength that keeps a member, by the misfit of the calibrated model."""
+    return MIN_FAR_STRENGTH if calibrated.excess > FAR_MISFIT * 0.5 * calibrated.samples else MIN_STRENGTH
+
+
+def _margin(test: MemberTest, least: float) -> float:
+    """The strength of a member over the least that keeps it, or that keeps the deviation of a law."""
+    return test.strength / (least if _law_of(test.candidate) is None else MIN_MOUNTED_STRENGTH)
 
 
 def _with_laws(tests: Sequence[MemberTest], final: EvaluatedFit) -> list[MemberTest]:
