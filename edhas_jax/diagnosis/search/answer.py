@@ -26,7 +26,6 @@ class Constants:
         temperature: scale [nats] on which the evidences of rivals are compared,
         temperature_share: what is added to it for each nat that is left,
         gain_share: and for each nat that the accepted candidate gains: real laws differ from those of the library.
-        differing_law_share: the same where the data show that its law differs: those of its rivals may differ as well.
         simplicity: probability of a name for each further parameter that the data determine, over one without it.
         real_offset: logit of a member to be real at a strength of 1,
         real_slope: its growth with the logarithm of the strength,
@@ -48,7 +47,6 @@ class Constants:
     temperature: float = 4.0
     temperature_share: float = 0.1
     gain_share: float = 0.01
-    differing_law_share: float = 0.04
     simplicity: float = 0.5
     real_offset: float = -0.75
     real_slope: float = 2.3
@@ -68,10 +66,9 @@ class Constants:
 CONSTANTS = Constants()
 
 
-def temperature(gain: float, left: float, constants: Constants = CONSTANTS, law_differs: bool = False) -> float:
+def temperature(gain: float, left: float, constants: Constants = CONSTANTS) -> float:
     """The scale [nats] on which the evidences of rivals are compared, from the gain and from what is left with it."""
-    share = constants.differing_law_share if law_differs else constants.gain_share
-    return constants.temperature + constants.temperature_share * left + share * max(gain, 0.0)
+    return constants.temperature + constants.temperature_share * left + constants.gain_share * max(gain, 0.0)
 
 
 def log_weight(
@@ -102,8 +99,6 @@ class Rivals:
         is_implausible: whether the data demand an implausible value of one of its parameters.
         parameters: how many parameters the data determine of each of these candidates, by name; 1 where not stated.
         prior_costs: of their implausible values [nats], by name; 0 where not stated.
-        law_differs: whether the data show that the law of the accepted one is not that of the library; the gains are
-            then those with laws that may deviate.
     """
 
     name: str
@@ -113,7 +108,6 @@ class Rivals:
     is_implausible: bool = False
     parameters: Mapping[str, float] = dataclasses.field(default_factory=dict)
     prior_costs: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    law_differs: bool = False
 
     def probability_real(self, misfit: float, constants: Constants = CONSTANTS) -> float:
         """The probability that something is missing that this candidate, or a rival of it, describes.
@@ -130,7 +124,7 @@ class Rivals:
     def names(self, constants: Constants = CONSTANTS) -> dict[str, float]:
         """The probability of each name, given that one of them is right."""
         own = self.gains[self.name]
-        scale = temperature(own, self.left, constants, self.law_differs)
+        scale = temperature(own, self.left, constants)
         logs = {
             name: log_weight(
                 min(gain - own, 0.0), self.parameters.get(name, 1.0), scale, constants, self.prior_costs.get(name, 0.0)

@@ -153,17 +153,13 @@ class Diagnosis:
         accepted = of_round.accepted
         taken = {t.candidate for t in self.accepted} - {accepted.candidate}
         tried = [t for t in of_round.trials if t.evaluated is not None and t.candidate not in taken]
-        # where the accepted law differs, that of a rival may differ as well
-        compared = [*tried, accepted]
-        gains = {t.candidate.name: t.own_law_gain if test.law_differs else t.mean_gain for t in compared}
+        gains = {t.candidate.name: t.mean_gain for t in tried} | {accepted.candidate.name: accepted.mean_gain}
         tried = [t for t in of_round.trials if t.candidate.name in gains]
         parameters = {t.candidate.name: t.determined_parameters for t in tried}
         costs = {t.candidate.name: t.prior_cost for t in tried if t.prior_cost > 0.0}
         left = remaining(accepted.own_law_excess, self.after.samples)
         implausible = bool(test.implausible)
-        return Rivals(
-            test.candidate.name, test.strength, gains, left, implausible, parameters, costs, test.law_differs
-        )  # fmt: skip
+        return Rivals(test.candidate.name, test.strength, gains, left, implausible, parameters, costs)
 
     @functools.cached_property
     def answer(self) -> Answer:
