@@ -1,12 +1,14 @@
 """Does the diagnosis find what is hidden in campaigns whose answers are known?
 
-    python -m studies.identification.known_answers FOLDER [--out FILE.csv]
+    python -m studies.identification.known_answers FOLDER [--answers FILE.md] [--out FILE.csv]
 
-FOLDER holds campaigns made by an independent solver, and ANSWERS.md with a table of what is hidden in each: campaign,
-verdict, hidden effects, their parameters (`name, unit = value`, or `signal: fault value unit`). The study prints
-verdict, effects, errors of their parameters and residual over noise on held-out runs; for the first campaign also by
-signal, before and after calibration. The table is written after every campaign.
-The last line: `campaigns=… right_verdicts=… right_effects=… worst_size_error=… residual_low=… residual_high=…`
+FOLDER holds campaigns made by an independent solver, and FILE.md (ANSWERS.md) a table of what is hidden in each:
+campaign, verdict, hidden effects, and their parameters (`name, unit = value`, or `signal: fault value unit`) or a
+remark. The study prints verdict, effects, the set of possible answers, errors of the parameters and residual over noise
+on held-out runs; for the first campaign also by signal, before and after calibration. The table is written after every
+campaign.
+The last line: `campaigns=… right_verdicts=… right_effects=… truth_in_set=… wrong_effects=… worst_size_error=…
+residual_low=… residual_high=… median_s=… worst_s=…`
 """
 
 import argparse
@@ -17,8 +19,9 @@ from typing import NamedTuple
 import pandas as pd
 from rich.console import Console
 
+from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN
 from edhas_jax.diagnosis.search.forward_selection import diagnose
-from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.measurements.campaign_reader import read_campaign
 
 NUMBER = r"[-+]?\d[\d.e+-]*"
@@ -35,10 +38,11 @@ class Answer(NamedTuple):
 def main(arguments: list[str] | None = None) -> None:
     """Diagnose every campaign that the table of answers names."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="folder of the campaigns and of ANSWERS.md")
+    parser.add_argument("folder", type=Path, help="folder of the campaigns and of the answers")
+    parser.add_argument("--answers", default="ANSWERS.md", metavar="FILE.md", help="file of the answers in this folder")
     parser.add_argument("--out", type=Path, default=Path("runs/known_answers.csv"), help="table of the results")
     options = parser.parse_args(arguments)
-    answers = read_answers((options.folder / "ANSWERS.md").read_text(encoding="utf-8"))
+    answers = read_answers((options.folder / options.answers).read_text(encoding="utf-8"))
     console, rows = Console(highlight=False, width=150), []
     for number, (name, answer) in enumerate(answers.items()):
         with console.status(f"{name}: {number + 1} of {len(answers)}") as status:
@@ -51,10 +55,11 @@ def main(arguments: list[str] | None = None) -> None:
         options.out.parent.mkdir(parents=True, exist_ok=True)
         pd.DataFrame(rows).to_csv(options.out, index=False)
     table = pd.DataFrame(rows)
-    verdicts, effects = table.right_verdict.sum(), table.right_effects.sum()
+    verdicts, effects, sets = (table[name].sum() for name in ("right_verdict", "right_effects", "truth_in_set"))
     low, high, size = table.held_out.min(), table.held_out.max(), table.worst_size_error.max()
-    print(f"campaigns={len(table)} right_verdicts={verdicts} right_effects={effects} "
-          f"worst_size_error={size:.4f} residual_low={low:.3f} residual_high={high:.3f}")  # fmt: skip
+    print(f"campaigns={len(table)} right_verdicts={verdicts} right_effects={effects} truth_in_set={sets} "
+          f"wrong_effects={table.wrong_effects.sum()} worst_size_error={size:.4f} residual_low={low:.3f} "
+          f"residual_high={high:.3f} median_s={table.seconds.median():.0f} worst_s={table.seconds.max()}")  # fmt: skip
 
 
 def read_answers(text: str) -> dict[str, Answer]:
@@ -84,12 +89,16 @@ def compare(found: Diagnosis, answer: Answer) -> dict:
                 and trial.candidate.name in answer.names
             ):
                 errors.append(abs(value / answer.sizes[short] - 1.0))
-    names = frozenset(t.candidate.name for t in found.accepted)
+    names, members = frozenset(t.candidate.name for t in found.named), found.answer.members
+    truth = answer.names or {UNKNOWN if answer.verdict == Verdict.UNKNOWN_EFFECT.value else NOTHING}
     return {
         "verdict": found.verdict.value,
         "right_verdict": found.verdict.value == answer.verdict,
         "effects": "+".join(sorted(names)) or "none",
-        "right_effects": names == answer.names or answer.verdict == "unknown_effect",
+        "right_effects": names == answer.names,
+        "wrong_effects": len(names - answer.names),
+        "set": "+".join(members),
+        "truth_in_set": truth <= set(members),
         "worst_size_error": round(max(errors, default=0.0), 5),
         "held_out": round(found.errors()["after"]["holdout"]["overall"], 4),
         "seconds": round(found.seconds),

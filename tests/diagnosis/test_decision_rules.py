@@ -2,11 +2,18 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.decision_rules import EXCESS_SIGMAS, holds_by_library_law, is_promising, remaining
+from edhas_jax.diagnosis.search.decision_rules import (
+    EXCESS_SIGMAS,
+    holds_by_library_law,
+    is_promising,
+    least_strength,
+    remaining,
+)
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.machine.effects import AmplifierLag, CoggingForce
@@ -27,6 +34,14 @@ def trial(kind, gain: float, left: float, own_law_gain: float, own_law_left: flo
 def test_what_is_left_counts_beyond_the_scatter_of_noise():
     assert remaining(EXCESS_SIGMAS * math.sqrt(0.5 * SAMPLES), SAMPLES) == 0.0
     assert remaining(1000.0, SAMPLES) == 1000.0 - EXCESS_SIGMAS * 100.0
+
+
+def test_beside_a_large_misfit_a_smaller_gain_keeps_an_effect():
+    """A misfit over the variance of the noise of 1, which small unlisted physics may leave, and of 10."""
+    small, large = (
+        least_strength(SimpleNamespace(excess=0.5 * share * SAMPLES, samples=SAMPLES)) for share in (1.0, 10.0)
+    )
+    assert large < small < 1.0
 
 
 def test_a_candidate_is_promising_by_another_law_too():

@@ -13,7 +13,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.decision_rules import LAW_ERROR_SHARE, scatter_of_fits, strength
+from edhas_jax.diagnosis.search.decision_rules import LAW_ERROR_SHARE, least_strength, scatter_of_fits, strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_law import MIN_LAW_STRENGTH, MIN_MOUNTED_STRENGTH
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
@@ -26,9 +26,6 @@ from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 REFIT_STEPS = 8  # maximum number of Levenberg-Marquardt steps of a refit without a member
-MIN_STRENGTH = 0.7  # of a member: gain over what is left; below it the member is removed
-# the same where the misfit is larger than small unlisted physics leaves: then it is other effects or laws that are left
-MIN_FAR_STRENGTH, FAR_MISFIT = 0.4, 3.0
 LAW_ERROR_SHARE_AT_COMPONENT = 0.01  # as `LAW_ERROR_SHARE`, at the component on which the law acts
 
 
@@ -77,7 +74,7 @@ def take_back(
             floor = _law_error_share(candidate, mounted) * explained + scatter_of_fits(final)
             found = max(strength(gain, left, final.samples, floor), 0.0)
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
-        least = _least_strength(rounds[0].baseline)
+        least = least_strength(rounds[0].baseline)
         removable = [k for k, test in enumerate(tests) if _margin(test, least) < 1.0]
         if not removable:
             return TakenBack(_with_best_start(rounds, mounted, without), _with_laws(tests, final), tuple(rejected))
@@ -129,11 +126,6 @@ def _others(mounted: Sequence[Candidate], removed: Candidate) -> list[Candidate]
 def _implausible_count(members: Sequence[Candidate], model: EvaluatedFit) -> int:
     """The number of members with an implausible parameter in a model; curves have none."""
     return sum(bool(implausible_parameters(member, model.fit)) for member in members if _law_of(member) is None)
-
-
-def _least_strength(calibrated: EvaluatedFit) -> float:
-    """The least strength that keeps a member, by the misfit of the calibrated model."""
-    return MIN_FAR_STRENGTH if calibrated.excess > FAR_MISFIT * 0.5 * calibrated.samples else MIN_STRENGTH
 
 
 def _margin(test: MemberTest, least: float) -> float:

@@ -17,6 +17,10 @@ LAW_ERROR_SHARE = 0.001  # of what a model explains: a law known as a curve over
 # of half the number of samples: two fits of a model whose signals depend irregularly on its parameters differ by so
 # much of ½χ², because there are many minima and because what is unpredictable is no white noise
 IRREGULAR_SCATTER = 0.02
+MIN_STRENGTH = 0.7  # of an accepted effect: gain over what is left; below it the effect is removed
+# the same where the misfit, over the variance of the noise, is larger than small unlisted physics leaves: what is left
+# is then more of the law, or other effects
+MIN_FAR_STRENGTH, FAR_MISFIT = 0.4, 3.0
 EXCESS_SIGMAS = 2.0  # an excess of ½χ² counts beyond this many of its standard deviations under noise alone
 
 
@@ -45,6 +49,11 @@ def strength(gain: float, excess_after: float, samples: int, law_error: float = 
         law_error: what laws that are known as curves only, or an imperfect fit, may leave [nats].
     """
     return gain / unexplained_floor(excess_after, samples, law_error)
+
+
+def least_strength(calibrated: EvaluatedFit) -> float:
+    """The least strength that keeps an accepted effect, by the misfit of the calibrated model."""
+    return MIN_FAR_STRENGTH if calibrated.excess > FAR_MISFIT * 0.5 * calibrated.samples else MIN_STRENGTH
 
 
 def is_promising(trial: Trial, samples: int, law_error: float = 0.0) -> bool:
