@@ -54,7 +54,7 @@ def report(records: Sequence[Record], not_drawn: dict[str, str]) -> str:
     lines += visibility_table(records, methods)
     if Method.OURS in methods:
         ours = answered(records, Method.OURS.value)
-        lines += ["", *law_table(ours)]
+        lines += ["", *law_table(ours), "", *probability_table(ours), "", *time_table(ours)]
         lines += ["", "wrong answers", *(f"    {wrong_answer(t, a)}" for t, a in ours if is_wrong(t, a))]
         slowest = sorted(ours, key=lambda case: -case[1].seconds)[:SLOWEST]
         lines += ["", "slowest", *(f"    {case_name(t)}: {a.seconds:.0f} s ({description(t)})" for t, a in slowest)]
@@ -109,6 +109,24 @@ def law_table(cases: Sequence[Answered]) -> list[str]:
         cells = [_quartiles([getattr(e, name) for e in found]) for name in LAW_COLUMNS]
         lines.append(f"| ({family}) | {len(found)} | {sum(e.has_curve for e in found)} | " + " | ".join(cells) + " |")
     return lines if rows else []
+
+
+def probability_table(cases: Sequence[Answered]) -> list[str]:
+    """The lines of a table of right first answers over their stated probability."""
+    lines = ["right first answers over their stated probability", "", "| probability | right |", "| --- | --- |"]
+    return lines + [f"| {b.low:.1f} … {b.high:.1f} | {b.right} |" for b in reliability(cases).bins]
+
+
+def time_table(cases: Sequence[Answered]) -> list[str]:
+    """The lines of a table of times by bench, which is how the description of a case begins."""
+    benches: dict[str, list[Answered]] = {}
+    for truth, answer in cases:
+        benches.setdefault(truth.description.partition(":")[0], []).append((truth, answer))
+    lines = ["time by bench", "", "| bench | cases | median | 90 % | worst |", "| --- |" + " --- |" * 4]
+    for bench, found in sorted(benches.items()):
+        spent = times(found)
+        lines.append(f"| {bench} | {len(found)} | {spent.median:.0f} s | {spent.ninety:.0f} s | {spent.worst:.0f} s |")
+    return lines
 
 
 def _quartiles(values: Sequence[float]) -> str:

@@ -29,7 +29,7 @@ from studies.hidden_effects.rates import (
     times,
 )
 from studies.hidden_effects.reliability import reliability
-from studies.hidden_effects.report import last_line, law_table, report, wrong_answer
+from studies.hidden_effects.report import last_line, law_table, probability_table, report, time_table, wrong_answer
 from studies.hidden_effects.store import Record
 
 
@@ -244,6 +244,16 @@ def test_tables_last_line_and_figures(tmp_path):
     names = {path.name for path in tmp_path.glob("*.png") if path.stat().st_size > 5000}
     assert names == {"rates.png", "visibility.png", "times.png", "reliability.png", "confusion.png"}
     assert report([], {}).endswith("no answer")
+
+
+def test_times_by_bench_and_right_answers_by_probability_have_tables():
+    pump, system = (truth("cogging_force", description=f"{bench}: cogging_force") for bench in ("pump", "system"))
+    sure, fast = (answer("cogging_force", probability=0.95, seconds=seconds) for seconds in (40.0, 20.0))
+    wrong = answer("eddy_drag", probability=0.65, seconds=200.0)
+    cases = [(pump, sure), (pump, fast), (system, wrong)]
+    assert time_table(cases)[-2:] == ["| pump | 2 | 30 s | 40 s | 40 s |", "| system | 1 | 200 s | 200 s | 200 s |"]
+    unsure, almost = probability_table(cases)[-2:]
+    assert unsure.startswith("| 0.6 … 0.7 | 0 % (0/1;") and almost.startswith("| 0.9 … 1.0 | 100 % (2/2;")
 
 
 def test_laws_that_differ_have_a_table():
