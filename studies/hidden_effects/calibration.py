@@ -15,7 +15,8 @@ other laws, disturbances or benches, are answered with them. The nominal coverag
 these left-out cases have the truth in their set (split conformal prediction: Vovk, Gammerman, Shafer, Algorithmic
 Learning in a Random World, 2005).
 
-The last line: `cases=… loss=… loss_left_out=… first=… in_set=… set_size=… ece=…`, all of left-out splits.
+The last line: `cases=… loss=… loss_left_out=… first=… in_set=… set_size=… ece=…`. The rates are those on the
+cases of the splits that were left out.
 """
 
 import argparse

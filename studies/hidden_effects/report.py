@@ -113,8 +113,8 @@ def law_table(cases: Sequence[Answered]) -> list[str]:
 
 def probability_table(cases: Sequence[Answered]) -> list[str]:
     """The lines of a table of right first answers over their stated probability."""
-    lines = ["right first answers over their stated probability", "", "| probability | right |", "| --- | --- |"]
-    return lines + [f"| {b.low:.1f} … {b.high:.1f} | {b.right} |" for b in reliability(cases).bins]
+    rows = {f"{b.low:.1f} … {b.high:.1f}": str(b.right) for b in reliability(cases).bins}
+    return ["right first answers over their stated probability", "", *_table(["right"], [rows])]
 
 
 def time_table(cases: Sequence[Answered]) -> list[str]:
@@ -122,11 +122,14 @@ def time_table(cases: Sequence[Answered]) -> list[str]:
     benches: dict[str, list[Answered]] = {}
     for truth, answer in cases:
         benches.setdefault(truth.description.partition(":")[0], []).append((truth, answer))
-    lines = ["time by bench", "", "| bench | cases | median | 90 % | worst |", "| --- |" + " --- |" * 4]
-    for bench, found in sorted(benches.items()):
-        spent = times(found)
-        lines.append(f"| {bench} | {len(found)} | {spent.median:.0f} s | {spent.ninety:.0f} s | {spent.worst:.0f} s |")
-    return lines
+    spent = {bench: times(benches[bench]) for bench in sorted(benches)}
+    columns = {
+        "cases": {bench: str(len(benches[bench])) for bench in spent},
+        "median": {bench: f"{s.median:.0f} s" for bench, s in spent.items()},
+        "90 %": {bench: f"{s.ninety:.0f} s" for bench, s in spent.items()},
+        "worst": {bench: f"{s.worst:.0f} s" for bench, s in spent.items()},
+    }
+    return ["time by bench", "", *_table(list(columns), list(columns.values()))]
 
 
 def _quartiles(values: Sequence[float]) -> str:

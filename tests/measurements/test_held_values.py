@@ -16,7 +16,7 @@ def record(resolution: float) -> np.ndarray:
 
 
 def with_held(values: np.ndarray, lengths: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """The record with values that are held for some numbers of samples, and a mask of the repetitions."""
+    """The record where some values repeat for given numbers of samples, and a mask of the repetitions."""
     values, mask = values.copy(), np.zeros(len(values), bool)
     for k, length in enumerate(lengths):
         first = 300 + 211 * k

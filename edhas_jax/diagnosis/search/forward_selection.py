@@ -202,7 +202,7 @@ def _select_again(
 
 
 def _is_much_better(found: EvaluatedFit, calibrated: EvaluatedFit) -> bool:
-    """Whether another fit without effects is so much better that `calibrated` was a poor local minimum."""
+    """Whether `found`, a fit without effects too, has so small a cost that `calibrated` was a poor local minimum."""
     gain, scatter = calibrated.cost - found.cost, scatter_of_fits(calibrated)
     return gain > max(MIN_GAIN, BETTER_SHARE * remaining(calibrated.excess, calibrated.samples)) + scatter
 

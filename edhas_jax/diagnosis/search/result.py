@@ -154,7 +154,6 @@ class Diagnosis:
         taken = {t.candidate for t in self.accepted} - {accepted.candidate}
         tried = [t for t in of_round.trials if t.evaluated is not None and t.candidate not in taken]
         gains = {t.candidate.name: t.mean_gain for t in tried} | {accepted.candidate.name: accepted.mean_gain}
-        tried = [t for t in of_round.trials if t.candidate.name in gains]
         parameters = {t.candidate.name: t.determined_parameters for t in tried}
         costs = {t.candidate.name: t.prior_cost for t in tried if t.prior_cost > 0.0}
         left = remaining(accepted.own_law_excess, self.after.samples)

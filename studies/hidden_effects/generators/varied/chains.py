@@ -10,7 +10,7 @@ WAVERING = 3.0  # Hz, at which the rate of a clock varies
 
 
 def _from_rest(trace, b, a):
-    """The filtered trace, in steady state at the start."""
+    """The trace behind a digital filter (b, a) that is in steady state at the first sample."""
     return (trace[0] * b.sum() / a.sum()) + lfilter(b, a, trace - trace[0])
 
 

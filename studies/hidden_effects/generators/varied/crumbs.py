@@ -1,7 +1,7 @@
 """Small unlisted physics for varied cases, with random shapes.
 
-None is a mechanism of the library with another law, which a diagnosis would rightly name, and none is among the
-disturbances for judging.
+None of them acts like an effect of the library, which a diagnosis would then be right to name. Judging cases have
+other disturbances.
 """
 
 import jax.numpy as jnp
@@ -34,7 +34,7 @@ def _wave(u, pitch, phase):
 
 
 class VariedCrumbs(Effect):
-    """Crumbs of coil, amplifier and mover, each with one size."""
+    """Small unlisted effects of coil, amplifier and mover; one parameter sets the size of each."""
 
     rocking_frame: float = _size("N", "slow rocking of the frame")
     rocking_frequency: float = par(5.0, "Hz", (0.0, 1e4), "its frequency", plausible=(2.0, 9.0))
@@ -72,7 +72,7 @@ class VariedCrumbs(Effect):
 
 
 class VariedPumpCrumbs(Effect):
-    """Crumbs of oil, gaps and valves, each with one size."""
+    """Small unlisted effects of oil, gaps and valves; one parameter sets the size of each."""
 
     shear_thinning: float = _size("-", "viscosity that falls with the speed, at 0.3 m/s")
     gap_turbulence: float = _size("m^3/s", "leakage with the root of the pressure, at 0.5 MPa")
