@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from edhas_jax.core.plot_style import GREY, INK
 from studies.hidden_effects.answers import NOTHING, UNKNOWN, Truth
 from studies.hidden_effects.methods import Method
-from studies.hidden_effects.rates import answered, by_visibility, rates, times
+from studies.hidden_effects.rates import answered, answered_by_all, by_visibility, rates, times
 from studies.hidden_effects.reliability import reliability
 from studies.hidden_effects.report import methods_in
 from studies.hidden_effects.store import Record
@@ -30,14 +30,18 @@ DPI = 130
 
 
 def save_figures(records: Sequence[Record], folder: Path) -> None:
-    """Write the figures of the methods that have answers to a folder."""
+    """Write the figures of the methods that have answers to a folder.
+
+    Where there are cases that every method was run on, methods are compared on these.
+    """
     methods = methods_in(records)
     if not methods:
         return
     folder.mkdir(parents=True, exist_ok=True)
     figures = {"rates.png": draw_rates, "visibility.png": draw_visibility, "times.png": draw_times}
+    same = answered_by_all(records, [m.value for m in methods]) or records
     for name, draw in figures.items():
-        draw(records, methods).savefig(folder / name, dpi=DPI)
+        draw(same, methods).savefig(folder / name, dpi=DPI)
     stating = [m for m in methods if reliability(answered(records, m.value)).count]
     if stating:
         draw_reliability(records, stating).savefig(folder / "reliability.png", dpi=DPI)

@@ -1,12 +1,13 @@
 """Answers of the benchmark that are kept in a file of the project, and the tables that follow from them.
 
-    python -m studies.hidden_effects.published [--split judging|tuning|practice|varied] [--file FILE]
-                                               [--add DIR --commit NAME] [--to DIR] [--out DIR]
+    python -m studies.hidden_effects.published [--split judging|tuning|practice|varied] [--families b c …]
+                                               [--file FILE] [--add DIR --commit NAME] [--to DIR] [--out DIR]
 
 Prints the report of the benchmark for the kept answers, without running any case: those to judging cases, or with
-`--split tuning` those to tuning cases. `--add` copies the finished cases of a result folder into the file, and notes
-the commit of the code that computed them; an answer that is in the file already is not replaced. `--to` writes the file
-as a result folder, from which the benchmark can be continued with more cases or other methods.
+`--split tuning` those to tuning cases; with `--families` only those of some families. `--add` copies the finished cases
+of a result folder into the file, and notes the commit of the code that computed them; an answer that is in the file
+already is not replaced. `--to` writes the file as a result folder, from which the benchmark can be continued with more
+cases or other methods.
 
 The last line has the main figures of each method as `key=value`: `ours_top1=… ours_in_set=… … bic_top1=… …`.
 """
@@ -26,7 +27,7 @@ from studies.hidden_effects.answers import (
     truth_as_json,
     truth_from_json,
 )
-from studies.hidden_effects.drawing import CaseKey
+from studies.hidden_effects.drawing import FAMILIES, CaseKey
 from studies.hidden_effects.figures import save_figures
 from studies.hidden_effects.generators.hidden_case import Split
 from studies.hidden_effects.methods import Method
@@ -122,6 +123,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--split", type=Split, choices=list(Split), default=Split.JUDGING,
                         metavar="judging|tuning|practice|varied", help="which cases (default judging)")  # fmt: skip
+    parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES), metavar="LETTER",
+                        help="tables and figures of these families only (default all)")  # fmt: skip
     parser.add_argument("--file", type=Path, help="file of kept answers (default: that of the project)")
     parser.add_argument("--add", type=Path, metavar="DIR", help="add the cases of this result folder to the file")
     parser.add_argument("--commit", default="", help="with --add: commit of the code that computed them")
@@ -139,11 +142,12 @@ def main(arguments: list[str] | None = None) -> int:
         write_kept(kept, file)
     if options.to is not None:
         write_folder(kept, ResultFolder(options.to))
-    if not kept:
-        print(f"{file}: no kept answers")
+    shown = [kept[key] for key in sorted(kept, key=str) if key.family in options.families]
+    if not shown:
+        print(f"{file}: no kept answers of {', '.join(options.families)}")
         return 1
-    records = [kept[key].record for key in sorted(kept, key=str)]
-    commits = sorted({commit for case in kept.values() for commit in case.commits.values()})
+    records = [case.record for case in shown]
+    commits = sorted({commit for case in shown for commit in case.commits.values()})
     print(f"answers of {', '.join(commits)}")
     print(report(records, {}))
     if options.out is not None:

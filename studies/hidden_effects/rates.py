@@ -54,6 +54,12 @@ def answered(records: Iterable[Record], method: str) -> list[Answered]:
     return [(r.truth, r.answers[method]) for r in records if method in r.answers]
 
 
+def answered_by_all(records: Iterable[Record], methods: Iterable[str]) -> list[Record]:
+    """The cases that every one of these methods was run on, so that their rates can be compared."""
+    needed = set(methods)
+    return [record for record in records if needed <= record.answers.keys()]
+
+
 def rate(cases: Iterable[Answered], right: Callable[[Truth, Answer], bool]) -> Rate:
     """The rate of cases for which `right` is true."""
     found = [right(truth, answer) for truth, answer in cases]

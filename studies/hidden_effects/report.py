@@ -10,6 +10,7 @@ from studies.hidden_effects.methods import Method
 from studies.hidden_effects.rates import (
     Answered,
     answered,
+    answered_by_all,
     by_visibility,
     first_is_right,
     is_named,
@@ -47,6 +48,9 @@ def report(records: Sequence[Record], not_drawn: dict[str, str]) -> str:
     if not methods:
         return "\n".join([*lines, "no answer"])
     lines += ["", *comparison(records, methods)]
+    same = answered_by_all(records, [m.value for m in methods])
+    if 0 < len(same) < len(records):
+        lines += ["", f"the {len(same)} cases that every method was run on", "", *comparison(same, methods)]
     families = sorted({r.truth.family for r in records})
     for method in methods if len(families) > 1 else ():
         lines += ["", f"{method.title}, by family", "", *by_family(records, method, families)]

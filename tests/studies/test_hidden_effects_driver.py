@@ -135,6 +135,7 @@ def test_published_answers_are_kept_with_their_commit_and_never_replaced(asked, 
     assert published.main([*kept, "--to", str(tmp_path / "three"), "--out", str(tmp_path / "figures")]) == 0
     printed = capsys.readouterr().out
     assert "answers of abc1234, def5678" in printed and (tmp_path / "figures" / "rates.png").exists()
+    assert published.main([*kept, "--families", "b"]) == 1 and "no kept answers of b" in capsys.readouterr().out
     asked.clear()
     run(tmp_path / "three", *numbers, "--cases", "4", "--methods", "ours,correlation")
     assert [number for _, number, _ in asked] == [FIRST_TEST_CASE + 3] * 2

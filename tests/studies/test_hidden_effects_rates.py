@@ -236,6 +236,8 @@ def test_tables_last_line_and_figures(tmp_path):
     assert "not drawn: c00003: nothing visible" in text
     assert "| right name first | 50 % (1/2; 9 … 91) | – |" in text
     assert "| | (b) | (d) | (h) |" in text
+    compared = text.split("cases that every method was run on")[1].split("by family")[0]
+    assert "| nulls found adequate | 0 % (0/1; 0 … 79) | 100 % (1/1; 21 … 100) |" in compared
     wrong = text.split("wrong answers")[1].split("slowest")[0]
     assert "nothing → missing_effect eddy_drag at mover" in wrong and FAILED.failed in wrong
     assert "cogging_force" not in wrong
