@@ -58,11 +58,11 @@ class ResultFolder:
 
     def store_truth(self, key: CaseKey, truth: Truth) -> None:
         """Write what is hidden in a case."""
-        _write(self.of(key) / CASE_FILE, truth_as_json(truth))
+        write_json(self.of(key) / CASE_FILE, truth_as_json(truth))
 
     def store_answer(self, key: CaseKey, method: str, answer: Answer) -> None:
         """Write the answer of a method."""
-        _write(self.of(key) / f"{method}.json", answer_as_json(answer))
+        write_json(self.of(key) / f"{method}.json", answer_as_json(answer))
 
     def store_failed_draw(self, key: CaseKey, reason: str) -> None:
         """Write why a case could not be drawn; it is tried again by the next study."""
@@ -98,7 +98,8 @@ def _record(folder: Path, methods: tuple[str, ...]) -> Record:
     return Record(truth_from_json(read_json(folder / CASE_FILE)), answers)
 
 
-def _write(path: Path, plain: dict[str, Any]) -> None:
+def write_json(path: Path, plain: dict[str, Any]) -> None:
+    """Write plain data to a file, all of it or nothing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")

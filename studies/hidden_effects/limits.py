@@ -1,0 +1,215 @@
+"""What the true laws would explain in cases for development: why a first name is wrong, and where any method ends.
+
+    python -m studies.hidden_effects.limits [--split varied|tuning|practice|judging] [--families b c …] [--out DIR]
+                                            [--workers K]
+
+For every case in DIR in which an effect with a name is hidden and which `edhas diagnose` has answered, the model is
+fitted without what is hidden and with the true laws, which no method knows. Both fits also start from the true
+parameters. Their difference is what the true laws explain; compared with what they leave, it is the *strength* of what
+is hidden. A wrong first name then has one of three causes:
+
+* *weak*: the true laws explain less than what a candidate must explain, over what is left, to be accepted; a rule that
+  accepted it would accept imitations of small disturbances as well;
+* *fit*: the true laws leave much less than the best model that the search has found;
+* *confused*: neither; the search has found a model that explains as much with other names, or the rules were too
+  strict.
+
+Results are stored beside the answers, so that the same command continues a study that was stopped. The last line has
+the counts: `cases=… right=… weak=… fit=… confused=…`.
+"""
+
+import argparse
+import dataclasses
+import enum
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from edhas_jax.core.runtime import single_threaded_algebra
+from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
+from edhas_jax.diagnosis.search.calibrated_model import calibrate
+from edhas_jax.diagnosis.search.candidates import Candidate, with_candidate
+from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, MIN_STRENGTH, remaining, strength
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
+from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
+from edhas_jax.machine.parameters import get_parameter
+from edhas_jax.machine.rigs import Rig
+from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.time_resolution import TimeResolution
+from studies.hidden_effects.answers import Answer, Truth, truth_from_json
+from studies.hidden_effects.drawing import FAMILIES, CaseKey, DrawnCase, draw
+from studies.hidden_effects.generators.hidden_case import Split
+from studies.hidden_effects.rates import Rate, first_is_right, is_named
+from studies.hidden_effects.report import case_name, description
+from studies.hidden_effects.store import CASE_FILE, Record, ResultFolder, read_json, write_json
+from studies.hidden_effects.work import run_all
+
+FILE = "limit.json"
+STEPS, REFINEMENT_STEPS = 20, 6  # maximum number of Levenberg-Marquardt steps of a fit, and after the solver's error
+MUCH_LESS = 0.5  # what the true laws leave over what the search has left, below which the search has missed them
+STRENGTHS = (0.0, 0.3, 1.0, 3.0, 10.0, math.inf)  # limits of the bands
+
+
+class Cause(enum.Enum):
+    """Why a first name is wrong."""
+
+    WEAK = "weak"
+    FIT = "fit"
+    CONFUSED = "confused"
+
+
+@dataclasses.dataclass(frozen=True)
+class Limit:
+    """What the true laws explain and leave in a case.
+
+    Args:
+        gain: log-evidence gain of the true laws [nats].
+        left: excess of ½χ² that they leave [nats], beyond the scatter of noise.
+        without: the same of the model without them.
+        strength: the gain over what is left, as in the rules of the search.
+        samples: number of samples.
+    """
+
+    gain: float
+    left: float
+    without: float
+    strength: float
+    samples: int
+
+
+@single_threaded_algebra
+def limit_of(case: DrawnCase) -> Limit:
+    """Fit the model of a case without what is hidden and with the true laws.
+
+    Args:
+        case: a case whose machine is known, with effects hidden in it.
+
+    Raises:
+        FitError: the model cannot be fitted.
+    """
+    campaign = split_for_holdout(checked_campaign(case.campaign))[0]
+    calibrated, resolution = calibrate(campaign)
+    again = _from_truth(calibrated.fit.problem, case.machine, resolution)
+    without = calibrated if again is None or again.log_evidence < calibrated.log_evidence else again
+    problem, mounted = calibrated.fit.problem, []
+    for effect in case.machine.effects[-len(case.truth.hidden) :]:
+        candidate = Candidate(type(effect))
+        problem = with_candidate(problem, mounted, candidate)
+        mounted.append(candidate)
+    found = _from_truth(problem, case.machine, resolution)
+    if found is None:
+        raise FitError("the model with the true laws fails")
+    gain = found.log_evidence - without.log_evidence
+    left = remaining(found.excess, found.samples)
+    return Limit(
+        gain, left, remaining(without.excess, without.samples), strength(gain, found.excess, found.samples),
+        found.samples,
+    )  # fmt: skip
+
+
+def _from_truth(problem: FitProblem, machine: Rig, resolution: TimeResolution) -> EvaluatedFit | None:
+    """The best fit that begins at the true parameters; None where the model fails there."""
+    low, high = np.array([u.bounds() for u in problem.unknowns]).T
+    true = np.array([u.coordinate(float(get_parameter(machine, u.name))) for u in problem.unknowns])
+    try:
+        found = fit_coarse(problem, np.clip(true, low, high), resolution.coarse, STEPS)
+    except FitError:
+        return None
+    return with_solver_error(found, resolution, REFINEMENT_STEPS)
+
+
+def cause_of(limit: Limit, answer: Answer) -> Cause:
+    """Why the first name of an answer is wrong."""
+    if limit.strength < MIN_STRENGTH:
+        return Cause.WEAK
+    members = answer.evidence.get("members", ())
+    ours = min((member["left"] for member in members), default=0.5 * limit.samples * answer.evidence["misfit"])
+    return Cause.FIT if limit.left + MIN_GAIN < MUCH_LESS * ours else Cause.CONFUSED
+
+
+def strength_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
+    """The lines of a table of right first names over the strength of what is hidden."""
+    lines = ["| strength | right name first |", "| --- | --- |"]
+    for low, high in zip(STRENGTHS[:-1], STRENGTHS[1:], strict=True):
+        found = [first_is_right(truth, answer) for truth, answer, limit in cases if low <= limit.strength < high]
+        upper = f"… {high:g}" if math.isfinite(high) else "and more"
+        lines.append(f"| {low:g} {upper} | {Rate(sum(found), len(found))} |")
+    return lines
+
+
+def run_job(job: tuple[CaseKey, ResultFolder]) -> str:
+    """Compute and store the limit of one case; a sentence on it."""
+    key, results = job
+    case, stored = draw(key), truth_from_json(read_json(results.of(key) / CASE_FILE))
+    if not _is_same(case.truth, stored):
+        return f"{key}: left out, as the generators have changed since it was answered"
+    try:
+        found = limit_of(case)
+    except FitError as error:
+        return f"{key}: {error}"
+    write_json(results.of(key) / FILE, dataclasses.asdict(found))
+    return f"{key}: strength {found.strength:.2f}"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the study from the command line and return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--split", type=Split, choices=list(Split), default=Split.VARIED,
+                        metavar="judging|tuning|practice|varied", help="which cases (default varied)")  # fmt: skip
+    parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list("bcdefg"), metavar="LETTER")
+    parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"), help="folder of the answers")
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args(arguments)
+    results = ResultFolder(options.out)
+    records = {_key(record.truth): record for record in results.all_records(options.split, ["ours"])
+               if _can_be_fitted(record) and record.truth.family in options.families}  # fmt: skip
+    if not records:
+        print(f"{options.out}: no answers of edhas diagnose to {options.split.value} cases with an effect")
+        return 1
+    jobs = [(key, results) for key in records if not (results.of(key) / FILE).exists()]
+    try:
+        run_all(run_job, jobs, options.workers)
+    except KeyboardInterrupt:
+        print("stopped; the same command continues with the rest", file=sys.stderr)
+        return 130
+    cases = [
+        (record.truth, record.answers["ours"], Limit(**read_json(results.of(key) / FILE)))
+        for key, record in records.items()
+        if (results.of(key) / FILE).exists()
+    ]
+    print("\n".join(["", *strength_table(cases), ""]))
+    wrong = [(*case, cause_of(case[2], case[1])) for case in cases if not first_is_right(case[0], case[1])]
+    if options.split is not Split.JUDGING:  # there nobody looks at single answers
+        for truth, answer, limit, cause in wrong:
+            print(f"{case_name(truth)}: {description(truth)}: {answer.first}; strength {limit.strength:.2f}, "
+                  f"{cause.value}")  # fmt: skip
+    causes = " ".join(f"{cause.value}={sum(c is cause for *_, c in wrong)}" for cause in Cause)
+    print(f"cases={len(cases)} right={len(cases) - len(wrong)} {causes}")
+    return 0
+
+
+def _is_same(drawn: Truth, stored: Truth) -> bool:
+    """Whether the same effects of the same sizes are hidden."""
+    pairs = zip(drawn.hidden, stored.hidden, strict=False)
+    return len(drawn.hidden) == len(stored.hidden) and all(
+        a.name == b.name and math.isclose(a.visible, b.visible, rel_tol=0.01) for a, b in pairs
+    )
+
+
+def _key(truth: Truth) -> CaseKey:
+    return CaseKey(truth.family, Split(truth.split), truth.number)
+
+
+def _can_be_fitted(record: Record) -> bool:
+    """Whether a case has an answer with its evidence, and hides effects with a name and nothing but effects."""
+    answer = record.answers.get("ours")
+    if answer is None or not answer.evidence or not is_named(record.truth):
+        return False
+    return not any(" on " in h.name for h in record.truth.hidden)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
