@@ -134,7 +134,7 @@ def strength_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
     """The lines of a table of right first names over the strength of what is hidden."""
     lines = ["| strength | right name first |", "| --- | --- |"]
     for low, high in zip(STRENGTHS[:-1], STRENGTHS[1:], strict=True):
-        found = [first_is_right(truth, answer) for truth, answer, limit in cases if low <= limit.strength < high]
+        found = [first_is_right(t, answer) for t, answer, limit in cases if low <= max(limit.strength, 0.0) < high]
         upper = f"… {high:g}" if math.isfinite(high) else "and more"
         lines.append(f"| {low:g} {upper} | {Rate(sum(found), len(found))} |")
     return lines

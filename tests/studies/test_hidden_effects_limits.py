@@ -42,7 +42,7 @@ def test_causes_of_wrong_names(limit, given, cause):
 
 
 def test_rates_over_the_strength():
-    weak = dataclasses.replace(EXPLAINS_ALL, strength=0.2)
+    weak = dataclasses.replace(EXPLAINS_ALL, strength=-0.2)
     right, wrong = answer("cogging_force", 0.0), answer("backlash", 0.0)
     rows = strength_table([(truth(), right, EXPLAINS_ALL), (truth(), wrong, EXPLAINS_ALL), (truth(), wrong, weak)])
     assert rows[2].startswith("| 0 … 0.3 | 0 % (0/1;") and rows[-1].startswith("| 10 and more | 50 % (1/2;")
