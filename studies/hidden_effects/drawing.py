@@ -32,6 +32,11 @@ class CaseKey:
         return f"{self.family}{self.number:05d}{LAGS_SUFFIX if self.sensor_lags else ''}"
 
 
+def key_of(truth: Truth) -> CaseKey:
+    """What determines the case with this truth."""
+    return CaseKey(truth.family, Split(truth.split), truth.number)
+
+
 @dataclasses.dataclass(frozen=True)
 class DrawnCase:
     """A campaign with what is hidden in it, the effects that a method may name, and the machine that made the data."""

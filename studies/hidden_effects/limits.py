@@ -21,6 +21,7 @@ the counts: `cases=… right=… weak=… fit=… confused=…`.
 import argparse
 import dataclasses
 import enum
+import itertools
 import math
 import sys
 from collections.abc import Sequence
@@ -39,16 +40,17 @@ from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.time_resolution import TimeResolution
-from studies.hidden_effects.answers import Answer, Truth, truth_from_json
-from studies.hidden_effects.drawing import FAMILIES, CaseKey, DrawnCase, draw
+from studies.hidden_effects.answers import Answer, Truth
+from studies.hidden_effects.drawing import FAMILIES, DrawnCase, draw, key_of
 from studies.hidden_effects.generators.hidden_case import Split
-from studies.hidden_effects.rates import Rate, first_is_right, is_named
-from studies.hidden_effects.report import case_name, description
-from studies.hidden_effects.store import CASE_FILE, Record, ResultFolder, read_json, write_json
+from studies.hidden_effects.rates import first_is_right, is_named, rate
+from studies.hidden_effects.report import case_name, description, markdown_table
+from studies.hidden_effects.store import Record, ResultFolder, read_json, write_json
 from studies.hidden_effects.work import run_all
 
 FILE = "limit.json"
-STEPS, REFINEMENT_STEPS = 20, 6  # maximum number of Levenberg-Marquardt steps of a fit, and after the solver's error
+STEPS = 20  # maximum number of Levenberg-Marquardt steps of a fit
+REFINEMENT_STEPS = 6  # the same for the fit that follows once the error of the time step is removed
 MUCH_LESS = 0.5  # what the true laws leave over what the search has left, below which the search has missed them
 STRENGTHS = (0.0, 0.3, 1.0, 3.0, 10.0, math.inf)  # limits of the bands
 
@@ -111,7 +113,7 @@ def limit_of(case: DrawnCase) -> Limit:
 
 
 def _from_truth(problem: FitProblem, machine: Rig, resolution: TimeResolution) -> EvaluatedFit | None:
-    """The best fit that begins at the true parameters; None where the model fails there."""
+    """The fit that begins at the true parameters, without the error of the time step; None where the model fails."""
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
     true = np.array([u.coordinate(float(get_parameter(machine, u.name))) for u in problem.unknowns])
     try:
@@ -132,18 +134,22 @@ def cause_of(limit: Limit, answer: Answer) -> Cause:
 
 def strength_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
     """The lines of a table of right first names over the strength of what is hidden."""
-    lines = ["| strength | right name first |", "| --- | --- |"]
-    for low, high in zip(STRENGTHS[:-1], STRENGTHS[1:], strict=True):
-        found = [first_is_right(t, answer) for t, answer, limit in cases if low <= max(limit.strength, 0.0) < high]
-        upper = f"… {high:g}" if math.isfinite(high) else "and more"
-        lines.append(f"| {low:g} {upper} | {Rate(sum(found), len(found))} |")
-    return lines
+    rows = {}
+    for low, high in itertools.pairwise(STRENGTHS):
+        found = [(truth, answer) for truth, answer, limit in cases if low <= max(limit.strength, 0.0) < high]
+        rows[f"{low:g} {f'… {high:g}' if math.isfinite(high) else 'and more'}"] = str(rate(found, first_is_right))
+    return markdown_table(["right name first"], [rows])
 
 
-def run_job(job: tuple[CaseKey, ResultFolder]) -> str:
-    """Compute and store the limit of one case; a sentence on it."""
-    key, results = job
-    case, stored = draw(key), truth_from_json(read_json(results.of(key) / CASE_FILE))
+def run_job(job: tuple[Truth, ResultFolder]) -> str:
+    """Compute and store what the true laws explain in one case; return a sentence that says how much.
+
+    Args:
+        job: what was hidden in the case when it was answered, and the folder of the results.
+    """
+    stored, results = job
+    key = key_of(stored)
+    case = draw(key)
     if not _is_same(case.truth, stored):
         return f"{key}: left out, as the generators have changed since it was answered"
     try:
@@ -164,12 +170,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args(arguments)
     results = ResultFolder(options.out)
-    records = {_key(record.truth): record for record in results.all_records(options.split, ["ours"])
+    records = {key_of(record.truth): record for record in results.all_records(options.split, ["ours"])
                if _can_be_fitted(record) and record.truth.family in options.families}  # fmt: skip
     if not records:
         print(f"{options.out}: no answers of edhas diagnose to {options.split.value} cases with an effect")
         return 1
-    jobs = [(key, results) for key in records if not (results.of(key) / FILE).exists()]
+    jobs = [(record.truth, results) for key, record in records.items() if not (results.of(key) / FILE).exists()]
     try:
         run_all(run_job, jobs, options.workers)
     except KeyboardInterrupt:
@@ -180,7 +186,8 @@ def main(arguments: list[str] | None = None) -> int:
         for key, record in records.items()
         if (results.of(key) / FILE).exists()
     ]
-    print("\n".join(["", *strength_table(cases), ""]))
+    print("\nright first names by strength: the gain of the true laws over what they leave\n")
+    print("\n".join([*strength_table(cases), ""]))
     wrong = [(*case, cause_of(case[2], case[1])) for case in cases if not first_is_right(case[0], case[1])]
     if options.split is not Split.JUDGING:  # there nobody looks at single answers
         for truth, answer, limit, cause in wrong:
@@ -197,10 +204,6 @@ def _is_same(drawn: Truth, stored: Truth) -> bool:
     return len(drawn.hidden) == len(stored.hidden) and all(
         a.name == b.name and math.isclose(a.visible, b.visible, rel_tol=0.01) for a, b in pairs
     )
-
-
-def _key(truth: Truth) -> CaseKey:
-    return CaseKey(truth.family, Split(truth.split), truth.number)
 
 
 def _can_be_fitted(record: Record) -> bool:

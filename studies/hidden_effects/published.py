@@ -27,7 +27,7 @@ from studies.hidden_effects.answers import (
     truth_as_json,
     truth_from_json,
 )
-from studies.hidden_effects.drawing import FAMILIES, CaseKey
+from studies.hidden_effects.drawing import FAMILIES, CaseKey, key_of
 from studies.hidden_effects.figures import save_figures
 from studies.hidden_effects.generators.hidden_case import Split
 from studies.hidden_effects.methods import Method
@@ -48,8 +48,7 @@ class KeptCase:
     @property
     def key(self) -> CaseKey:
         """What determines the case."""
-        truth = self.record.truth
-        return CaseKey(truth.family, Split(truth.split), truth.number)
+        return key_of(self.record.truth)
 
 
 def file_of(split: Split) -> Path:

@@ -80,20 +80,20 @@ def summary(cases: list[Answered]) -> dict[str, str]:
 
 def comparison(records: Sequence[Record], methods: Sequence[Method]) -> list[str]:
     """The lines of a table of all figures of all methods."""
-    return _table([m.title for m in methods], [summary(answered(records, m.value)) for m in methods])
+    return markdown_table([m.title for m in methods], [summary(answered(records, m.value)) for m in methods])
 
 
 def by_family(records: Sequence[Record], method: Method, families: Sequence[str]) -> list[str]:
     """The lines of a table of all figures of one method in each family."""
     of = [answered([r for r in records if r.truth.family == family], method.value) for family in families]
-    return _table([f"({family})" for family in families], [summary(cases) if cases else {} for cases in of])
+    return markdown_table([f"({family})" for family in families], [summary(cases) if cases else {} for cases in of])
 
 
 def visibility_table(records: Sequence[Record], methods: Sequence[Method]) -> list[str]:
     """The lines of a table of the rate of right first names over the visible size."""
     found = [by_visibility(answered(records, m.value)) for m in methods]
     columns = [{f"{low:.0f} … {high:.0f}": str(r) for (low, high), r in rows.items()} for rows in found]
-    return _table([m.title for m in methods], columns)
+    return markdown_table([m.title for m in methods], columns)
 
 
 def law_table(cases: Sequence[Answered]) -> list[str]:
@@ -116,13 +116,13 @@ def law_table(cases: Sequence[Answered]) -> list[str]:
 
 
 def probability_table(cases: Sequence[Answered]) -> list[str]:
-    """The lines of a table of right first answers over their stated probability."""
+    """The lines of a table: the share of first answers that are right, by the probability that they state."""
     rows = {f"{b.low:.1f} … {b.high:.1f}": str(b.right) for b in reliability(cases).bins}
-    return ["right first answers over their stated probability", "", *_table(["right"], [rows])]
+    return ["right first answers over their stated probability", "", *markdown_table(["right"], [rows])]
 
 
 def time_table(cases: Sequence[Answered]) -> list[str]:
-    """The lines of a table of times by bench, which is how the description of a case begins."""
+    """The lines of a table of computing times by bench; a case's description begins with the name of its bench."""
     benches: dict[str, list[Answered]] = {}
     for truth, answer in cases:
         benches.setdefault(truth.description.partition(":")[0], []).append((truth, answer))
@@ -133,7 +133,7 @@ def time_table(cases: Sequence[Answered]) -> list[str]:
         "90 %": {bench: f"{s.ninety:.0f} s" for bench, s in spent.items()},
         "worst": {bench: f"{s.worst:.0f} s" for bench, s in spent.items()},
     }
-    return ["time by bench", "", *_table(list(columns), list(columns.values()))]
+    return ["time by bench", "", *markdown_table(list(columns), list(columns.values()))]
 
 
 def _quartiles(values: Sequence[float]) -> str:
@@ -141,7 +141,7 @@ def _quartiles(values: Sequence[float]) -> str:
     return f"{middle:.3g} ({low:.2g} … {high:.2g})"
 
 
-def _table(heads: list[str], columns: list[dict[str, str]]) -> list[str]:
+def markdown_table(heads: list[str], columns: list[dict[str, str]]) -> list[str]:
     """Markdown of columns of labelled cells, without the rows that are empty in all of them."""
     labels = dict.fromkeys(label for column in columns for label in column)
     lines = ["| | " + " | ".join(heads) + " |", "| --- |" + " --- |" * len(heads)]

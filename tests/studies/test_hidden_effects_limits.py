@@ -17,7 +17,7 @@ COGGING = HiddenEffect("cogging_force", ("mover",), Law.LIBRARY, {}, 1000.0)
 
 
 def answer(name="", left=None, misfit=0.0):
-    """An answer with one name that leaves some nats, or that nothing is missing at a misfit over the noise."""
+    """An answer that names one effect, with which ½χ² is too large by `left`, or that nothing is missing."""
     members = [{"name": name, "left": left}] if name else []
     verdict = Verdict.MISSING_EFFECT if name else Verdict.ADEQUATE
     return Answer(verdict, (name,) if name else (), probability=0.8, evidence={"members": members, "misfit": misfit})
