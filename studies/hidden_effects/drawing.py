@@ -33,7 +33,7 @@ class CaseKey:
 
 
 def key_of(truth: Truth) -> CaseKey:
-    """What determines the case with this truth."""
+    """The key from which the case with this truth is drawn again."""
     return CaseKey(truth.family, Split(truth.split), truth.number)
 
 
