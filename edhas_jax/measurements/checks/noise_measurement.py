@@ -36,7 +36,7 @@ from edhas_jax.measurements.checks.noise_records import (
 from edhas_jax.measurements.checks.recorder_resolution import recorder_resolution
 
 MAX_NOISE_DEVIATION = 0.2  # relative; a measured noise that deviates more is said
-MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS = 0.05, 3.0  # a measured noise that deviates by more than both is used
+MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS = 0.05, 5.0  # a measured noise that deviates by more than both is used
 MIN_SAMPLES = 200  # of all runs together, for an estimate with an error of a few per cent
 MIN_NOISE_OVER_SIGNAL = 1e-5  # standard deviations; a smaller scatter is that of computed or smoothed data
 MAX_RUN_DEVIATION = 0.2  # of the noise of a run from the median over the runs, for a share in the mean
@@ -45,6 +45,7 @@ QUIET_SHARE = 0.2  # of the blocks, the quietest
 QUIET_MEAN_SQUARE = 0.78  # largest mean square of those of white noise over that of all, from simulated noise
 MAX_WHITE_RATIO = 1.12  # mean square of slow over fast deviations of white noise, with its scatter
 WIDTHS = (FAST_HALF_WIDTH, SLOW_HALF_WIDTH)  # samples on either side of the local polynomials
+LAGS = 200  # of the correlation in the standard error of a level
 FIRST_ORDER = np.linspace(0.0, 0.95, 96)  # coefficients of an autoregressive model of first order
 
 
@@ -114,7 +115,9 @@ def _used_noise(campaign: Campaign, name: str, measured: MeasuredNoise, stated: 
     smallest = MIN_NOISE_OVER_SIGNAL * max(np.nanstd(run.signals[name]) for run in campaign.runs if name in run.signals)
     if stated is None:
         return max(nearest, float(smallest))
-    standard_error = 1.0 / math.sqrt(2.0 * measured.samples)
+    correlation = autocorrelation_of(measured.correlation, LAGS)[1:] if measured.correlation else np.zeros(1)
+    # Bartlett: the variance of a sum of squares grows with the squares of the correlation
+    standard_error = math.sqrt((1.0 + 2.0 * float(np.sum(np.square(correlation)))) / (2.0 * measured.samples))
     tolerance = max(MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS * standard_error)
     is_used = abs(nearest / stated - 1.0) > tolerance and nearest > smallest
     return nearest if is_used else stated
