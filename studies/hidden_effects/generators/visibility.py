@@ -23,9 +23,11 @@ from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.time_resolution import step_error
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 
-STEPS_PER_SAMPLE = 12
+STEPS_PER_SAMPLE, MAX_STEPS_PER_SAMPLE = 12, 96
+MAX_ERROR = 0.1  # of the time step in a signal, over its noise: more steps are taken where it is larger
 TRIGGER = 0.2e-3  # s, standard deviation of the start of a record
 SETTING = 0.005  # relative, of a setting from run to run
 WARM_UP = 0.005  # relative, of the coil resistance from run to run
@@ -64,7 +66,8 @@ class VisibilityTest:
         self._whitening = whitening
         unknowns = uncertain_unknowns(plan, machine)
         model = MeasurementModel(plan, machine, unknowns, self.runs)
-        found = model.predict_all_runs(np.zeros(len(unknowns)), STEPS_PER_SAMPLE, with_sensitivities=True)
+        self._steps = _accurate_steps(model)
+        found = model.predict_all_runs(np.zeros(len(unknowns)), self._steps, with_sensitivities=True)
         found = {r: bounded(run, found[r]) for r, run in enumerate(self.runs)}  # a motion that sticks may be chaotic
         self.before = [found[r].values for r in range(len(self.runs))]
         self._model = model
@@ -124,7 +127,7 @@ class VisibilityTest:
 
     def _moved(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The change of the signals by coordinates of the uncertain parameters, and its derivatives there."""
-        found = self._model.predict_all_runs(x, STEPS_PER_SAMPLE, with_sensitivities=True)
+        found = self._model.predict_all_runs(x, self._steps, with_sensitivities=True)
         found = [bounded(run, found[r]) for r, run in enumerate(self.runs)]
         moved = self.change_to([outcome.values for outcome in found])
         return moved, np.nan_to_num(self.stacked([outcome.sensitivities for outcome in found]))
@@ -132,7 +135,7 @@ class VisibilityTest:
     def _signals(self, machine: Rig, plan: Campaign) -> list[Signals]:
         """The signals of the fitted runs with another machine, under the conditions of a plan."""
         model = MeasurementModel(plan, machine, (), plan.runs_for(Use.FIT))
-        found = model.predict_all_runs(np.zeros(0), STEPS_PER_SAMPLE)
+        found = model.predict_all_runs(np.zeros(0), self._steps)
         return [found[r].values for r in range(len(self.runs))]
 
     def _of_runs(self, sensitivities: np.ndarray, names: list[str], settings: Sequence[str]) -> list[np.ndarray]:
@@ -182,6 +185,14 @@ class VisibilityTest:
                 ]
                 columns.append(self.stacked(rows))
         return columns
+
+
+def _accurate_steps(model: MeasurementModel) -> int:
+    """Steps per sample whose error, at the true machine, is small; the largest number for a chaotic motion."""
+    steps, centre = STEPS_PER_SAMPLE, np.zeros(len(model.unknowns))
+    while steps < MAX_STEPS_PER_SAMPLE and not step_error(model, centre, steps) < MAX_ERROR:
+        steps *= 2
+    return steps
 
 
 class _Projection:
