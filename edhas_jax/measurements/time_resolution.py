@@ -52,6 +52,21 @@ def choose_time_resolution(
     return TimeResolution(coarse, max(coarse, found.fine), found.error)
 
 
+def step_error(model: MeasurementModel, x: np.ndarray, steps: int) -> float:
+    """The largest rms error of a signal in a run over its noise, by Richardson's comparison with half the step.
+
+    Args:
+        model: the runs to simulate.
+        x: coordinates of the unknowns (unknowns,).
+        steps: time steps per sample.
+
+    Returns:
+        The error; inf where a simulation failed.
+    """
+    change = _largest_change(model, model.predict_all_runs(x, steps), model.predict_all_runs(x, 2 * steps))
+    return 4.0 / 3.0 * change
+
+
 def _largest_derivative(model: MeasurementModel, x: np.ndarray, steps: int) -> float:
     """The largest change of a signal over its range per prior standard deviation of an unknown; inf where it failed."""
     largest = 0.0

@@ -56,7 +56,8 @@ def test_a_cylinder_that_sticks_makes_signals_irregular():
         campaign = campaign_of(family, number)
         problem = build_problem(campaign, campaign.machine, Instruments(), ())
         x = np.zeros(len(problem.unknowns))
-        scatter.append(unpredictable_part(problem, x, choose_time_resolution(problem.model(), x).fine))
+        steps = choose_time_resolution(problem.model(), x).fine
+        scatter.append(unpredictable_part(problem, x, steps, min_scatter=8.0))
     system, pump = scatter
     assert max(size / campaign_of("f", 200).channels[name].noise for name, size in system.items()) > 0.02
     assert pump == {}

@@ -16,20 +16,23 @@ from edhas_jax.measurements.campaign import Campaign
 SEED = 0
 # distance in coordinates within which neighbours are close, their number, and the degree of the curve through them
 CLOSE, NEIGHBOURS, DEGREE = 0.005, 12, 3
-MIN_SCATTER = 8.0  # nats of ½χ² by which neighbours scatter, from which a model is irregular
+MIN_SCATTER = 20.0  # nats of ½χ² by which neighbours scatter, from which a model is irregular
 
 
-def unpredictable_part(problem: FitProblem, x: np.ndarray, steps_per_sample: int) -> dict[str, float]:
+def unpredictable_part(
+    problem: FitProblem, x: np.ndarray, steps_per_sample: int, min_scatter: float = MIN_SCATTER
+) -> dict[str, float]:  # fmt: skip
     """How much close neighbours of a point scatter around a smooth curve through them.
 
     Args:
         problem: the model.
         x: the point (n,).
         steps_per_sample: time steps per sample.
+        min_scatter: nats of ½χ² from which a model is irregular.
 
     Returns:
         The standard deviation of each signal (SI), as a root mean square over the runs; empty for a model so regular
-        that less than `MIN_SCATTER` of ½χ² is irregular, and for one that fails there.
+        that less than `min_scatter` of ½χ² is irregular, and for one that fails there.
     """
     ensemble = Ensemble(problem, steps_per_sample)
     direction = np.random.default_rng(SEED).choice([-1.0, 1.0], len(x))
@@ -49,7 +52,7 @@ def unpredictable_part(problem: FitProblem, x: np.ndarray, steps_per_sample: int
         variance = np.concatenate(variances)
         deviations[name] = math.sqrt(float(np.mean(variance))) if variance.size else 0.0
         nats += 0.5 * float(np.sum(variance)) / channel.noise**2
-    return deviations if nats > MIN_SCATTER else {}
+    return deviations if nats > min_scatter else {}
 
 
 def with_unpredictable_part(campaign: Campaign, deviations: dict[str, float]) -> Campaign:

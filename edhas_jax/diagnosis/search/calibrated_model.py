@@ -1,6 +1,7 @@
 """The calibrated model: its uncertain parameters fitted before any effect is added, and the time step for that."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -23,13 +24,21 @@ from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
+from edhas_jax.measurements.time_resolution import (
+    MAX_COARSE_ERROR_OVER_NOISE,
+    TimeResolution,
+    choose_time_resolution,
+    step_error,
+)
 
 CALIBRATION_STEPS = 25  # maximum number of Levenberg-Marquardt steps
 PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growing parts of the runs are fitted
 IRREGULAR_STEPS = 25  # maximum number of steps where the signals depend irregularly on the parameters
 CHECK_STEPS = 6  # the same for the check of the time step
 STEP_SHARE = 0.1  # of the misfit: if half the coarse step removes more, it was too coarse
+MAX_HALVINGS = 3  # of the coarse step at the fitted parameters
+NEAR_THE_NOISE = 1.5  # rms of the residual over the noise, up to which a finer step is tried against irregular signals
+SMALLEST_REGULAR_STEP = 0.25  # of the step with which a run of the machine begins; the finest one that is tried there
 
 Report = Callable[[str], None]
 
@@ -63,33 +72,85 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
         starts = np.array([centre, calibrated.fit.x])
         better = fit_progressively(problem, starts, 1, resolution.coarse, TRIAL_STEPS, calibrated)
         calibrated = better or calibrated
-    if (irregular := _irregular(calibrated, resolution, report)) is not None:
-        return irregular
+    calibrated, resolution = _with_accurate_step(calibrated, resolution, report)
+    steps = max(resolution.coarse, resolution.fine // 2)
+    if deviations := unpredictable_part(calibrated.fit.problem, calibrated.fit.x, steps):
+        finer = _regular_steps(calibrated, steps, report)
+        if finer is None:
+            return _fitted_by_ensemble(calibrated, deviations, resolution._replace(coarse=steps, fine=steps), report)
+        resolution = resolution._replace(coarse=finer, fine=max(finer, resolution.fine))
+        calibrated = fit_coarse(calibrated.fit.problem, calibrated.fit.x, finer, CALIBRATION_STEPS)
     calibrated = with_tightened_bench(calibrated, resolution.coarse)
     settled, resolution = _with_sufficient_step(settle(calibrated, resolution, report), resolution, report)
     settled = with_tightened_bench(settled, resolution.coarse)
     return without_wrong_samples(settled, resolution), resolution
 
 
-def _irregular(
+def _with_accurate_step(
     calibrated: EvaluatedFit, resolution: TimeResolution, report: Report
-) -> tuple[EvaluatedFit, TimeResolution] | None:
-    """The fit, and the time steps, where signals depend irregularly on the parameters; None where they do smoothly.
+) -> tuple[EvaluatedFit, TimeResolution]:
+    """The fit and the time steps, the coarse one halved while its error at the fit exceeds noise and residual.
+
+    The steps are chosen at the prior means; where a friction sticks only at the fitted parameters, the error is larger.
+    """
+    for _ in range(MAX_HALVINGS):
+        model, steps = calibrated.fit.problem.model(), resolution.coarse
+        error = step_error(model, calibrated.fit.x, steps)
+        if not MAX_COARSE_ERROR_OVER_NOISE * max(_residual(calibrated), 1.0) < error < math.inf:
+            break
+        report("checking the time step")
+        finer = resolution._replace(coarse=2 * steps, fine=max(2 * steps, resolution.fine))
+        try:
+            calibrated = fit_coarse(calibrated.fit.problem, calibrated.fit.x, finer.coarse, CALIBRATION_STEPS)
+        except FitError:
+            break
+        resolution = finer
+    return calibrated, resolution
+
+
+def _regular_steps(calibrated: EvaluatedFit, steps: int, report: Report) -> int | None:
+    """The least number of time steps per sample above `steps` at which signals depend smoothly on the parameters.
+
+    None where there is none, and far from the noise, where the search has to go on at a step that is affordable.
+    """
+    if _residual(calibrated) > NEAR_THE_NOISE:
+        return None
+    problem = calibrated.fit.problem
+    model = problem.model()
+    while model.longest_interval() / (2 * steps) >= SMALLEST_REGULAR_STEP * model.machine.time_step:
+        report("the signals depend irregularly on the parameters: trying a finer time step")
+        steps *= 2
+        if not unpredictable_part(problem, calibrated.fit.x, steps):
+            return steps
+    return None
+
+
+def _fitted_by_ensemble(
+    calibrated: EvaluatedFit, deviations: dict[str, float], resolution: TimeResolution, report: Report
+) -> tuple[EvaluatedFit, TimeResolution]:
+    """The fit, and the time steps, where signals depend irregularly on the parameters.
 
     One time step serves all fits, because the difference between two steps is random there, and for the same reason it
     need not be quite as fine as elsewhere.
+
+    Args:
+        calibrated: a fit with derivatives along single runs.
+        deviations: what the model cannot predict, as a standard deviation (SI) by signal.
+        resolution: the time steps, coarse and fine ones the same.
+        report: called with a sentence on the progress.
     """
-    fit, steps = calibrated.fit, max(resolution.coarse, resolution.fine // 2)
-    deviations = unpredictable_part(fit.problem, fit.x, steps)
-    if not deviations:
-        return None
     report("the signals depend irregularly on the parameters: fitting with an ensemble")
+    fit, steps = calibrated.fit, resolution.coarse
     problem = dataclasses.replace(
         fit.problem, campaign=with_unpredictable_part(fit.problem.campaign, deviations), solver_error=None
     )
     found = with_tightened_bench(fit_coarse(problem, fit.x, steps, IRREGULAR_STEPS), steps)
-    resolution = TimeResolution(steps, steps, resolution.error)
     return without_wrong_samples(settle(found, resolution, report), resolution), resolution
+
+
+def _residual(evaluated: EvaluatedFit) -> float:
+    """The root mean square of the residual over the noise."""
+    return math.sqrt(max(2.0 * evaluated.cost / max(evaluated.samples, 1), 0.0))
 
 
 def _with_sufficient_step(
