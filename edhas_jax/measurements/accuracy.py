@@ -50,6 +50,8 @@ class BenchAccuracy:
         settings: of the value of a parameter in each run (relative), by name.
         signals: of the sensors, by signal.
         clocks: further recorders by name, whose records are shifted so that they fit the others.
+        clock_error: of the time of the recorder within a run [s], which changes slowly over the record; 0 for an exact
+            clock. None where nothing is stated: then the clock is exact, unless the records show the opposite.
     """
 
     trigger: float = 2e-4
@@ -57,6 +59,7 @@ class BenchAccuracy:
     settings: Mapping[str, float] = dataclasses.field(default_factory=dict)
     signals: Mapping[str, SensorAccuracy] = dataclasses.field(default_factory=dict)
     clocks: Mapping[str, RecorderClock] = dataclasses.field(default_factory=dict)
+    clock_error: float | None = None
 
 
 def with_defaults(

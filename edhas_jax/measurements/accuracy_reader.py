@@ -13,7 +13,7 @@ from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.measurements.accuracy import BenchAccuracy, RecorderClock, SensorAccuracy
 from edhas_jax.measurements.campaign import Channel
 
-KEYS = ("trigger", "recorder_filter", "settings", "signals", "clocks")
+KEYS = ("trigger", "clock_error", "recorder_filter", "settings", "signals", "clocks")
 MAX_RELATIVE = 1.0  # a larger relative standard deviation is a mistake in the unit
 
 
@@ -46,8 +46,12 @@ class AccuracyReader:
         recorder_filter = BenchAccuracy().recorder_filter
         if "recorder_filter" in section:
             recorder_filter = self._size(("accuracy", "recorder_filter"), section["recorder_filter"], "-", "0")
+        clock_error = None
+        if "clock_error" in section:
+            clock_error = self._size(("accuracy", "clock_error"), section["clock_error"], "s", "20 us")
         settings, signals = self._settings(section.get("settings")), self._signals(section.get("signals"))
-        return BenchAccuracy(trigger, recorder_filter, settings, signals, self._clocks(section.get("clocks")))
+        clocks = self._clocks(section.get("clocks"))
+        return BenchAccuracy(trigger, recorder_filter, settings, signals, clocks, clock_error)
 
     def _settings(self, section: Any) -> dict[str, float]:
         found: dict[str, float] = {}

@@ -7,7 +7,9 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.measurements.accuracy import BenchAccuracy, SensorAccuracy
-from edhas_jax.measurements.campaign import Channel
+from edhas_jax.measurements.campaign import CampaignError, Channel
+from edhas_jax.measurements.campaign_reader import read_campaign
+from edhas_jax.measurements.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import empty_campaign
 
 
@@ -26,7 +28,7 @@ def measured_campaign(**accuracy):
 
 def test_every_signal_and_setting_has_a_default():
     accuracy = measured_campaign().accuracy
-    assert accuracy.trigger == 2e-4
+    assert accuracy.trigger == 2e-4 and accuracy.clock_error is None
     assert accuracy.signals["current"].offset == pytest.approx(2e-3, rel=0.01)
     assert accuracy.signals["voltage"].offset == 0.05  # in no run: its noise
     assert accuracy.settings == {"frequency": 0.0, "load_orifice_area": 0.005, "coil_resistance": 0.005}
@@ -38,3 +40,22 @@ def test_stated_accuracy_takes_precedence():
     assert accuracy.trigger == 0.0
     assert accuracy.signals["current"] == sensor
     assert accuracy.settings["coil_resistance"] == 0.0 and accuracy.settings["load_orifice_area"] == 0.005
+
+
+@pytest.mark.parametrize("error", [None, 0.0, 2e-5])
+def test_the_error_of_the_clock_is_written_and_read(tmp_path, error):
+    """`None` and 0 are not the same: what is not stated may be doubted."""
+    campaign = measured_campaign(clock_error=error)
+    write_campaign(dataclasses.replace(campaign, channels={"current": campaign.channels["current"]}), tmp_path)
+    assert ("clock_error" in (tmp_path / "campaign.yaml").read_text()) == (error is not None)
+    assert read_campaign(tmp_path).stated_accuracy.clock_error == error
+
+
+def test_a_negative_error_of_the_clock_is_refused(tmp_path):
+    campaign = measured_campaign(clock_error=2e-5)
+    write_campaign(dataclasses.replace(campaign, channels={"current": campaign.channels["current"]}), tmp_path)
+    file = tmp_path / "campaign.yaml"
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join("  clock_error: -20 us" if "clock_error" in line else line for line in lines))
+    with pytest.raises(CampaignError, match="clock_error"):
+        read_campaign(tmp_path)

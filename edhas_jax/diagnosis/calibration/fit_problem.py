@@ -17,6 +17,7 @@ from edhas_jax.measurements.measurement_model import EvaluationPoint, Measuremen
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 SolverError = Mapping[str, Mapping[str, np.ndarray]]
+TimeError = tuple[float, ...]  # coefficients [s] of Legendre polynomials over the record of a run
 
 
 class FitError(ValueError):
@@ -36,7 +37,7 @@ class FitProblem:
         bench: deviations of the bench that are marginalised; none by default.
         solver_error: by run and signal, what a finer time step adds to the signals (samples,), SI; it is added to
             every prediction. None where predictions are taken as they are.
-        time_shifts: time [s] that was added to the time stamps of the campaign's runs, by run.
+        time_errors: what was added to the time stamps of the campaign's runs, by run.
     """
 
     campaign: Campaign
@@ -46,7 +47,7 @@ class FitProblem:
     runs: tuple[BenchRun, ...] | None = None
     bench: BenchDeviations = BenchDeviations()
     solver_error: SolverError | None = None
-    time_shifts: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    time_errors: Mapping[str, TimeError] = dataclasses.field(default_factory=dict)
 
     @property
     def is_irregular(self) -> bool:

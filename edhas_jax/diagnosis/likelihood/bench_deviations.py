@@ -4,6 +4,7 @@ Per run the trigger is early or late, the settings are a little off and the coil
 sensor has a small gain error, offset and time shift. Around a fit all of them are linear:
 
     trigger of a run, τ        ∂y/∂t · τ              for all signals of the run
+    clock in a run             ∂y/∂t · P(t) · c       for all signals of the run, P a Legendre polynomial
     setting of a run           ∂y/∂ln p · δ           for all signals of the run
     gain, offset, time shift   y · g,  o,  −∂y/∂t · s  for one signal in all runs
     filter of the recorder     (F y − y) · w          for all signals in all runs, F a low-pass filter
@@ -15,9 +16,11 @@ the accuracy of the bench, or less where a model leaves much unexplained (`searc
 import dataclasses
 import enum
 import functools
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.polynomial import legendre
 from scipy.signal import butter, lfilter, lfilter_zi
 
 from edhas_jax.measurements.campaign import BenchRun, Campaign
@@ -25,12 +28,15 @@ from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
 FILTER_CUTOFFS = 0.12, 0.19, 0.33  # over the sample rate
+# of the rate of a clock: the fastest change [Hz] that the polynomials over a record follow, and their largest degree
+CLOCK_FREQUENCY, MAX_CLOCK_DEGREE = 5.0, 8
 
 
 class DeviationKind(enum.Enum):
     """What deviates."""
 
     TRIGGER = "trigger"
+    CLOCK = "clock"
     SETTING = "setting"
     GAIN = "gain"
     OFFSET = "offset"
@@ -44,10 +50,11 @@ class Deviation:
 
     Args:
         kind: what deviates.
-        name: the signal of a sensor, or the parameter of a setting; empty for a trigger or filter.
-        std: accuracy, a standard deviation: of a trigger or time shift [s], relative of a gain or setting, SI of an
-            offset, of the weight of a filter.
+        name: the signal of a sensor, or the parameter of a setting; empty for a trigger, clock or filter.
+        std: accuracy, a standard deviation: of a trigger, clock or time shift [s], relative of a gain or setting, SI of
+            an offset, of the weight of a filter.
         cutoff: cut-off frequency of a filter over the sample rate; 0 for other kinds.
+        degree: degree of the polynomial of a clock; 0 for other kinds.
         tightening: divides `std` in a fit.
     """
 
@@ -56,6 +63,7 @@ class Deviation:
     std: float
     cutoff: float = 0.0
     tightening: float = 1.0
+    degree: int = 0
 
     @property
     def prior_std(self) -> float:
@@ -87,11 +95,14 @@ def bench_deviations(campaign: Campaign, unknowns: Sequence[UnknownParameter]) -
 
 
 def _run_deviations(campaign: Campaign, unknowns: Sequence[UnknownParameter]) -> list[Deviation]:
-    """The deviations that each run has on its own: trigger, settings, and temperature of the coil.
+    """The deviations that each run has on its own: trigger, clock, settings, and temperature of the coil.
 
     A setting counts where it is among the unknowns on a logarithmic scale, whose sensitivities are at hand.
     """
     found = [Deviation(DeviationKind.TRIGGER, "", campaign.accuracy.trigger)]
+    if error := campaign.accuracy.clock_error:
+        degrees = range(1, max((clock_degree(run) for run in campaign.runs), default=0) + 1)
+        found += [Deviation(DeviationKind.CLOCK, "", error, degree=degree) for degree in degrees]
     logarithmic = {u.name for u in unknowns if u.scale is ParameterScale.LOGARITHMIC}
     settings = campaign.accuracy.settings.items()
     found += [
@@ -117,6 +128,17 @@ def _sensor_deviations(campaign: Campaign) -> list[Deviation]:
     return found + [Deviation(DeviationKind.FILTER, "", std, cutoff) for cutoff in FILTER_CUTOFFS if std > 0.0]
 
 
+def clock_degree(run: BenchRun) -> int:
+    """The largest degree of the polynomials by which the clock of a run may be wrong."""
+    duration = float(run.time[-1] - run.time[0])
+    return min(1 + math.ceil(2.0 * CLOCK_FREQUENCY * duration), MAX_CLOCK_DEGREE)
+
+
+def record_position(run: BenchRun) -> np.ndarray:
+    """The time stamps (samples,) of a run, −1 at the start of its record and 1 at its end."""
+    return 2.0 * (run.time - run.time[0]) / max(float(run.time[-1] - run.time[0]), np.finfo(float).tiny) - 1.0
+
+
 def deviation_columns(
     deviations: Sequence[Deviation], run: BenchRun, signal: str, predicted: PredictedSignals,
     unknowns: Sequence[UnknownParameter],
@@ -139,6 +161,10 @@ def deviation_columns(
     for k, deviation in enumerate(deviations):
         if deviation.kind is DeviationKind.TRIGGER:
             columns[:, k] = deviation.prior_std * rate
+        elif deviation.kind is DeviationKind.CLOCK:
+            if deviation.degree <= clock_degree(run):
+                polynomial = legendre.legval(record_position(run), np.eye(deviation.degree + 1)[-1])
+                columns[:, k] = deviation.prior_std * polynomial * rate
         elif deviation.kind is DeviationKind.SETTING:
             place = places[deviation.name]
             columns[:, k] = predicted.sensitivities[signal][:, place] * (deviation.prior_std / unknowns[place].spread)

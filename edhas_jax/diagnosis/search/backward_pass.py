@@ -79,9 +79,10 @@ def take_back(
         if not removable:
             return TakenBack(_with_best_start(rounds, mounted, without), _with_laws(tests, final), tuple(rejected))
         weakest = removable[0]
-        if len(removable) > 1:  # of two that stand in for each other, the one with plausible parameters alone stays
+        if len(removable) > 1:  # of two that stand in for each other, the one with plausible parameters alone stays,
+            # and the deviation of another effect's law, which adds no name
             left_implausible = {k: _implausible_count(_others(mounted, mounted[k]), without[k]) for k in removable}
-            weakest = min(removable, key=lambda k: (left_implausible[k], _margin(tests[k], least)))
+            weakest = min(removable, key=lambda k: _removal_order(tests[k], left_implausible[k], least))
         report(f"{mounted[weakest].name} is not needed")
         rejected += [Rejected(r, tests[weakest]) for r in _accepting(rounds, mounted[weakest])]
         final = without[weakest]
@@ -133,6 +134,11 @@ def _margin(test: MemberTest, least: float) -> float:
     return test.strength / (least if _law_of(test.candidate) is None else MIN_MOUNTED_STRENGTH)
 
 
+def _removal_order(test: MemberTest, left_implausible: int, least: float) -> tuple[int, bool, float]:
+    """What is smallest for the member that is removed first: what it leaves implausible, an effect before a law."""
+    return left_implausible, _law_of(test.candidate) is not None, _margin(test, least)
+
+
 def _with_laws(tests: Sequence[MemberTest], final: EvaluatedFit) -> list[MemberTest]:
     """The tests of effects and sensor faults, with the plausibility of their parameters and of the library's law."""
     laws = {_law_of(test.candidate): test for test in tests if _law_of(test.candidate) is not None}
@@ -167,7 +173,7 @@ def _refit(
     problem = build_problem(campaign, campaign.machine, Instruments(), ())
     for k, candidate in enumerate(others):
         problem = build_problem(campaign, problem.machine, problem.instruments, others[:k], candidate)
-    problem = dataclasses.replace(problem, solver_error=known.solver_error, time_shifts=known.time_shifts)
+    problem = dataclasses.replace(problem, solver_error=known.solver_error, time_errors=known.time_errors)
     effects = [c for c in others if _law_of(c) is None]
     alone = [t.evaluated for t in first.trials if [t.candidate] == effects and t.evaluated is not None]
     starts = np.array([start_coordinates(problem, found.fit.values) for found in (final, *alone)])

@@ -11,7 +11,7 @@ import numpy as np
 from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem, SolverError
+from edhas_jax.diagnosis.calibration.fit_problem import FitProblem, SolverError, TimeError
 from edhas_jax.diagnosis.likelihood.bench_deviations import bench_deviations
 from edhas_jax.machine.effects import LIBRARY, Effect, EffectError
 from edhas_jax.machine.effects.validation import check_effect
@@ -166,7 +166,7 @@ def _has_parts_for(of: KindOfMachine, kind: type[Effect]) -> bool:
 def build_problem(
     campaign: Campaign, machine: Rig, instruments: Instruments, accepted: Iterable[Candidate],
     candidate: Candidate | None = None, solver_error: SolverError | None = None,
-    time_shifts: Mapping[str, float] | None = None,
+    time_errors: Mapping[str, TimeError] | None = None,
 ) -> FitProblem:  # fmt: skip
     """Set up the fit of the uncertain parameters, of accepted candidates and of one more candidate.
 
@@ -177,7 +177,7 @@ def build_problem(
         accepted: candidates that are mounted already and whose parameters are fitted too.
         candidate: candidate to mount and fit in addition.
         solver_error: what a finer time step adds to the signals.
-        time_shifts: time [s] that was added to the time stamps of the campaign's runs, by run.
+        time_errors: what was added to the time stamps of the campaign's runs, by run.
 
     Returns:
         The fit problem, with the deviations of the bench marginalised; its unknowns are the uncertain parameters
@@ -199,12 +199,12 @@ def build_problem(
     unknowns = (*uncertain, *own)
     bench = bench_deviations(campaign, unknowns)
     return FitProblem(
-        campaign, machine, unknowns, instruments, bench=bench, solver_error=solver_error, time_shifts=time_shifts or {}
+        campaign, machine, unknowns, instruments, bench=bench, solver_error=solver_error, time_errors=time_errors or {}
     )
 
 
 def with_candidate(known: FitProblem, accepted: Iterable[Candidate], candidate: Candidate) -> FitProblem:
-    """The fit problem of a model with one more candidate: same measurements, solver error and start of the records.
+    """The fit problem of a model with one more candidate: same measurements, solver error and corrected time.
 
     Args:
         known: the fit problem of the model without it.
@@ -212,7 +212,7 @@ def with_candidate(known: FitProblem, accepted: Iterable[Candidate], candidate: 
         candidate: candidate to mount and fit in addition.
     """
     return build_problem(
-        known.campaign, known.machine, known.instruments, accepted, candidate, known.solver_error, known.time_shifts
+        known.campaign, known.machine, known.instruments, accepted, candidate, known.solver_error, known.time_errors
     )
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.confounding import AssumedParameter
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
+from edhas_jax.diagnosis.likelihood.time_correction import with_time_errors
 from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Answer, Evidence, Rivals, answer_from
 from edhas_jax.diagnosis.search.calibrated_model import misfit
 from edhas_jax.diagnosis.search.candidates import Candidate
@@ -176,12 +176,8 @@ class Diagnosis:
 
     def bench_deviations(self) -> list[EstimatedDeviation]:
         """The deviations of the bench that the runs show clearly, the largest in units of its accuracy first."""
-        problem = self.after.fit.problem
         found = []
-        for row in self.after.bench.deviations(problem.bench):
-            if row.deviation.kind is DeviationKind.TRIGGER:
-                shift = problem.time_shifts.get(row.run, 0.0) / row.deviation.std
-                row = row._replace(value=row.value + shift)
+        for row in with_time_errors(self.after.fit.problem, self.after.bench):
             if abs(row.value) > SHOWN_SIGMAS * row.std and abs(row.value) > MIN_SHOWN_DEVIATION:
                 found.append(row)
         return sorted(found, key=lambda row: -abs(row.value))

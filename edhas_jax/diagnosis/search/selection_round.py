@@ -22,7 +22,7 @@ from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cos
 from edhas_jax.diagnosis.search.plausibility import implausibility_penalty, implausible_parameters, prior_cost
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
-from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
+from edhas_jax.diagnosis.search.settled_fit import settle, with_recorded_time, without_wrong_samples
 from edhas_jax.diagnosis.search.stage_encoding import RoundEnd
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.search.trial import (
@@ -139,6 +139,7 @@ def _end_with(
 ) -> RoundEnd | None:  # fmt: skip
     """A round that accepts a trial, and the model with it and the laws that differ; None where it does not hold."""
     settled = settle(with_tightened_bench(trial.evaluated, resolution.coarse), resolution, report)
+    settled = with_recorded_time(settled, resolution, report)
     law, model = free_law(settled, (*mounted, trial.candidate), trial.candidate, resolution, report)
     if law is None and not holds_by_library_law(trial, found.baseline.samples):
         return None

@@ -15,7 +15,7 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.calibration.unpredictable_part import with_unpredictable_part
 from edhas_jax.diagnosis.likelihood.bench_estimate import BenchEstimate
 from edhas_jax.diagnosis.likelihood.residual_outliers import without_missing
-from edhas_jax.diagnosis.likelihood.trigger_correction import with_shifted_time
+from edhas_jax.diagnosis.likelihood.time_correction import with_clock_error, with_corrected_time
 from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
@@ -97,8 +97,9 @@ class StageEncoder:
                 for o in fit.outcomes
             ],
             "residuals": {run: self._table(rows) for run, rows in evaluated.residuals.items()},
-            "time_shifts": dict(fit.problem.time_shifts), "tightening": fit.problem.campaign.tightening,
-            "unpredictable": fit.problem.campaign.unpredictable,
+            "time_errors": {run: list(of) for run, of in fit.problem.time_errors.items()},
+            "clock_error": fit.problem.campaign.accuracy.clock_error,
+            "tightening": fit.problem.campaign.tightening, "unpredictable": fit.problem.campaign.unpredictable,
             "sensors": self._put(evaluated.bench.of_sensors), "runs": self._table(evaluated.bench.of_runs),
             "solver_error": (
                 None
@@ -168,13 +169,14 @@ class StageDecoder:
         """A fit of the model with the candidates `mounted`."""
         error = plain["solver_error"]
         error = None if error is None else {run: self._table(rows) for run, rows in error.items()}
-        shifts = plain["time_shifts"]
+        errors = {run: tuple(of) for run, of in plain["time_errors"].items()}
         residuals = {run: self._table(rows) for run, rows in plain["residuals"].items()}
-        campaign = with_shifted_time(self.campaign, shifts) if shifts else self.campaign
+        campaign = with_clock_error(self.campaign, plain["clock_error"])
+        campaign = with_corrected_time(campaign, errors) if errors else campaign
         campaign = without_missing(dataclasses.replace(campaign, tightening=plain["tightening"]), residuals)
         campaign = with_unpredictable_part(campaign, plain["unpredictable"])
         problem = mounted_problem(campaign, mounted)
-        problem = dataclasses.replace(problem, solver_error=error, time_shifts=shifts)
+        problem = dataclasses.replace(problem, solver_error=error, time_errors=errors)
         fitted = Fit(
             problem, self.arrays[plain["x"]], self.arrays[plain["uncorrected"]],
             self.arrays[plain["covariance"]], plain["cost"],

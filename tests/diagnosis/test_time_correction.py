@@ -1,0 +1,147 @@
+"""Clocks of recorders that are wrong: as columns of a fit, as corrected time stamps, and in what the bench did."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
+from edhas_jax.diagnosis.likelihood.bench_deviations import (
+    DeviationKind,
+    bench_deviations,
+    clock_degree,
+    deviation_columns,
+)
+from edhas_jax.diagnosis.likelihood.time_correction import (
+    added,
+    time_error,
+    with_clock_error,
+    with_corrected_time,
+    with_time_errors,
+)
+from edhas_jax.diagnosis.search.calibrated_model import calibrate
+from edhas_jax.diagnosis.search.candidates import build_problem
+from edhas_jax.diagnosis.search.stage_encoding import StageDecoder, StageEncoder
+from edhas_jax.measurements.campaign import Campaign
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import PredictedSignals
+from edhas_jax.measurements.sensor_models import SensorLag
+from edhas_jax.measurements.synthetic_campaign import synthesise
+from tests.support.synthetic_campaign import CHANNELS, bench, empty_campaign, measured
+
+FINE = 5e-5  # s, sample interval of the trajectories between which a wrong clock samples
+AMPLITUDE, FREQUENCY = 1.5e-4, 3.0  # of the error of the wavering clock [s, Hz]
+
+
+def wavering(time: np.ndarray) -> np.ndarray:
+    """The times at which a clock whose error goes up and down samples."""
+    return time + AMPLITUDE * np.sin(2.0 * math.pi * FREQUENCY * time + 0.5) - AMPLITUDE * math.sin(0.5)
+
+
+def recorded_with(clock, seed: int = 0) -> Campaign:
+    """Runs of the actuator bench, sampled at the times that a clock calls multiples of the sample interval."""
+    plan = empty_campaign(lengths=(601, 401, 301))
+    exact = {n: dataclasses.replace(c, noise=1e-9 * c.noise) for n, c in CHANNELS.items()}
+    finer = tuple(dataclasses.replace(run, time=FINE * np.arange(10 * len(run.time))) for run in plan.runs)
+    fine = synthesise(dataclasses.replace(plan, runs=finer, channels=exact), bench(), np.random.default_rng(seed))
+    rng, runs = np.random.default_rng(seed + 1), []
+    for run, dense in zip(plan.runs, fine.runs, strict=True):
+        signals = {
+            n: CubicSpline(dense.time, dense.signals[n])(clock(run.time)) + c.noise * rng.standard_normal(len(run.time))
+            for n, c in CHANNELS.items()
+        }
+        runs.append(dataclasses.replace(run, signals=signals))
+    return dataclasses.replace(plan, runs=tuple(runs), is_checked=True)
+
+
+@pytest.fixture(scope="module")
+def wavering_records():
+    campaign = recorded_with(wavering)
+    return campaign, calibrate(campaign)[0]
+
+
+def test_degrees_follow_changes_of_the_rate_up_to_a_frequency():
+    run = empty_campaign().runs[0]
+    assert clock_degree(run) == 3  # 0.2 s
+    assert clock_degree(dataclasses.replace(run, time=10.0 * run.time)) == 8
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_a_column_is_the_change_of_a_signal_by_a_small_time_error(degree):
+    campaign = with_clock_error(empty_campaign(), 1e-6)
+    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    run = campaign.runs[0]
+    deviation = next(d for d in problem.bench.of_runs if d.kind is DeviationKind.CLOCK and d.degree == degree)
+    signal = lambda t: np.sin(60.0 * t)  # noqa: E731
+    predicted = PredictedSignals({"current": signal(run.time)}, {"current": np.zeros((len(run.time), 0))})
+    (column,) = deviation_columns([deviation], run, "current", predicted, ()).T
+    later = run.time + time_error(run, tuple(1e-6 * np.eye(degree + 1)[-1]))
+    np.testing.assert_allclose(column[2:-2], (signal(later) - signal(run.time))[2:-2], atol=3e-3 * np.abs(column).max())
+
+
+def test_a_column_beyond_the_degree_of_its_run_is_empty():
+    short, long = (0.1 * empty_campaign().runs[0].time, empty_campaign().runs[1].time)
+    runs = tuple(dataclasses.replace(empty_campaign().runs[0], time=t, lines=np.arange(len(t))) for t in (short, long))
+    campaign = with_clock_error(dataclasses.replace(empty_campaign(), runs=runs), 1e-6)
+    deviations = [d for d in bench_deviations(campaign, ()).of_runs if d.kind is DeviationKind.CLOCK]
+    assert [d.degree for d in deviations] == list(range(1, clock_degree(runs[1]) + 1))
+    predicted = PredictedSignals({"current": np.sin(60.0 * short)}, {"current": np.zeros((len(short), 0))})
+    columns = deviation_columns(deviations, runs[0], "current", predicted, ())
+    assert np.flatnonzero(np.abs(columns).max(axis=0)).tolist() == list(range(clock_degree(runs[0])))
+
+
+def test_time_stamps_move_and_samples_before_the_start_are_left_out():
+    campaign = recorded_with(lambda time: time)
+    errors = {"run1": (-2e-3, 1e-3)}
+    moved = with_corrected_time(campaign, errors)
+    before, after = campaign.runs[0], moved.runs[0]
+    np.testing.assert_allclose(after.time[[0, -1]] - before.time[[0, -1]], [-3e-3, -1e-3])
+    assert np.isnan(after.signals["current"]).sum() == np.sum(after.time < 0.0) > 0
+    assert np.array_equal(moved.runs[1].time, campaign.runs[1].time)
+    assert added(errors, {"run1": (1e-3,), "run2": (2e-3,)}) == {"run1": (-1e-3, 1e-3), "run2": (2e-3,)}
+
+
+def test_a_clock_that_wavers_is_found_and_corrected(wavering_records):
+    """The model is as good as the noise, at the times at which the samples were taken."""
+    campaign, found = wavering_records
+    assert found.fit.problem.campaign.accuracy.clock_error > 0.0
+    assert abs(found.excess) < 3.0 * math.sqrt(0.5 * found.samples)
+    for given, corrected in zip(campaign.runs, found.fit.problem.campaign.runs, strict=True):
+        if corrected.name in found.fit.problem.time_errors:
+            assert np.abs(corrected.time - wavering(given.time)).max() < 0.35 * AMPLITUDE
+    rows = [r for r in with_time_errors(found.fit.problem, found.bench) if r.deviation.kind is DeviationKind.CLOCK]
+    assert [row.run for row in rows] == [run.name for run in campaign.runs]
+
+
+def test_without_a_clock_the_misfit_stays(wavering_records):
+    """A clock that is stated to be exact is never doubted."""
+    campaign, found = wavering_records
+    exact = calibrate(with_clock_error(campaign, 0.0))[0]
+    assert exact.fit.problem.campaign.accuracy.clock_error == 0.0
+    assert exact.excess > 100.0 + 10.0 * max(found.excess, 0.0)
+
+
+def test_an_exact_clock_is_not_doubted():
+    found = calibrate(recorded_with(lambda time: time))[0]
+    assert found.fit.problem.campaign.accuracy.clock_error is None and not found.fit.problem.time_errors
+
+
+def test_the_lag_of_one_sensor_is_no_error_of_the_clock():
+    """It explains much of what one signal leaves, and nothing of the others."""
+    lagging = Instruments({"current": (SensorLag(lag_time=1e-3),)})
+    found = calibrate(dataclasses.replace(measured(empty_campaign(), bench(), lagging), is_checked=True))[0]
+    assert found.excess > 50.0
+    assert found.fit.problem.campaign.accuracy.clock_error is None
+
+
+def test_a_fit_with_corrected_time_is_restored(wavering_records):
+    campaign, found = wavering_records
+    encoder = StageEncoder()
+    plain = encoder.fit(found)
+    again = StageDecoder(campaign, (), encoder.arrays).fit(plain, ())
+    problem: FitProblem = again.fit.problem
+    assert problem.bench == found.fit.problem.bench and problem.time_errors == found.fit.problem.time_errors
+    for one, other in zip(problem.campaign.runs, found.fit.problem.campaign.runs, strict=True):
+        np.testing.assert_allclose(one.time, other.time, atol=1e-7)
