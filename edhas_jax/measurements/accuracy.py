@@ -50,8 +50,8 @@ class BenchAccuracy:
         settings: of the value of a parameter in each run (relative), by name.
         signals: of the sensors, by signal.
         clocks: further recorders by name, whose records are shifted so that they fit the others.
-        clock_error: of the time of the recorder within a run [s], which changes slowly over the record; 0 for an exact
-            clock. None where nothing is stated: then the clock is exact, unless the records show the opposite.
+        clock_error: of the time stamps within a run [s], by an error of the recorder's clock that changes slowly; 0 for
+            an exact clock. None where nothing is stated: then it is exact, unless the records show that it is not.
     """
 
     trigger: float = 2e-4

@@ -4,7 +4,7 @@ import dataclasses
 import enum
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +111,15 @@ class BenchRun:
     def interval(self) -> float:
         """The sample interval [s]: the median difference of the time stamps."""
         return float(np.median(np.diff(self.time)))
+
+    @property
+    def valid_samples(self) -> int:
+        """Number of samples of all signals that are not missing."""
+        return sum(int(np.isfinite(values).sum()) for values in self.signals.values())
+
+    def without_signals(self, names: Collection[str]) -> "BenchRun":
+        """The run without some of its signals."""
+        return dataclasses.replace(self, signals={n: v for n, v in self.signals.items() if n not in names})
 
 
 @dataclasses.dataclass(frozen=True)

@@ -18,7 +18,7 @@ from edhas_jax.measurements.unknown_parameters import UnknownParameter
 from edhas_jax.simulation.batch_trajectories import simulate_batch
 
 MAX_TIMESTAMP_ERROR = 1e-4  # in sample intervals; time stamps further off the regular grid need interpolation
-DENSER_GRIDS = 4, 5, 3, 2  # points per sample interval from which they interpolate; the first that divides its steps
+FINER_GRIDS = 4, 5, 3, 2  # points per sample interval that they are interpolated from; the first that divides the steps
 
 
 class EvaluationPoint(NamedTuple):
@@ -39,19 +39,19 @@ class PredictedSignals(NamedTuple):
 class _RunGroup:
     """Runs simulated in one batch: the same sample interval [s] and set point, different parameter values.
 
-    Runs whose time stamps are irregular are interpolated, from a grid that is denser than the samples (`is_denser`).
+    Runs with irregular time stamps are interpolated from a grid that is finer than the sample interval (`is_finer`).
     """
 
     machine: Rig
     interval: float
-    is_denser: bool
+    is_finer: bool
     runs: tuple[int, ...]
 
     def points_per_sample(self, steps_per_sample: int) -> int:
         """Number of points per sample interval at which the signals are recorded."""
-        if not self.is_denser:
+        if not self.is_finer:
             return 1
-        return next((n for n in DENSER_GRIDS if steps_per_sample % n == 0), 1)
+        return next((n for n in FINER_GRIDS if steps_per_sample % n == 0), 1)
 
 
 class MeasurementModel:
@@ -144,13 +144,14 @@ class MeasurementModel:
                 for j, u in enumerate(self.unknowns):
                     if self._is_of_machine[j]:
                         tangents[u.name][j::lanes_per_job] = [derivatives[j] for _, derivatives in lane_rows]
-            denser = group.points_per_sample(steps_per_sample)
-            counts = [denser * (self._sample_count(r, group) - 1) + 1 for _, r in jobs]
+            points_per_sample = group.points_per_sample(steps_per_sample)
+            grid_interval = group.interval / points_per_sample
+            counts = [points_per_sample * (self._sample_count(r, group) - 1) + 1 for _, r in jobs]
             sample_counts = np.repeat(counts, lanes_per_job)
-            grid = group.interval / denser * np.arange(sample_counts.max())
+            grid = grid_interval * np.arange(sample_counts.max())
             traces = simulate_batch(
-                group.machine, columns, tangents, group.interval / steps_per_sample, steps_per_sample // denser,
-                sample_counts, self.signals,
+                group.machine, columns, tangents, group.interval / steps_per_sample,
+                steps_per_sample // points_per_sample, sample_counts, self.signals,
             )  # fmt: skip
             for k, (p, r) in enumerate(jobs):
                 lanes = slice(k * lanes_per_job, (k + 1) * lanes_per_job)
@@ -158,10 +159,10 @@ class MeasurementModel:
                 values = {s: trace[:n, k * lanes_per_job] for s, trace in traces.values.items()}
                 slopes = {s: trace[:n, lanes] for s, trace in traces.slopes.items()} if with_sensitivities else None
                 values, slopes = self.instruments.record(grid[:n], values, slopes, self.unknowns, points[p].x)
-                values = {s: self._at_time_stamps(r, group.interval / denser, v) for s, v in values.items()}
+                values = {s: self._at_time_stamps(r, grid_interval, v) for s, v in values.items()}
                 inside = {s: self._within_limits(s, v) for s, v in values.items()}
                 if with_sensitivities:
-                    slopes = {s: self._at_time_stamps(r, group.interval / denser, v) for s, v in slopes.items()}
+                    slopes = {s: self._at_time_stamps(r, grid_interval, v) for s, v in slopes.items()}
                     slopes = {s: v if inside[s] is None else v * inside[s][1][:, None] for s, v in slopes.items()}
                 values = {s: v if inside[s] is None else inside[s][0] for s, v in values.items()}
                 results[p][r] = PredictedSignals(values, slopes)
@@ -194,8 +195,8 @@ class MeasurementModel:
     def _at_time_stamps(self, r: int, interval: float, rows: np.ndarray) -> np.ndarray:
         """Rows (points, …) on a grid of an interval [s], at the time stamps of run `r`; a cubic spline between."""
         time = self.runs[r].time
-        if _is_on_grid(time, interval):
-            return rows[np.round(time / interval).astype(int)]
+        if (indices := _grid_indices(time, interval)) is not None:
+            return rows[indices]
         if not np.isfinite(rows).all():
             return np.full((len(time), *rows.shape[1:]), np.nan)
         return CubicSpline(interval * np.arange(len(rows)), rows)(time)
@@ -207,9 +208,10 @@ def placeholder_parameter(machine: Rig) -> str:
     return next((n for n in names.values() if n == "force_constant"), None) or next(iter(names.values()))
 
 
-def _is_on_grid(time: np.ndarray, interval: float) -> bool:
-    """Whether all time stamps are multiples of an interval [s]."""
-    return bool(np.abs(time / interval - np.round(time / interval)).max() <= MAX_TIMESTAMP_ERROR)
+def _grid_indices(time: np.ndarray, interval: float) -> np.ndarray | None:
+    """Time stamps as multiples of an interval [s]; None where one of them is not a multiple."""
+    indices = np.round(time / interval)
+    return indices.astype(int) if np.abs(time / interval - indices).max() <= MAX_TIMESTAMP_ERROR else None
 
 
 def _group_runs(runs: Sequence[BenchRun], machines: Sequence[Rig]) -> list[_RunGroup]:
@@ -218,10 +220,10 @@ def _group_runs(runs: Sequence[BenchRun], machines: Sequence[Rig]) -> list[_RunG
         # a recorded set point is an array of its own, so its run cannot share a batch
         has_recording = any(np.ndim(leaf) for leaf in jax.tree.leaves(machine))
         interval = float(f"{run.interval:.6g}")
-        # a recorded drive is known at the samples, and a time loop is far faster where it goes from sample to sample
-        is_denser = not has_recording and not _is_on_grid(run.time, interval)
-        groups.setdefault((interval, is_denser, r if has_recording else -1), []).append(r)
+        # a recorded drive is looked up once per sample; on a finer grid every time step would have to, which is slow
+        is_finer = not has_recording and _grid_indices(run.time, interval) is None
+        groups.setdefault((interval, is_finer, r if has_recording else -1), []).append(r)
     return [
-        _RunGroup(machines[members[0]], interval, is_denser, tuple(members))
-        for (interval, is_denser, _), members in groups.items()
+        _RunGroup(machines[members[0]], interval, is_finer, tuple(members))
+        for (interval, is_finer, _), members in groups.items()
     ]

@@ -53,7 +53,7 @@ def choose_time_resolution(
 
 
 def step_error(model: MeasurementModel, x: np.ndarray, steps: int) -> float:
-    """The largest rms error of a signal in a run over its noise, by Richardson's comparison with half the step.
+    """The largest rms error of a signal in a run over its noise, by comparison with half the step (Richardson).
 
     Args:
         model: the runs to simulate.

@@ -1,4 +1,4 @@
-"""The time step of a calibration: its error at the fitted parameters, and finer steps where signals scatter."""
+"""The time step of a calibration: its error at the fitted parameters, and finer steps where signals are irregular."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ STEPS = np.array([4, 8, 16, 32])
 @pytest.fixture(scope="module")
 def problem():
     campaign = measured(empty_campaign(), bench())
-    # sensors that are ten times as good, so that a step of an eighth of a sample interval is too coarse
+    # the noise is stated ten times smaller than it is: the error of one step per sample is 36 times that
     channels = {n: dataclasses.replace(c, noise=0.1 * c.noise) for n, c in campaign.channels.items()}
     campaign = dataclasses.replace(campaign, channels=channels)
     return build_problem(campaign, campaign.machine, Instruments(), ())
@@ -40,7 +40,7 @@ def test_the_step_is_halved_until_its_error_is_below_noise_and_residual(problem)
     calibrated = fitted(problem, 1)
     x, model = calibrated.fit.x, problem.model()
     assert step_error(model, x, 1) > 1.0
-    # the residual of these measurements is ten times the stated noise: only a larger error matters
+    # the residual is ten times the stated noise, so that only a larger error matters
     residual = math.sqrt(2.0 * calibrated.cost / calibrated.samples)
     again, resolution = _with_accurate_step(calibrated, TimeResolution(1, 2, math.nan), lambda sentence: None)
     assert resolution.coarse == again.fit.resolution.coarse > 1 and resolution.fine >= resolution.coarse
@@ -53,7 +53,7 @@ def test_an_accurate_step_stays(problem):
 
 
 def test_irregular_signals_near_the_noise_get_the_first_step_that_is_regular(problem, monkeypatch):
-    """Signals that scatter up to sixteen steps per sample: with thirty-two derivatives can be used."""
+    """Signals that are irregular with up to sixteen steps per sample, and regular with thirty-two."""
     tried = []
 
     def scatter(problem, x, steps):
@@ -64,7 +64,7 @@ def test_irregular_signals_near_the_noise_get_the_first_step_that_is_regular(pro
     near = build_problem(measured(empty_campaign(), bench()), bench(), Instruments(), ())
     assert _regular_steps(fitted(near, 4), 4, lambda sentence: None) == 32
     assert tried == [8, 16, 32]
-    # far from the noise a search with so fine a step would take too long
+    # where the residual is far above the noise, no finer step is tried
     tried.clear()
     assert _regular_steps(fitted(problem, 4), 4, lambda sentence: None) is None and not tried
 

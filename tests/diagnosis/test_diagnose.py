@@ -294,7 +294,7 @@ def test_a_sensor_that_lags(of_a_lagging_sensor):
     assert found.final.values["current.sensor_lag.lag_time"] == pytest.approx(1e-3, rel=0.05)
 
 
-def test_a_needless_correction_of_the_time_is_taken_back(of_a_lagging_sensor):
-    """Without the lag the model was better with all records shifted; with it no trigger deviates."""
+def test_an_unnecessary_correction_of_the_time_is_undone(of_a_lagging_sensor):
+    """Without the lag the model fits better with all records shifted; with the lag no trigger deviates."""
     assert not any(map(any, of_a_lagging_sensor.final.problem.time_errors.values()))
     assert not [row for row in of_a_lagging_sensor.bench_deviations() if row.deviation.kind is DeviationKind.TRIGGER]

@@ -1,4 +1,4 @@
-"""Clocks of recorders that are wrong: as columns of a fit, as corrected time stamps, and in what the bench did."""
+"""Errors of a recorder's clock: as columns of a fit, as corrected time stamps, and as a deviation of the bench."""
 
 import dataclasses
 import math
@@ -31,17 +31,17 @@ from edhas_jax.measurements.sensor_models import SensorLag
 from edhas_jax.measurements.synthetic_campaign import synthesise
 from tests.support.synthetic_campaign import CHANNELS, bench, empty_campaign, measured
 
-FINE = 5e-5  # s, sample interval of the trajectories between which a wrong clock samples
-AMPLITUDE, FREQUENCY = 1.5e-4, 3.0  # of the error of the wavering clock [s, Hz]
+FINE = 5e-5  # s, sample interval of the trajectories from which the signals are interpolated
+AMPLITUDE, FREQUENCY = 1.5e-4, 3.0  # of the sinusoidal error of a clock [s, Hz]
 
 
-def wavering(time: np.ndarray) -> np.ndarray:
-    """The times at which a clock whose error goes up and down samples."""
+def true_times(time: np.ndarray) -> np.ndarray:
+    """The true times of samples whose recorded times have a sinusoidal error."""
     return time + AMPLITUDE * np.sin(2.0 * math.pi * FREQUENCY * time + 0.5) - AMPLITUDE * math.sin(0.5)
 
 
 def recorded_with(clock, seed: int = 0) -> Campaign:
-    """Runs of the actuator bench, sampled at the times that a clock calls multiples of the sample interval."""
+    """Runs of the actuator bench, sampled at the times that `clock` gives for the recorded ones."""
     plan = empty_campaign(lengths=(601, 401, 301))
     exact = {n: dataclasses.replace(c, noise=1e-9 * c.noise) for n, c in CHANNELS.items()}
     finer = tuple(dataclasses.replace(run, time=FINE * np.arange(10 * len(run.time))) for run in plan.runs)
@@ -57,8 +57,8 @@ def recorded_with(clock, seed: int = 0) -> Campaign:
 
 
 @pytest.fixture(scope="module")
-def wavering_records():
-    campaign = recorded_with(wavering)
+def wrong_records():
+    campaign = recorded_with(true_times)
     return campaign, calibrate(campaign)[0]
 
 
@@ -92,7 +92,7 @@ def test_a_column_beyond_the_degree_of_its_run_is_empty():
     assert np.flatnonzero(np.abs(columns).max(axis=0)).tolist() == list(range(clock_degree(runs[0])))
 
 
-def test_time_stamps_move_and_samples_before_the_start_are_left_out():
+def test_samples_before_the_start_of_the_run_are_left_out():
     campaign = recorded_with(lambda time: time)
     errors = {"run1": (-2e-3, 1e-3)}
     moved = with_corrected_time(campaign, errors)
@@ -103,41 +103,41 @@ def test_time_stamps_move_and_samples_before_the_start_are_left_out():
     assert added(errors, {"run1": (1e-3,), "run2": (2e-3,)}) == {"run1": (-1e-3, 1e-3), "run2": (2e-3,)}
 
 
-def test_a_clock_that_wavers_is_found_and_corrected(wavering_records):
-    """The model is as good as the noise, at the times at which the samples were taken."""
-    campaign, found = wavering_records
+def test_an_error_of_the_clock_is_found_and_corrected(wrong_records):
+    """With the corrected time stamps the model leaves nothing but noise."""
+    campaign, found = wrong_records
     assert found.fit.problem.campaign.accuracy.clock_error > 0.0
     assert abs(found.excess) < 3.0 * math.sqrt(0.5 * found.samples)
     for given, corrected in zip(campaign.runs, found.fit.problem.campaign.runs, strict=True):
         if corrected.name in found.fit.problem.time_errors:
-            assert np.abs(corrected.time - wavering(given.time)).max() < 0.35 * AMPLITUDE
+            assert np.abs(corrected.time - true_times(given.time)).max() < 0.35 * AMPLITUDE
     rows = [r for r in with_time_errors(found.fit.problem, found.bench) if r.deviation.kind is DeviationKind.CLOCK]
     assert [row.run for row in rows] == [run.name for run in campaign.runs]
 
 
-def test_without_a_clock_the_misfit_stays(wavering_records):
-    """A clock that is stated to be exact is never doubted."""
-    campaign, found = wavering_records
+def test_with_a_clock_stated_as_exact_the_misfit_stays(wrong_records):
+    """No error of the clock is tried where the campaign states an exact one."""
+    campaign, found = wrong_records
     exact = calibrate(with_clock_error(campaign, 0.0))[0]
     assert exact.fit.problem.campaign.accuracy.clock_error == 0.0
     assert exact.excess > 100.0 + 10.0 * max(found.excess, 0.0)
 
 
-def test_an_exact_clock_is_not_doubted():
+def test_an_exact_clock_has_no_error():
     found = calibrate(recorded_with(lambda time: time))[0]
     assert found.fit.problem.campaign.accuracy.clock_error is None and not found.fit.problem.time_errors
 
 
 def test_the_lag_of_one_sensor_is_no_error_of_the_clock():
-    """It explains much of what one signal leaves, and nothing of the others."""
+    """An error of the clock would explain much of the misfit of one signal, and little of the others."""
     lagging = Instruments({"current": (SensorLag(lag_time=1e-3),)})
     found = calibrate(dataclasses.replace(measured(empty_campaign(), bench(), lagging), is_checked=True))[0]
     assert found.excess > 50.0
     assert found.fit.problem.campaign.accuracy.clock_error is None
 
 
-def test_a_fit_with_corrected_time_is_restored(wavering_records):
-    campaign, found = wavering_records
+def test_a_fit_with_corrected_time_is_restored(wrong_records):
+    campaign, found = wrong_records
     encoder = StageEncoder()
     plain = encoder.fit(found)
     again = StageDecoder(campaign, (), encoder.arrays).fit(plain, ())

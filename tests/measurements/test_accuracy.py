@@ -44,7 +44,7 @@ def test_stated_accuracy_takes_precedence():
 
 @pytest.mark.parametrize("error", [None, 0.0, 2e-5])
 def test_the_error_of_the_clock_is_written_and_read(tmp_path, error):
-    """`None` and 0 are not the same: what is not stated may be doubted."""
+    """0 states an exact clock; None states nothing, so that the diagnosis may find that the clock is wrong."""
     campaign = measured_campaign(clock_error=error)
     write_campaign(dataclasses.replace(campaign, channels={"current": campaign.channels["current"]}), tmp_path)
     assert ("clock_error" in (tmp_path / "campaign.yaml").read_text()) == (error is not None)

@@ -1,4 +1,4 @@
-"""Predictions at time stamps beside the regular grid: from points that are denser than the samples."""
+"""Predictions at time stamps that are no multiples of the sample interval: interpolated from a finer grid."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ INTERVAL = 5e-4  # s
 
 
 def model_with(times) -> MeasurementModel:
-    """A model whose runs have other time stamps each."""
+    """A measurement model whose runs have the given time stamps."""
     campaign = empty_campaign()
     runs = tuple(
         dataclasses.replace(run, time=time, lines=np.arange(len(time)) + 2)
@@ -28,7 +28,7 @@ def regular():
 
 
 def test_values_between_samples_are_those_of_the_steps(regular):
-    """A quarter of a sample later is two of eight steps later: a grid of that interval has the values themselves."""
+    """A quarter of a sample interval is two of its eight steps, so that the finer grid has these points itself."""
     x, late = np.full(4, 0.3), 0.25 * INTERVAL
     between = model_with([time + late for time in regular]).predict_all_runs(x, PER_SAMPLE, with_sensitivities=True)
     finer = model_with([np.arange(4 * len(time)) * late for time in regular])
@@ -41,13 +41,13 @@ def test_values_between_samples_are_those_of_the_steps(regular):
             np.testing.assert_allclose(slopes, dense, rtol=1e-7, atol=1e-7 * np.ptp(dense))
 
 
-def test_a_denser_grid_interpolates_better(regular):
-    """Beside any grid, four points per sample interval are better by far than the samples alone."""
+def test_a_finer_grid_interpolates_better(regular):
+    """For time stamps on neither grid, four points per sample interval are better than the samples alone."""
     x, shift = np.zeros(4), 0.13 * INTERVAL
     times = [time + shift for time in regular]
     exact = model_with([np.arange(100 * (len(time) - 1)) * 0.01 * INTERVAL for time in regular])
     exact = exact.predict_all_runs(x, 1)
-    # seven steps: no denser grid divides them
+    # no finer grid divides seven steps
     errors = {}
     for steps in (7, 8):
         found = model_with(times).predict_all_runs(x, steps)
@@ -57,8 +57,8 @@ def test_a_denser_grid_interpolates_better(regular):
     assert errors[8] < 0.5 * errors[7]
 
 
-def test_runs_with_regular_time_are_not_recorded_denser(regular):
-    """A run beside the grid does not change the others."""
+def test_runs_with_regular_time_stamps_need_no_finer_grid(regular):
+    """A run with irregular time stamps does not change the predictions of the others."""
     x = np.zeros(4)
     alone = model_with(regular).predict_all_runs(x, PER_SAMPLE)
     mixed = model_with([regular[0] + 1e-4, *regular[1:]]).predict_all_runs(x, PER_SAMPLE)

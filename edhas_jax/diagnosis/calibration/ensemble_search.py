@@ -146,7 +146,7 @@ class Ensemble:
     def __init__(self, problem: FitProblem, steps_per_sample: int):
         self._problem, self._steps_per_sample = problem, steps_per_sample
         self.runs: Sequence[BenchRun] = problem.model().runs
-        self.samples = sum(int(np.isfinite(v).sum()) for run in self.runs for v in run.signals.values())
+        self.samples = sum(run.valid_samples for run in self.runs)
         self._own = len(problem.bench.of_runs)
         self._low, self._high = np.array([u.bounds() for u in problem.unknowns]).T
         self._constraints = problem.constraints()

@@ -221,5 +221,5 @@ def _evaluator(problem: FitProblem, per_sample: int) -> Callable[[np.ndarray, np
 
 def _rms_over_noise(model: MeasurementModel, cost: float) -> float:
     """The root mean square of the residuals over noise that a cost corresponds to, the prior's share neglected."""
-    count = sum(np.isfinite(values).sum() for run in model.runs for values in run.signals.values())
+    count = sum(run.valid_samples for run in model.runs)
     return float(np.sqrt(2.0 * cost / count))

@@ -28,7 +28,7 @@ from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
 FILTER_CUTOFFS = 0.12, 0.19, 0.33  # over the sample rate
-# of the rate of a clock: the fastest change [Hz] that the polynomials over a record follow, and their largest degree
+# the fastest change of a clock's rate [Hz] that the polynomials over a record follow, and their largest degree
 CLOCK_FREQUENCY, MAX_CLOCK_DEGREE = 5.0, 8
 
 
@@ -129,13 +129,13 @@ def _sensor_deviations(campaign: Campaign) -> list[Deviation]:
 
 
 def clock_degree(run: BenchRun) -> int:
-    """The largest degree of the polynomials by which the clock of a run may be wrong."""
+    """The largest degree of the polynomials that describe the error of the clock in a run."""
     duration = float(run.time[-1] - run.time[0])
     return min(1 + math.ceil(2.0 * CLOCK_FREQUENCY * duration), MAX_CLOCK_DEGREE)
 
 
 def record_position(run: BenchRun) -> np.ndarray:
-    """The time stamps (samples,) of a run, −1 at the start of its record and 1 at its end."""
+    """The time stamps (samples,) of a run, scaled to −1 at the start of its record and 1 at its end."""
     return 2.0 * (run.time - run.time[0]) / max(float(run.time[-1] - run.time[0]), np.finfo(float).tiny) - 1.0
 
 
@@ -158,13 +158,15 @@ def deviation_columns(
         return columns
     rate = np.gradient(values, run.time)
     places = {u.name: k for k, u in enumerate(unknowns)}
+    polynomials = np.zeros((0, len(values)))
+    if any(deviation.kind is DeviationKind.CLOCK for deviation in deviations):
+        polynomials = legendre.legvander(record_position(run), clock_degree(run)).T
     for k, deviation in enumerate(deviations):
         if deviation.kind is DeviationKind.TRIGGER:
             columns[:, k] = deviation.prior_std * rate
         elif deviation.kind is DeviationKind.CLOCK:
-            if deviation.degree <= clock_degree(run):
-                polynomial = legendre.legval(record_position(run), np.eye(deviation.degree + 1)[-1])
-                columns[:, k] = deviation.prior_std * polynomial * rate
+            if deviation.degree < len(polynomials):
+                columns[:, k] = deviation.prior_std * polynomials[deviation.degree] * rate
         elif deviation.kind is DeviationKind.SETTING:
             place = places[deviation.name]
             columns[:, k] = predicted.sensitivities[signal][:, place] * (deviation.prior_std / unknowns[place].spread)

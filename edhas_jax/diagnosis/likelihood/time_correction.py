@@ -1,8 +1,8 @@
 """Correction of the time stamps of records that start early or late, or whose clock is wrong.
 
 The error of a run's time is a sum of Legendre polynomials over its record: the start of the record (degree 0), the rate
-of the clock (degree 1), and changes of the rate. As columns of the fit time errors are linear, which is right for a
-small part of a sample interval only; the correction of the time stamps is exact.
+of the clock (degree 1), and changes of the rate. The columns of the fit are linear in the time error, which is accurate
+only for errors of a small part of a sample interval; corrected time stamps have no such limit.
 """
 
 import dataclasses
@@ -20,38 +20,40 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import PredictedSignals
 
 SIGNIFICANT = 3.0  # standard deviations of an estimated coefficient from which the time of a run is corrected
-MIN_GAIN = 10.0  # nats from which a common shift is clearly better than none
+MIN_GAIN = 10.0  # nats of ½χ² by which corrected time stamps have to be better than others
+TIME_KINDS = DeviationKind.TRIGGER, DeviationKind.CLOCK
 
 
 def estimated_time_errors(estimate: BenchEstimate, bench: BenchDeviations) -> dict[str, TimeError]:
-    """Coefficients [s] of the time error of each run, by run; those of trigger and clock are 0 if not significant."""
-    coefficients: dict[str, list[float]] = {}
-    significant: dict[tuple[str, DeviationKind], bool] = {}
-    kinds: dict[str, list[DeviationKind]] = {}
+    """The time error of each run as Legendre coefficients [s], by run.
+
+    The start of the record counts where it is significant, and the clock where any of its coefficients is; otherwise
+    their coefficients are 0.
+    """
+    of_runs: dict[str, list[EstimatedDeviation]] = {}
     for row in estimate.deviations(bench):
-        kind = row.deviation.kind
-        if kind in (DeviationKind.TRIGGER, DeviationKind.CLOCK):
-            values, of = coefficients.setdefault(row.run, []), kinds.setdefault(row.run, [])
-            missing = row.deviation.degree - len(values)  # a trigger that is exact has no row
-            values += [0.0] * missing + [row.value * row.deviation.std]
-            of += [kind] * (missing + 1)
-            is_significant = abs(row.value) > SIGNIFICANT * row.std
-            significant[row.run, kind] = significant.get((row.run, kind), False) or is_significant
-    return {
-        run: tuple(c if significant[run, kind] else 0.0 for c, kind in zip(values, kinds[run], strict=True))
-        for run, values in coefficients.items()
-    }
+        if row.deviation.kind in TIME_KINDS:
+            of_runs.setdefault(row.run, []).append(row)
+    found = {}
+    for run, rows in of_runs.items():
+        significant = {row.deviation.kind for row in rows if abs(row.value) > SIGNIFICANT * row.std}
+        coefficients = [0.0] * (1 + max(row.deviation.degree for row in rows))
+        for row in rows:
+            if row.deviation.kind in significant:
+                coefficients[row.deviation.degree] = row.value * row.deviation.std
+        found[run] = tuple(coefficients)
+    return found
 
 
 def with_time_errors(problem: FitProblem, estimate: BenchEstimate) -> list[EstimatedDeviation]:
-    """The estimated deviations of a bench, those of trigger and clock with what the time stamps were corrected by.
+    """The estimated deviations of a bench; for trigger and clock the sum of correction and remaining estimate.
 
-    The clock of a run is one deviation, its value the largest time error within the run.
+    The clock of a run is one deviation, whose value is the largest time error within the run.
     """
     found, clocks = [], {}
     for row in estimate.deviations(problem.bench):
         deviation, corrected = row.deviation, problem.time_errors.get(row.run, ())
-        if deviation.kind in (DeviationKind.TRIGGER, DeviationKind.CLOCK) and deviation.degree < len(corrected):
+        if deviation.kind in TIME_KINDS and deviation.degree < len(corrected):
             row = row._replace(value=row.value + corrected[deviation.degree] / deviation.std)
         (clocks.setdefault(row.run, []) if deviation.kind is DeviationKind.CLOCK else found).append(row)
     for run in problem.campaign.runs:
@@ -76,12 +78,12 @@ def added(errors: Mapping[str, TimeError], further: Mapping[str, TimeError]) -> 
     """The sums of time errors, by run."""
     return {
         run: tuple(legendre.legadd(errors.get(run, ()) or (0.0,), further.get(run, ()) or (0.0,)).tolist())
-        for run in (*errors, *(name for name in further if name not in errors))
+        for run in {**errors, **further}
     }
 
 
 def with_corrected_time(campaign: Campaign, errors: Mapping[str, TimeError]) -> Campaign:
-    """The campaign with time errors added to the time stamps; samples before the start of a run are left out.
+    """The campaign with time errors added to its time stamps; samples then before the start of a run become NaN.
 
     Args:
         campaign: the measurements.
@@ -130,7 +132,7 @@ def best_common_shift(
 def cost_with_time_errors(
     problem: FitProblem, x: np.ndarray, outcomes: Sequence[PredictedSignals], errors: Mapping[str, TimeError]
 ) -> float:  # fmt: skip
-    """½χ² after a linear step of the unknowns, if time stamps are wrong.
+    """½χ² after a linear step of the unknowns, with time errors added to the time stamps.
 
     Args:
         problem: the fit problem.

@@ -79,8 +79,7 @@ def take_back(
         if not removable:
             return TakenBack(_with_best_start(rounds, mounted, without), _with_laws(tests, final), tuple(rejected))
         weakest = removable[0]
-        if len(removable) > 1:  # of two that stand in for each other, the one with plausible parameters alone stays,
-            # and the deviation of another effect's law, which adds no name
+        if len(removable) > 1:  # members that stand in for each other
             left_implausible = {k: _implausible_count(_others(mounted, mounted[k]), without[k]) for k in removable}
             weakest = min(removable, key=lambda k: _removal_order(tests[k], left_implausible[k], least))
         report(f"{mounted[weakest].name} is not needed")
@@ -135,7 +134,11 @@ def _margin(test: MemberTest, least: float) -> float:
 
 
 def _removal_order(test: MemberTest, left_implausible: int, least: float) -> tuple[int, bool, float]:
-    """What is smallest for the member that is removed first: what it leaves implausible, an effect before a law."""
+    """A key that is smallest for the member to be removed first.
+
+    Of members that stand in for each other, one without which all parameters are plausible is removed. Of an effect and
+    a deviation of another effect's law it is the effect, because the deviation adds no name.
+    """
     return left_implausible, _law_of(test.candidate) is not None, _margin(test, least)
 
 

@@ -36,7 +36,7 @@ PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growi
 IRREGULAR_STEPS = 25  # maximum number of steps where the signals depend irregularly on the parameters
 CHECK_STEPS = 6  # the same for the check of the time step
 STEP_SHARE = 0.1  # of the misfit: if half the coarse step removes more, it was too coarse
-MAX_HALVINGS = 3  # of the coarse step at the fitted parameters
+MAX_HALVINGS = 3  # of the coarse step, where its error at the fitted parameters is too large
 NEAR_THE_NOISE = 1.5  # rms of the residual over the noise, up to which a finer step is tried against irregular signals
 SMALLEST_REGULAR_STEP = 0.25  # of the step with which a run of the machine begins; the finest one that is tried there
 
@@ -89,14 +89,15 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
 def _with_accurate_step(
     calibrated: EvaluatedFit, resolution: TimeResolution, report: Report
 ) -> tuple[EvaluatedFit, TimeResolution]:
-    """The fit and the time steps, the coarse one halved while its error at the fit exceeds noise and residual.
+    """The fit and its time steps, the coarse one small enough for an error at the fit below the noise or the residual.
 
-    The steps are chosen at the prior means; where a friction sticks only at the fitted parameters, the error is larger.
+    It is halved at most `MAX_HALVINGS` times. The steps were chosen at the prior means; where a friction sticks at the
+    fitted parameters only, their error is larger there.
     """
     for _ in range(MAX_HALVINGS):
         model, steps = calibrated.fit.problem.model(), resolution.coarse
         error = step_error(model, calibrated.fit.x, steps)
-        if not MAX_COARSE_ERROR_OVER_NOISE * max(_residual(calibrated), 1.0) < error < math.inf:
+        if not MAX_COARSE_ERROR_OVER_NOISE * max(calibrated.residual_over_noise, 1.0) < error < math.inf:
             break
         report("checking the time step")
         finer = resolution._replace(coarse=2 * steps, fine=max(2 * steps, resolution.fine))
@@ -109,11 +110,12 @@ def _with_accurate_step(
 
 
 def _regular_steps(calibrated: EvaluatedFit, steps: int, report: Report) -> int | None:
-    """The least number of time steps per sample above `steps` at which signals depend smoothly on the parameters.
+    """The first of 2, 4, … times `steps` per sample at which the signals depend smoothly on the parameters.
 
-    None where there is none, and far from the noise, where the search has to go on at a step that is affordable.
+    None where no step down to `SMALLEST_REGULAR_STEP` does. None also where the residual is far above the noise: then
+    the search for missing effects, with its many fits, would take too long at a finer step.
     """
-    if _residual(calibrated) > NEAR_THE_NOISE:
+    if calibrated.residual_over_noise > NEAR_THE_NOISE:
         return None
     problem = calibrated.fit.problem
     model = problem.model()
@@ -146,11 +148,6 @@ def _fitted_by_ensemble(
     )
     found = with_tightened_bench(fit_coarse(problem, fit.x, steps, IRREGULAR_STEPS), steps)
     return without_wrong_samples(settle(found, resolution, report), resolution), resolution
-
-
-def _residual(evaluated: EvaluatedFit) -> float:
-    """The root mean square of the residual over the noise."""
-    return math.sqrt(max(2.0 * evaluated.cost / max(evaluated.samples, 1), 0.0))
 
 
 def _with_sufficient_step(

@@ -12,7 +12,7 @@ from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
 
-# others are relative
+# units of deviations; the other kinds are relative
 DEVIATION_UNITS = {DeviationKind.TRIGGER: "s", DeviationKind.CLOCK: "s", DeviationKind.SHIFT: "s"}
 MAX_ACCURACIES, MOST_EXCESSIVE = 3.0, 3  # of a deviation of the bench: beyond them it is no usual one; sentences
 MIN_UNPREDICTABLE = 0.02  # of the noise of a signal: less of it is not named

@@ -68,6 +68,11 @@ class EvaluatedFit:
         return self.cost - 0.5 * self.samples
 
     @property
+    def residual_over_noise(self) -> float:
+        """The root mean square of residuals over noise that ½χ² corresponds to; 1 under noise alone."""
+        return math.sqrt(max(2.0 * self.cost / max(self.samples, 1), 0.0))
+
+    @property
     def log_evidence(self) -> float:
         """Log marginal likelihood ln ∫ likelihood · prior dx by Laplace's method, in nats.
 

@@ -123,5 +123,5 @@ def _chi_square(residuals: Mapping[str, np.ndarray], run: BenchRun) -> float:
 
 def _excess_sigmas(chi_square: float, stage: FitProblem) -> float:
     """The excess of χ² over its expectation under noise alone, in standard deviations of χ²."""
-    samples = sum(int(np.isfinite(v).sum()) for run in stage.runs for v in run.signals.values())
+    samples = sum(run.valid_samples for run in stage.runs)
     return (chi_square - samples) / np.sqrt(2.0 * max(samples, 1))

@@ -24,15 +24,15 @@ from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, w
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 CORRECTION_STEPS = 8  # maximum number of Levenberg-Marquardt steps
-# time by which records start early or late: from which on it is corrected exactly [s], how often, and the share of the
-# misfit that the correction must remove; less where the clock is known to be wrong
-MIN_TIME_ERROR, MAX_CORRECTIONS, MIN_REMOVED_SHARE, MIN_REMOVED_BY_CLOCK = 2e-5, 2, 0.5, 0.1
+MIN_TIME_ERROR, MAX_CORRECTIONS = 2e-5, 2  # time error [s] from which time stamps are corrected, and how often
+MIN_REMOVED_SHARE = 0.5  # of the misfit, which a correction of the time stamps must remove,
+MIN_REMOVED_BY_CLOCK = 0.1  # and the same where the clock has an error
 PREDICTED_SHARE = 0.5  # of that share, which the interpolated signals must promise before anything is simulated
 # of the accuracy of the trigger
 TRIGGER_GRID = np.array([-2.0, -1.5, -1.0, -0.7, -0.4, -0.2, 0.2, 0.4, 0.7, 1.0, 1.5, 2.0])
-# standard deviation of the time [s] where the records show that the clock is wrong; what each coefficient of it must
-# explain on average [nats], beside `MIN_REMOVED_SHARE` of the misfit together
-DOUBTED_CLOCK, MIN_GAIN_OF_COEFFICIENT = 5e-5, 2.0
+# Where no error of the clock is stated, one of this standard deviation [s] is tried. It is kept if ½χ² falls by
+# `MIN_REMOVED_SHARE` of the misfit and by so much [nats] per coefficient of the polynomials.
+UNSTATED_CLOCK_ERROR, MIN_GAIN_OF_COEFFICIENT = 5e-5, 2.0
 
 
 def settle(evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable[[str], None]) -> EvaluatedFit:
@@ -45,7 +45,7 @@ def settle(evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable
     """
     found = with_solver_error(evaluated, resolution, CORRECTION_STEPS)
     for correction in range(MAX_CORRECTIONS):
-        found = _with_doubted_clock(found, resolution, report)
+        found = _with_inexact_clock(found, resolution, report)
         fitted, campaign = found.fit, found.fit.problem.campaign
         share = MIN_REMOVED_BY_CLOCK if campaign.accuracy.clock_error else MIN_REMOVED_SHARE
         errors = estimated_time_errors(found.bench, fitted.problem.bench)
@@ -70,9 +70,9 @@ def settle(evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable
 def with_recorded_time(
     evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable[[str], None]
 ) -> EvaluatedFit:
-    """The fit with the recorded time stamps, where a model with another effect needs no correction of them.
+    """The fit with the time stamps as recorded, where a model with one more effect needs no correction of them.
 
-    A model that lacks the lag of a sensor, for example, is as good with all records shifted.
+    A model that lacks the lag of a sensor, for example, may fit better with all records shifted, but not with the lag.
 
     Args:
         evaluated: a fit, the solver's error removed.
@@ -82,53 +82,55 @@ def with_recorded_time(
     errors = evaluated.fit.problem.time_errors
     if not any(map(any, errors.values())):
         return evaluated
-    report("the time of the records as it was recorded")
-    back = _corrected(evaluated, {run: tuple(-c for c in of) for run, of in errors.items()}, resolution)
-    return back if back is not None and back.cost < evaluated.cost + MIN_GAIN else evaluated
+    report("the same with the time stamps as recorded")
+    recorded = _corrected(evaluated, {run: tuple(-c for c in of) for run, of in errors.items()}, resolution)
+    return recorded if recorded is not None and recorded.cost < evaluated.cost + MIN_GAIN else evaluated
 
 
-def _with_doubted_clock(
+def _with_inexact_clock(
     found: EvaluatedFit, resolution: TimeResolution, report: Callable[[str], None]
 ) -> EvaluatedFit:
-    """Refit with a clock that may be wrong, where nothing is stated about it and that explains much of the misfit."""
+    """Refit with an error of the clock, where none is stated and it explains much of the misfit."""
     fitted, problem = found.fit, found.fit.problem
     if problem.campaign.accuracy.clock_error is not None or problem.is_irregular:
         return found
-    campaign = with_clock_error(problem.campaign, DOUBTED_CLOCK)
-    doubted = dataclasses.replace(problem, campaign=campaign, bench=bench_deviations(campaign, problem.unknowns))
-    coefficients = sum(d.kind is DeviationKind.CLOCK for d in doubted.bench.of_runs) * len(problem.model().runs)
-    least = max(MIN_REMOVED_SHARE * found.excess, MIN_GAIN_OF_COEFFICIENT * coefficients)
-    if not found.cost - cost_after_step(doubted, fitted.x, fitted.outcomes) > least:
+    campaign = with_clock_error(problem.campaign, UNSTATED_CLOCK_ERROR)
+    inexact = dataclasses.replace(problem, campaign=campaign, bench=bench_deviations(campaign, problem.unknowns))
+    coefficients = sum(d.kind is DeviationKind.CLOCK for d in inexact.bench.of_runs) * len(problem.model().runs)
+    by_chance = MIN_GAIN_OF_COEFFICIENT * coefficients
+    least = max(MIN_REMOVED_SHARE * found.excess, by_chance)
+    if not found.cost - cost_after_step(inexact, fitted.x, fitted.outcomes) > least:
         return found
-    if not _is_common_to_signals(fitted, doubted, MIN_GAIN_OF_COEFFICIENT * coefficients):
+    if not _is_common_to_signals(fitted, inexact, by_chance):
         return found
-    report("the clock of the recorder may be wrong")
+    report("fitting with an error of the recorder's clock")
     try:
-        refitted = fit_coarse(doubted, fitted.x, resolution.coarse, CORRECTION_STEPS)
+        refitted = fit_coarse(inexact, fitted.x, resolution.coarse, CORRECTION_STEPS)
     except FitError:
         return found
     return refitted if found.cost - refitted.cost > least else found
 
 
-def _is_common_to_signals(fitted: Fit, doubted: FitProblem, least: float) -> bool:
-    """Whether a wrong clock explains much of the misfit of the other signals too, whichever one is left out.
+def _is_common_to_signals(fitted: Fit, inexact: FitProblem, by_chance: float) -> bool:
+    """Whether an error of the clock explains much of the misfit whichever signal is left out.
 
-    A clock moves all signals of its recorder, the lag of a sensor only one.
+    A clock shifts all signals of its recorder, the lag of a sensor only one.
+
+    Args:
+        fitted: the fit with an exact clock.
+        inexact: its problem with an error of the clock.
+        by_chance: what that may explain by chance [nats].
     """
     problem = fitted.problem
     for name in problem.campaign.channels:
-        others = [{n: v for n, v in run.signals.items() if n != name} for run in problem.model().runs]
-        if not all(others):
+        runs = tuple(run.without_signals({name}) for run in problem.model().runs)
+        if not all(run.signals for run in runs):
             continue
-        runs = tuple(
-            dataclasses.replace(run, signals=signals)
-            for run, signals in zip(problem.model().runs, others, strict=True)
-        )  # fmt: skip
-        exact, wrong = (
-            cost_after_step(dataclasses.replace(p, runs=runs), fitted.x, fitted.outcomes) for p in (problem, doubted)
+        before, after = (
+            cost_after_step(dataclasses.replace(p, runs=runs), fitted.x, fitted.outcomes) for p in (problem, inexact)
         )
-        excess = exact - 0.5 * sum(int(np.isfinite(v).sum()) for signals in others for v in signals.values())
-        if not exact - wrong > max(MIN_REMOVED_SHARE * excess, least):
+        excess = before - 0.5 * sum(run.valid_samples for run in runs)
+        if not before - after > max(MIN_REMOVED_SHARE * excess, by_chance):
             return False
     return True
 

@@ -7,7 +7,6 @@ their priors then weigh as if the noise were as large as the residual.
 """
 
 import dataclasses
-import math
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.likelihood.bench_deviations import bench_deviations
@@ -29,7 +28,7 @@ def with_tightened_bench(evaluated: EvaluatedFit, steps_per_sample: int) -> Eval
     found = evaluated
     for _ in range(MAX_REPETITIONS):
         problem = found.fit.problem
-        residual = math.sqrt(max(2.0 * found.cost / max(found.samples, 1), 0.0))
+        residual = found.residual_over_noise
         wanted, present = residual if residual > MIN_RESIDUAL else 1.0, problem.campaign.tightening
         if max(wanted / present, present / wanted) < SAME:
             break

@@ -68,7 +68,7 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
     for run in measured:
         wrong, found = check_wiring(campaign, run, models)
         remarks += found
-        runs.append(dataclasses.replace(run, signals={n: v for n, v in run.signals.items() if n not in wrong}))
+        runs.append(run.without_signals(wrong))
     if measured and not any(run.signals for run in runs):
         raise CampaignError("\n".join([*map(str, remarks), f"{campaign.folder}: no signal of any run can be used"]))
     runs = [run for run in runs if run.signals]

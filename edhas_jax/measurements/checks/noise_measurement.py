@@ -45,7 +45,7 @@ QUIET_SHARE = 0.2  # of the blocks, the quietest
 QUIET_MEAN_SQUARE = 0.78  # largest mean square of those of white noise over that of all, from simulated noise
 MAX_WHITE_RATIO = 1.12  # mean square of slow over fast deviations of white noise, with its scatter
 WIDTHS = (FAST_HALF_WIDTH, SLOW_HALF_WIDTH)  # samples on either side of the local polynomials
-LAGS = 200  # of the correlation in the standard error of a level
+STANDARD_ERROR_LAGS = 200  # sample intervals of correlation that count in the standard error of a measured noise
 FIRST_ORDER = np.linspace(0.0, 0.95, 96)  # coefficients of an autoregressive model of first order
 
 
@@ -115,7 +115,7 @@ def _used_noise(campaign: Campaign, name: str, measured: MeasuredNoise, stated: 
     smallest = MIN_NOISE_OVER_SIGNAL * max(np.nanstd(run.signals[name]) for run in campaign.runs if name in run.signals)
     if stated is None:
         return max(nearest, float(smallest))
-    correlation = autocorrelation_of(measured.correlation, LAGS)[1:] if measured.correlation else np.zeros(1)
+    correlation = autocorrelation_of(measured.correlation, STANDARD_ERROR_LAGS)[1:]
     # Bartlett: the variance of a sum of squares grows with the squares of the correlation
     standard_error = math.sqrt((1.0 + 2.0 * float(np.sum(np.square(correlation)))) / (2.0 * measured.samples))
     tolerance = max(MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS * standard_error)

@@ -27,7 +27,7 @@ from edhas_jax.measurements.time_resolution import step_error
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 
 STEPS_PER_SAMPLE, MAX_STEPS_PER_SAMPLE = 12, 96
-MAX_ERROR = 0.1  # of the time step in a signal, over its noise: more steps are taken where it is larger
+MAX_ERROR = 0.1  # rms error of a signal by the time step, over its noise; where it is larger, more steps are taken
 TRIGGER = 0.2e-3  # s, standard deviation of the start of a record
 SETTING = 0.005  # relative, of a setting from run to run
 WARM_UP = 0.005  # relative, of the coil resistance from run to run
@@ -188,7 +188,7 @@ class VisibilityTest:
 
 
 def _accurate_steps(model: MeasurementModel) -> int:
-    """Steps per sample whose error, at the true machine, is small; the largest number for a chaotic motion."""
+    """Steps per sample with an error of at most `MAX_ERROR`; `MAX_STEPS_PER_SAMPLE` where no smaller number has it."""
     steps, centre = STEPS_PER_SAMPLE, np.zeros(len(model.unknowns))
     while steps < MAX_STEPS_PER_SAMPLE and not step_error(model, centre, steps) < MAX_ERROR:
         steps *= 2
