@@ -2,10 +2,12 @@
 
 import ctypes
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 
 from edhas_jax.compiler.body_program import body_program
 from edhas_jax.compiler.llvm_jit import function, host
@@ -74,33 +76,23 @@ class NativeLoop(Loop):
         return LoopResult(self.tree(state, count), self._unflatten(seen) if keep else None)
 
     def at_samples(self, carry: Any, lane: Any, uniform: Any, shape: tuple[int, int]) -> Any:
-        """See `Loop.at_samples`; whole blocks are written straight to where the machine code reads them."""
+        """See `Loop.at_samples`; what is given is written straight to where the machine code reads it."""
         samples, count = shape
-        if count % self.lanes:
-            return super().at_samples(carry, lane, uniform, shape)
-        given = [np.broadcast_to(leaf, shape) for leaf in self.body.leaves("carry", carry)]
-        fixed = [np.broadcast_to(leaf, shape) for leaf in self.body.leaves("lane", lane)]
-        per_lane, scalars = count // self.lanes, self.scalars(uniform)
-        chunk = min(samples, SAMPLES_PER_CHUNK)
-        states = np.empty((chunk, per_lane, len(given), self.lanes), self.dtype)
-        lanes = np.empty((chunk, per_lane, len(fixed), self.lanes), self.dtype)
-        varied = []
-        for k, leaf in enumerate(fixed):
-            if leaf.strides[0] == 0:  # broadcast: the same at all samples, so that it is written once
-                lanes[:, :, k] = leaf[:chunk].reshape(chunk, per_lane, self.lanes)
-            else:
-                varied.append(k)
-        out = [np.empty(shape, self.dtype) for _ in given]
+        given, fixed = (_joined(self.body.leaves(n, tree)) for n, tree in (("carry", carry), ("lane", lane)))
+        chunk, scalars = min(samples, SAMPLES_PER_CHUNK), self.scalars(uniform)
+        blocks = -(-chunk * count // self.lanes)
+        states = np.empty((blocks, sum(map(len, given)), self.lanes), self.dtype)
+        lanes = np.empty((blocks, sum(map(len, fixed)), self.lanes), self.dtype)
+        out = np.empty((states.shape[1], samples, count), self.dtype)
         for first in range(0, samples, chunk):
             here = slice(first, min(first + chunk, samples))
             size = here.stop - first
-            for k, leaf in enumerate(given):
-                states[:size, :, k] = leaf[here].reshape(size, per_lane, self.lanes)
-            for k in varied:
-                lanes[:size, :, k] = fixed[k][here].reshape(size, per_lane, self.lanes)
-            self.run_tables(states, lanes, None, None, scalars, 0, 1, 1, size * per_lane)
-            for k, column in enumerate(out):
-                column[here] = states[:size, :, k].reshape(size, count)
+            _write(states, given, here, count)
+            # what is the same at all samples is written once: the first chunk is the longest
+            _write(lanes, fixed, here, count, only_varied=first > 0)
+            self.run_tables(states, lanes, None, None, scalars, 0, 1, 1, -(-size * count // self.lanes))
+            flat = states.transpose(1, 0, 2).reshape(len(out), -1)[:, : size * count]
+            out[:, here] = flat.reshape(len(out), size, count)
         return self._unflatten(out)
 
     def with_vectors(self, vectors: int) -> "NativeLoop":
@@ -132,19 +124,9 @@ class NativeLoop(Loop):
 
     def blocks(self, which: str, tree: Any, count: int) -> np.ndarray:
         """The leaves of "carry" or "lane" as a table (blocks, rows, lanes); the last lane fills the last block up."""
-        rows = self.body.leaves(which, tree)
-        blocks, whole = -(-count // self.lanes), count // self.lanes
-        table = np.empty((blocks, len(rows), self.lanes), self.dtype)
-        for k, leaf in enumerate(rows):
-            leaf = np.asarray(leaf)
-            if leaf.ndim == 0:
-                table[:, k] = leaf
-                continue
-            leaf = np.broadcast_to(leaf, count)
-            table[:whole, k] = leaf[: whole * self.lanes].reshape(whole, self.lanes)
-            if whole < blocks:
-                left = count - whole * self.lanes
-                table[whole, k, :left], table[whole, k, left:] = leaf[whole * self.lanes :], leaf[-1]
+        rows = _joined(self.body.leaves(which, tree))
+        table = np.empty((-(-count // self.lanes), sum(map(len, rows)), self.lanes), self.dtype)
+        _write(table, rows, slice(0, 1), count)
         return table
 
     def tree(self, table: np.ndarray, count: int) -> Any:
@@ -153,3 +135,61 @@ class NativeLoop(Loop):
 
     def _unflatten(self, rows) -> Any:
         return jax.tree.unflatten(jax.tree.structure(self.body.carry), list(rows))
+
+
+def _joined(leaves: Sequence[Any]) -> list[np.ndarray]:
+    """Numbers and arrays (lanes,) or (samples, lanes) as few arrays (leaves, samples or 1, lanes or 1).
+
+    Neighbours that are views of one array, at equal distances in its memory, become one array without a copy.
+    """
+    found: list[np.ndarray] = []
+    arrays = [np.asarray(leaf) for leaf in leaves]
+    layouts = [(a.shape, a.strides, a.dtype, id(a if a.base is None else a.base)) for a in arrays]
+    addresses = [a.__array_interface__["data"][0] for a in arrays]
+    first = 0
+    while first < len(arrays):
+        shape, strides = arrays[first].shape, arrays[first].strides
+        last = first + 1
+        if not shape:
+            while last < len(arrays) and not arrays[last].shape:
+                last += 1
+            joined = np.array(arrays[first:last])
+        else:
+            distance = 0
+            while last < len(arrays) and layouts[last] == layouts[first]:
+                step = addresses[last] - addresses[last - 1]
+                if last > first + 1 and step != distance:
+                    break
+                distance, last = step, last + 1
+            joined = as_strided(arrays[first], (last - first, *shape), (distance, *strides), writeable=False)
+        found.append(joined.reshape(len(joined), *(1,) * (2 - len(shape)), *shape))
+        first = last
+    return found
+
+
+def _write(table: np.ndarray, rows: Sequence[np.ndarray], here: slice, count: int, only_varied: bool = False) -> None:
+    """Write some samples of rows to a table (blocks, rows, lanes), sample after sample; the last number fills it up.
+
+    Args:
+        table: where to write; it may have more blocks than these samples need.
+        rows: arrays (rows, samples or 1, lanes or 1), as `_joined` makes them.
+        here: the samples.
+        count: number of lanes of each sample.
+        only_varied: whether to leave out what is the same at all samples.
+    """
+    size, lanes, first = here.stop - here.start, table.shape[-1], 0
+    whole, left = divmod(size * count, lanes)
+    for some in rows:
+        target, first = table[:, first : first + len(some)], first + len(some)
+        is_constant = some.shape[1] == 1
+        if only_varied and is_constant:
+            continue
+        some = np.broadcast_to(some if is_constant else some[:, here], (len(some), size, count))
+        if count % lanes == 0:  # no block has lanes of two samples, so that a view is enough
+            parts = some.reshape(len(some), size, -1, lanes).transpose(1, 2, 0, 3)
+            target[:whole].reshape(parts.shape)[:] = parts
+            continue
+        flat = some.reshape(len(some), -1)
+        target[:whole] = flat[:, : whole * lanes].reshape(len(some), whole, lanes).transpose(1, 0, 2)
+        if left:
+            target[whole, :, :left], target[whole, :, left:] = flat[:, whole * lanes :], flat[:, -1:]

@@ -179,34 +179,45 @@ class TrajectoryLoop:
         `lanes` are the parameters and, if seeded, their changes, each (runs,).
         """
         most = lengths.max()
-        out = tuple({s: np.full((most, len(lengths)), np.nan) for s in self._signals} for _ in lanes)
+        out = tuple({s: np.empty((most, len(lengths))) for s in self._signals} for _ in lanes)
         intervals = {n: RecordedInterval.split(r, int(most)) for n, r in recordings.items()} or None
         # long runs first, and runs of one length together
         order = np.argsort(-lengths, kind="stable")
         # a GPU takes so many lanes at a time that their samples might not fit into the memory of this machine
         sample_bytes = int(most) * len(lanes) * len(self._state) * self._dtype.itemsize
         width = min(self._advance.lanes, max(LEAST_BLOCK, BLOCK_BYTES // sample_bytes))
-        blocks = [order[first : first + width] for first in range(0, len(order), width)]
+        # columns of one table are copied at once
+        tables = [(tuple(part), np.stack(list(part.values()))) for part in lanes]
+        blocks = [_as_slice(order[first : first + width]) for first in range(0, len(order), width)]
 
-        def work(rows: np.ndarray) -> None:
-            here = tuple({n: v[rows] for n, v in part.items()} for part in lanes)
+        def work(rows: np.ndarray | slice) -> None:
+            here = tuple(dict(zip(names, table[:, rows], strict=True)) for names, table in tables)
             samples, uniform = int(lengths[rows].max()), (machine, step_size)
-            empty = tuple({n: np.zeros(len(rows)) for n in self._state} for _ in lanes)
+            count = len(lengths[rows])
+            empty = tuple({n: np.zeros(count) for n in self._state} for _ in lanes)
             begin = self._start(empty, here, uniform, 0, 1)
             given = jax.tree.map(lambda leaf: np.broadcast_to(leaf, most)[:samples], intervals)
             kept = self._advance.run(begin, here, uniform, 0, steps_per_sample, samples, sample_inputs=given).samples
             time = np.arange(samples)[:, None] * (steps_per_sample * step_size)
             given = jax.tree.map(lambda leaf: leaf[:, None], given)
             empty = tuple(dict.fromkeys(self._signals, 0.0) for _ in lanes)
-            found = self._evaluate.at_samples(empty, (here, kept, time, given), uniform, (samples, len(rows)))
+            found = self._evaluate.at_samples(empty, (here, kept, time, given), uniform, (samples, count))
             for whole, part in zip(out, found, strict=True):
                 for s, column in part.items():
                     whole[s][:samples, rows] = column
 
         run_threaded(work, blocks, runtime.cores())
-        for column in (column for part in out for column in part.values()):
-            column[np.arange(len(column))[:, None] >= lengths] = np.nan
+        if lengths.min() < most:
+            is_beyond = np.arange(most)[:, None] >= lengths
+            for column in (column for part in out for column in part.values()):
+                np.copyto(column, np.nan, where=is_beyond)
         return out
+
+
+def _as_slice(indices: np.ndarray) -> np.ndarray | slice:
+    """Consecutive indices as a slice, which copies nothing; others as they are."""
+    first, count = int(indices[0]), len(indices)
+    return slice(first, first + count) if np.array_equal(indices, np.arange(first, first + count)) else indices
 
 
 _ANY_INTERVAL = RecordedInterval(interval=1.0, index=0.0, value=0.0, slope=0.0, quadratic=0.0, cubic=0.0)
