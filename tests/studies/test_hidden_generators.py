@@ -73,6 +73,14 @@ def test_a_case_is_drawn_from_family_split_and_number_alone(short):
         assert np.nanmax(np.abs(a.signals["current"] - c.signals["current"])) > 0.1
 
 
+def test_a_drift_that_the_bench_cannot_have_is_drawn_again(short, monkeypatch):
+    oil = tuple(d for d in CONTENT[Split.JUDGING].drifts if d.parameter == "oil_viscosity")
+    content = dataclasses.replace(CONTENT[Split.JUDGING], drifts=oil)
+    monkeypatch.setitem(drawing.CONTENT, Split.JUDGING, content)
+    with pytest.raises(RuntimeError, match="nothing visible"):  # none of the drifts acts on a bench without oil
+        draw_case(Family.SETTINGS, Split.JUDGING, 0)
+
+
 @pytest.mark.parametrize("what", ["laws", "unlisted", "crumbs", "links", "drifts", "sheets", "benches"])
 def test_tuning_and_judging_have_nothing_in_common(what):
     tuning, judging = ([item.id for item in getattr(CONTENT[split], what)] for split in COMPARED)

@@ -9,6 +9,7 @@ from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.core.structs import replace
 from edhas_jax.diagnosis.search.candidates import SINGLE_EFFECT_SLOTS, can_mount
 from edhas_jax.machine.effects import LIBRARY, Effect, OilTemperature
+from edhas_jax.machine.parameters import list_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.synthetic_campaign import planned_campaign
@@ -102,6 +103,8 @@ class _Draw:
         deviations = usual_deviations(rng, len(plan.uncertain_in(machine)))
         if self.difficulty is Family.SETTINGS:
             drifts, factors = draw_drifts(self.content.drifts, bench.settings, len(bench.runs), rng)
+            if not set(factors) <= {p.name for p, _, _ in list_parameters(machine)}:
+                return None  # a drift of the oil on a bench without oil
             if rng.uniform() < SHARE_OF_WRONG_SHEETS:
                 wrong = self.content.sheets[rng.integers(len(self.content.sheets))]
                 sheet, deviations = wrong.id, wrong.deviations(rng, len(deviations))
