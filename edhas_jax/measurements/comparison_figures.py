@@ -140,7 +140,7 @@ def draw_spectra(comparison: Comparison):
         axes.axhline(1.0, color=GREY, lw=0.9, ls="--")
         for compared, shade in zip(comparison.runs, shades, strict=True):
             if signal in compared.residuals:
-                values = np.nan_to_num(compared.residuals[signal])
+                values = np.nan_to_num(compared.residuals[signal], posinf=0.0, neginf=0.0)
                 rate = 1.0 / compared.run.interval
                 f, power = welch(values, rate, nperseg=min(512, len(values)), detrend=False)
                 axes.loglog(f[1:], power[1:] * rate / 2.0, color=shade, lw=1.0, label=figure_text(compared.run.name))

@@ -106,14 +106,15 @@ def ljung_box(residuals: np.ndarray) -> tuple[float, float]:
     """Autocorrelation at a lag of one sample, and the Ljung-Box statistic over `LJUNG_BOX_LAGS` lags.
 
     Args:
-        residuals: residuals (samples,); missing samples (NaN) count as 0 after the mean is removed.
+        residuals: residuals (samples,); samples without a finite one count as 0 after the mean is removed.
 
     Returns:
         The autocorrelation and the statistic, which is χ²-distributed for white noise; zeros for too few samples.
 
     Source: Ljung, Box, Biometrika 65 (1978) 297.
     """
-    values = np.nan_to_num(residuals - np.nanmean(residuals))
+    finite = np.where(np.isfinite(residuals), residuals, np.nan)
+    values = np.nan_to_num(finite - np.nanmean(finite))
     n, power = len(values), float(values @ values)
     if power == 0.0 or n <= LJUNG_BOX_LAGS:
         return 0.0, 0.0

@@ -196,7 +196,8 @@ class MeasurementModel:
         """Rows (points, …) on a grid of an interval [s], at the time stamps of run `r`; a cubic spline between."""
         time = self.runs[r].time
         if (indices := _grid_indices(time, interval)) is not None:
-            return rows[indices]
+            is_whole_grid = np.array_equal(indices, np.arange(len(indices)))
+            return rows[: len(indices)] if is_whole_grid else rows[indices]
         if not np.isfinite(rows).all():
             return np.full((len(time), *rows.shape[1:]), np.nan)
         return CubicSpline(interval * np.arange(len(rows)), rows)(time)

@@ -12,12 +12,16 @@ OVERALL = "overall"
 
 
 def normalised_residuals(campaign: Campaign, run: BenchRun, predicted: PredictedSignals) -> dict[str, np.ndarray]:
-    """(measured − predicted)/(standard deviation of the noise) by signal (samples,); NaN where a sample is missing."""
-    return {
-        n: (values - predicted.values[n]) / campaign.channels[n].noise
-        for n, values in run.signals.items()
-        if n in predicted.values
-    }
+    """(measured − predicted)/(standard deviation of the noise) by signal (samples,).
+
+    NaN where a sample is missing, inf where the model has no finite prediction of a measured one.
+    """
+    found = {}
+    for n, measured in run.signals.items():
+        if n in predicted.values:
+            residual = (measured - predicted.values[n]) / campaign.channels[n].noise
+            found[n] = np.where(np.isfinite(residual) | np.isnan(measured), residual, np.inf)
+    return found
 
 
 def rms_over_noise(residuals: Iterable[np.ndarray]) -> float:

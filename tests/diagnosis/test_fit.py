@@ -10,7 +10,7 @@ import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.diagnosis.calibration.fit import fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
+from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem, quadratic_model_at
 from edhas_jax.diagnosis.calibration.report import fit_report
 from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
 from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
@@ -135,6 +135,24 @@ def test_missing_samples_are_ignored(campaign, found):
     result = fit(problem_of(dataclasses.replace(campaign, runs=tuple(runs))), starts=1)
     assert result.values["force_constant"] == pytest.approx(TRUTH["force_constant"], rel=0.01)
     assert (result.std >= found.std).all()
+
+
+def test_a_sample_without_a_prediction_is_a_failure_and_not_a_missing_sample(campaign):
+    problem = problem_of(campaign)
+    (outcomes,) = problem.predict(np.zeros((1, len(problem.unknowns))), PER_SAMPLE, with_sensitivities=True)
+    index = dict(enumerate(outcomes))
+
+    def cost(of_problem):
+        return quadratic_model_at(of_problem, np.zeros(len(problem.unknowns)), index).cost[0]
+
+    whole = cost(problem)
+    index[0].values["current"][7] = np.nan
+    run = problem.model().runs[0]
+    current = run.signals["current"].copy()
+    current[7] = np.nan
+    gap = dataclasses.replace(run, signals=run.signals | {"current": current})
+    assert cost(problem) == np.inf
+    assert 0.9 * whole < cost(dataclasses.replace(problem, runs=(gap, *problem.model().runs[1:]))) < whole
 
 
 def test_uneven_time_stamps_are_interpolated(campaign):

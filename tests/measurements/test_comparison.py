@@ -16,8 +16,10 @@ from edhas_jax.measurements.comparison import compare
 from edhas_jax.measurements.comparison_report import comparison_report, sentences
 from edhas_jax.measurements.figures_of_merit import COLUMNS, figures_of_merit, ljung_box
 from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_patterns import find_patterns
+from edhas_jax.measurements.residuals import normalised_residuals, rms_over_noise
 from edhas_jax.measurements.sensor_models import SensorDelay, SensorGain, SensorOffset
 from tests.support.faulty_campaign import VALID_CAMPAIGN, copy_campaign, modify_table
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
@@ -42,6 +44,20 @@ def test_the_true_model_leaves_noise(campaign):
     table = figures_of_merit(found)
     assert list(table.columns) == list(COLUMNS) and table["white"].sum() >= len(table) - 1
     assert table["amplitude"].sub(1.0).abs().max() < 0.02 and table["delay"].abs().max() < 1e-4
+
+
+def test_a_model_that_fails_in_a_run_has_no_finite_error_there(campaign):
+    """Samples without a prediction are not samples that were not measured."""
+    compared = compare(campaign).runs[0]
+    measured, model = compared.run.signals["current"].copy(), compared.model["current"].copy()
+    measured[:5] = np.nan
+    run = dataclasses.replace(compared.run, signals=compared.run.signals | {"current": measured})
+    whole = normalised_residuals(campaign, run, PredictedSignals(compared.model, None))
+    assert rms_over_noise(whole.values()) == pytest.approx(1.0, abs=NOISE_TOLERANCE)
+    model[len(model) // 2 :] = np.nan
+    fails = normalised_residuals(campaign, run, PredictedSignals({"current": model}, None))
+    assert np.isnan(fails["current"][:5]).all() and rms_over_noise(fails.values()) == np.inf
+    assert np.isfinite(ljung_box(fails["current"])).all()
 
 
 @pytest.mark.parametrize("replay", [Replay.VOLTAGE, Replay.CURRENT])

@@ -54,20 +54,30 @@ def run_columns(
 
     Returns:
         Columns (m, l + n + g + k + 1): the run's own deviations, unknowns, sensors' deviations, signatures, residual;
-        and the number l of the first ones.
+        and the number l of the first ones. NaN everywhere where the model fails at a sample that was measured.
     """
-    rows, predicted = [], bounded(run, predicted)
-    for name, measured in run.signals.items():
-        own = deviation_columns(bench.of_runs, run, name, predicted, unknowns)
-        common = deviation_columns(bench.of_sensors, run, name, predicted, unknowns)
-        slopes = predicted.sensitivities[name]
-        parts = [own, slopes, common] + ([] if signatures is None else [signatures[name]])
-        residual = (measured - predicted.values[name])[:, None]
-        stacked = np.concatenate([*parts, residual], axis=1)
-        stacked[~np.isfinite(measured)] = np.nan
-        whitened = whiten(stacked, campaign.channels[name])
-        rows.append(whitened[np.isfinite(whitened[:, -1])])
-    return np.concatenate(rows), len(bench.of_runs)
+    own, of_unknowns = len(bench.of_runs), len(unknowns)
+    deviations = [*bench.of_runs, *bench.of_sensors]
+    further = 0 if signatures is None else next(iter(signatures.values())).shape[1]
+    lengths = [len(measured) for measured in run.signals.values()]
+    columns = np.empty((sum(lengths), len(deviations) + of_unknowns + further + 1))
+    ends, fails = np.cumsum(lengths), False
+    for (name, measured), end in zip(run.signals.items(), ends, strict=True):
+        block, values = columns[end - len(measured) : end], predicted.values[name]
+        fails = fails or not (np.isfinite(values) | np.isnan(measured)).all()
+        slopes = block[:, own : own + of_unknowns]
+        slopes[:] = bounded_slopes(run, name, predicted)
+        found = deviation_columns(deviations, run, name, PredictedSignals({name: values}, {name: slopes}), unknowns)
+        block[:, :own], block[:, own + of_unknowns : len(deviations) + of_unknowns] = found[:, :own], found[:, own:]
+        if signatures is not None:
+            block[:, len(deviations) + of_unknowns : -1] = signatures[name]
+        block[:, -1] = measured - values
+        block[:] = whiten(block, campaign.channels[name])
+    if fails:  # samples without a prediction must not look like samples that were not measured
+        columns[:] = np.nan
+        return columns, own
+    known = np.isfinite(columns[:, -1])
+    return columns if known.all() else columns[known], own
 
 
 def bounded(run: BenchRun, predicted: PredictedSignals) -> PredictedSignals:
@@ -76,15 +86,16 @@ def bounded(run: BenchRun, predicted: PredictedSignals) -> PredictedSignals:
     Where friction sticks or valves bounce, derivatives may grow without limit along a run. A linear prediction of a
     change far beyond the range of a signal means nothing, but would hide all other columns by its size.
     """
-    slopes = {}
-    for name, values in predicted.values.items():
-        measured = run.signals.get(name, values)
-        extents = [np.ptp(v[np.isfinite(v)]) for v in (values, measured) if np.isfinite(v).any()]
-        limit = MAX_DERIVATIVE * float(max(extents, default=0.0))
-        slopes[name] = predicted.sensitivities[name]
-        if limit > 0.0:
-            slopes[name] = np.clip(slopes[name], -limit, limit)
-    return PredictedSignals(predicted.values, slopes)
+    return PredictedSignals(predicted.values, {n: bounded_slopes(run, n, predicted) for n in predicted.values})
+
+
+def bounded_slopes(run: BenchRun, name: str, predicted: PredictedSignals) -> np.ndarray:
+    """The derivatives (samples, unknowns) of one signal; see `bounded`."""
+    values, slopes = predicted.values[name], predicted.sensitivities[name]
+    measured = run.signals.get(name, values)
+    extents = [np.ptp(v[np.isfinite(v)]) for v in (values, measured) if np.isfinite(v).any()]
+    limit = MAX_DERIVATIVE * float(max(extents, default=0.0))
+    return np.clip(slopes, -limit, limit) if limit > 0.0 else slopes
 
 
 def run_equations(columns: np.ndarray, own: int) -> RunEquations:
