@@ -98,6 +98,43 @@ def test_the_drive_study_finds_the_friction_that_the_record_was_made_with(drive)
     assert study.force_error(drive, columns) < 3.0 < 25.0 < study.force_error(drive, ())
 
 
+def test_the_delay_of_the_measured_speed_is_found_in_the_record(drive):
+    """The control law alone tells it: no model of the machine takes part."""
+    study = load("emps.whole_record")
+    (run,), law, lag = drive.runs, drive.machine.controller, 1.5e-3
+    time = run.time
+
+    def motion(t, order):
+        omegas, sizes = 2.0 * np.pi * np.array([1.0, 5.3]), np.array([0.1, 0.01])
+        return sum(a * w**order * np.sin(w * t + 0.5 * np.pi * order) for w, a in zip(omegas, sizes, strict=True))
+
+    set_point = motion(time, 0) + 4e-3 * np.cos(2.0 * np.pi * 2.1 * time)
+    speed_set_point = law.cascade_position_gain * (set_point - motion(time, 0))
+    voltage = law.cascade_velocity_gain * (speed_set_point - motion(time - lag, 1))
+    voltage += 2e-3 * np.random.default_rng(1).standard_normal(len(time))
+    signals = {"piston_position": motion(time, 0), "voltage": voltage}
+    late = dataclasses.replace(run, signals=signals, reference=Recorded(values=set_point, interval=1e-3))
+    found = study.speed_delay(late, law)
+    assert found.delay == pytest.approx(lag, abs=5e-6) and found.gain == pytest.approx(1.0, abs=1e-4)
+    assert found.rms < 3e-3 and study.compare_law(late, law, 0.0).rms > 100.0 * found.rms
+
+
+def test_a_controller_with_late_speed_follows_its_law(drive):
+    """The simulated command has the gain of the control law only with the delay, which the lag is to first order."""
+    study = load("emps.whole_record")
+    lag = 0.5e-3
+    machine = study.with_late_speed(drive, lag).machine
+    time, channels = drive.runs[0].time, ("piston_position", "voltage", "reference")
+    made = trajectories(machine, {"mover_mass": np.array([95.1])}, 1e-3, len(time), channels, step=2e-5)
+    position, voltage, set_point = (made[n][:, 0] for n in channels)
+    run = dataclasses.replace(
+        drive.runs[0], signals={"piston_position": position, "voltage": voltage},
+        reference=Recorded(values=set_point, interval=1e-3),
+    )  # fmt: skip
+    assert study.compare_law(run, drive.machine.controller, lag).gain == pytest.approx(1.0, abs=1e-3)
+    assert study.compare_law(run, drive.machine.controller, 0.0).gain > 1.04
+
+
 def test_the_drive_record_is_split_where_the_drive_has_returned():
     """Two strokes: the second half begins where the first one did, has its own set point, and is held out."""
     study = load("emps.discovery")

@@ -11,6 +11,7 @@ from edhas_jax.diagnosis.likelihood.bench_deviations import BenchDeviations, Dev
 from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, bounded, run_columns
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import PredictedSignals
+from edhas_jax.measurements.residuals import normalised_residuals
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 
@@ -90,12 +91,12 @@ def estimate_bench(
             values = covariance @ (columns[:, :own].T @ (columns[:, -1] - shift))
         values = np.nan_to_num(values)
         own_estimates[run.name] = np.column_stack([values, np.sqrt(np.diag(covariance))])
-        residuals[run.name] = {}
-        for name, measured in run.signals.items():
+        model = {}
+        for name in run.signals:
             local = deviation_columns(bench.of_runs, run, name, outcome, unknowns) @ values
             of_sensors = deviation_columns(bench.of_sensors, run, name, outcome, unknowns) @ common
-            model = outcome.values[name] + local + of_sensors
-            residuals[run.name][name] = (measured - model) / campaign.channels[name].noise
+            model[name] = outcome.values[name] + local + of_sensors
+        residuals[run.name] = normalised_residuals(campaign, run, PredictedSignals(model, None))
     return BenchEstimate(np.column_stack([common, spread]), own_estimates), residuals
 
 

@@ -1,0 +1,183 @@
+"""What `edhas diagnose` says about the EMPS campaign as it is, and with the controller that the record shows.
+
+    python -m studies.emps.whole_record FOLDER
+
+FOLDER holds the campaign of the EMPS data set, see `studies.emps.published_comparison`. Nothing is prepared: the model
+is a mass alone, the first two thirds of the record are fitted and the last third is held out, as the diagnosis divides
+a campaign of one run.
+
+The control law u = kv (kp (r − x) − v) of the campaign can be compared with the record without any model of the
+machine. The recorded command agrees with it only where the speed v is that of a moment before. The study finds this
+delay by least squares, and repeats the diagnosis with a controller that measures the speed so much late.
+
+Force error: 100 ‖F − F_model‖/‖F‖ of the simulated closed loop on the part held out, both low-pass filtered at 20 Hz,
+with the estimated deviations of the bench and without them.
+The last line: `speed_delay_ms=… gain_at_once=… gain_late=… first=… second=… mass=… mass_late=… viscous=…
+viscous_late=… voltage_gain=… voltage_gain_late=… force_error=… force_error_late=…`
+"""
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+from scipy.signal import butter, filtfilt
+
+from edhas_jax import Controller
+from edhas_jax.core import structs
+from edhas_jax.core.structs import par
+from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
+from edhas_jax.diagnosis.search.forward_selection import diagnose
+from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.machine.components.controllers import CascadeController
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
+from edhas_jax.measurements.campaign_reader import read_campaign
+from edhas_jax.measurements.comparison import compare
+from studies.emps.discovery import force_errors
+from studies.emps.published_comparison import FORCE_CUTOFF
+
+MAX_DELAY = 5e-3  # s
+COMPARED_BELOW = 100.0  # Hz: above it the speed of a recorded position is mostly noise
+ENDS_LEFT_OUT = 0.2  # s
+
+
+class LateSpeedCascade(Controller):
+    """A cascade whose speed is measured late: u = kv (kp (r − x) − w), ẇ = (v − w)/T."""
+
+    cascade_position_gain: float = par(160.0, "1/s", (0.0, 1e6), "gain of the position loop kp")
+    cascade_velocity_gain: float = par(240.0, "V*s/m", (0.0, 1e7), "gain of the velocity loop kv")
+    speed_lag: float = par(1e-3, "s", (1e-6, 1.0), "lag of the measured speed T")
+
+    def initial(self) -> dict:
+        """The measured speed [m/s]."""
+        return {"measured_speed": 0.0}
+
+    def command(self, y: dict, s):
+        """The command u [V]."""
+        speed_set_point = self.cascade_position_gain * (s.reference - s.piston_position)
+        return self.cascade_velocity_gain * (speed_set_point - y["measured_speed"])
+
+    def rates(self, y: dict, s) -> dict:
+        """dw/dt [m/s²]."""
+        return {"measured_speed": (s.piston_velocity - y["measured_speed"]) / self.speed_lag}
+
+
+class LawFit(NamedTuple):
+    """The recorded command over that of the control law: delay of the speed [s], gain, rms of the difference [V]."""
+
+    delay: float
+    gain: float
+    rms: float
+
+
+def compare_law(run: BenchRun, law: CascadeController, delay: float) -> LawFit:
+    """The recorded command compared with that of a control law whose speed is late.
+
+    Args:
+        run: recorded set point, position and command.
+        law: the gains.
+        delay: of the speed [s].
+
+    Returns:
+        The gain by least squares, with an offset, and the rms of what is left.
+    """
+    time, position = run.time, CubicSpline(run.time, run.signals["piston_position"])
+    set_point = run.reference.values[: len(time)]
+    speed_set_point = law.cascade_position_gain * (set_point - position(time))
+    command = law.cascade_velocity_gain * (speed_set_point - position(time - delay, 1))
+    b, a = butter(4, 2.0 * COMPARED_BELOW * run.interval)
+    used = (time > time[0] + ENDS_LEFT_OUT) & (time < time[-1] - ENDS_LEFT_OUT)
+    recorded, expected = (filtfilt(b, a, v)[used] for v in (run.signals["voltage"], command))
+    columns = np.column_stack([expected, np.ones(len(expected))])
+    coefficients = np.linalg.lstsq(columns, recorded, rcond=None)[0]
+    return LawFit(delay, float(coefficients[0]), float(np.sqrt(np.mean((recorded - columns @ coefficients) ** 2))))
+
+
+def speed_delay(run: BenchRun, law: CascadeController) -> LawFit:
+    """The delay of the speed with which the control law agrees best with the recorded command."""
+    found = minimize_scalar(
+        lambda delay: compare_law(run, law, delay).rms, bounds=(-MAX_DELAY, MAX_DELAY), method="bounded"
+    )
+    return compare_law(run, law, float(found.x))
+
+
+def with_late_speed(campaign: Campaign, delay: float) -> Campaign:
+    """The campaign with a controller that measures the speed late by `delay` [s]."""
+    law = campaign.machine.controller
+    late = LateSpeedCascade(
+        cascade_position_gain=law.cascade_position_gain, cascade_velocity_gain=law.cascade_velocity_gain,
+        speed_lag=delay,
+    )  # fmt: skip
+    return dataclasses.replace(campaign, machine=structs.replace(campaign.machine, controller=late))
+
+
+def force_error_without_deviations(campaign: Campaign, diagnosis: Diagnosis) -> float:
+    """100 ‖F − F_model‖/‖F‖ [%] of the fitted model on the part held out, without any deviation of the bench."""
+    fit = diagnosis.after.fit
+    (run,) = fit.problem.campaign.runs_for(Use.HOLDOUT)
+    whole = compare(campaign, fit.machine, fit.instruments).runs[0]
+    b, a = butter(4, 2.0 * FORCE_CUTOFF * run.interval)
+    measured = whole.run.signals["voltage"]
+    held_out = np.isin(whole.run.lines, run.lines[np.isfinite(run.signals["voltage"])])
+    residual, measured = (filtfilt(b, a, v)[held_out] for v in (measured - whole.model["voltage"], measured))
+    return 100.0 * float(np.linalg.norm(residual) / np.linalg.norm(measured))
+
+
+def voltage_gain(diagnosis: Diagnosis) -> float:
+    """What the diagnosis estimates for the gain error of the voltage sensor."""
+    after = diagnosis.after
+    rows = after.bench.deviations(after.fit.problem.bench)
+    return next(
+        (row.value * row.deviation.std for row in rows
+         if row.deviation.kind is DeviationKind.GAIN and row.deviation.name == "voltage"), 0.0,
+    )  # fmt: skip
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Compare the control law with the record, run both diagnoses and print what they say."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="campaign of the EMPS data set")
+    campaign = read_campaign(parser.parse_args(arguments).folder)
+    console = Console(highlight=False, width=150)
+    run, law = campaign.runs[0], campaign.machine.controller
+    at_once, late = compare_law(run, law, 0.0), speed_delay(run, law)
+    table = Table("speed in the control law", "recorded command over expected one", "rms of the difference")
+    for name, row in (("at once", at_once), (f"{1e3 * late.delay:.2f} ms late", late)):
+        table.add_row(name, f"{row.gain:.4f}", f"{1e3 * row.rms:.1f} mV")
+    console.print(table)
+    found = {}
+    with console.status("") as status:
+        for name, what in (("at once", campaign), ("late", with_late_speed(campaign, late.delay))):
+            found[name] = diagnose(what, on_progress=status.update)
+    table = Table("speed", "effects, in order", "mass", "viscous friction", "gain error of the voltage",
+                  "residual over noise, held out", "force error, held out", "without deviations")  # fmt: skip
+    figures = {}
+    for name, diagnosis in found.items():
+        values, effects = diagnosis.after.fit.values, [t.candidate.id for t in diagnosis.accepted]
+        viscous = values.get("lugre_friction.viscous_friction", np.nan)
+        errors = force_errors(diagnosis.after)[Use.HOLDOUT], force_error_without_deviations(campaign, diagnosis)
+        gain, probability = voltage_gain(diagnosis), next(iter(diagnosis.answer.probabilities.values()))
+        figures[name] = effects, values["mover_mass"], viscous, gain, errors
+        table.add_row(
+            name, f"{' + '.join(effects)} ({diagnosis.verdict.value}, {probability:.2f})",
+            f"{values['mover_mass']:.2f} kg", f"{viscous:.1f} N·s/m", f"{100.0 * gain:+.2f} %",
+            f"{diagnosis.after.rms_over_noise(Use.HOLDOUT):.2f}", *(f"{e:.2f} %" for e in errors),
+        )  # fmt: skip
+    console.print(table)
+    effects = [*figures["at once"][0], "none", "none"]
+    one, other = figures["at once"], figures["late"]
+    print(
+        f"speed_delay_ms={1e3 * late.delay:.3f} gain_at_once={at_once.gain:.4f} gain_late={late.gain:.4f} "
+        f"first={effects[0]} second={effects[1]} mass={one[1]:.2f} mass_late={other[1]:.2f} "
+        f"viscous={one[2]:.1f} viscous_late={other[2]:.1f} voltage_gain={one[3]:.4f} voltage_gain_late={other[3]:.4f} "
+        f"force_error={one[4][0]:.2f} force_error_late={other[4][0]:.2f}"
+    )
+
+
+if __name__ == "__main__":
+    main()
