@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from studies.hidden_effects.answers import Answer, Law, Truth, same_as_any
+from studies.hidden_effects.answers import Answer, Law, Truth, Verdict, same_as_any
 from studies.hidden_effects.methods import Method
 from studies.hidden_effects.rates import (
     Answered,
@@ -19,6 +19,7 @@ from studies.hidden_effects.rates import (
     names_exactly,
     names_wrong_physics,
     rates,
+    set_is_right,
     times,
 )
 from studies.hidden_effects.reliability import reliability
@@ -58,7 +59,7 @@ def report(records: Sequence[Record], not_drawn: dict[str, str]) -> str:
     lines += visibility_table(records, methods)
     if Method.OURS in methods:
         ours = answered(records, Method.OURS.value)
-        lines += ["", *law_table(ours), "", *probability_table(ours), "", *time_table(ours)]
+        lines += ["", *outcome_table(ours), "", *law_table(ours), "", *probability_table(ours), "", *time_table(ours)]
         lines += ["", "wrong answers", *(f"    {wrong_answer(t, a)}" for t, a in ours if is_wrong(t, a))]
         slowest = sorted(ours, key=lambda case: -case[1].seconds)[:SLOWEST]
         lines += ["", "slowest", *(f"    {case_name(t)}: {a.seconds:.0f} s ({description(t)})" for t, a in slowest)]
@@ -94,6 +95,40 @@ def visibility_table(records: Sequence[Record], methods: Sequence[Method]) -> li
     found = [by_visibility(answered(records, m.value)) for m in methods]
     columns = [{f"{low:.0f} … {high:.0f}": str(r) for (low, high), r in rows.items()} for rows in found]
     return markdown_table([m.title for m in methods], columns)
+
+
+def outcome_table(cases: Sequence[Answered]) -> list[str]:
+    """The lines of a table of what was answered where an effect is hidden, with its size and what it leaves.
+
+    That is the largest share of a signal's rms that the calibrated model leaves beyond the noise.
+    """
+    groups: dict[str, list[Answered]] = {}
+    for truth, answer in cases:
+        if not is_null(truth):
+            groups.setdefault(_outcome(truth, answer), []).append((truth, answer))
+    heads = ["cases", "truth in the set", "visible size", "left of a signal, %"]
+    columns: list[dict[str, str]] = [{} for _ in heads]
+    for label in sorted(groups):
+        of = groups[label]
+        sizes = [max(h.visible for h in truth.hidden) for truth, _ in of]
+        shares = [100.0 * answer.evidence["unexplained"] for _, answer in of if answer.evidence]
+        cells = str(len(of)), str(sum(set_is_right(*case) for case in of)), _quartiles(sizes), _quartiles(shares)
+        for column, cell in zip(columns, cells, strict=True):
+            column[label] = cell
+    return ["answers where an effect is hidden: medians (quartiles)", "", *markdown_table(heads, columns)]
+
+
+def _outcome(truth: Truth, answer: Answer) -> str:
+    """What is hidden and what was answered, in words."""
+    hidden = "withheld" if truth.withheld else "hidden"
+    if answer.verdict is None:
+        return f"{hidden}: error"
+    if answer.verdict is Verdict.ADEQUATE:
+        return f"{hidden}: nothing missing"
+    if answer.verdict is Verdict.UNKNOWN_EFFECT:
+        return f"{hidden}: unknown effect"
+    is_right = not truth.withheld and first_is_right(truth, answer)
+    return f"{hidden}: {'right' if is_right else 'wrong'} name"
 
 
 def law_table(cases: Sequence[Answered]) -> list[str]:
@@ -137,6 +172,8 @@ def time_table(cases: Sequence[Answered]) -> list[str]:
 
 
 def _quartiles(values: Sequence[float]) -> str:
+    if not np.isfinite(values).any():
+        return "–"
     low, middle, high = np.nanpercentile(values, [25, 50, 75])
     return f"{middle:.3g} ({low:.2g} … {high:.2g})"
 
