@@ -1,10 +1,12 @@
 """Answers of the benchmark that are kept in a file of the project, and the tables that follow from them.
 
     python -m studies.hidden_effects.published [--split judging|tuning|practice|varied] [--families b c …]
-                                               [--file FILE] [--add DIR --commit NAME] [--to DIR] [--out DIR]
+                                               [--methods METHOD …] [--file FILE] [--add DIR --commit NAME]
+                                               [--to DIR] [--out DIR]
 
 Prints the report of the benchmark for the kept answers, without running any case: those to judging cases, or with
-`--split tuning` those to tuning cases; with `--families` only those of some families. `--add` copies the finished cases
+`--split tuning` those to tuning cases; with `--families` only those of some families, with `--methods` only those of
+some methods, which are then compared on the cases that all of them were run on. `--add` copies the finished cases
 of a result folder into the file, and notes the commit of the code that computed them; an answer that is in the file
 already is not replaced. `--to` writes the file as a result folder, from which the benchmark can be continued with more
 cases or other methods.
@@ -124,6 +126,8 @@ def main(arguments: list[str] | None = None) -> int:
                         metavar="judging|tuning|practice|varied", help="which cases (default judging)")  # fmt: skip
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES), metavar="LETTER",
                         help="tables and figures of these families only (default all)")  # fmt: skip
+    parser.add_argument("--methods", nargs="+", choices=[m.value for m in Method], metavar="METHOD",
+                        help="tables and figures of these methods only (default all that have answers)")  # fmt: skip
     parser.add_argument("--file", type=Path, help="file of kept answers (default: that of the project)")
     parser.add_argument("--add", type=Path, metavar="DIR", help="add the cases of this result folder to the file")
     parser.add_argument("--commit", default="", help="with --add: commit of the code that computed them")
@@ -146,6 +150,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"{file}: no kept answers of {', '.join(options.families)}")
         return 1
     records = [case.record for case in shown]
+    if options.methods:
+        records = [Record(r.truth, {m: a for m, a in r.answers.items() if m in options.methods}) for r in records]
     commits = sorted({commit for case in shown for commit in case.commits.values()})
     print(f"answers of {', '.join(commits)}")
     print(report(records, {}))
