@@ -12,8 +12,8 @@ position is added, which is known to lower the error of this record and to raise
 machine; the held-out half decides whether it is justified.
 `asymmetric_damping` was added to the library, and the plausible ranges of `lugre_friction` widened, because of this
 drive: that they are found is no independent test of the library.
-The last line: `first=… second=… third=… heldout_two_effects=… heldout_force_error=… periodic=…`; the force errors on
-the held-out half with the first two accepted effects, and with all.
+The last line of the output: `first=… second=… third=… heldout_two_effects=… heldout_force_error=… periodic=…`; the
+force errors on the held-out half with the first two accepted effects, and with all.
 """
 
 import argparse
@@ -88,10 +88,15 @@ def force_errors(evaluated: EvaluatedFit) -> dict[Use, float]:
         used = run.time >= EVALUATION_START
         measured = run.signals["voltage"][used]
         residual = evaluated.residuals[run.name]["voltage"][used] * campaign.channels["voltage"].noise
-        b, a = butter(4, 2.0 * FORCE_CUTOFF * run.interval)
-        residual, measured = (filtfilt(b, a, v) for v in (residual, measured))
-        errors[run.use] = 100.0 * float(np.linalg.norm(residual) / np.linalg.norm(measured))
+        errors[run.use] = relative_error(residual, measured, run.interval)
     return errors
+
+
+def relative_error(residual: np.ndarray, measured: np.ndarray, interval: float) -> float:
+    """100 ‖F − F_model‖/‖F‖ [%] of samples at an interval [s], both low-pass filtered at 20 Hz."""
+    b, a = butter(4, 2.0 * FORCE_CUTOFF * interval)
+    residual, measured = (filtfilt(b, a, v) for v in (residual, measured))
+    return 100.0 * float(np.linalg.norm(residual) / np.linalg.norm(measured))
 
 
 def try_periodic_force(diagnosis: Diagnosis) -> Trial:

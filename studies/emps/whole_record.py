@@ -7,12 +7,12 @@ is a mass alone, the first two thirds of the record are fitted and the last thir
 a campaign of one run.
 
 The control law u = kv (kp (r − x) − v) of the campaign can be compared with the record without any model of the
-machine. The recorded command agrees with it only where the speed v is that of a moment before. The study finds this
-delay by least squares, and repeats the diagnosis with a controller that measures the speed so much late.
+machine. The recorded command agrees with it only if the speed v is taken from a moment earlier. The study finds this
+delay by least squares, and repeats the diagnosis with a controller whose measured speed lags by as much.
 
 Force error: 100 ‖F − F_model‖/‖F‖ of the simulated closed loop on the part held out, both low-pass filtered at 20 Hz,
 with the estimated deviations of the bench and without them.
-The last line: `speed_delay_ms=… gain_at_once=… gain_late=… first=… second=… mass=… mass_late=… viscous=…
+The last line of the output: `speed_delay_ms=… gain_at_once=… gain_late=… first=… second=… mass=… mass_late=… viscous=…
 viscous_late=… voltage_gain=… voltage_gain_late=… force_error=… force_error_late=…`
 """
 
@@ -38,16 +38,15 @@ from edhas_jax.machine.components.controllers import CascadeController
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.comparison import compare
-from studies.emps.discovery import force_errors
-from studies.emps.published_comparison import FORCE_CUTOFF
+from studies.emps.discovery import force_errors, relative_error
 
 MAX_DELAY = 5e-3  # s
-COMPARED_BELOW = 100.0  # Hz: above it the speed of a recorded position is mostly noise
+COMPARISON_CUTOFF = 100.0  # Hz; above it, the speed calculated from the recorded position is mostly noise
 ENDS_LEFT_OUT = 0.2  # s
 
 
 class LateSpeedCascade(Controller):
-    """A cascade whose speed is measured late: u = kv (kp (r − x) − w), ẇ = (v − w)/T."""
+    """A cascade whose measured speed lags behind the true one: u = kv (kp (r − x) − w), ẇ = (v − w)/T."""
 
     cascade_position_gain: float = par(160.0, "1/s", (0.0, 1e6), "gain of the position loop kp")
     cascade_velocity_gain: float = par(240.0, "V*s/m", (0.0, 1e7), "gain of the velocity loop kv")
@@ -76,7 +75,7 @@ class LawFit(NamedTuple):
 
 
 def compare_law(run: BenchRun, law: CascadeController, delay: float) -> LawFit:
-    """The recorded command compared with that of a control law whose speed is late.
+    """Compare the recorded command with that of the control law in which the speed is delayed.
 
     Args:
         run: recorded set point, position and command.
@@ -90,7 +89,7 @@ def compare_law(run: BenchRun, law: CascadeController, delay: float) -> LawFit:
     set_point = run.reference.values[: len(time)]
     speed_set_point = law.cascade_position_gain * (set_point - position(time))
     command = law.cascade_velocity_gain * (speed_set_point - position(time - delay, 1))
-    b, a = butter(4, 2.0 * COMPARED_BELOW * run.interval)
+    b, a = butter(4, 2.0 * COMPARISON_CUTOFF * run.interval)
     used = (time > time[0] + ENDS_LEFT_OUT) & (time < time[-1] - ENDS_LEFT_OUT)
     recorded, expected = (filtfilt(b, a, v)[used] for v in (run.signals["voltage"], command))
     columns = np.column_stack([expected, np.ones(len(expected))])
@@ -107,7 +106,7 @@ def speed_delay(run: BenchRun, law: CascadeController) -> LawFit:
 
 
 def with_late_speed(campaign: Campaign, delay: float) -> Campaign:
-    """The campaign with a controller that measures the speed late by `delay` [s]."""
+    """The campaign with a controller whose measured speed lags behind the true one by `delay` [s]."""
     law = campaign.machine.controller
     late = LateSpeedCascade(
         cascade_position_gain=law.cascade_position_gain, cascade_velocity_gain=law.cascade_velocity_gain,
@@ -121,11 +120,9 @@ def force_error_without_deviations(campaign: Campaign, diagnosis: Diagnosis) -> 
     fit = diagnosis.after.fit
     (run,) = fit.problem.campaign.runs_for(Use.HOLDOUT)
     whole = compare(campaign, fit.machine, fit.instruments).runs[0]
-    b, a = butter(4, 2.0 * FORCE_CUTOFF * run.interval)
-    measured = whole.run.signals["voltage"]
     held_out = np.isin(whole.run.lines, run.lines[np.isfinite(run.signals["voltage"])])
-    residual, measured = (filtfilt(b, a, v)[held_out] for v in (measured - whole.model["voltage"], measured))
-    return 100.0 * float(np.linalg.norm(residual) / np.linalg.norm(measured))
+    measured, model = whole.run.signals["voltage"][held_out], whole.model["voltage"][held_out]
+    return relative_error(measured - model, measured, run.interval)
 
 
 def voltage_gain(diagnosis: Diagnosis) -> float:

@@ -98,15 +98,16 @@ def visibility_table(records: Sequence[Record], methods: Sequence[Method]) -> li
 
 
 def outcome_table(cases: Sequence[Answered]) -> list[str]:
-    """The lines of a table of what was answered where an effect is hidden, with its size and what it leaves.
+    """The lines of a table of what was answered where an effect is hidden.
 
-    That is the largest share of a signal's rms that the calibrated model leaves beyond the noise.
+    With the visible size of the effect, and the largest share of a signal's rms that the calibrated model leaves beyond
+    the noise.
     """
     groups: dict[str, list[Answered]] = {}
     for truth, answer in cases:
         if not is_null(truth):
             groups.setdefault(_outcome(truth, answer), []).append((truth, answer))
-    heads = ["cases", "truth in the set", "visible size", "left of a signal, %"]
+    heads = ["cases", "truth in the set", "visible size", "share of a signal left, %"]
     columns: list[dict[str, str]] = [{} for _ in heads]
     for label in sorted(groups):
         of = groups[label]

@@ -47,7 +47,7 @@ def test_the_true_model_leaves_noise(campaign):
 
 
 def test_a_model_that_fails_in_a_run_has_no_finite_error_there(campaign):
-    """Samples without a prediction are not samples that were not measured."""
+    """A measured sample that the model cannot predict makes the error infinite; it does not count as missing."""
     compared = compare(campaign).runs[0]
     measured, model = compared.run.signals["current"].copy(), compared.model["current"].copy()
     measured[:5] = np.nan

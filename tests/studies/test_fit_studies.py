@@ -99,7 +99,7 @@ def test_the_drive_study_finds_the_friction_that_the_record_was_made_with(drive)
 
 
 def test_the_delay_of_the_measured_speed_is_found_in_the_record(drive):
-    """The control law alone tells it: no model of the machine takes part."""
+    """Set point, position and command are enough; no model of the machine is needed."""
     study = load("emps.whole_record")
     (run,), law, lag = drive.runs, drive.machine.controller, 1.5e-3
     time = run.time
@@ -120,7 +120,7 @@ def test_the_delay_of_the_measured_speed_is_found_in_the_record(drive):
 
 
 def test_a_controller_with_late_speed_follows_its_law(drive):
-    """The simulated command has the gain of the control law only with the delay, which the lag is to first order."""
+    """The simulated command is that of the control law if the speed in it is delayed by the lag."""
     study = load("emps.whole_record")
     lag = 0.5e-3
     machine = study.with_late_speed(drive, lag).machine

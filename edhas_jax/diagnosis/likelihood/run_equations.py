@@ -90,7 +90,7 @@ def bounded(run: BenchRun, predicted: PredictedSignals) -> PredictedSignals:
 
 
 def bounded_slopes(run: BenchRun, name: str, predicted: PredictedSignals) -> np.ndarray:
-    """The derivatives (samples, unknowns) of one signal; see `bounded`."""
+    """The derivatives (samples, unknowns) of one signal, limited to `MAX_DERIVATIVE` times its range."""
     values, slopes = predicted.values[name], predicted.sensitivities[name]
     measured = run.signals.get(name, values)
     extents = [np.ptp(v[np.isfinite(v)]) for v in (values, measured) if np.isfinite(v).any()]

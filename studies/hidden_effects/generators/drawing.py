@@ -9,9 +9,8 @@ from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.core.structs import replace
 from edhas_jax.diagnosis.search.candidates import SINGLE_EFFECT_SLOTS, can_mount
 from edhas_jax.machine.effects import LIBRARY, Effect, OilTemperature
-from edhas_jax.machine.parameters import list_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.campaign import Use, has_parameter
 from edhas_jax.measurements.synthetic_campaign import planned_campaign
 from edhas_jax.simulation.rk4_reference import Unstable
 from studies.hidden_effects import cases
@@ -103,7 +102,7 @@ class _Draw:
         deviations = usual_deviations(rng, len(plan.uncertain_in(machine)))
         if self.difficulty is Family.SETTINGS:
             drifts, factors = draw_drifts(self.content.drifts, bench.settings, len(bench.runs), rng)
-            if not set(factors) <= {p.name for p, _, _ in list_parameters(machine)}:
+            if not all(has_parameter(machine, name) for name in factors):
                 return None  # a drift of the oil on a bench without oil
             if rng.uniform() < SHARE_OF_WRONG_SHEETS:
                 wrong = self.content.sheets[rng.integers(len(self.content.sheets))]
