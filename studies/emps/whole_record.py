@@ -158,7 +158,7 @@ def main(arguments: list[str] | None = None) -> None:
         values, effects = diagnosis.after.fit.values, [t.candidate.id for t in diagnosis.accepted]
         viscous = values.get("lugre_friction.viscous_friction", np.nan)
         errors = force_errors(diagnosis.after)[Use.HOLDOUT], force_error_without_deviations(campaign, diagnosis)
-        gain, probability = voltage_gain(diagnosis), next(iter(diagnosis.answer.probabilities.values()))
+        gain, probability = voltage_gain(diagnosis), diagnosis.answer.probabilities[diagnosis.answer.first]
         figures[name] = effects, values["mover_mass"], viscous, gain, errors
         table.add_row(
             name, f"{' + '.join(effects)} ({diagnosis.verdict.value}, {probability:.2f})",

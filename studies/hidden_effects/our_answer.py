@@ -17,7 +17,8 @@ def answer_of(diagnosis: Diagnosis) -> Answer:
     """The names, set, place, law, verdict and probability of a diagnosis."""
     verdict, answer = Verdict(diagnosis.verdict.value), diagnosis.answer
     accepted = sorted(
-        (t.candidate.name for t in diagnosis.named), key=lambda name: -answer.probabilities.get(name, 0.0)
+        (t.candidate.name for t in diagnosis.named),
+        key=lambda name: (name != answer.first, -answer.probabilities.get(name, 0.0)),
     )
     named = tuple(accepted) if verdict in VERDICTS_WITH_NAMES else ()
     place = None if verdict is Verdict.ADEQUATE else next(iter(diagnosis.location_probabilities()), None)
@@ -31,7 +32,7 @@ def answer_of(diagnosis: Diagnosis) -> Answer:
         for t in diagnosis.named
     }
     return Answer(
-        verdict, named, answer.members, place, float(next(iter(answer.probabilities.values()))),
+        verdict, named, answer.members, place, float(answer.probabilities[answer.first]),
         {name: laws[name] for name in named}, tuple(answer.probabilities)[:MAX_RANKED], parameters, diagnosis.seconds,
         details=tuple(conclusions(diagnosis)), evidence=dataclasses.asdict(diagnosis.evidence),
         location_shares=diagnosis.location_shares,

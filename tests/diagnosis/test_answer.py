@@ -95,6 +95,15 @@ def test_an_implausible_value_speaks_for_an_unknown_cause():
     assert implausible > usual + 0.2
 
 
+def test_of_nearly_equally_probable_names_the_one_that_explains_most_is_first():
+    """A large effect whose value is implausible is named before a small certain one, unless it is far less probable."""
+    small = rivals(20.0, seal_friction=60.0)
+    for strength, first in ((200.0, "cogging_force"), (0.8, "seal_friction")):
+        answer = answer_from(Evidence((rivals(strength, 0.0, True, cogging_force=2400.0), small), 0.5, 0.0))
+        largest = max(answer.probabilities, key=answer.probabilities.get)
+        assert largest == "seal_friction" and answer.first == first
+
+
 def test_a_set_holds_the_nominal_probability():
     member = rivals(3.0, 1000.0, cogging_force=500.0, parasitic_spring=480.0, seal_friction=300.0)
     sizes = []

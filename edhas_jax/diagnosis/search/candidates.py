@@ -246,11 +246,12 @@ def at_prior_bound(candidate: Candidate, fit: Fit) -> list[str]:
 def screening_grid(unknowns: list[UnknownParameter]) -> np.ndarray:
     """Points at which the score test evaluates a candidate, as coordinates (points, n) of its unknowns.
 
-    The first unknown is the size of the candidate, the others its shape. A candidate with more than three unknowns,
-    such as LuGre friction, is evaluated at the centre of its priors only.
+    The first unknown is the size of the candidate, the others its shape. The sizes are close together, because the
+    change by a mass or stiffness that resonates is small at half or twice its size. A candidate with more than three
+    unknowns, such as LuGre friction, is evaluated at the centre of its priors only.
     """
     if len(unknowns) > 3:
         return np.zeros((1, len(unknowns)))
-    points = {1: ((-1.5, -0.5, 0.5, 1.5),), 2: ((-1.2, 0.3), (-1.5, -0.5, 0.5, 1.5))}
+    points = {1: (np.linspace(-2.5, 2.5, 11),), 2: (np.linspace(-2.0, 2.0, 6), (-1.5, -0.5, 0.5, 1.5))}
     axes = points.get(len(unknowns), ((-0.5,), (-1.6, -1.1, -0.7, -0.3, 0.0, 0.4, 0.8, 1.3), (-1.7, -0.85, 0.0, 0.85)))
     return np.array(list(itertools.product(*axes))) if unknowns else np.zeros((1, 0))

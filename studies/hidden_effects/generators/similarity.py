@@ -4,12 +4,13 @@ The share is that of the visible change: 1 where a multiple of the other effect'
 parameters and the usual errors of a bench add, is the same; 0 where the two have nothing in common.
 """
 
+import itertools
 from collections.abc import Iterable
 
 import numpy as np
 
 from edhas_jax.core.structs import replace
-from edhas_jax.diagnosis.search.candidates import Candidate, can_mount, screening_grid
+from edhas_jax.diagnosis.search.candidates import Candidate, can_mount
 from edhas_jax.machine.effects import LIBRARY, Effect
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
@@ -94,9 +95,18 @@ def shares_of_similar_effects(test: VisibilityTest, law: Law, change: np.ndarray
         unknowns = Candidate(kind).unknowns(test.plan)
         machine = replace(test.machine, effects=(*test.machine.effects, kind()))
         model = MeasurementModel(test.plan, machine, unknowns, test.runs)
-        after = _changes(test, model, list(screening_grid(unknowns)))
+        after = _changes(test, model, list(_sizes_and_shapes(unknowns)))
         found[kind.id] = max((share(test, change, column) for column in after), default=0.0)
     return found
+
+
+def _sizes_and_shapes(unknowns: list[UnknownParameter]) -> np.ndarray:
+    """Sizes and shapes of an effect as coordinates (points, n), fixed here so that a case depends on no method."""
+    points = {1: ((-1.5, -0.5, 0.5, 1.5),), 2: ((-1.2, 0.3), (-1.5, -0.5, 0.5, 1.5))}
+    usual = (-0.5,), (-1.6, -1.1, -0.7, -0.3, 0.0, 0.4, 0.8, 1.3), (-1.7, -0.85, 0.0, 0.85)
+    if not 0 < len(unknowns) <= len(usual):
+        return np.zeros((1, len(unknowns)))
+    return np.array(list(itertools.product(*points.get(len(unknowns), usual))))
 
 
 def _changes(test: VisibilityTest, model: MeasurementModel, points: list[np.ndarray]) -> list[np.ndarray]:
