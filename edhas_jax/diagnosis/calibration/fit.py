@@ -21,6 +21,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_r
 
 CORRECTION_REFINEMENT = 4  # steps of the final corrections per fine step
 MAX_CORRECTIONS = 2
+DISTORTED_COORDINATE = 2.5  # of an estimate: beyond it something that the model lacks has probably distorted the fit
 ROUGH_COST_TOLERANCE = 1.0  # difference of ½χ² that the rough search neither resolves nor merges starts below
 
 
@@ -83,6 +84,11 @@ class Fit:
     def prior_distances(self) -> np.ndarray:
         """Distances of the estimates from their prior means, in prior standard deviations; of those with a prior."""
         return np.abs(self.x[np.array([u.has_prior for u in self.problem.unknowns], dtype=bool)])
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether an estimate is so far from its prior mean that it stands in for something else."""
+        return bool(self.prior_distances.max(initial=0.0) > DISTORTED_COORDINATE)
 
     @property
     def machine(self) -> Rig:

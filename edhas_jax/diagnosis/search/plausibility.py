@@ -9,6 +9,7 @@ from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.measurements.measurement_model import EvaluationPoint
 
 PLAUSIBLE_COORDINATE = 2.0  # prior standard deviations: the end of the plausible range
+RANGE_TOLERANCE = 0.2  # in the same unit: the ends of plausible ranges are round figures, and an estimate has an error
 # rise of ½χ² with a plausible value from which the data demand the implausible one: absolute [nats], which is three
 # standard deviations of one parameter, and as a share of the misfit that the model leaves anyway
 MIN_RISE, MIN_RISE_SHARE = 5.0, 0.1
@@ -18,8 +19,9 @@ PRIOR_BOUND_PENALTY, PRIOR_BOUND_SHARE = 30.0, 0.3
 
 
 def beyond_plausible_range(candidate: Candidate, fit: Fit) -> list[str]:
-    """Names of a candidate's parameters whose estimate is beyond the end of its plausible range."""
-    return [name for name, x in candidate.own_coordinates(fit).items() if abs(x) > PLAUSIBLE_COORDINATE]
+    """Names of a candidate's parameters whose estimate is clearly beyond the end of its plausible range."""
+    limit = PLAUSIBLE_COORDINATE + RANGE_TOLERANCE
+    return [name for name, x in candidate.own_coordinates(fit).items() if abs(x) > limit]
 
 
 def implausible_parameters(candidate: Candidate, fit: Fit) -> list[str]:

@@ -47,6 +47,7 @@ class Score:
         direction: projected signature (m,) of unit length, over all samples and the rows of the prior.
         exponent: power of its first unknown with which the signature grows; negative where a stiffness, for example,
             makes the candidate vanish as it grows.
+        point: the grid point (n,) itself, with the size that was simulated; None where there is no grid.
     """
 
     candidate: Candidate
@@ -54,6 +55,7 @@ class Score:
     x: np.ndarray
     direction: np.ndarray
     exponent: float = 1.0
+    point: np.ndarray | None = None
 
     @property
     def predicted_gain(self) -> float:
@@ -170,7 +172,7 @@ class ScoreTest:
             fall = scale * (2.0 * overlap - scale * square)
             if fall > best.chi_square_fall:
                 start = with_scaled_size(unknowns, x, max(scale, MIN_SCALE), exponent)
-                best = Score(candidate, float(fall), start, projected / np.sqrt(square), exponent)
+                best = Score(candidate, float(fall), start, projected / np.sqrt(square), exponent, x)
         return best, [projected for _, projected in found]
 
     def _projected(self, candidate: Candidate, points: np.ndarray) -> list[np.ndarray | None]:

@@ -30,7 +30,6 @@ from edhas_jax.diagnosis.search.trial import (
     NEAR_EXCESS,
     NEARLY_ALL_SHARE,
     Trial,
-    is_distorted,
     retry_progressively,
     try_best_candidates,
 )
@@ -75,7 +74,7 @@ def search_round(
         scores = sorted([*scores, *score_all(test, again, report)], key=lambda score: -score.chi_square_fall)
     is_far = baseline.excess > PROGRESSIVE_RMS**2 * 0.5 * baseline.samples
     is_irregular = baseline.fit.problem.is_irregular
-    if not is_irregular and (is_far or (is_distorted(baseline) and misfit(baseline) > 0.0)):
+    if not is_irregular and (is_far or (baseline.fit.is_distorted and misfit(baseline) > 0.0)):
         scores = _with_scores_at_prior(baseline, accepted, scores, report)
     most = FAR_TRIALS if is_far else MAX_TRIALS
     scores = [score for score in scores if score.predicted_gain > MIN_LAW_ERRORS * law_error]

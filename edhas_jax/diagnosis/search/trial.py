@@ -18,7 +18,7 @@ from edhas_jax.diagnosis.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 MIN_ACHIEVED_FALL_SHARE = 0.3  # of the predicted fall of χ²: a fit that achieves less is restarted elsewhere
-DISTORTED_COORDINATE = 2.5  # of a calibrated parameter: beyond it the missing effect has distorted the calibration
+MIN_RESTARTED_SHARE = 0.2  # of the misfit, predicted: a candidate with less is not restarted from its grid point
 MOST_PARAMETERS = 3.0  # that count against a candidate: more describe details of a law, which imitate no other one
 SMALL_SIZE = 0.1  # of the predicted size, of a start that is hardly above the model without the candidate
 MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is made: the best of forty reaches it by chance
@@ -118,8 +118,9 @@ def try_candidate(
     The fit starts from the calibrated values. If it achieves less than 30 % of the predicted fall of χ², it is
     restarted at the prior means, because a wrong model biases the calibrated values; also if a calibrated parameter
     is implausible and less than half of the misfit is removed. If it ends above the model without the candidate, it is
-    restarted with so small a size that it begins there. A free term of a rig of one's own begins without influence
-    first.
+    restarted with so small a size that it begins there. If all that achieves less than 30 % of a large predicted fall,
+    it is restarted with the size of the grid point, because the predicted size supposes that the change grows with a
+    power of the size, which a resonance does not. A free term of a rig of one's own begins without influence first.
 
     Args:
         baseline: the model without the candidate.
@@ -145,8 +146,11 @@ def try_candidate(
         starts = [without * calibrated_start, without * prior_start, *starts]
     if problem.is_irregular:
         return _try_irregular(baseline, problem, calibrated_start, score, resolution, max_steps, reached)
+    grid_starts = []
+    if score.point is not None and score.predicted_gain > MIN_RESTARTED_SHARE * baseline.excess:
+        grid_starts = [np.concatenate([start[:count], score.point]) for start in starts]
     best: EvaluatedFit | None = None
-    distorted = is_distorted(baseline)
+    distorted = baseline.fit.is_distorted
     while starts:
         start = starts.pop(0)
         try:
@@ -161,6 +165,8 @@ def try_candidate(
             starts.insert(0, _with_small_size(problem, score, calibrated_start))
             continue
         achieved = 0.0 if best is None else baseline.cost - best.cost
+        if not starts and grid_starts and achieved < MIN_ACHIEVED_FALL_SHARE * score.predicted_gain:
+            starts, grid_starts = grid_starts, []
         if distorted and achieved > 0.5 * baseline.excess:
             break
         if best is not None and not distorted and (
@@ -209,11 +215,6 @@ def _with_small_size(problem: FitProblem, score: Score, start: np.ndarray) -> np
     return np.concatenate([start[:count], small])
 
 
-def is_distorted(baseline: EvaluatedFit) -> bool:
-    """Whether a parameter of a fit is so far from its prior mean that it stands in for something else."""
-    return bool(baseline.fit.prior_distances.max(initial=0.0) > DISTORTED_COORDINATE)
-
-
 def _give_up_rule(baseline_cost: float, reached: float, checked: Mapping[int, float]) -> Callable[[int, float], bool]:
     """Whether a fit goes on, asked after every step with its number and ½χ²; see `CHECKED_STEPS`."""
     costs: list[float] = []
@@ -248,7 +249,7 @@ def try_best_candidates(
         workers: processes for the trials; None for this one.
     """
     trials: list[Trial] = []
-    is_near = baseline.excess < NEAR_EXCESS * 0.5 * baseline.samples and not is_distorted(baseline)
+    is_near = baseline.excess < NEAR_EXCESS * 0.5 * baseline.samples and not baseline.fit.is_distorted
     least = MIN_NEAR_SHARE * baseline.excess if is_near else 0.0
     is_irregular = baseline.fit.problem.is_irregular
     least_fall = MIN_IRREGULAR_FALL if is_irregular else MIN_CHI_SQUARE_FALL
