@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
+from scipy.stats import qmc
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
@@ -29,6 +30,7 @@ SINGLE_EFFECT_SLOTS = ("coupling_force", "suction_line_resistance", "suction_lin
 PLAUSIBLE_RANGE_SIGMAS = 4.0  # width of a plausible range in standard deviations of the prior (±2)
 PRIOR_BOUND = 3.0  # bound of a fitted coordinate, in standard deviations of its prior
 PRIOR_BOUND_TOLERANCE = 0.05  # distance to the bound, in the same unit, that counts as at the bound
+SOBOL_POINTS, SOBOL_HALF_WIDTH = 32, 1.5  # at which a law with many parameters is screened; half width in prior sigmas
 OFFSET_STD_SHARE = 0.05  # prior standard deviation of a sensor offset, as a share of the signal's range
 
 
@@ -248,10 +250,11 @@ def screening_grid(unknowns: list[UnknownParameter]) -> np.ndarray:
 
     The first unknown is the size of the candidate, the others its shape. The sizes are close together, because the
     change by a mass or stiffness that resonates is small at half or twice its size. A candidate with more than three
-    unknowns, such as LuGre friction, is evaluated at the centre of its priors only.
+    unknowns, such as LuGre friction, is evaluated at the centre of its priors and at points of a Sobol sequence.
     """
     if len(unknowns) > 3:
-        return np.zeros((1, len(unknowns)))
+        spread = qmc.Sobol(len(unknowns), seed=0).random(SOBOL_POINTS)
+        return np.concatenate([np.zeros((1, len(unknowns))), SOBOL_HALF_WIDTH * (2.0 * spread - 1.0)])
     points = {1: (np.linspace(-2.5, 2.5, 11),), 2: (np.linspace(-2.0, 2.0, 6), (-1.5, -0.5, 0.5, 1.5))}
     axes = points.get(len(unknowns), ((-0.5,), (-1.6, -1.1, -0.7, -0.3, 0.0, 0.4, 0.8, 1.3), (-1.7, -0.85, 0.0, 0.85)))
     return np.array(list(itertools.product(*axes))) if unknowns else np.zeros((1, 0))
