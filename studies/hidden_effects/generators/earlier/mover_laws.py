@@ -1,4 +1,4 @@
-"""Laws at the mover, for judging."""
+"""Laws at the mover, for the earlier judging set."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Links of sensor chains, for judging."""
+"""Links of sensor chains, for the earlier judging set."""
 
 import numpy as np
 from scipy.signal import lfilter

@@ -1,4 +1,4 @@
-"""Settings and sheets that are off, for judging."""
+"""Settings and sheets that are off, for the earlier judging set."""
 
 import numpy as np
 

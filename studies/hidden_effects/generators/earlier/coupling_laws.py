@@ -1,4 +1,4 @@
-"""Laws of the coupling between coil carrier and plungers, for judging."""
+"""Laws of the coupling between coil carrier and plungers, for the earlier judging set."""
 
 import jax.numpy as jnp
 

@@ -1,4 +1,4 @@
-"""Laws of check valves and suction line, for judging."""
+"""Laws of check valves and suction line, for the earlier judging set."""
 
 import jax.numpy as jnp
 

@@ -1,4 +1,4 @@
-"""Laws of the cylinder and its load, for judging."""
+"""Laws of the cylinder and its load, for the earlier judging set."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Laws of bias, friction that depends on direction, place or pressure, and asymmetric damping, for judging."""
+"""Laws of bias, friction that depends on direction, place or pressure, and asymmetric damping, for the earlier judging set."""
 
 import jax.numpy as jnp
 

@@ -1,4 +1,4 @@
-"""Laws of mechanisms that the library does not have, for judging."""
+"""Laws of mechanisms that the library does not have, for the earlier judging set."""
 
 import jax.numpy as jnp
 

@@ -1,4 +1,4 @@
-"""Benches, for judging."""
+"""Benches, for the earlier judging set."""
 
 from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench

@@ -1,4 +1,4 @@
-"""Small unlisted physics, for judging."""
+"""Small unlisted physics, for the earlier judging set."""
 
 import jax.numpy as jnp
 

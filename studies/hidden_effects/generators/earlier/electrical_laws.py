@@ -1,4 +1,4 @@
-"""Laws at coil, amplifier and supply, for judging."""
+"""Laws at coil, amplifier and supply, for the earlier judging set."""
 
 import jax.numpy as jnp
 

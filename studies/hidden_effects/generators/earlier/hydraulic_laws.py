@@ -1,4 +1,4 @@
-"""Laws of chambers, oil and outlet, for judging."""
+"""Laws of chambers, oil and outlet, for the earlier judging set."""
 
 import jax.numpy as jnp
 
