@@ -66,7 +66,7 @@ class Truth:
 
     Args:
         family: letter of the family of generators.
-        split: "tuning", "practice", "varied" or "judging".
+        split: "tuning", "practice", "varied", "earlier" or "judging".
         number: number of the case within family and split.
         hidden: what is hidden; nothing where only crumbs, sensor chains or settings differ.
         withheld: whether what is hidden is withheld from the suspects.

@@ -1,13 +1,13 @@
 """Benchmark of hidden effects: how often do methods name the effects that are hidden in synthetic campaigns?
 
-    python -m studies.hidden_effects [--families a b …] [--split judging|tuning|practice|varied] [--cases N]
-                                     [--first K] [--workers K] [--out DIR] [--methods ours,bic,…]
-                                     [--crumbs] [--baselines]
+    python -m studies.hidden_effects [--families a b …] [--split judging|tuning|practice|varied|earlier]
+                                     [--cases N] [--first K] [--workers K] [--out DIR]
+                                     [--methods ours,bic,…] [--crumbs] [--baselines]
 
 Each case is a campaign made by an integrator and sensor models that no method uses. A case is determined by family,
 split and number; `--cases` from `--first` (or `--seed`) on are run of each family. Family (a), the default, has one
-effect of the library in a bench that is otherwise as the model says; its cases from `FIRST_TEST_CASE` on are the
-judging ones.
+effect of the library in a bench that is otherwise as the model says; there the split follows from the number: cases
+from 40000 on are judging ones, those from 11000 to 39999 earlier ones, those below 11000 tuning ones.
 
 Each answer is stored in DIR when it is there and not computed again, so that the same command continues a study that
 was stopped, and another method can be added later. An answer that ended in an error counts as wrong. The classifier
@@ -93,7 +93,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--split", choices=[split.value for split in Split], default=Split.JUDGING.value,
         help="judging (default): to compare methods with; tuning: to choose thresholds with, and to train; practice: "
-        "the same with further laws; varied: for development too, with laws drawn anew in every case",
+        "the same with further laws; varied: for development too, with laws drawn anew in every case; earlier: for "
+        "development, what judged before",
     )  # fmt: skip
     parser.add_argument("--cases", type=int, default=40, help="number of cases of each family")
     parser.add_argument("--first", "--seed", type=int, help="number of the first case")

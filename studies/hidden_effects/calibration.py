@@ -46,7 +46,7 @@ from studies.hidden_effects.rates import Answered, first_is_right, mean_set_size
 from studies.hidden_effects.reliability import reliability
 from studies.hidden_effects.store import CASE_FILE, ResultFolder, read_json
 
-DEVELOPMENT = (Split.TUNING, Split.PRACTICE, Split.VARIED)
+DEVELOPMENT = (Split.TUNING, Split.PRACTICE, Split.VARIED, Split.EARLIER)
 TARGET = 0.95  # share of cases whose set holds the truth
 COVERAGES = np.concatenate([np.linspace(0.5, 0.95, 19), np.linspace(0.955, 0.999, 12)])
 SMALLEST_PROBABILITY = 1e-3  # of a right answer, in the loss

@@ -17,6 +17,8 @@ from studies.hidden_effects.generators.hidden_case import Family, Hidden, Hidden
 LIBRARY_FAMILY = "a"
 LAGS_SUFFIX = "_lags"  # of the name of a case in which every sensor has a small lag
 FAMILIES = dict(zip("abcdefgh", Family, strict=True))
+# numbers of family (a) at which another split begins; below them are tuning cases
+FIRST_LIBRARY_CASES = {Split.EARLIER: cases.FIRST_EARLIER_CASE, Split.JUDGING: cases.FIRST_TEST_CASE}
 
 
 @dataclasses.dataclass(frozen=True, order=True)
@@ -49,22 +51,24 @@ class DrawnCase:
 
 def first_number(family: str, split: Split) -> int:
     """The number of the first case of a family and split."""
-    return cases.FIRST_TEST_CASE if family == LIBRARY_FAMILY and split is Split.JUDGING else 0
+    return FIRST_LIBRARY_CASES.get(split, 0) if family == LIBRARY_FAMILY else 0
 
 
 def split_of(family: str, first: int, count: int, split: Split) -> Split:
     """The split of some cases; that of family (a) follows from the numbers.
 
     Raises:
-        ValueError: the cases belong to both splits.
+        ValueError: the cases belong to several splits.
     """
     if family != LIBRARY_FAMILY:
         return split
-    if first < cases.FIRST_TEST_CASE < first + count:
-        raise ValueError(
-            f"cases below {cases.FIRST_TEST_CASE} are for development, the others for testing: do not mix them"
-        )
-    return Split.TUNING if first < cases.FIRST_TEST_CASE else Split.JUDGING
+    found = Split.TUNING
+    for other, begin in FIRST_LIBRARY_CASES.items():
+        if first < begin < first + count:
+            raise ValueError(f"cases below {begin} are {found.value} cases, the others {other.value} ones: "
+                             "do not mix them")  # fmt: skip
+        found = other if first >= begin else found
+    return found
 
 
 def draw(key: CaseKey) -> DrawnCase:

@@ -1,12 +1,12 @@
 """What the true laws would explain in cases for development: why a first name is wrong, and where any method ends.
 
-    python -m studies.hidden_effects.limits [--split varied|tuning|practice|judging] [--families b c …] [--out DIR]
-                                            [--workers K]
+    python -m studies.hidden_effects.limits [--split varied|tuning|practice|earlier|judging] [--families b c …]
+                                            [--out DIR] [--workers K]
 
 For every case in DIR in which an effect with a name is hidden and which `edhas diagnose` has answered, the model is
 fitted without what is hidden and with the true laws, which no method knows. Both fits also start from the true
 parameters. Their difference is what the true laws explain; compared with what they leave, it is the *strength* of what
-is hidden. A wrong first name then has one of three causes:
+is hidden. With judging cases only the counts are printed, no single answer. A wrong first name has one of three causes:
 
 * *weak*: the true laws explain less than what a candidate must explain, over what is left, to be accepted; a rule that
   accepted it would accept imitations of small disturbances as well;
@@ -164,7 +164,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the study from the command line and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--split", type=Split, choices=list(Split), default=Split.VARIED,
-                        metavar="judging|tuning|practice|varied", help="which cases (default varied)")  # fmt: skip
+                        metavar="varied|tuning|practice|earlier|judging",
+                        help="which cases (default varied)")  # fmt: skip
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list("bcdefg"), metavar="LETTER")
     parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"), help="folder of the answers")
     parser.add_argument("--workers", type=int, default=2)

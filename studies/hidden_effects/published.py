@@ -1,11 +1,11 @@
 """Answers of the benchmark that are kept in a file of the project, and the tables that follow from them.
 
-    python -m studies.hidden_effects.published [--split judging|tuning|practice|varied] [--families b c …]
+    python -m studies.hidden_effects.published [--split judging|tuning|practice|varied|earlier] [--families b c …]
                                                [--methods METHOD …] [--file FILE] [--add DIR --commit NAME]
                                                [--to DIR] [--out DIR]
 
-Prints the report of the benchmark for the kept answers, without running any case: those to judging cases, or with
-`--split tuning` those to tuning cases; with `--families` only those of some families, with `--methods` only those of
+Prints the report of the benchmark for the kept answers, without running any case: those to judging cases, or those to
+the cases of another `--split`; with `--families` only those of some families, with `--methods` only those of
 some methods, which are then compared on the cases that all of them were run on. `--add` copies the finished cases
 of a result folder into the file, and notes the commit of the code that computed them; an answer that is in the file
 already is not replaced. `--to` writes the file as a result folder, from which the benchmark can be continued with more
@@ -119,11 +119,20 @@ def _rounded(value: Any) -> Any:
     return list(map(_rounded, value)) if isinstance(value, list) else value
 
 
+def _nothing_kept(file: Path, split: Split) -> str:
+    """A sentence for a file without answers."""
+    if split is Split.JUDGING and file == file_of(split) and not file.exists():
+        return ("No case of the judging set has been judged yet. The answers to the earlier judging set are printed "
+                "with --split earlier.")  # fmt: skip
+    return f"{file}: no kept answers to {split.value} cases"
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Add answers to the file and print their tables, from the command line; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--split", type=Split, choices=list(Split), default=Split.JUDGING,
-                        metavar="judging|tuning|practice|varied", help="which cases (default judging)")  # fmt: skip
+                        metavar="judging|tuning|practice|varied|earlier",
+                        help="which cases (default judging)")  # fmt: skip
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES), metavar="LETTER",
                         help="tables and figures of these families only (default all)")  # fmt: skip
     parser.add_argument("--methods", nargs="+", choices=[m.value for m in Method], metavar="METHOD",
@@ -147,7 +156,7 @@ def main(arguments: list[str] | None = None) -> int:
         write_folder(kept, ResultFolder(options.to))
     shown = [kept[key] for key in sorted(kept, key=str) if key.family in options.families]
     if not shown:
-        print(f"{file}: no kept answers of {', '.join(options.families)}")
+        print(_nothing_kept(file, split) if not kept else f"{file}: no kept answers of {', '.join(options.families)}")
         return 1
     records = [case.record for case in shown]
     if options.methods:

@@ -33,7 +33,9 @@ SHARE_OF_OTHER_LAWS = 0.5  # of the effects of a case with several, or of a smal
 SHARE_OF_UNLISTED = 0.5  # of the withheld effects
 SHARE_OF_WRONG_SHEETS = 0.6  # of the cases whose settings are off
 SHORTEST = 0.55  # of the duration of a run, in a small campaign
-_SPLIT_NUMBER = {Split.TUNING: 1, Split.JUDGING: 2, Split.PRACTICE: 3, Split.VARIED: 4}
+# part of the seed: what was the judging split until it taught has kept its number, so that its cases are the same
+_SPLIT_NUMBER = {Split.TUNING: 1, Split.EARLIER: 2, Split.PRACTICE: 3, Split.VARIED: 4, Split.JUDGING: 5}
+_FIRST_LIBRARY_CASE = {Split.EARLIER: cases.FIRST_EARLIER_CASE, Split.JUDGING: cases.FIRST_TEST_CASE}
 _FAMILY_NUMBER = {family: k for k, family in enumerate(Family)}
 _DIFFICULTIES = (Family.CRUMBS, Family.SENSOR_CHAINS, Family.SETTINGS)  # of the cases with several effects, in turn
 
@@ -61,8 +63,8 @@ def draw_case(family: Family, split: Split, number: int) -> HiddenCase:
 
 
 def _library_case(split: Split, number: int) -> HiddenCase:
-    """A case of `studies.hidden_effects.cases`, whose test cases are those that judge."""
-    drawn = cases.draw_case(number if split is not Split.JUDGING else cases.FIRST_TEST_CASE + number)
+    """A case of `studies.hidden_effects.cases`, whose numbers tell what they may be used for."""
+    drawn = cases.draw_case(_FIRST_LIBRARY_CASE.get(split, 0) + number)
     hidden = tuple(
         Hidden(
             h.candidate.name,

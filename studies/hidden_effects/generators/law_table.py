@@ -17,9 +17,9 @@ def markdown() -> str:
     """All laws but the varied ones: mechanism, split, law, formula and source."""
     rows = ["| mechanism | split | law | what acts | source |", "| --- | --- | --- | --- | --- |"]
     for mechanism in LIBRARY:
-        for split in (Split.TUNING, Split.PRACTICE, Split.JUDGING):  # the varied ones have one formula for all
+        for split in (Split.TUNING, Split.PRACTICE, Split.EARLIER, Split.JUDGING):  # varied ones have one formula
             rows += [_row(f"`{mechanism.id}`", split, law) for law in CONTENT[split].laws if law.mechanism is mechanism]
-    for split in (Split.TUNING, Split.JUDGING):  # those for practice are those for tuning
+    for split in (Split.TUNING, Split.EARLIER, Split.JUDGING):  # the practice and varied ones are those for tuning
         rows += [_row("none", split, law) for law in CONTENT[split].unlisted]
     return "\n".join(rows)
 

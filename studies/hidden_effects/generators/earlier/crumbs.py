@@ -20,7 +20,7 @@ def _shape(default: float, unit: str, doc: str, plausible: tuple[float, float]):
     return par(default, unit, (-1e6, 1e6), doc, plausible=plausible)
 
 
-class JudgingCrumbs(Effect):
+class EarlierCrumbs(Effect):
     """Crumbs of coil, amplifier and mover, each with one size."""
 
     stray_field: float = _size("N", "force of a transformer's stray field")
@@ -61,7 +61,7 @@ class JudgingCrumbs(Effect):
         return self.amplifier_drift * jnp.exp(-s.time / self.drift_time)
 
 
-class JudgingPumpCrumbs(Effect):
+class EarlierPumpCrumbs(Effect):
     """Crumbs of chambers, oil and valves, each with one size."""
 
     larger_plunger: float = _size("-", "relative excess of the area of plunger B")
@@ -91,14 +91,14 @@ class JudgingPumpCrumbs(Effect):
 
 
 CRUMBS = (
-    Crumb(JudgingCrumbs, "stray_field", 0.1, ("field_phase",)),
-    Crumb(JudgingCrumbs, "one_sided_boot", 0.3),
-    Crumb(JudgingCrumbs, "tilted_field", 0.005),
-    Crumb(JudgingCrumbs, "inductance_fall", 0.02),
-    Crumb(JudgingCrumbs, "frame_motion", 0.05, ("frame_frequency",)),
-    Crumb(JudgingCrumbs, "amplifier_drift", 0.05, ("drift_time",)),
-    Crumb(JudgingPumpCrumbs, "larger_plunger", 0.002),
-    Crumb(JudgingPumpCrumbs, "larger_chamber", 2e-8),
-    Crumb(JudgingPumpCrumbs, "progressive_valve", 5e4),
-    Crumb(JudgingPumpCrumbs, "warming_oil", 0.1),
+    Crumb(EarlierCrumbs, "stray_field", 0.1, ("field_phase",)),
+    Crumb(EarlierCrumbs, "one_sided_boot", 0.3),
+    Crumb(EarlierCrumbs, "tilted_field", 0.005),
+    Crumb(EarlierCrumbs, "inductance_fall", 0.02),
+    Crumb(EarlierCrumbs, "frame_motion", 0.05, ("frame_frequency",)),
+    Crumb(EarlierCrumbs, "amplifier_drift", 0.05, ("drift_time",)),
+    Crumb(EarlierPumpCrumbs, "larger_plunger", 0.002),
+    Crumb(EarlierPumpCrumbs, "larger_chamber", 2e-8),
+    Crumb(EarlierPumpCrumbs, "progressive_valve", 5e4),
+    Crumb(EarlierPumpCrumbs, "warming_oil", 0.1),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Laws of bias, friction that depends on direction, place or pressure, and asymmetric damping, for the earlier judging set."""
+"""Laws of bias, asymmetric damping, and friction by direction, place or pressure, for the earlier judging set."""
 
 import jax.numpy as jnp
 
