@@ -11,14 +11,12 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
 from studies.hidden_effects import cases
 from studies.hidden_effects.answers import HiddenEffect, Law, Truth, places_of
-from studies.hidden_effects.generators.drawing import draw_case
+from studies.hidden_effects.generators.drawing import FIRST_LIBRARY_CASES, draw_case
 from studies.hidden_effects.generators.hidden_case import Family, Hidden, HiddenCase, Split
 
 LIBRARY_FAMILY = "a"
 LAGS_SUFFIX = "_lags"  # of the name of a case in which every sensor has a small lag
 FAMILIES = dict(zip("abcdefgh", Family, strict=True))
-# numbers of family (a) at which another split begins; below them are tuning cases
-FIRST_LIBRARY_CASES = {Split.EARLIER: cases.FIRST_EARLIER_CASE, Split.JUDGING: cases.FIRST_TEST_CASE}
 
 
 @dataclasses.dataclass(frozen=True, order=True)

@@ -8,7 +8,7 @@ import pytest
 from studies.hidden_effects import benchmark, methods, published
 from studies.hidden_effects.answers import Answer, Truth, Verdict
 from studies.hidden_effects.calibrated_case import CalibratedCase
-from studies.hidden_effects.cases import FIRST_TEST_CASE
+from studies.hidden_effects.cases import FIRST_EARLIER_CASE, FIRST_TEST_CASE
 from studies.hidden_effects.drawing import CaseKey, DrawnCase
 from studies.hidden_effects.generators.hidden_case import Split
 from studies.hidden_effects.methods import Method, answer_with
@@ -94,6 +94,8 @@ def test_baselines_are_all_methods_but_ours_that_can_run(asked, tmp_path, capsys
     ("arguments", "said"),
     [
         (["--cases", "20", "--seed", str(FIRST_TEST_CASE - 5)], "do not mix"),
+        (["--cases", "20", "--seed", str(FIRST_EARLIER_CASE - 5)], "do not mix"),
+        (["--cases", "40000", "--seed", "10000"], "do not mix"),
         (["--methods", "ours,guessing"], "no method guessing; there are ours"),
         (["--families", "z"], "invalid choice: 'z'"),
         (["--methods", "ours,classifier"], "classifier"),
@@ -103,6 +105,23 @@ def test_bad_options_are_refused(arguments, said, tmp_path, capsys):
     with pytest.raises(SystemExit):
         run(tmp_path, *arguments)
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "folder", "kind"),
+    [
+        (["--first", "10000"], "tuning/a10000", "development"),
+        (["--split", "earlier", "--first", "30000"], "earlier/a30000", "development"),
+        (["--split", "earlier"], "earlier/a11000", "development"),
+        (["--first", "39999"], "earlier/a39999", "development"),
+        ([], "judging/a40000", "test"),
+        (["--families", "b", "--first", "30000"], "judging/b30000", "test"),
+        (["--families", "b", "--split", "earlier"], "earlier/b00000", "development"),
+    ],
+)
+def test_numbers_of_the_first_family_tell_the_split(asked, tmp_path, capsys, arguments, folder, kind):
+    assert run(tmp_path, *arguments, "--cases", "1", "--methods", "ours") == 0
+    assert (tmp_path / folder / "ours.json").exists() and f"\n{kind} cases" in capsys.readouterr().out
 
 
 def test_a_method_that_ends_in_an_error_has_a_wrong_answer(monkeypatch):
@@ -119,6 +138,7 @@ def test_cases_of_a_family_have_folders_of_their_own(tmp_path):
     results, key = ResultFolder(tmp_path), CaseKey("b", Split.JUDGING, 7)
     folders = {results.of(k) for k in (key, dataclasses.replace(key, sensor_lags=True), CaseKey("b", Split.TUNING, 7))}
     assert len(folders) == 3 and results.of(key) == tmp_path / "judging" / "b00007"
+    assert results.of(CaseKey("b", Split.EARLIER, 7)) == tmp_path / "earlier" / "b00007"
 
 
 def test_published_answers_are_kept_with_their_commit_and_never_replaced(asked, tmp_path, capsys):
@@ -150,3 +170,12 @@ def test_published_answers_need_a_commit_and_a_folder(tmp_path, capsys):
             published.main([*kept, *arguments])
         assert said in capsys.readouterr().err
     assert published.main(kept) == 1 and "no kept answers" in capsys.readouterr().out
+
+
+def test_a_judging_set_that_nothing_has_been_run_on_is_said(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(published, "file_of", lambda split: tmp_path / f"published_{split.value}.jsonl")
+    for arguments in ([], ["--families", "b"]):
+        assert published.main(arguments) == 1
+        assert "No case of the judging set has been judged yet." in capsys.readouterr().out
+    assert published.main(["--split", "earlier"]) == 1
+    assert capsys.readouterr().out.strip().endswith("no kept answers to earlier cases")

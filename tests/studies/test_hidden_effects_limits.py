@@ -9,7 +9,7 @@ from studies.hidden_effects.answers import Answer, HiddenEffect, Law, Truth, Ver
 from studies.hidden_effects.drawing import CaseKey, DrawnCase, draw
 from studies.hidden_effects.generators.hidden_case import Split
 from studies.hidden_effects.limits import Cause, Limit, cause_of, limit_of, strength_table
-from studies.hidden_effects.store import ResultFolder
+from studies.hidden_effects.store import ResultFolder, write_json
 
 SAMPLES = 1000
 EXPLAINS_ALL = Limit(gain=500.0, left=0.0, without=480.0, strength=40.0, samples=SAMPLES)
@@ -54,6 +54,18 @@ def test_true_laws_explain_what_is_visible():
     found = limit_of(case)
     assert 0.5 * case.truth.visible / 2.0 < found.gain < 1.5 * case.truth.visible / 2.0
     assert found.left < 0.02 * found.samples and found.without > found.left
+
+
+@pytest.mark.parametrize(("split", "shown"), [(Split.EARLIER, True), (Split.JUDGING, False)])
+def test_single_answers_to_judging_cases_are_not_shown(tmp_path, capsys, split, shown):
+    results, key = ResultFolder(tmp_path), CaseKey("b", split, 0)
+    results.store_truth(key, Truth("b", split.value, 0, (COGGING,)))
+    results.store_answer(key, "ours", answer("backlash", 400.0))
+    write_json(results.of(key) / limits.FILE, dataclasses.asdict(EXPLAINS_ALL))
+    assert limits.main(["--out", str(tmp_path), "--split", split.value, "--workers", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.strip().splitlines()[-1] == "cases=1 right=0 weak=0 fit=1 confused=0"
+    assert ("backlash" in printed) is shown
 
 
 def test_stored_limits_are_not_computed_again(monkeypatch, tmp_path, capsys):

@@ -15,6 +15,7 @@ from edhas_jax.measurements.campaign import Channel, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.synthetic_campaign import planned_campaign
 from studies.hidden_effects import cases
+from studies.hidden_effects.drawing import draw
 from studies.hidden_effects.generators import drawing
 from studies.hidden_effects.generators.benches import Bench, planned_runs
 from studies.hidden_effects.generators.content import CONTENT
@@ -28,10 +29,13 @@ from studies.hidden_effects.generators.similarity import MAX_SHARE, share, share
 from studies.hidden_effects.generators.sizes import MIN_VISIBLE, draw_visible, mounted
 from studies.hidden_effects.generators.tuning.unlisted_laws import ForceRipple
 from studies.hidden_effects.generators.visibility import VisibilityTest
+from studies.hidden_effects.published import file_of, read_kept
 from tests.support import ROOT
 
+DEVELOPMENT = tuple(split for split in Split if split is not Split.JUDGING)
 # which must not share anything; practice shares all but its laws with tuning, varied its unlisted laws
-COMPARED = Split.TUNING, Split.JUDGING
+COMPARED = [*((split, Split.JUDGING) for split in DEVELOPMENT), (Split.TUNING, Split.EARLIER),
+            (Split.VARIED, Split.EARLIER)]  # fmt: skip
 CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
 ACTUATOR = Bench(
     "short runs of an actuator", ActuatorBench, (LugreFriction,), {"coil_resistance": 0.02, "coulomb_friction": 0.25},
@@ -82,30 +86,36 @@ def test_a_drift_that_the_bench_cannot_have_is_drawn_again(short, monkeypatch):
 
 
 @pytest.mark.parametrize("what", ["laws", "unlisted", "crumbs", "links", "drifts", "sheets", "benches"])
-def test_tuning_and_judging_have_nothing_in_common(what):
-    tuning, judging = ([item.id for item in getattr(CONTENT[split], what)] for split in COMPARED)
-    assert tuning and judging and len({*tuning, *judging}) == len(tuning) + len(judging)
+@pytest.mark.parametrize("splits", COMPARED, ids=lambda splits: "_".join(split.value for split in splits))
+def test_what_is_for_development_and_what_judges_have_nothing_in_common(what, splits):
+    one, judging = ([item.id for item in getattr(CONTENT[split], what)] for split in splits)
+    assert one and judging and len({*one, *judging}) == len(one) + len(judging)
 
 
-@pytest.mark.parametrize("what", ["laws", "crumbs", "links", "drifts", "sheets"])
-def test_varied_cases_have_nothing_that_judges(what):
-    varied, judging = ({item.id for item in getattr(CONTENT[split], what)} for split in (Split.VARIED, Split.JUDGING))
-    assert varied and not varied & judging
+def test_a_judging_law_has_the_name_of_no_other_effect():
+    """Neither of another law, listed or not, nor of an effect that holds crumbs, nor of one of the library."""
+    judging = [law.id for law in (*CONTENT[Split.JUDGING].laws, *CONTENT[Split.JUDGING].unlisted)]
+    others = {law.id for split in DEVELOPMENT for law in (*CONTENT[split].laws, *CONTENT[split].unlisted)}
+    others |= {crumb.kind.id for split in Split for crumb in CONTENT[split].crumbs} | {kind.id for kind in LIBRARY}
+    assert len({*judging}) == len(judging) and not {*judging} & others
 
 
-def test_the_benches_of_the_splits_share_no_run():
-    tuning, varied, judging = (
-        {tuple(run.conditions.items()) for bench in CONTENT[split].benches for run in bench.runs}
-        for split in (Split.TUNING, Split.VARIED, Split.JUDGING)
+@pytest.mark.parametrize("splits", COMPARED, ids=lambda splits: "_".join(split.value for split in splits))
+def test_the_benches_of_the_splits_share_no_run(splits):
+    one, judging = (
+        {tuple(run.conditions.items()) for bench in CONTENT[split].benches for run in bench.runs} for split in splits
     )
-    assert not tuning & judging and not varied & judging
+    assert one and judging and not one & judging
 
 
 def test_every_mechanism_has_three_other_laws_of_which_two_judge():
     of_split = {split: [law.mechanism for law in CONTENT[split].laws] for split in Split}
     for mechanism in LIBRARY:
-        tuning, judging = (of_split[split].count(mechanism) for split in COMPARED)
+        tuning, earlier, judging = (
+            of_split[split].count(mechanism) for split in (Split.TUNING, Split.EARLIER, Split.JUDGING)
+        )
         assert tuning >= 1 and judging >= 2 and tuning + judging >= 3, mechanism.id
+        assert earlier >= 2, mechanism.id
     for split in Split:
         assert len(CONTENT[split].crumbs) >= 10
         for law in (*CONTENT[split].laws, *CONTENT[split].unlisted):
@@ -244,7 +254,21 @@ def test_the_cases_of_the_first_family_are_those_that_were_published():
     assert case.hidden[0].values == old.hidden[0].values == pytest.approx(EDDY_DRAG_OF_CASE_2, rel=1e-12)
     np.testing.assert_allclose(case.campaign.runs[0].signals["current"][:4], FIRST_CURRENTS_OF_CASE_2, atol=1e-4)
     judging = draw_case(Family.LIBRARY_LAWS, Split.JUDGING, 1)
-    assert judging.campaign.name == f"hidden{cases.FIRST_TEST_CASE + 1}"
+    assert judging.campaign.name == f"hidden{cases.FIRST_TEST_CASE + 1}" == "hidden40001"
+    earlier = draw_case(Family.LIBRARY_LAWS, Split.EARLIER, 1)
+    assert earlier.campaign.name == f"hidden{cases.FIRST_EARLIER_CASE + 1}" == "hidden11001"
+
+
+@pytest.mark.parametrize("name", ["a30000", "c00418", "d00415", "f00423"])
+def test_cases_of_the_earlier_judging_set_are_those_that_were_answered(name):
+    """What is hidden, its size, and what else differs are what the kept answers of commit a73dad3 belong to."""
+    (kept,) = (case for key, case in read_kept(file_of(Split.EARLIER)).items() if str(key) == name)
+    drawn, stored = draw(kept.key).truth, kept.record.truth
+    assert (drawn.description, drawn.withheld) == (stored.description, stored.withheld)
+    assert [(h.name, h.law) for h in drawn.hidden] == [(h.name, h.law) for h in stored.hidden] != []
+    for one, other in zip(drawn.hidden, stored.hidden, strict=True):
+        assert one.visible == pytest.approx(other.visible, rel=0.01)
+        assert one.values == pytest.approx(other.values, rel=1e-4)
 
 
 def test_the_page_of_laws_is_the_table_of_the_generators():

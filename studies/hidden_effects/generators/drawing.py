@@ -27,6 +27,8 @@ from studies.hidden_effects.generators.sizes import MIN_VISIBLE, Drawn, draw_vis
 from studies.hidden_effects.generators.visibility import VisibilityTest, whitening_filter
 
 MAX_ATTEMPTS = 60  # draws of a whole case
+# numbers of family (a) at which another split begins; below them are tuning cases
+FIRST_LIBRARY_CASES = {Split.EARLIER: cases.FIRST_EARLIER_CASE, Split.JUDGING: cases.FIRST_TEST_CASE}
 SHARE_OF_NULLS = 0.4  # of the families with and without an effect
 SHARE_OF_TRIPLES = 1.0 / 3.0  # of the cases with several effects
 SHARE_OF_OTHER_LAWS = 0.5  # of the effects of a case with several, or of a small campaign
@@ -35,7 +37,6 @@ SHARE_OF_WRONG_SHEETS = 0.6  # of the cases whose settings are off
 SHORTEST = 0.55  # of the duration of a run, in a small campaign
 # part of the seed: what was the judging split until it taught has kept its number, so that its cases are the same
 _SPLIT_NUMBER = {Split.TUNING: 1, Split.EARLIER: 2, Split.PRACTICE: 3, Split.VARIED: 4, Split.JUDGING: 5}
-_FIRST_LIBRARY_CASE = {Split.EARLIER: cases.FIRST_EARLIER_CASE, Split.JUDGING: cases.FIRST_TEST_CASE}
 _FAMILY_NUMBER = {family: k for k, family in enumerate(Family)}
 _DIFFICULTIES = (Family.CRUMBS, Family.SENSOR_CHAINS, Family.SETTINGS)  # of the cases with several effects, in turn
 
@@ -64,7 +65,7 @@ def draw_case(family: Family, split: Split, number: int) -> HiddenCase:
 
 def _library_case(split: Split, number: int) -> HiddenCase:
     """A case of `studies.hidden_effects.cases`, whose numbers tell what they may be used for."""
-    drawn = cases.draw_case(_FIRST_LIBRARY_CASE.get(split, 0) + number)
+    drawn = cases.draw_case(FIRST_LIBRARY_CASES.get(split, 0) + number)
     hidden = tuple(
         Hidden(
             h.candidate.name,

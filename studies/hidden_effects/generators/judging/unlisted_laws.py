@@ -141,7 +141,7 @@ class ChargedDamper(Effect):
     confused_with = ("hose_compliance", "entrained_air")
 
     gas_capacity: float = par(1e-13, "m^3/Pa", (0.0, 1e-8), "C", plausible=(1e-15, 5e-12))
-    charge_pressure: float = par(0.5e6, "Pa", (1e3, 1e8), "p_0", plausible=(0.35e6, 0.7e6))
+    charge_pressure: float = par(0.4e6, "Pa", (1e3, 1e8), "p_0", plausible=(0.25e6, 0.48e6))
 
     def outlet_capacity(self, s, z):
         free = 0.5 * (1.0 + jnp.tanh((s.outlet_pressure - self.charge_pressure) / 30e3))
