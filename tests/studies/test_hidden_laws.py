@@ -48,8 +48,11 @@ def path() -> dict[str, np.ndarray]:
         "cylinder_free_force": wave(0.0, 200.0, 5.0), "cylinder_friction_level": np.zeros(SAMPLES),
         "cylinder_velocity_at_step_start": wave(0.0, 0.15, 5.0, 1.57), "time_step": np.full(SAMPLES, INTERVAL),
         "oil_temperature": wave(313.0, 18.0, 5.0), "piston_area": np.full(SAMPLES, 1.13e-4),
-        "cylinder_area": np.full(SAMPLES, 3.9e-4),
+        "cylinder_area": np.full(SAMPLES, 3.9e-4), "outlet_flow": wave(2e-5, 1.5e-5, 20.0, 0.5),
+        "suction_line_flow": wave(2e-5, 1.5e-5, 20.0, 1.1),
     }  # fmt: skip
+    phases = {"suction_lift_a": 0.4, "delivery_lift_a": 3.5, "suction_lift_b": 3.5, "delivery_lift_b": 0.4}
+    signals |= {n: wave(0.4e-3, 0.45e-3, 10.0, phase) for n, phase in phases.items()}
     for machine in (PumpBench(), ActuatorSystem()):
         for component in components_by_name(machine).values():
             for p in parameters(type(component)):
@@ -58,6 +61,13 @@ def path() -> dict[str, np.ndarray]:
 
 
 PATH = path()
+
+
+class Instant(types.SimpleNamespace):
+    """The signals that are known at a place in the equations, which tell what the place belongs to."""
+
+    def values(self):
+        return vars(self)
 
 
 class Along:
@@ -73,12 +83,13 @@ class Along:
         slots = [slot.name for slot in self.kind.slots if slot.name != "oil_gas"]
 
         def at(state, signals):
-            s, z = types.SimpleNamespace(**signals), types.SimpleNamespace(**state)
-            out = {}
+            known = {n: v for n, v in signals.items() if "_lift_" not in n}  # each is set after its valve
+            z, out = types.SimpleNamespace(**state), {}
             for name in sorted(slots, key=lambda n: "resistance" not in n):
-                out[name] = jnp.asarray(getattr(effect, name)(s, z), float)
-                setattr(s, name, out[name])  # the equations set the resistance of a line as a signal
-            rates = effect.rates(s, z)
+                before = {"suction_lift_a": signals["suction_lift_a"]} if name == "delivery_valve_area" else {}
+                out[name] = jnp.asarray(getattr(effect, name)(Instant(**known | before), z), float)
+                known[name] = out[name]  # the equations set the resistance of a line as a signal
+            rates = effect.rates(Instant(**signals | known), z)
             return {n: state[n] + INTERVAL * rates[n] for n in state}, out
 
         start = {n: jnp.asarray(declared.initial) for n, declared in self.kind.states.items()}
