@@ -5,7 +5,6 @@ import dataclasses
 from studies.hidden_effects.generators.benches import Bench
 from studies.hidden_effects.generators.chains import Link
 from studies.hidden_effects.generators.crumbs import Crumb
-from studies.hidden_effects.generators.hidden_case import Split
 from studies.hidden_effects.generators.earlier import benches as earlier_benches
 from studies.hidden_effects.generators.earlier import chains as earlier_chains
 from studies.hidden_effects.generators.earlier import coupling_laws as earlier_coupling
@@ -18,6 +17,19 @@ from studies.hidden_effects.generators.earlier import mover_laws as earlier_move
 from studies.hidden_effects.generators.earlier import settings as earlier_settings
 from studies.hidden_effects.generators.earlier import unlisted_laws as earlier_unlisted
 from studies.hidden_effects.generators.earlier import valve_laws as earlier_valves
+from studies.hidden_effects.generators.hidden_case import Split
+from studies.hidden_effects.generators.judging import benches as judging_benches
+from studies.hidden_effects.generators.judging import chains as judging_chains
+from studies.hidden_effects.generators.judging import coupling_laws as judging_coupling
+from studies.hidden_effects.generators.judging import crumbs as judging_crumbs
+from studies.hidden_effects.generators.judging import cylinder_laws as judging_cylinder
+from studies.hidden_effects.generators.judging import electrical_laws as judging_electrical
+from studies.hidden_effects.generators.judging import friction_laws as judging_friction
+from studies.hidden_effects.generators.judging import hydraulic_laws as judging_hydraulic
+from studies.hidden_effects.generators.judging import mover_laws as judging_mover
+from studies.hidden_effects.generators.judging import settings as judging_settings
+from studies.hidden_effects.generators.judging import unlisted_laws as judging_unlisted
+from studies.hidden_effects.generators.judging import valve_laws as judging_valves
 from studies.hidden_effects.generators.laws import Law
 from studies.hidden_effects.generators.practice import electrical_laws as practice_electrical
 from studies.hidden_effects.generators.practice import hydraulic_laws as practice_hydraulic
@@ -82,5 +94,11 @@ CONTENT = {
          *earlier_hydraulic.LAWS, *earlier_valves.LAWS, *earlier_cylinder.LAWS),
         earlier_unlisted.LAWS, earlier_crumbs.CRUMBS, earlier_chains.LINKS, earlier_settings.DRIFTS,
         earlier_settings.SHEETS, earlier_benches.BENCHES,
+    ),
+    Split.JUDGING: Content(
+        (*judging_mover.LAWS, *judging_friction.LAWS, *judging_coupling.LAWS, *judging_electrical.LAWS,
+         *judging_hydraulic.LAWS, *judging_valves.LAWS, *judging_cylinder.LAWS),
+        judging_unlisted.LAWS, judging_crumbs.CRUMBS, judging_chains.LINKS, judging_settings.DRIFTS,
+        judging_settings.SHEETS, judging_benches.BENCHES,
     ),
 }  # fmt: skip
