@@ -30,6 +30,7 @@ from studies.hidden_effects.generators.judging import mover_laws as judging_move
 from studies.hidden_effects.generators.judging import settings as judging_settings
 from studies.hidden_effects.generators.judging import unlisted_laws as judging_unlisted
 from studies.hidden_effects.generators.judging import valve_laws as judging_valves
+from studies.hidden_effects.generators.judging import viscosity_laws as judging_viscosity
 from studies.hidden_effects.generators.laws import Law
 from studies.hidden_effects.generators.practice import electrical_laws as practice_electrical
 from studies.hidden_effects.generators.practice import hydraulic_laws as practice_hydraulic
@@ -97,7 +98,7 @@ CONTENT = {
     ),
     Split.JUDGING: Content(
         (*judging_mover.LAWS, *judging_friction.LAWS, *judging_coupling.LAWS, *judging_electrical.LAWS,
-         *judging_hydraulic.LAWS, *judging_valves.LAWS, *judging_cylinder.LAWS),
+         *judging_hydraulic.LAWS, *judging_viscosity.LAWS, *judging_valves.LAWS, *judging_cylinder.LAWS),
         judging_unlisted.LAWS, judging_crumbs.CRUMBS, judging_chains.LINKS, judging_settings.DRIFTS,
         judging_settings.SHEETS, judging_benches.BENCHES,
     ),

@@ -1,4 +1,4 @@
-"""Laws of chambers, oil and outlet, for judging."""
+"""Laws of chambers, air and outlet, for judging."""
 
 import jax.numpy as jnp
 
@@ -7,8 +7,6 @@ from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects import Effect, state
 from studies.hidden_effects.generators.laws import Law
 from studies.hidden_effects.generators.places import is_chamber_b
-
-ROELANDS_OFFSET = 9.67  # −ln of 6.31e-5 Pa·s, the viscosity at which the isotherms of Roelands meet
 
 
 def _gap_flow(s, gap, per_length):
@@ -224,69 +222,6 @@ class TransitionLine(Effect):
         return self.smooth_resistance * (1.0 + 0.75 * (1.0 + jnp.tanh(beyond / 50e3)))
 
 
-class VogelViscosity(Effect):
-    """Viscosity by Vogel's equation: exp(B/(ϑ + 95 °C) − B/135 °C), ϑ in °C.
-
-    Source: Vogel, Physik. Z. 22 (1921) 645; 95 °C for mineral oils by Cameron, The Principles of Lubrication (1966).
-    """
-
-    vogel_temperature: float = par(840.0, "K", (-2e4, 2e4), "B", plausible=(550.0, 1200.0))
-
-    def oil_viscosity_factor(self, s, z):
-        return jnp.exp(self.vogel_temperature * (1.0 / (s.oil_temperature - 178.15) - 1.0 / 135.0))
-
-
-class RoelandsTemperature(Effect):
-    """Viscosity by Roelands' equation: exp((ln μ_40 + 9.67) (((T − 138 K)/(313 K − 138 K))^(−S) − 1)), μ_40 in Pa·s.
-
-    Source: Roelands, Correlational aspects of the viscosity-temperature-pressure relationship, thesis, Delft (1966).
-    """
-
-    roelands_slope: float = par(1.1, "-", (-20.0, 20.0), "S", plausible=(0.7, 1.6))
-
-    def oil_viscosity_factor(self, s, z):
-        ratio = jnp.maximum(s.oil_temperature - 138.0, 1.0) / (313.15 - 138.0)
-        return jnp.exp((jnp.log(s.oil_viscosity) + ROELANDS_OFFSET) * (ratio ** (-self.roelands_slope) - 1.0))
-
-
-class FluidityRise(Effect):
-    """Fluidity 1/μ that rises linearly with temperature, as the free volume does: 1/(1 + b (ϑ − 40 °C)), at most 5.
-
-    Source: Batschinski, Z. Phys. Chem. 84 (1913) 643.
-    """
-
-    fluidity_slope: float = par(0.03, "1/K", (-0.2, 0.2), "b", plausible=(0.015, 0.038))
-
-    def oil_viscosity_factor(self, s, z):
-        return 1.0 / jnp.maximum(1.0 + self.fluidity_slope * (s.oil_temperature - 313.15), 0.2)
-
-
-class RoelandsPressure(Effect):
-    """Viscosity by Roelands' equation: exp((ln μ_40 + 9.67) ((1 + p̄/196 MPa)^Z − 1)), p̄ = (p + p_s)/2.
-
-    Source: Roelands, Correlational aspects of the viscosity-temperature-pressure relationship, thesis, Delft (1966).
-    """
-
-    roelands_exponent: float = par(0.6, "-", (0.0, 50.0), "Z", plausible=(0.4, 1.0))
-
-    def gap_viscosity_factor(self, s, z):
-        mean = 0.5 * jnp.maximum(s.chamber_pressure + s.accumulator_pressure, 0.0)
-        rise = jnp.exp(self.roelands_exponent * jnp.log1p(mean / 196e6)) - 1.0
-        return jnp.exp((jnp.log(s.oil_viscosity) + ROELANDS_OFFSET) * rise)
-
-
-class FreeVolumePressure(Effect):
-    """Viscosity that rises as pressure takes the free volume from the oil: 1/(1 − a p), p of the chamber, at most 5.
-
-    Source: Batschinski, Z. Phys. Chem. 84 (1913) 643, with a free volume that falls linearly with pressure.
-    """
-
-    squeezed_volume: float = par(3e-8, "1/Pa", (0.0, 1e-6), "a", plausible=(1e-8, 1e-7))
-
-    def gap_viscosity_factor(self, s, z):
-        return 1.0 / jnp.maximum(1.0 - self.squeezed_volume * jnp.maximum(s.chamber_pressure, 0.0), 0.2)
-
-
 LAWS = (
     Law(library.PistonLeakage, OverlapLeakage), Law(library.PistonLeakage, LeaningPlungerLeakage),
     Law(library.PistonLeakage, CupSealLeakage), Law(library.EntrainedAir, SigmoidDissolvingAir),
@@ -294,7 +229,4 @@ LAWS = (
     Law(library.HoseCompliance, LinearModulusHose), Law(library.HoseCompliance, BallooningHose),
     Law(library.OutletLineInertance, AcceleratedLineInertance), Law(library.OutletLineInertance, BlendedLineInertance),
     Law(library.OutletLineResistance, CakeFilter), Law(library.OutletLineResistance, TransitionLine),
-    Law(library.OilTemperature, VogelViscosity), Law(library.OilTemperature, RoelandsTemperature),
-    Law(library.OilTemperature, FluidityRise), Law(library.PressureViscosity, RoelandsPressure),
-    Law(library.PressureViscosity, FreeVolumePressure),
 )  # fmt: skip
