@@ -5,7 +5,7 @@ import dataclasses
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Channel, Use
+from edhas_jax.measurements.campaign import Channel, Use, has_parameter
 from edhas_jax.measurements.synthetic_campaign import PlannedRun
 
 # conditions that a computer sets, and one that is measured well enough
@@ -25,7 +25,8 @@ class Bench:
         runs: the runs to be made.
         interval: sample interval [s].
         weight: how often it is drawn, relative to the others.
-        known: parameters that differ from the nominal machine, which the engineer knows (SI).
+        known: parameters that differ from the nominal machine, which the engineer knows (SI); those of an effect that a
+            model lacks are left out.
     """
 
     id: str
@@ -41,7 +42,9 @@ class Bench:
     def machine(self, *without: type[Effect] | None) -> Rig:
         """The engineer's model, less some of its effects."""
         effects = tuple(kind() for kind in self.refined if kind not in without)
-        return set_parameters(self.rig(effects=effects), self.known)
+        machine = self.rig(effects=effects)
+        known = {name: value for name, value in self.known.items() if has_parameter(machine, name)}
+        return set_parameters(machine, known)
 
     @property
     def conditions(self) -> tuple[str, ...]:
