@@ -10,17 +10,18 @@ The temperature also orders the trials of the search, so that with another one t
 is kept, unless `--temperature` asks for it; the cases must then be diagnosed again with what is found.
 
 The constants are found by maximum likelihood with a weak prior around those of the package. Whether they hold for other
-generators is tested by leaving out one split after the other: the constants are found without it, and its cases, with
-other laws, disturbances or benches, are answered with them. The nominal coverage of the sets is that with which 95 % of
-these left-out cases have the truth in their set (split conformal prediction: Vovk, Gammerman, Shafer, Algorithmic
-Learning in a Random World, 2005).
+campaigns is tested by leaving out one family after the other: the constants are found without it, and its cases, with
+another difficulty, are answered with them. The nominal coverage of the sets is that with which 95 % of these left-out
+cases have the truth in their set (split conformal prediction: Vovk, Gammerman, Shafer, Algorithmic Learning in a Random
+World, 2005).
 
 The last line: `cases=… loss=… loss_left_out=… first=… in_set=… set_size=… ece=…`. The rates are those on the
-cases of the splits that were left out.
+cases that were left out.
 """
 
 import argparse
 import dataclasses
+import itertools
 import math
 import sys
 from collections.abc import Sequence
@@ -38,6 +39,7 @@ from studies.hidden_effects.answers import (
     Truth,
     Verdict,
     answer_from_json,
+    same_as_any,
     same_names,
     truth_from_json,
 )
@@ -50,12 +52,13 @@ DEVELOPMENT = (Split.TUNING, Split.PRACTICE, Split.VARIED, Split.EARLIER)
 TARGET = 0.95  # share of cases whose set holds the truth
 COVERAGES = np.concatenate([np.linspace(0.5, 0.95, 19), np.linspace(0.955, 0.999, 12)])
 SMALLEST_PROBABILITY = 1e-3  # of a right answer, in the loss
+STRENGTHS = (0.0, 0.4, 0.7, 1.0, 2.5, 5.0, 15.0, 100.0, math.inf)  # limits of the bands
 PRIOR_SPREAD = 0.7  # of the transformed constants around those of the package
 TEMPERATURE = ("temperature", "temperature_share")  # what the search uses too
 # constants that are positive are searched on a logarithmic scale, shares on a logistic one
 POSITIVE = ("real_slope", "unknown_misfit_slope", "unknown_place_slope",
             "unknown_free_slope", "unknown_signal_slope", "unknown_distortion_slope")  # fmt: skip
-SHARES = ("max_real", "max_nothing", "implausible_share")
+SHARES = ("max_real", "max_nothing")  # too few cases tell the share of implausible values, which is kept
 FREE = ("real_offset", "real_misfit_slope", "unknown_offset")
 FITTED = (*POSITIVE, *SHARES, *FREE)
 
@@ -154,6 +157,20 @@ def answered_with(case: Case, constants: Constants) -> Answered:
     return case.truth, Answer(Verdict.MISSING_EFFECT, (found.first,), found.members, probability=p)
 
 
+def real_by_strength(cases: Sequence[Case]) -> list[str]:
+    """Sentences on how many accepted effects are there, or one of their rivals is, by their strength."""
+    lines = []
+    for low, high in itertools.pairwise(STRENGTHS):
+        found = [
+            not case.truth.withheld and any(same_as_any(name, case.truth.names) for name in member.gains)
+            for case in cases
+            for member in case.evidence.members
+            if low < member.strength <= high
+        ]
+        lines.append(f"that explain {low:g} … {high:g} times what they leave: {sum(found)} of {len(found)} are there")
+    return lines
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Find the constants from the command line and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -164,20 +181,21 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     names = (*TEMPERATURE, *FITTED) if options.temperature else FITTED
     cases = read_cases(ResultFolder(options.out), options.families)
-    splits = sorted({case.truth.split for case in cases})
-    if len(splits) < 2:
-        print(f"{options.out}: development cases of two splits at least are needed, with answers of `ours`",
+    families = sorted({case.truth.family for case in cases})
+    if len(families) < 2:
+        print(f"{options.out}: development cases of two families at least are needed, with answers of `ours`",
               file=sys.stderr)  # fmt: skip
         return 1
     left_out: list[tuple[Case, Constants]] = []
-    for split in splits:
-        found = best_constants([case for case in cases if case.truth.split != split], names=names)
-        own = [case for case in cases if case.truth.split == split]
+    for family in families:
+        found = best_constants([case for case in cases if case.truth.family != family], names=names)
+        own = [case for case in cases if case.truth.family == family]
         left_out += [(case, found) for case in own]
         before, after = loss(own, CONSTANTS), loss(own, found)
-        print(f"without {split} cases: loss {before:.3f} → {after:.3f} on its {len(own)} cases")
+        print(f"without family {family}: loss {before:.3f} → {after:.3f} on its {len(own)} cases")
     coverage = best_coverage(left_out)
     best = dataclasses.replace(best_constants(cases, names=names), coverage=coverage)
+    print("\naccepted effects\n  " + "\n  ".join(real_by_strength(cases)))
     print("\nconstants of all cases")
     for field in dataclasses.fields(best):
         print(f"  {field.name} = {getattr(best, field.name):.4g}  (now {getattr(CONSTANTS, field.name):.4g})")
