@@ -54,7 +54,7 @@ def test_evidence_is_read_back():
 
 
 def test_the_probability_of_what_is_right():
-    strong = Rivals("cogging_force", 1e6, {"cogging_force": 900.0}, 0.0)
+    strong = Rivals("cogging_force", 1e9, {"cogging_force": 900.0}, 0.0)
     null, named = Truth("b", "tuning", 1), Truth("b", "tuning", 2, (COGGING,))
     withheld = dataclasses.replace(named, withheld=True)
     evidence = Evidence((strong,), 0.1, 0.0)

@@ -2,7 +2,7 @@
 
 The evidence of a model is only as good as the model: where it leaves a misfit, differences of evidence below a share of
 that misfit say nothing. All comparisons are therefore relative to what is left. The constants are those that make the
-right answers of campaigns for development most probable; `python -m studies.hidden_effects.calibration` finds them, from
+right answers of development campaigns most probable: `python -m studies.hidden_effects.calibration` finds them from
 campaigns whose laws, disturbances and benches judge no later method.
 """
 
@@ -19,6 +19,7 @@ SMALL_SHARE = 0.05  # of a signal's rms: more is not left by many small causes
 # probability of a more important member over the largest one, from which it is named first: what explains most is to be
 # mended first, even where a small addition is a little more certain
 NEARLY_AS_PROBABLE = 0.7
+FURTHER_REAL = 0.7  # probability to be real from which a member beside the strongest one is named
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,8 +33,8 @@ class Constants:
         simplicity: probability of a name for each further parameter that the data determine, over one without it.
         real_offset: logit of a member to be real at a strength of 1,
         real_slope: its growth with the logarithm of the strength,
-        real_misfit_slope: and, where something is left, with that of the misfit: many small causes, one of which may
-            imitate an effect, leave a small one.
+        real_misfit_slope: and, where something is left, with that of the misfit without the member: many small causes,
+            one of which may imitate an effect, leave a small one.
         max_real: the largest probability to be real, as an unknown cause may be imitated well.
         max_nothing: the largest probability of nothing, where no candidate is real: what is too small to be seen, or is
             absorbed by the uncertain parameters, leaves no misfit.
@@ -51,18 +52,18 @@ class Constants:
     temperature_share: float = 0.1
     gain_share: float = 0.01
     simplicity: float = 0.5
-    real_offset: float = 0.74
-    real_slope: float = 1.22
-    real_misfit_slope: float = 0.6
+    real_offset: float = 1.0
+    real_slope: float = 1.13
+    real_misfit_slope: float = 0.52
     max_real: float = 0.97
-    max_nothing: float = 0.76
+    max_nothing: float = 0.75
     implausible_share: float = 0.27
-    unknown_offset: float = -6.95
-    unknown_misfit_slope: float = 0.5
-    unknown_free_slope: float = 2.7
-    unknown_place_slope: float = 3.9
-    unknown_signal_slope: float = 5.1
-    unknown_distortion_slope: float = 1.8
+    unknown_offset: float = -7.0
+    unknown_misfit_slope: float = 0.6
+    unknown_free_slope: float = 2.86
+    unknown_place_slope: float = 3.65
+    unknown_signal_slope: float = 5.17
+    unknown_distortion_slope: float = 1.53
     coverage: float = 0.95
 
 
@@ -116,7 +117,7 @@ class Rivals:
         """The probability that something is missing that this candidate, or a rival of it, describes.
 
         Args:
-            misfit: of the calibrated model, as in `Evidence`.
+            misfit: that there is without it, see `Evidence.misfit_without`.
             constants: the constants of the probabilities.
         """
         logit = constants.real_offset + constants.real_slope * math.log(max(self.strength, 1e-9))
@@ -164,6 +165,16 @@ class Evidence:
     distortion: float = 1.0
     free_strength: float = 0.0
 
+    def misfit_without(self, member: Rivals) -> float:
+        """The misfit of the model without one member but with the others: what it explains, and what is left."""
+        seen = [max(m.gains[m.name], 0.0) + m.left for m in self.members]
+        own = max(member.gains[member.name], 0.0) + member.left
+        return self.misfit * own / max(seen) if max(seen) > 0.0 else self.misfit
+
+    def probabilities_real(self, constants: Constants = CONSTANTS) -> list[float]:
+        """The probability of each member that something is missing that it, or a rival of it, describes."""
+        return [member.probability_real(self.misfit_without(member), constants) for member in self.members]
+
     def probability_imitation(self) -> float:
         """The probability that the members only imitate one cause, which a single free term explains far better."""
         strongest = max((member.strength for member in self.members), default=0.0)
@@ -204,7 +215,7 @@ class Answer:
 def answer_from(evidence: Evidence, constants: Constants = CONSTANTS) -> Answer:
     """The answer that follows from the evidence."""
     found: dict[str, float] = {}
-    reals = [member.probability_real(evidence.misfit, constants) for member in evidence.members]
+    reals = evidence.probabilities_real(constants)
     imitates = evidence.probability_imitation()
     names = [{n: p * (1.0 - imitates) for n, p in member.names(constants).items()} for member in evidence.members]
     for real, of in zip(reals, names, strict=True):
@@ -219,6 +230,8 @@ def answer_from(evidence: Evidence, constants: Constants = CONSTANTS) -> Answer:
     strongest = max(range(len(reals)), key=reals.__getitem__, default=None)
     chosen = _covering(others, constants.coverage) if strongest is None else set()
     for k, (real, of) in enumerate(zip(reals, names, strict=True)):
+        if k != strongest and real < FURTHER_REAL:
+            continue
         outcomes = {name: real * p for name, p in of.items()}
         # that a further member is not real adds no name
         outcomes |= others if k == strongest else {"": 1.0 - sum(outcomes.values())}

@@ -36,7 +36,7 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
         sizes = [f"{candidate.name} ({_parameters_text(diagnosis, candidate)})" for candidate in named]
         out.append(f"{' and '.join(sizes)} {'is' if len(sizes) == 1 else 'are'} missing.")
         out += [
-            f"{t.candidate.name} improves the model too, but is more probably a stand-in for several small causes."
+            f"{t.candidate.name} improves the model too, but may stand in for several small causes."
             for t in diagnosis.accepted
             if t.candidate not in named
         ]

@@ -13,7 +13,7 @@ from edhas_jax.diagnosis.calibration.confounding import AssumedParameter
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
 from edhas_jax.diagnosis.likelihood.time_correction import with_time_errors
-from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Answer, Evidence, Rivals, answer_from
+from edhas_jax.diagnosis.search.answer import FURTHER_REAL, NOTHING, UNKNOWN, Answer, Evidence, Rivals, answer_from
 from edhas_jax.diagnosis.search.calibrated_model import misfit
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import remaining
@@ -214,17 +214,18 @@ class Diagnosis:
 
     @functools.cached_property
     def named(self) -> list[Trial]:
-        """The accepted trials that are more probably real than not; others only improve the model.
+        """The accepted trials that are named: the first one, and those that are clearly real.
 
-        The name of one that is real may still be shared with its rivals.
+        Others only improve the model. The name of one that is real may still be shared with its rivals.
         """
-        real = {member.name: member.probability_real(self.evidence.misfit) for member in self.evidence.members}
+        names = [member.name for member in self.evidence.members]
+        real = dict(zip(names, self.evidence.probabilities_real(), strict=True))
         first, p = self.answer.first, self.answer.probabilities
         return [
             t
             for t in self.accepted
             if t.candidate.name == first
-            or (real.get(t.candidate.name, 0.0) > 0.5 and p.get(t.candidate.name, 0.0) > MIN_NAME_PROBABILITY)
+            or (real.get(t.candidate.name, 0.0) >= FURTHER_REAL and p.get(t.candidate.name, 0.0) > MIN_NAME_PROBABILITY)
         ]
 
     @property
