@@ -180,8 +180,9 @@ def _simplest(trials: Sequence[Trial], samples: int) -> Trial:
     """
     first = trials[0]
     scale = temperature(first.mean_gain, remaining(first.own_law_excess, samples))
+    most = AS_MUCH * unexplained_floor(first.remaining_excess, samples)
     return max(
-        trials,
+        (t for t in trials if unexplained_floor(t.remaining_excess, samples) <= most),
         key=lambda t: log_weight(t.mean_gain, t.determined_parameters, scale, prior_cost=t.prior_cost),
     )
 

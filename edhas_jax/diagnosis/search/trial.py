@@ -118,9 +118,8 @@ def try_candidate(
     The fit starts from the calibrated values. If it achieves less than 30 % of the predicted fall of χ², it is
     restarted at the prior means, because a wrong model biases the calibrated values; also if a calibrated parameter
     is implausible and less than half of the misfit is removed. If it ends above the model without the candidate, it is
-    restarted with so small a size that it begins there. If all that achieves less than 30 % of a large predicted fall,
-    it is restarted with the size of the grid point, because the predicted size supposes that the change grows with a
-    power of the size, which a resonance does not. A free term of a rig of one's own begins without influence first.
+    restarted with so small a size that it begins there; if all that achieves less than 30 % of a large predicted fall,
+    with the size of the grid point. A free term of a rig of one's own begins without influence first.
 
     Args:
         baseline: the model without the candidate.
@@ -138,17 +137,18 @@ def try_candidate(
     count = len(problem.unknowns) - len(score.x)
     calibrated_start = np.concatenate([start_coordinates(problem, fitted.values)[:count], score.x])
     prior_start = at_prior_means(problem.unknowns, (*accepted, candidate), calibrated_start)
-    starts = [calibrated_start, prior_start]
+    # a law with many parameters begins at plausible values, and elsewhere only where that explains too little
+    centre = np.append(calibrated_start[:count], np.zeros(len(score.x))) if len(score.x) > 3 else None
+    starts = [calibrated_start, prior_start] if centre is None else [centre, calibrated_start, prior_start]
     is_own_curve = isinstance(candidate, FreeTerm) and fitted.machine.is_own
-    if is_own_curve:
-        # far from the calibrated model the linear prediction overshoots: begin without influence as well
+    if is_own_curve:  # far from the calibrated model the linear prediction overshoots
         without = np.concatenate([np.ones(count), np.zeros(len(score.x))])
         starts = [without * calibrated_start, without * prior_start, *starts]
     if problem.is_irregular:
         return _try_irregular(baseline, problem, calibrated_start, score, resolution, max_steps, reached)
     grid_starts = []
     if score.point is not None and score.predicted_gain > MIN_RESTARTED_SHARE * baseline.excess:
-        grid_starts = [np.concatenate([start[:count], score.point]) for start in starts]
+        grid_starts = [np.concatenate([start[:count], score.point]) for start in starts[-2:]]
     best: EvaluatedFit | None = None
     distorted = baseline.fit.is_distorted
     while starts:
@@ -165,6 +165,8 @@ def try_candidate(
             starts.insert(0, _with_small_size(problem, score, calibrated_start))
             continue
         achieved = 0.0 if best is None else baseline.cost - best.cost
+        if start is centre and achieved <= NEARLY_ALL_SHARE * baseline.excess:
+            continue
         if not starts and grid_starts and achieved < MIN_ACHIEVED_FALL_SHARE * score.predicted_gain:
             starts, grid_starts = grid_starts, []
         if distorted and achieved > 0.5 * baseline.excess:
@@ -173,8 +175,7 @@ def try_candidate(
             reached > 0.0 or achieved > MIN_ACHIEVED_FALL_SHARE * score.predicted_gain
         ):
             break
-    failed = Trial.failed(score)
-    return failed if best is None else failed.with_fit(baseline, best)
+    return Trial.failed(score) if best is None else Trial.failed(score).with_fit(baseline, best)
 
 
 def _try_irregular(
@@ -210,9 +211,8 @@ def _try_irregular(
 
 def _with_small_size(problem: FitProblem, score: Score, start: np.ndarray) -> np.ndarray:
     """A start (n,) at which the candidate of a score is hardly felt."""
-    count = len(start) - len(score.x)
-    small = with_scaled_size(problem.unknowns[count:], score.x, SMALL_SIZE, score.exponent)
-    return np.concatenate([start[:count], small])
+    own = len(score.x)
+    return np.append(start[:-own], with_scaled_size(problem.unknowns[-own:], score.x, SMALL_SIZE, score.exponent))
 
 
 def _give_up_rule(baseline_cost: float, reached: float, checked: Mapping[int, float]) -> Callable[[int, float], bool]:
