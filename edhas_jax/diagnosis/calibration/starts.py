@@ -1,8 +1,9 @@
-"""Starting points of a fit, drawn around the prior mean."""
+"""Starting points of a fit, around the prior mean."""
 
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import qmc
 
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
@@ -25,3 +26,14 @@ def sample_starts(unknowns: Sequence[UnknownParameter], count: int, seed: int) -
             rows[1:, k] = rng.uniform(low, high, count - 1)
         rows[:, k] = np.clip(rows[:, k], low, high)
     return rows
+
+
+def spread_points(unknowns: int, count: int, half_width: float) -> np.ndarray:
+    """Points of a Sobol sequence around the prior means, always the same, as coordinates (count, unknowns).
+
+    Args:
+        unknowns: number of unknowns.
+        count: number of points, a power of 2.
+        half_width: of the cube that they fill, in prior standard deviations.
+    """
+    return half_width * (2.0 * qmc.Sobol(unknowns, seed=0).random(count) - 1.0)

@@ -113,11 +113,16 @@ class Rivals:
     parameters: Mapping[str, float] = dataclasses.field(default_factory=dict)
     prior_costs: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
+    @property
+    def left_without(self) -> float:
+        """The excess of ½χ² that is left without it [nats]: what it explains, and what is left with it."""
+        return max(self.gains[self.name], 0.0) + self.left
+
     def probability_real(self, misfit: float, constants: Constants = CONSTANTS) -> float:
         """The probability that something is missing that this candidate, or a rival of it, describes.
 
         Args:
-            misfit: that there is without it, see `Evidence.misfit_without`.
+            misfit: of the model without the member, over the number of samples, as in `Evidence`.
             constants: the constants of the probabilities.
         """
         logit = constants.real_offset + constants.real_slope * math.log(max(self.strength, 1e-9))
@@ -165,15 +170,18 @@ class Evidence:
     distortion: float = 1.0
     free_strength: float = 0.0
 
-    def misfit_without(self, member: Rivals) -> float:
-        """The misfit of the model without one member but with the others: what it explains, and what is left."""
-        seen = [max(m.gains[m.name], 0.0) + m.left for m in self.members]
-        own = max(member.gains[member.name], 0.0) + member.left
-        return self.misfit * own / max(seen) if max(seen) > 0.0 else self.misfit
-
     def probabilities_real(self, constants: Constants = CONSTANTS) -> list[float]:
-        """The probability of each member that something is missing that it, or a rival of it, describes."""
-        return [member.probability_real(self.misfit_without(member), constants) for member in self.members]
+        """The probability of each member that something is missing that it, or a rival of it, describes.
+
+        The misfit without a member but with the others is a share of the whole one: that of what it explains and what
+        is left.
+        """
+        largest = max((member.left_without for member in self.members), default=0.0)
+        shares = [member.left_without / largest if largest > 0.0 else 1.0 for member in self.members]
+        return [
+            member.probability_real(share * self.misfit, constants)
+            for member, share in zip(self.members, shares, strict=True)
+        ]
 
     def probability_imitation(self) -> float:
         """The probability that the members only imitate one cause, which a single free term explains far better."""
@@ -241,7 +249,7 @@ def answer_from(evidence: Evidence, constants: Constants = CONSTANTS) -> Answer:
 
 def _first(evidence: Evidence, found: Mapping[str, float]) -> str:
     """The first answer; see `Answer`."""
-    first, largest = max(found.items(), key=lambda item: item[1])
+    first, largest = next(iter(found.items()))  # the most probable
     if first in (NOTHING, UNKNOWN):
         return first
     nearly = (member.name for member in evidence.members if found[member.name] >= NEARLY_AS_PROBABLE * largest)

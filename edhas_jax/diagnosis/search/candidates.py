@@ -7,12 +7,12 @@ import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from scipy.stats import qmc
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.fit_problem import FitProblem, SolverError, TimeError
+from edhas_jax.diagnosis.calibration.starts import spread_points
 from edhas_jax.diagnosis.likelihood.bench_deviations import bench_deviations
 from edhas_jax.machine.effects import LIBRARY, Effect, EffectError
 from edhas_jax.machine.effects.validation import check_effect
@@ -30,7 +30,8 @@ SINGLE_EFFECT_SLOTS = ("coupling_force", "suction_line_resistance", "suction_lin
 PLAUSIBLE_RANGE_SIGMAS = 4.0  # width of a plausible range in standard deviations of the prior (±2)
 PRIOR_BOUND = 3.0  # bound of a fitted coordinate, in standard deviations of its prior
 PRIOR_BOUND_TOLERANCE = 0.05  # distance to the bound, in the same unit, that counts as at the bound
-SOBOL_POINTS, SOBOL_HALF_WIDTH = 32, 1.5  # at which a law with many parameters is screened; half width in prior sigmas
+MOST_ON_GRID = 3  # parameters of a law that is screened on a grid; one with more is screened at spread points:
+SPREAD_POINTS, SPREAD_HALF_WIDTH = 32, 1.5  # their number, and their range in prior standard deviations
 OFFSET_STD_SHARE = 0.05  # prior standard deviation of a sensor offset, as a share of the signal's range
 
 
@@ -249,12 +250,12 @@ def screening_grid(unknowns: list[UnknownParameter]) -> np.ndarray:
     """Points at which the score test evaluates a candidate, as coordinates (points, n) of its unknowns.
 
     The first unknown is the size of the candidate, the others its shape. The sizes are close together, because the
-    change by a mass or stiffness that resonates is small at half or twice its size. A candidate with more than three
-    unknowns, such as LuGre friction, is evaluated at the centre of its priors and at points of a Sobol sequence.
+    resonance of a mass or stiffness hardly shows at half or twice its value. A candidate with more than three unknowns,
+    such as LuGre friction, is evaluated at the centre of its priors and at points spread around it.
     """
-    if len(unknowns) > 3:
-        spread = qmc.Sobol(len(unknowns), seed=0).random(SOBOL_POINTS)
-        return np.concatenate([np.zeros((1, len(unknowns))), SOBOL_HALF_WIDTH * (2.0 * spread - 1.0)])
+    if len(unknowns) > MOST_ON_GRID:
+        spread = spread_points(len(unknowns), SPREAD_POINTS, SPREAD_HALF_WIDTH)
+        return np.concatenate([np.zeros((1, len(unknowns))), spread])
     points = {1: (np.linspace(-2.5, 2.5, 11),), 2: (np.linspace(-2.0, 2.0, 6), (-1.5, -0.5, 0.5, 1.5))}
     axes = points.get(len(unknowns), ((-0.5,), (-1.6, -1.1, -0.7, -0.3, 0.0, 0.4, 0.8, 1.3), (-1.7, -0.85, 0.0, 0.85)))
     return np.array(list(itertools.product(*axes))) if unknowns else np.zeros((1, 0))

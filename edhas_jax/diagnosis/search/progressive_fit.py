@@ -11,9 +11,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import qmc
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
+from edhas_jax.diagnosis.calibration.starts import spread_points
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, find_minima, fit_coarse
 from edhas_jax.measurements.campaign import BenchRun
 from edhas_jax.measurements.measurement_model import EvaluationPoint
@@ -91,7 +91,7 @@ def _scan(stage: FitProblem, around: np.ndarray, scanned: int, steps_per_sample:
     if scanned == 1:
         grid = np.linspace(-SCAN_HALF_WIDTH, SCAN_HALF_WIDTH, SCAN_POINTS_1D)[:, None]
     else:
-        grid = SCAN_HALF_WIDTH * (2.0 * qmc.Sobol(scanned, seed=0).random(SCAN_POINTS) - 1.0)
+        grid = spread_points(scanned, SCAN_POINTS, SCAN_HALF_WIDTH)
     low, high = np.array([u.bounds() for u in stage.unknowns[-scanned:]]).T
     rows = np.tile(around, (len(grid), 1))
     rows[:, -scanned:] = np.clip(grid, low, high)

@@ -119,7 +119,8 @@ def end_of_round(
         is_plausible = not implausible_parameters(trial.candidate, end.baseline.fit)
         if not ends and is_plausible:
             return end
-        if is_plausible and _explains_as_much(end, ends[0], law_error):
+        best = ends[0].baseline if ends else end.baseline
+        if is_plausible and _leaves_as_little(end.baseline.excess, best.excess, best.samples, law_error):
             return _with_rejected(end, ends[0])
         ends.append(end)
     return ends[0] if ends else RoundEnd(dataclasses.replace(found, accepted=None), None)
@@ -153,11 +154,9 @@ def _end_with(
     return RoundEnd(dataclasses.replace(found, accepted=trial, laws=laws), model)
 
 
-def _explains_as_much(end: RoundEnd, other: RoundEnd, law_error: float) -> bool:
-    """Whether the model of one end leaves not much more than that of another one."""
-    samples = other.baseline.samples
-    left, left_by_other = (unexplained_floor(e.baseline.excess, samples, law_error) for e in (end, other))
-    return left < AS_MUCH * left_by_other
+def _leaves_as_little(excess: float, other: float, samples: int, law_error: float = 0.0) -> bool:
+    """Whether an excess of ½χ² that is left is not much more than another one."""
+    return unexplained_floor(excess, samples, law_error) < AS_MUCH * unexplained_floor(other, samples, law_error)
 
 
 def _with_rejected(end: RoundEnd, rejected: RoundEnd) -> RoundEnd:
@@ -180,9 +179,8 @@ def _simplest(trials: Sequence[Trial], samples: int) -> Trial:
     """
     first = trials[0]
     scale = temperature(first.mean_gain, remaining(first.own_law_excess, samples))
-    most = AS_MUCH * unexplained_floor(first.remaining_excess, samples)
     return max(
-        (t for t in trials if unexplained_floor(t.remaining_excess, samples) <= most),
+        (t for t in trials if _leaves_as_little(t.remaining_excess, first.remaining_excess, samples)),
         key=lambda t: log_weight(t.mean_gain, t.determined_parameters, scale, prior_cost=t.prior_cost),
     )
 

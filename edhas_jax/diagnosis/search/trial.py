@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
-from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_means, with_candidate
+from edhas_jax.diagnosis.search.candidates import MOST_ON_GRID, Candidate, at_prior_means, with_candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.plausibility import implausibility_penalty, implausible_parameters, prior_cost
@@ -134,18 +134,19 @@ def try_candidate(
     """
     fitted, candidate = baseline.fit, score.candidate
     problem = with_candidate(fitted.problem, accepted, candidate)
-    count = len(problem.unknowns) - len(score.x)
-    calibrated_start = np.concatenate([start_coordinates(problem, fitted.values)[:count], score.x])
-    prior_start = at_prior_means(problem.unknowns, (*accepted, candidate), calibrated_start)
-    # a law with many parameters begins at plausible values, and elsewhere only where that explains too little
-    centre = np.append(calibrated_start[:count], np.zeros(len(score.x))) if len(score.x) > 3 else None
-    starts = [calibrated_start, prior_start] if centre is None else [centre, calibrated_start, prior_start]
+    centre = start_coordinates(problem, fitted.values)  # of the priors of the candidate; a free term has no influence
+    count, placed = len(centre) - len(score.x), (*accepted, candidate)
+    calibrated_start = np.append(centre[:count], score.x)
+    if problem.is_irregular:
+        return _try_irregular(baseline, problem, [centre, calibrated_start], score, resolution, max_steps, reached)
+    starts = [calibrated_start, at_prior_means(problem.unknowns, placed, calibrated_start)]
     is_own_curve = isinstance(candidate, FreeTerm) and fitted.machine.is_own
     if is_own_curve:  # far from the calibrated model the linear prediction overshoots
-        without = np.concatenate([np.ones(count), np.zeros(len(score.x))])
-        starts = [without * calibrated_start, without * prior_start, *starts]
-    if problem.is_irregular:
-        return _try_irregular(baseline, problem, calibrated_start, score, resolution, max_steps, reached)
+        starts = [centre, at_prior_means(problem.unknowns, placed, centre), *starts]
+    # a law with many parameters begins at plausible values, and elsewhere only where that explains too little
+    begins_at_centre = len(score.x) > MOST_ON_GRID and not isinstance(candidate, FreeTerm)
+    if begins_at_centre:
+        starts.insert(0, centre)
     grid_starts = []
     if score.point is not None and score.predicted_gain > MIN_RESTARTED_SHARE * baseline.excess:
         grid_starts = [np.concatenate([start[:count], score.point]) for start in starts[-2:]]
@@ -165,7 +166,7 @@ def try_candidate(
             starts.insert(0, _with_small_size(problem, score, calibrated_start))
             continue
         achieved = 0.0 if best is None else baseline.cost - best.cost
-        if start is centre and achieved <= NEARLY_ALL_SHARE * baseline.excess:
+        if begins_at_centre and start is centre and achieved <= NEARLY_ALL_SHARE * baseline.excess:
             continue
         if not starts and grid_starts and achieved < MIN_ACHIEVED_FALL_SHARE * score.predicted_gain:
             starts, grid_starts = grid_starts, []
@@ -179,19 +180,17 @@ def try_candidate(
 
 
 def _try_irregular(
-    baseline: EvaluatedFit, problem: FitProblem, calibrated_start: np.ndarray, score: Score, resolution: TimeResolution,
+    baseline: EvaluatedFit, problem: FitProblem, starts: list[np.ndarray], score: Score, resolution: TimeResolution,
     max_steps: int, reached: float,
 ) -> Trial:  # fmt: skip
     """The trial of a candidate where the signals depend irregularly on the unknowns; arguments as in `try_candidate`.
 
-    The fit starts from the centre of the candidate's prior: an ensemble finds the way from a large effect to a small
-    one, but not from one that is too small to matter. Where that brings less than predicted, it starts from the score
-    test as well, and where all end above the model without the candidate, with so small a size that it begins there.
+    The first start is the centre of the candidate's prior: an ensemble finds the way from a large effect to a small
+    one, but not from one that is too small to matter. Where that brings less than predicted, the second one follows,
+    from the score test, and where all end above the model without the candidate, one of so small a size that it begins
+    there.
     """
-    count = len(score.x)
-    centre = np.concatenate([calibrated_start[:-count], np.zeros(count)])
-    starts = [centre, calibrated_start]
-    trial = Trial.failed(score)
+    calibrated_start, trial = starts[1], Trial.failed(score)
     while starts:
         start = starts.pop(0)
         rule = _give_up_rule(baseline.cost, reached, CHECKED_ENSEMBLES)
@@ -211,8 +210,8 @@ def _try_irregular(
 
 def _with_small_size(problem: FitProblem, score: Score, start: np.ndarray) -> np.ndarray:
     """A start (n,) at which the candidate of a score is hardly felt."""
-    own = len(score.x)
-    return np.append(start[:-own], with_scaled_size(problem.unknowns[-own:], score.x, SMALL_SIZE, score.exponent))
+    count = len(start) - len(score.x)
+    return np.append(start[:count], with_scaled_size(problem.unknowns[count:], score.x, SMALL_SIZE, score.exponent))
 
 
 def _give_up_rule(baseline_cost: float, reached: float, checked: Mapping[int, float]) -> Callable[[int, float], bool]:
