@@ -28,6 +28,7 @@ from studies.hidden_effects.generators.judging import friction_laws as judging_f
 from studies.hidden_effects.generators.judging import hydraulic_laws as judging_hydraulic
 from studies.hidden_effects.generators.judging import mover_laws as judging_mover
 from studies.hidden_effects.generators.judging import settings as judging_settings
+from studies.hidden_effects.generators.judging import suction_line_laws as judging_suction
 from studies.hidden_effects.generators.judging import unlisted_laws as judging_unlisted
 from studies.hidden_effects.generators.judging import valve_laws as judging_valves
 from studies.hidden_effects.generators.judging import viscosity_laws as judging_viscosity
@@ -98,7 +99,8 @@ CONTENT = {
     ),
     Split.JUDGING: Content(
         (*judging_mover.LAWS, *judging_friction.LAWS, *judging_coupling.LAWS, *judging_electrical.LAWS,
-         *judging_hydraulic.LAWS, *judging_viscosity.LAWS, *judging_valves.LAWS, *judging_cylinder.LAWS),
+         *judging_hydraulic.LAWS, *judging_viscosity.LAWS, *judging_valves.LAWS, *judging_suction.LAWS,
+         *judging_cylinder.LAWS),
         judging_unlisted.LAWS, judging_crumbs.CRUMBS, judging_chains.LINKS, judging_settings.DRIFTS,
         judging_settings.SHEETS, judging_benches.BENCHES,
     ),

@@ -1,4 +1,4 @@
-"""Functions that laws need and that the machine code of the engine does not have, from those that it has."""
+"""Functions that several laws use, and some that the machine code of the engine does not have, from those it has."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -36,6 +36,21 @@ def wrapped(angle):
 def gauge_pressures(s):
     """Pressures of both pump chambers above ambient [Pa], at least 0."""
     return [jnp.maximum(p - s.atmospheric_pressure, 0.0) for p in (s.chamber_pressure_a, s.chamber_pressure_b)]
+
+
+def smooth_positive(x, width):
+    """max(x, 0), rounded within `width` of zero."""
+    return 0.5 * (x + jnp.sqrt(jnp.square(x) + width * width))
+
+
+def suction_line_drop(s, flow):
+    """Pressure [Pa] that accelerates a flow [m³/s] through the suction line: what its resistance leaves."""
+    return s.accumulator_pressure - s.suction_pressure - s.suction_line_resistance * flow
+
+
+def outlet_line_drop(s, flow):
+    """Pressure [Pa] that accelerates a flow [m³/s] through the outlet line: what its resistance and the load leave."""
+    return s.outlet_pressure - s.accumulator_pressure - s.outlet_line_resistance * flow - s.load_drop
 
 
 def signed_root(x, linear_below):

@@ -7,7 +7,7 @@ from studies.hidden_effects.generators.chains import Link, Place
 
 
 def _first_order(interval, trace, time):
-    """A resistor and a capacitor, in steady state at the start."""
+    """A first-order low-pass filter, in steady state at the start."""
     decay = np.exp(-interval / time)
     return trace[0] + lfilter([1.0 - decay], [1.0, -decay], trace - trace[0])
 
@@ -24,7 +24,7 @@ def _late(times, delay):
 
 
 def _fast_clock(times, error):
-    """The recorder's clock is fast: its seconds are short."""
+    """A recorder whose clock runs fast."""
     return times / (1.0 + error)
 
 
@@ -49,7 +49,7 @@ def _bursts(rng, samples, noise, rate):
 
 
 def _missing(rng, samples, noise, rate):
-    """Stretches of 1 … 8 samples that are missing."""
+    """Gaps of 1 … 8 samples."""
     out = samples.copy()
     for start in np.flatnonzero(rng.uniform(size=len(samples)) < rate):
         out[start : start + rng.integers(1, 9)] = np.nan
@@ -57,7 +57,7 @@ def _missing(rng, samples, noise, rate):
 
 
 def _own_factor(rng, spread):
-    """Every signal's noise is stated wrongly by its own factor."""
+    """Noise that is stated wrongly, by another factor for each signal."""
     return float(np.exp(rng.uniform(-np.log(spread), np.log(spread))))
 
 

@@ -9,7 +9,7 @@ from studies.hidden_effects.generators.laws import Law
 
 
 class RubberCoupling(Effect):
-    """A coupling of rubber that relaxes: F = (Δ + 1.5 (Δ − Δ_r))/C + 5 N·s/m Δ̇, dΔ_r/dt = (Δ − Δ_r)/τ.
+    """A viscoelastic coupling (standard linear solid): F = (Δ + 1.5 (Δ − Δ_r))/C + 5 N·s/m Δ̇, dΔ_r/dt = (Δ − Δ_r)/τ.
 
     Source: standard linear solid (Zener, Elasticity and Anelasticity of Metals, 1948).
     """
@@ -41,7 +41,7 @@ class OneSidedCoupling(Effect):
 
 
 class OilFilmBacklash(Effect):
-    """Play that is filled with oil: contacts of 1e6 N/m beyond the play, and a film of 400 N·s/m.
+    """Play that is filled with oil: contacts of 1e6 N/m beyond the play, and a viscous damping of 400 N·s/m.
 
     Source: chosen; a joint that is immersed in oil squeezes it out before its faces touch.
     """
@@ -55,7 +55,7 @@ class OilFilmBacklash(Effect):
 
 
 class RoundedBacklash(Effect):
-    """Play whose contacts set in smoothly: 1e6 N/m Δ³/(Δ² + b²/4), 10 N·s/m Δ̇.
+    """Play with contacts whose stiffness grows from zero: 1e6 N/m Δ³/(Δ² + b²/4), 10 N·s/m Δ̇.
 
     Source: rough contacts, which stiffen as they are pressed on; the form is chosen.
     """

@@ -26,7 +26,7 @@ class StribeckCylinderFriction(Effect):
 
 
 class ElasticCylinderFriction(Effect):
-    """Seals of the cylinder that deform before they slide: dF/dt = k v (1 − (F sgn v)/F_C), k = 2e5 N/m.
+    """Cylinder friction with seals that deform before they slide: dF/dt = k v (1 − (F sgn v)/F_C), k = 2e5 N/m.
 
     Source: Dahl, AIAA J. 14 (1976) 1675.
     """
@@ -69,7 +69,7 @@ class BothSidesCylinderSeal(Effect):
 
 
 class SofteningLoadSpring(Effect):
-    """A load spring that softens: −k x/(1 + |x|/3 mm).
+    """A load spring whose stiffness falls with its deflection: −k x/(1 + |x|/3 mm).
 
     Source: rubber mounts; Payne, J. Applied Polymer Science 6 (1962) 57.
     """
@@ -81,7 +81,7 @@ class SofteningLoadSpring(Effect):
 
 
 class LoadContact(Effect):
-    """A load spring that is met at 2 mm: −k max(x − 2 mm, 0).
+    """A load spring with a clearance of 2 mm: −k max(x − 2 mm, 0).
 
     Source: statics.
     """

@@ -10,7 +10,7 @@ from studies.hidden_effects.generators.laws import Law
 
 
 class QuarticDroop(Effect):
-    """A flat field with steep edges: Km (1 − κ (x/x_m)⁴).
+    """A force constant that is flat at mid-stroke and falls steeply at the ends: Km (1 − κ (x/x_m)⁴).
 
     Source: force factor of voice coils with a long uniform field; Klippel, J. Audio Eng. Soc. 54 (2006) 907.
     """
@@ -35,7 +35,7 @@ class TentDroop(Effect):
 
 
 class QuadraticSaturation(Effect):
-    """Loss with the square of the current: F_e = Km i (1 − b i²), at most a half.
+    """Saturation with the square of the current: F_e = Km i (1 − b i²), at most a half.
 
     Source: force factor of voice coils over current; Klippel, J. Audio Eng. Soc. 54 (2006) 907.
     """
@@ -47,7 +47,7 @@ class QuadraticSaturation(Effect):
 
 
 class KneeSaturation(Effect):
-    """A magnetisation curve of two straight lines: F_e = Km (i − b (|i| − 1.5 A) sgn i) beyond 1.5 A.
+    """Saturation by a magnetisation curve of two straight lines: F_e = Km (i − b (|i| − 1.5 A) sgn i) beyond 1.5 A.
 
     Source: piecewise linear magnetisation curves; Fitzgerald, Kingsley, Umans, Electric Machinery.
     """
@@ -86,7 +86,7 @@ class TrapezoidalDeadTime(Effect):
 
 
 class CapacitorSag(Effect):
-    """A supply whose capacitor is discharged by the current and charged over a resistance: τ dU/dt = −R |i| − U.
+    """A supply with a buffer capacitor and a source resistance: τ dU/dt = −R |i| − U.
 
     Source: a rectifier with a bus capacitor.
     """
@@ -104,7 +104,7 @@ class CapacitorSag(Effect):
 
 
 class ThresholdSag(Effect):
-    """A supply that drops only above a current: R max(|i| − 2 A, 0), at most the whole voltage.
+    """A voltage drop of the supply above 2 A only: R max(|i| − 2 A, 0), at most the supply voltage.
 
     Source: a supply with current limit.
     """
@@ -116,7 +116,7 @@ class ThresholdSag(Effect):
 
 
 class DeadTimeAmplifier(Effect):
-    """An amplifier with a dead time, as Padé's approximation of first order: u_a = 2 w − u, dw/dt = 2 (u − w)/T.
+    """An amplifier with a pure delay T, as a first-order Padé approximation: u_a = 2 w − u, dw/dt = 2 (u − w)/T.
 
     Source: Padé's approximation of e^(−sT); computing and modulation of a digital amplifier.
     """
@@ -151,7 +151,7 @@ class TwoStageAmplifier(Effect):
 
 
 class WindingAndFormer(Effect):
-    """A winding that heats up and gives its heat to its former: C_w dϑ/dt = R i² − (ϑ − ϑ_f)/R_th, C_f = 3 C_w.
+    """Heating of a winding that is coupled to its former: C_w dϑ/dt = R i² − (ϑ − ϑ_f)/R_th, C_f = 3 C_w.
 
     Source: two-mass thermal models of voice coils; Button, J. Audio Eng. Soc. 40 (1992) 32.
     """
@@ -172,7 +172,7 @@ class WindingAndFormer(Effect):
 
 
 class EddyLossHeating(Effect):
-    """A coil that is heated by its copper loss and by eddy currents in its former: R i² + 60 W (v/0.2 m/s)².
+    """Heating of the coil by copper loss and by eddy currents in its former: R i² + 60 W (v/0.2 m/s)².
 
     Source: Joule's law for the former, whose loss grows with the square of speed.
     """

@@ -11,7 +11,7 @@ from studies.hidden_effects.generators.laws import Law
 
 
 class SettlingBias(Effect):
-    """A pull that settles after the start: −F (1 − 0.6 exp(−t/0.15 s)), either sign.
+    """A constant force that settles exponentially after the start: −F (1 − 0.6 exp(−t/0.15 s)), either sign.
 
     Source: magnetic after-effect of soft iron; the time is chosen.
     """
@@ -23,7 +23,7 @@ class SettlingBias(Effect):
 
 
 class SidedBias(Effect):
-    """A weight on a cord over a worn pulley: −F (1 + 0.35 tanh(x/1.2 mm)), either sign.
+    """The force of a weight on a cord over a worn pulley: −F (1 + 0.35 tanh(x/1.2 mm)), either sign.
 
     Source: statics; the change over the stroke is chosen.
     """
@@ -49,7 +49,7 @@ class ForwardStribeckFriction(Effect):
 
 
 class ForwardRisingFriction(Effect):
-    """Dry friction in the forward stroke that sets in slowly: F_a v/(v + 30 mm/s) for v > 0.
+    """Friction in the forward stroke that grows with speed and saturates: F_a v/(v + 30 mm/s) for v > 0.
 
     Source: chosen; a lip that is dragged along before it slides.
     """
@@ -62,7 +62,7 @@ class ForwardRisingFriction(Effect):
 
 
 class RoundedAsymmetricDamping(Effect):
-    """Viscous friction that differs between the directions above a speed: −c (√(v² + v_0²) − v_0), v_0 = 0.1 m/s.
+    """Viscous friction that differs between the directions at high speed only: −c (√(v² + v_0²) − v_0), v_0 = 0.1 m/s.
 
     Source: chosen; a guide whose film carries at speed only.
     """
@@ -87,7 +87,7 @@ class RootAsymmetricDamping(Effect):
 
 
 class QuarticEndFriction(Effect):
-    """Dry friction that sets in near the ends: F_s (x/x_m)⁴ th(v).
+    """Dry friction near the ends of the stroke: F_s (x/x_m)⁴ th(v).
 
     Source: chosen; a bore that is narrow at its ends.
     """
@@ -113,7 +113,7 @@ class OneEndFriction(Effect):
 
 
 class SaturatingSealFriction(Effect):
-    """Seal drag that saturates: μ S_p Σ p/(1 + p/0.3 MPa) th(v).
+    """Seal friction that saturates with pressure: μ S_p Σ p/(1 + p/0.3 MPa) th(v).
 
     Source: U-cups, whose lip is fully pressed on above some pressure; the form is chosen.
     """
@@ -126,7 +126,7 @@ class SaturatingSealFriction(Effect):
 
 
 class DifferenceSealFriction(Effect):
-    """Seal drag with the difference of the chamber pressures: μ S_p |p_A − p_B| th(v).
+    """Seal friction in proportion to the pressure difference of the chambers: μ S_p |p_A − p_B| th(v).
 
     Source: one seal between both chambers, which the difference of pressure presses on; statics.
     """

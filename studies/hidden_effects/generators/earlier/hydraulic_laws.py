@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from edhas_jax.core.structs import par
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects import Effect, state
+from studies.hidden_effects.generators.functions import outlet_line_drop
 from studies.hidden_effects.generators.laws import Law
 
 
@@ -38,7 +39,7 @@ class WideningGapLeakage(Effect):
 
 
 class DissolvingAir(Effect):
-    """Air that dissolves in proportion to the pressure and is gone at 1.2 MPa.
+    """Air that dissolves in proportion to the pressure, completely at 1.2 MPa.
 
     Free volume α (p_atm/p) θ(p) with θ = 1 at ambient pressure and 0 at 1.2 MPa, linear between.
 
@@ -98,7 +99,7 @@ class SofteningHose(Effect):
 
 
 class UnsteadyLineInertance(Effect):
-    """A line with inertia and unsteady friction: I dQ/dt = Δp − R Q − 2 R (Q − Q_s), dQ_s/dt = (Q − Q_s)/τ.
+    """A line with inertance and unsteady friction: I dQ/dt = Δp − R Q − 2 R (Q − Q_s), dQ_s/dt = (Q − Q_s)/τ.
 
     Source: Zielke, J. Basic Eng. 90 (1968) 109; Trikha, J. Fluids Eng. 97 (1975) 97, with one term.
     """
@@ -118,7 +119,7 @@ class UnsteadyLineInertance(Effect):
 
     def rates(self, s, z):
         lag = z.line_flow - z.slow_flow
-        drop = s.outlet_pressure - s.accumulator_pressure - s.outlet_line_resistance * z.line_flow - s.load_drop
+        drop = outlet_line_drop(s, z.line_flow)
         return {
             "line_flow": (drop - 2.0 * self.column_loss * lag) / self.column_mass,
             "slow_flow": lag / self.diffusion_time,
@@ -126,7 +127,7 @@ class UnsteadyLineInertance(Effect):
 
 
 class BlasiusLineInertance(Effect):
-    """A smooth line with inertia and a loss ∝ Q^1.75.
+    """A smooth line with inertance and a loss ∝ Q^1.75.
 
     Source: Blasius' friction factor (1913).
     """
@@ -143,7 +144,7 @@ class BlasiusLineInertance(Effect):
         return z.line_flow
 
     def rates(self, s, z):
-        drop = s.outlet_pressure - s.accumulator_pressure - s.outlet_line_resistance * z.line_flow - s.load_drop
+        drop = outlet_line_drop(s, z.line_flow)
         return {"line_flow": drop / self.column_mass}
 
 

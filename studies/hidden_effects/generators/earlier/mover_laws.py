@@ -104,7 +104,7 @@ class EndWeightedCogging(Effect):
 
 
 class SkinEddyDrag(Effect):
-    """Eddy drag of a thick conductor, with the root of speed: −c v/√(|v|/0.1 m/s), linear below 2 mm/s.
+    """Eddy drag of a thick conductor, in proportion to the root of speed: −c v/√(|v|/0.1 m/s), linear below 2 mm/s.
 
     Source: skin depth ∝ 1/√v, which the currents do not exceed.
     """
@@ -117,7 +117,7 @@ class SkinEddyDrag(Effect):
 
 
 class ThinSheetDrag(Effect):
-    """Drag on a thin sheet in the field of the magnet only: −c v exp(−(x/3 mm)²)/√(1 + (v/v_e)²).
+    """Eddy drag of a thin sheet in a local field: −c v exp(−(x/3 mm)²)/√(1 + (v/v_e)²).
 
     Source: Saslow, Am. J. Phys. 60 (1992) 693, for the thin sheet; the bell shape of the field is chosen.
     """
@@ -131,7 +131,7 @@ class ThinSheetDrag(Effect):
 
 
 class SofteningSpring(Effect):
-    """A spring that softens: −k x/(1 + |x|/2 mm).
+    """A spring whose stiffness falls with its deflection: −k x/(1 + |x|/2 mm).
 
     Source: rubber mounts, whose stiffness falls with amplitude; Payne, J. Applied Polymer Science 6 (1962) 57.
     """
@@ -143,7 +143,7 @@ class SofteningSpring(Effect):
 
 
 class RelaxingSpring(Effect):
-    """A spring beside a relaxing one: −k x − k/2 (x − x_r), dx_r/dt = (x − x_r)/τ.
+    """A spring in parallel with a spring and damper in series: −k x − k/2 (x − x_r), dx_r/dt = (x − x_r)/τ.
 
     Source: standard linear solid (Zener, Elasticity and Anelasticity of Metals, 1948).
     """

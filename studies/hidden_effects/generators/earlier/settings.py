@@ -6,7 +6,7 @@ from studies.hidden_effects.generators.settings import RunDrift, WrongSheet
 
 
 def _creeping(rng, runs):
-    """A setting that creeps from run to run, up to 0.5 … 1 % over the campaign."""
+    """A setting that drifts steadily from run to run, by 0.5 … 1 % over the campaign."""
     steps = np.cumsum(np.abs(rng.standard_normal(runs)))
     return 1.0 + rng.uniform(0.005, 0.01) * rng.choice([-1.0, 1.0]) * steps / steps[-1]
 
@@ -19,12 +19,12 @@ def _after_a_pause(rng, runs):
 
 
 def _thinner(rng, runs):
-    """Oil that becomes 1 … 3 % thinner over the campaign."""
+    """A viscosity that falls by 1 … 3 % over the campaign."""
     return 1.0 - rng.uniform(0.01, 0.03) * np.arange(runs) / max(1, runs - 1)
 
 
 def _spread_out(rng, count):
-    """Every parameter anywhere within 2.7 standard deviations."""
+    """Deviations spread evenly within 2.7 standard deviations."""
     return rng.uniform(-2.7, 2.7, count)
 
 

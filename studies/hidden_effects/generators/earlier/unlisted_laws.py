@@ -24,7 +24,7 @@ class WobblingPlunger(Effect):
 
 
 class PressedGuide(Effect):
-    """A guide that the pressure difference tilts: drag −c v |p_A − p_B|/0.5 MPa.
+    """Viscous drag of a guide that the pressure difference loads: −c v |p_A − p_B|/0.5 MPa.
 
     Source: side load of a plunger in proportion to its axial load; the form is chosen.
     """
@@ -53,7 +53,7 @@ class BrushContact(Effect):
 
 
 class RubbingValveSpring(Effect):
-    """Springs of the valves that rub, the more the further they are open: −F (2/π) atan(ẏ/20 mm/s) y/(y + 0.2 mm).
+    """Friction of the valve springs, which grows with the lift: −F (2/π) atan(ẏ/20 mm/s) y/(y + 0.2 mm).
 
     Source: structural damping of coil springs whose turns rub at their seats; the form is chosen.
     """
@@ -68,7 +68,7 @@ class RubbingValveSpring(Effect):
 
 
 class DelayedField(Effect):
-    """A magnetic field that follows the current late: F_e = Km (i + ε (i − i_s)), di_s/dt = (i − i_s)/τ, τ = 1.5 ms.
+    """A magnetic field that lags the current: F_e = Km (i + ε (i − i_s)), di_s/dt = (i − i_s)/τ, τ = 1.5 ms.
 
     Source: flux diffusion in solid iron, with one time constant.
     """

@@ -5,13 +5,14 @@ import jax.numpy as jnp
 from edhas_jax.core.structs import par
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects import Effect, state
+from studies.hidden_effects.generators.functions import suction_line_drop
 from studies.hidden_effects.generators.laws import Law
 
 SEATED_LIFT = 30e-6  # m, within which the valve counts as seated
 
 
 class LiftedFlowForce(Effect):
-    """A flow force that sets in with the lift: −K A Δp y/(y + 0.3 mm).
+    """A flow force that grows with the lift: −K A Δp y/(y + 0.3 mm).
 
     Source: at small openings the jet attaches to the seat; Johnston, Edge, Vaughan, Proc. IMechE I 205 (1991) 263.
     """
@@ -36,7 +37,7 @@ class RecoveringFlowForce(Effect):
 
 
 class SqueezeFilm(Effect):
-    """The film between ball and seat resists opening by its viscosity: −c ẏ/(1 + y/25 µm)³ for ẏ > 0.
+    """Squeeze-film damping between ball and seat, while the valve opens: −c ẏ/(1 + y/25 µm)³ for ẏ > 0.
 
     Source: Stefan (1874): force on plates that are pulled apart in a liquid, ∝ speed/gap³.
     """
@@ -61,12 +62,12 @@ class AttractedBall(Effect):
 
 
 def _seated(s):
-    """1 while a valve is seated, falling to 0 within `SEATED_LIFT`."""
+    """1 while a valve is closed, falling to 0 within `SEATED_LIFT`."""
     return jnp.exp(-jnp.maximum(s.lift, 0.0) / SEATED_LIFT)
 
 
 def _closing(s):
-    """A seat that closes under pressure."""
+    """The share of a leak that is left under pressure, by which the seat closes."""
     return 1.0 / (1.0 + jnp.abs(s.pressure_drop) / 0.15e6)
 
 
@@ -143,7 +144,7 @@ class SuctionStrainer(Effect):
 
 
 class UnsteadySuctionInertance(Effect):
-    """A suction line with inertia and unsteady friction: I dQ/dt = Δp − R Q − 2 R (Q − Q_s), dQ_s/dt = (Q − Q_s)/τ.
+    """A suction line with inertance and unsteady friction: I dQ/dt = Δp − R Q − 2 R (Q − Q_s), dQ_s/dt = (Q − Q_s)/τ.
 
     Source: Zielke, J. Basic Eng. 90 (1968) 109; Trikha, J. Fluids Eng. 97 (1975) 97, with one term.
     """
@@ -162,12 +163,12 @@ class UnsteadySuctionInertance(Effect):
 
     def rates(self, s, z):
         lag = z.line_flow - z.slow_flow
-        drop = s.accumulator_pressure - s.suction_pressure - s.suction_line_resistance * (z.line_flow + 2.0 * lag)
+        drop = suction_line_drop(s, z.line_flow + 2.0 * lag)
         return {"line_flow": drop / self.suction_column, "slow_flow": lag / self.wall_time}
 
 
 class BlasiusSuctionInertance(Effect):
-    """A smooth suction line with inertia and a loss ∝ Q^1.75.
+    """A smooth suction line with inertance and a loss ∝ Q^1.75.
 
     Source: Blasius' friction factor (1913).
     """
@@ -184,7 +185,7 @@ class BlasiusSuctionInertance(Effect):
         return z.line_flow
 
     def rates(self, s, z):
-        drop = s.accumulator_pressure - s.suction_pressure - s.suction_line_resistance * z.line_flow
+        drop = suction_line_drop(s, z.line_flow)
         return {"line_flow": drop / self.suction_column}
 
 

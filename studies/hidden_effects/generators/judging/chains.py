@@ -5,20 +5,20 @@ from scipy.signal import bilinear, lfilter
 
 from studies.hidden_effects.generators.chains import Link, Place
 
-TRANSDUCER_DAMPING = 0.25  # damping ratio of a membrane with its line
+TRANSDUCER_DAMPING = 0.25  # damping ratio of a pressure transducer with its line
 SWITCHING = 0.02  # probability per sample that telegraph noise changes its sign
 FULL_SCALE = 1000.0  # of a sensor, over its noise
 
 
 def _underdamped_transducer(interval, trace, natural_frequency):
-    """A membrane with its line, of second order and with little damping, in steady state at the start."""
+    """A lightly damped low-pass filter of second order, as a pressure transducer with its line; steady at the start."""
     omega = 2.0 * np.pi * natural_frequency
     b, a = bilinear([omega**2], [1.0, 2.0 * TRANSDUCER_DAMPING * omega, omega**2], 1.0 / interval)
     return trace[0] + lfilter(b, a, trace - trace[0])
 
 
 def _decimation_filter(interval, trace, window):
-    """The filter of a sigma-delta converter: three means over `window` seconds, one after the other."""
+    """The decimation filter of a sigma-delta converter: three moving averages over `window` seconds in series."""
     n = max(1, round(window / interval))
     for _ in range(3):
         trace = np.convolve(np.concatenate([np.full(n - 1, trace[0]), trace]), np.full(n, 1.0 / n), mode="valid")
@@ -26,29 +26,29 @@ def _decimation_filter(interval, trace, window):
 
 
 def _clock_that_warms_up(times, drift):
-    """A recorder that becomes slower at a constant rate as it warms up."""
+    """A sampling clock whose rate error grows in proportion to time as it warms up."""
     return times + 0.5 * drift * times**2
 
 
 def _interleaved_converters(times, skew):
-    """Two converters that take the samples in turn, the second one late."""
+    """Two interleaved converters, which sample in turn; the second one is late by `skew` [s]."""
     return times + skew * (np.arange(len(times)) % 2)
 
 
 def _differenced_noise(rng, count, weight):
-    """n_k − w n_{k−1}, scaled to unit standard deviation: more noise at high frequencies."""
+    """White noise as n_k − w n_{k−1}, scaled to unit standard deviation: more power at high frequencies."""
     white = rng.standard_normal(count + 1)
     return (white[1:] - weight * white[:-1]) / np.sqrt(1.0 + weight**2)
 
 
 def _telegraph_noise(rng, count, share):
-    """White noise, and a level that jumps between two values, which has a `share` of the variance."""
+    """White noise plus random telegraph noise, which jumps between two values and has a `share` of the variance."""
     level = rng.choice([-1.0, 1.0]) * np.cumprod(np.where(rng.uniform(size=count) < SWITCHING, -1.0, 1.0))
     return np.sqrt(share) * level + np.sqrt(1.0 - share) * rng.standard_normal(count)
 
 
 def _ringing_glitches(rng, samples, noise, rate):
-    """Discharges of 8 … 30 times the noise that ring for eight samples and decay to 0.6 from one to the next."""
+    """Impulses of 8 … 30 times the noise that ring: eight samples of alternating sign, each 0.6 times the last."""
     out = samples.copy()
     ringing = (-0.6) ** np.arange(8)
     for start in np.flatnonzero(rng.uniform(size=len(samples)) < rate):
@@ -58,7 +58,7 @@ def _ringing_glitches(rng, samples, noise, rate):
 
 
 def _lost_stretch(rng, samples, noise, share):
-    """One stretch of every record is missing, a `share` of it."""
+    """A gap in every record, of a `share` of its samples."""
     out, length = samples.copy(), max(1, round(share * len(samples)))
     start = rng.integers(len(samples) - length + 1)
     out[start : start + length] = np.nan
@@ -66,19 +66,19 @@ def _lost_stretch(rng, samples, noise, share):
 
 
 def _gain_ranging_converter(rng, samples, noise, steps):
-    """A converter that doubles its range where needed: `steps` steps from zero to the end of the range in use."""
+    """A converter that selects its range for each sample, a power of two, and divides it into `steps` steps."""
     ends = np.exp2(np.ceil(np.log2(np.maximum(np.abs(samples), noise))))
     return ends / steps * np.round(samples * steps / ends)
 
 
 def _curved_characteristic(rng, samples, noise, error):
-    """A sensor that is not quite linear: an `error` of the full scale at its end, with the square of the signal."""
+    """A sensor with a quadratic nonlinearity of `error` times full scale at full scale."""
     full_scale = FULL_SCALE * noise
     return samples + error * full_scale * np.square(samples / full_scale)
 
 
 def _peak_to_peak(rng, factor):
-    """A data sheet that states the noise from peak to peak."""
+    """Noise that is stated from peak to peak, as a multiple of its standard deviation."""
     return factor
 
 

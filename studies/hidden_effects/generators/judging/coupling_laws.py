@@ -9,7 +9,7 @@ from studies.hidden_effects.generators.laws import Law
 
 
 class PreloadedCoupling(Effect):
-    """A preloaded joint that opens: Δ/C at first, a third of this stiffness beyond the force F_0, 20 N·s/m Δ̇.
+    """A preloaded joint that separates: stiffness 1/C, a third of it beyond the force F_0, damping 20 N·s/m.
 
     F = Δ/(3 C) + (2/3) F_0 tanh(Δ/(C F_0)) + 20 N·s/m Δ̇
 
@@ -27,7 +27,7 @@ class PreloadedCoupling(Effect):
 
 
 class MicroslipCoupling(Effect):
-    """A joint whose faces slip: Δ/C + F_s, dF_s/dt = (2/C) (Δ̇ − |Δ̇| F_s/F_y), and 10 N·s/m Δ̇.
+    """A joint with microslip of its faces: Δ/C + F_s, dF_s/dt = (2/C) (Δ̇ − |Δ̇| F_s/F_y), and 10 N·s/m Δ̇.
 
     Source: microslip of joints, Gaul, Nitsche, Applied Mechanics Reviews 54 (2001) 93; Dahl's form of the transition.
     """
@@ -50,6 +50,12 @@ def _contact(depth, speed, stiffness):
     return jnp.where(depth > 0.0, jnp.maximum(stiffness * depth + 20.0 * speed, 0.0), 0.0)
 
 
+def _contacts(s, play, ahead=1e6, behind=1e6):
+    """Force [N] of the contacts at both ends of a play [m], of the stiffnesses `ahead` and `behind` [N/m]."""
+    d, w, half = s.coupling_deflection, s.coupling_velocity, 0.5 * play
+    return _contact(d - half, w, ahead) - _contact(-d - half, -w, behind)
+
+
 class UnequalBacklash(Effect):
     """Play between a hard and a soft face: contacts of 5e6 N/m for Δ > b/2 and of 1e6 N/m for Δ < −b/2.
 
@@ -59,12 +65,11 @@ class UnequalBacklash(Effect):
     ring_play: float = par(30e-6, "m", (0.0, 1e-2), "b", plausible=(2e-6, 100e-6))
 
     def coupling_force(self, s, z):
-        d, w, half = s.coupling_deflection, s.coupling_velocity, 0.5 * self.ring_play
-        return _contact(d - half, w, 5e6) - _contact(-d - half, -w, 1e6)
+        return _contacts(s, self.ring_play, 5e6, 1e6)
 
 
 class RubbingBacklash(Effect):
-    """Play in which the parts rub: contacts of 1e6 N/m beyond the play b, and the friction F_r tanh(Δ̇/3 mm/s).
+    """Play with friction between the parts: contacts of 1e6 N/m beyond ±b/2, and the friction F_r tanh(Δ̇/3 mm/s).
 
     Source: joints that clear and rub; Nordin, Gutman, Automatica 38 (2002) 1633, for play; the friction is chosen.
     """
@@ -73,24 +78,21 @@ class RubbingBacklash(Effect):
     play_friction: float = par(6.0, "N", (0.0, 1e4), "F_r", plausible=(3.0, 12.0))
 
     def coupling_force(self, s, z):
-        d, w, half = s.coupling_deflection, s.coupling_velocity, 0.5 * self.rubbing_play
-        contacts = _contact(d - half, w, 1e6) - _contact(-d - half, -w, 1e6)
-        return contacts + self.play_friction * jnp.tanh(w / 3e-3)
+        return _contacts(s, self.rubbing_play) + self.play_friction * jnp.tanh(s.coupling_velocity / 3e-3)
 
 
 class SprungBacklash(Effect):
-    """Play that a spring takes up: contacts of 1e6 N/m beyond the play b, and a nearly constant force F_p between them.
+    """Play with a preload spring: contacts of 1e6 N/m beyond ±b/2, and F_p + 2 N/mm Δ + 5 N·s/m Δ̇ between them.
 
-    Source: spring-loaded nuts and split gears against backlash; statics.
+    Source: anti-backlash nuts and gears with springs; statics.
     """
 
     sprung_play: float = par(30e-6, "m", (0.0, 1e-2), "b", plausible=(3e-6, 150e-6))
     take_up_force: float = par(6.0, "N", (0.0, 1e4), "F_p", plausible=(2.0, 12.0))
 
     def coupling_force(self, s, z):
-        d, w, half = s.coupling_deflection, s.coupling_velocity, 0.5 * self.sprung_play
-        contacts = _contact(d - half, w, 1e6) - _contact(-d - half, -w, 1e6)
-        return contacts + self.take_up_force + 2e3 * d + 5.0 * w
+        spring = self.take_up_force + 2e3 * s.coupling_deflection + 5.0 * s.coupling_velocity
+        return _contacts(s, self.sprung_play) + spring
 
 
 LAWS = (

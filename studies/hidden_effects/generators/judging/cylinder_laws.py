@@ -5,13 +5,14 @@ import jax.numpy as jnp
 from edhas_jax.core.structs import par
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects import Effect, state
+from studies.hidden_effects.generators.functions import smooth_positive
 from studies.hidden_effects.generators.laws import Law
 
 BRISTLE_STIFFNESS, BRISTLE_DAMPING = 3e5, 150.0  # N/m and N·s/m, of the seals of the cylinder
 
 
 class LugreCylinderFriction(Effect):
-    """Seals of the cylinder as bristles: σ₀ z + σ₁ dz/dt, dz/dt = v − σ₀ |v| z/g, g = F (1 + 0.5 exp(−(v/12 mm/s)²)).
+    """LuGre friction of the cylinder: σ₀ z + σ₁ dz/dt, dz/dt = v − σ₀ |v| z/g, g = F (1 + 0.5 exp(−(v/12 mm/s)²)).
 
     σ₀ = 3e5 N/m and σ₁ = 150 N·s/m.
 
@@ -64,7 +65,7 @@ class UnevenCylinderFriction(Effect):
 
 
 class BothRodSeals(Effect):
-    """Both dry friction levels of the cylinder grow with the sum of the pressures of its sides: μ A (p_h + p_r), gauge.
+    """Cylinder friction that grows with the sum of the pressures of both sides: μ A (p_h + p_r), gauge.
 
     Source: a rod that passes through both ends, each with its seal; the proportion to pressure is that of O-rings.
     """
@@ -77,7 +78,9 @@ class BothRodSeals(Effect):
 
 
 class PreloadedCylinderSeal(Effect):
-    """A seal whose preload covers the pressure at first: μ A (√(u² + (20 kPa)²) + u)/2, u = p_h − 0.35 MPa.
+    """Cylinder friction that depends on pressure above the preload of the seal only: μ A (u + √(u² + (20 kPa)²))/2.
+
+    u = p_h − 0.35 MPa
 
     Source: interference fit of lips and O-rings; Müller, Nau, Fluid Sealing Technology (1998); the pressure is chosen.
     """
@@ -85,12 +88,11 @@ class PreloadedCylinderSeal(Effect):
     excess_friction: float = par(0.04, "-", (0.0, 10.0), "μ", plausible=(0.008, 0.3))
 
     def cylinder_friction_level(self, s, z):
-        u = s.head_pressure - 0.35e6
-        return self.excess_friction * s.cylinder_area * 0.5 * (jnp.sqrt(jnp.square(u) + 4e8) + u)
+        return self.excess_friction * s.cylinder_area * smooth_positive(s.head_pressure - 0.35e6, 20e3)
 
 
 class LateCylinderSeal(Effect):
-    """A seal of the cylinder that is pressed on late: μ A p_e, dp_e/dt = (p_h − p_atm − p_e)/τ.
+    """Cylinder friction that follows the pressure with a first-order lag: μ A p_e, dp_e/dt = (p_h − p_atm − p_e)/τ.
 
     Source: viscoelastic seals, whose contact pressure follows that of the oil; the one time constant is chosen.
     """
@@ -122,7 +124,7 @@ class GasLoadSpring(Effect):
 
 
 class RelaxingLoadSpring(Effect):
-    """A load spring beside one that relaxes: −k x − 1.5 k (x − x_r), dx_r/dt = (x − x_r)/τ.
+    """A load spring in parallel with a spring and damper in series: −k x − 1.5 k (x − x_r), dx_r/dt = (x − x_r)/τ.
 
     Source: standard linear solid; Zener, Elasticity and Anelasticity of Metals (1948).
     """
@@ -141,7 +143,7 @@ class RelaxingLoadSpring(Effect):
 
 
 class SwungLoadSpring(Effect):
-    """A load on a lever that swings through: −k x₀ sin(x/x₀), x₀ = 8 mm, largest at 12.6 mm.
+    """A pendulum as the load: −k x₀ sin(x/x₀), x₀ = 8 mm, largest at 12.6 mm.
 
     Source: statics of a pendulum.
     """
@@ -153,7 +155,7 @@ class SwungLoadSpring(Effect):
 
 
 class TaperLeakageRise(Effect):
-    """Leakage of the cylinder by a gap that widens linearly: k x₀ ((1 + x/x₀)³ − 1)/3, x₀ = 8 mm.
+    """Cylinder leakage through a gap that widens linearly with the position: k x₀ ((1 + x/x₀)³ − 1)/3, x₀ = 8 mm.
 
     Source: laminar flow, with the cube of the gap, in a conical bore; Merritt, Hydraulic Control Systems (1967).
     """
@@ -166,7 +168,7 @@ class TaperLeakageRise(Effect):
 
 
 class MidStrokeWear(Effect):
-    """Leakage of the cylinder where its bore is worn most: k 5 mm exp(−((x − 8 mm)/3 mm)²).
+    """Cylinder leakage with a maximum at 8 mm, where the bore is worn most: k 5 mm exp(−((x − 8 mm)/3 mm)²).
 
     Source: wear of bores around the working position; the bell shape is chosen.
     """
@@ -178,7 +180,7 @@ class MidStrokeWear(Effect):
 
 
 class ShorteningSealLeakage(Effect):
-    """Leakage of a cylinder whose piston leaves its bore: k x/(1 − x/25 mm), the sealing length being 25 mm − x.
+    """Cylinder leakage along a gap that becomes shorter: k x/(1 − x/25 mm), the sealing length being 25 mm − x.
 
     Source: laminar gap flow, inversely proportional to the length of the gap; the lengths are chosen.
     """

@@ -8,11 +8,12 @@ from edhas_jax.core.structs import par
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects import Effect, state
 from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
+from studies.hidden_effects.generators.functions import smooth_positive
 from studies.hidden_effects.generators.laws import Law
 
 
 class OffCentreDroop(Effect):
-    """A field whose largest value is not at mid-stroke: Km (1 − κ (x² − 2 x x_0)/x_m²), x_m = 5 mm.
+    """A force constant whose maximum is not at mid-stroke: Km (1 − κ (x² − 2 x x_0)/x_m²), x_m = 5 mm.
 
     Source: offset of the rest position of voice coils; Klippel, J. Audio Eng. Soc. 54 (2006) 907.
     """
@@ -26,7 +27,9 @@ class OffCentreDroop(Effect):
 
 
 class PoleEdgeDroop(Effect):
-    """A field that falls at the edges of the poles, at ±e: Km (1 − (κ/2) (2 + tanh((x − e)/w) − tanh((x + e)/w))).
+    """A force constant that falls at the edges of the poles, at ±e.
+
+    Km (1 − (κ/2) (2 + tanh((x − e)/w) − tanh((x + e)/w)))
 
     Source: stray field at the edges of a gap, w = 0.7 mm; the form is chosen.
     """
@@ -40,7 +43,7 @@ class PoleEdgeDroop(Effect):
 
 
 class BiasedSaturation(Effect):
-    """Iron that the magnets nearly saturate, for i > 0: F_e = Km i (1 − b (i + √(i² + 1 A²))/2), at least 0.4 Km i.
+    """Saturation at positive currents only: F_e = Km i (1 − b (i + √(i² + 1 A²))/2), at least 0.4 Km i.
 
     Source: flux of the coil that adds to that of the magnets or weakens it; Klippel, J. Audio Eng. Soc. 54 (2006) 907.
     The form is chosen.
@@ -49,12 +52,11 @@ class BiasedSaturation(Effect):
     biased_loss: float = par(0.03, "1/A", (0.0, 10.0), "b", plausible=(0.001, 0.1))
 
     def motor_force_factor(self, s, z):
-        beyond = 0.5 * (s.current + jnp.sqrt(jnp.square(s.current) + 1.0))
-        return jnp.maximum(1.0 - self.biased_loss * beyond, 0.4)
+        return jnp.maximum(1.0 - self.biased_loss * smooth_positive(s.current, 1.0), 0.4)
 
 
 class RibSaturation(Effect):
-    """A thin rib that saturates early, the other iron never: F_e = Km i (1 − b i²/(i² + i_r²)).
+    """Saturation of a thin rib, at small currents only: F_e = Km i (1 − b i²/(i² + i_r²)).
 
     Source: bridges and ribs of permanent-magnet machines, which saturate first; the form is chosen.
     """
@@ -68,7 +70,7 @@ class RibSaturation(Effect):
 
 
 class SidedSaturation(Effect):
-    """Iron on one side that saturates: F_e = Km i (1 − b i² (1 + tanh(x/2 mm))/2), at least half of Km i.
+    """Saturation on one side of the stroke only: F_e = Km i (1 − b i² (1 + tanh(x/2 mm))/2), at least half of Km i.
 
     Source: force factor over current and position; Klippel, J. Audio Eng. Soc. 54 (2006) 907; the form is chosen.
     """
@@ -81,7 +83,7 @@ class SidedSaturation(Effect):
 
 
 class LateCompensationDeadTime(Effect):
-    """Dead time that is compensated late, V (0.7 tanh(i_f/50 mA) − tanh(i/50 mA)), by a filtered current.
+    """Dead time that is compensated by a filtered current: V (0.7 tanh(i_f/50 mA) − tanh(i/50 mA)).
 
     τ di_f/dt = i − i_f
 
@@ -101,7 +103,7 @@ class LateCompensationDeadTime(Effect):
 
 
 class ResidualDeadTime(Effect):
-    """Dead time that is compensated but near zero current: −2 V (i/c)/(1 + (i/c)²), largest at c.
+    """Dead time that is compensated except near zero current: −2 V (i/c)/(1 + (i/c)²), largest at c.
 
     Source: distortion that compensation leaves where the sign of the current is uncertain; the form is chosen.
     """
@@ -151,7 +153,7 @@ class ResonantSag(Effect):
 
 
 class PowerBalanceSag(Effect):
-    """A supply that only delivers the power that is used: drop R i_s, i_s = max(R_c i² + Km i v, 0)/U_max.
+    """A voltage drop by the supply current of a switching amplifier: R i_s, i_s = max(R_c i² + Km i v, 0)/U_max.
 
     Source: power balance of a switching amplifier, whose supply current is less than that of the coil; Erickson,
     Maksimović, Fundamentals of Power Electronics. R_c is the coil resistance; the drop is at most the whole voltage.
@@ -166,7 +168,7 @@ class PowerBalanceSag(Effect):
 
 
 class RectifiedSag(Effect):
-    """A rectified supply that sags between the peaks of the mains: R |i| (1 + sin(2π 100 Hz t + φ)), at most all.
+    """A voltage drop of a rectified supply with ripple: R |i| (1 + sin(2π 100 Hz t + φ)), at most the supply voltage.
 
     Source: ripple of a loaded rectifier, which grows with the current; fundamental of the ripple only.
     """
@@ -180,7 +182,7 @@ class RectifiedSag(Effect):
 
 
 class ShelfAmplifier(Effect):
-    """An amplifier that passes 0.4 of the command at once and the rest late: u_a = 0.4 u + 0.6 w, τ dw/dt = u − w.
+    """An amplifier with a lag network, which passes 0.4 of the command at once: u_a = 0.4 u + 0.6 w, τ dw/dt = u − w.
 
     Source: lag networks in drives; Franklin, Powell, Emami-Naeini, Feedback Control of Dynamic Systems; share chosen.
     """
@@ -197,7 +199,7 @@ class ShelfAmplifier(Effect):
 
 
 class SlewLimitedAmplifier(Effect):
-    """An amplifier whose voltage changes at a limited rate: du_a/dt = S tanh((u − u_a)/(S 60 µs)), S = 10 V/T.
+    """An amplifier with a limited slew rate: du_a/dt = S tanh((u − u_a)/(S 60 µs)), S = 10 V/T.
 
     Source: differential stage that charges a capacitor; Solomon, IEEE J. Solid-State Circuits 9 (1974) 314.
     """
@@ -215,7 +217,7 @@ class SlewLimitedAmplifier(Effect):
 
 
 class AirCooledHeating(Effect):
-    """A coil that its own motion cools: dϑ/dt = R i²/C − (ϑ/0.15 s) (0.2 + |v|/0.1 m/s).
+    """Heating of a coil that its own motion cools: dϑ/dt = R i²/C − (ϑ/0.15 s) (0.2 + |v|/0.1 m/s).
 
     Source: forced convection in the gap of voice coils; Klippel, J. Audio Eng. Soc. 52 (2004) 3. The time is chosen, of
     a thin winding in a narrow gap.
@@ -234,9 +236,9 @@ class AirCooledHeating(Effect):
 
 
 class ConductedHeating(Effect):
-    """A coil whose heat diffuses into a thick former, so that it warms with the root of time: ϑ = (2 h/√π) P √t.
+    """Heating of a coil whose heat diffuses into a thick former: ϑ = (2 h/√π) P √t.
 
-    Sum of three parts with time constants of 3, 30 and 300 ms, each with a share in proportion to their root
+    The root of time as a sum of three first-order parts of 3, 30 and 300 ms.
 
     Source: heated half-space; Carslaw, Jaeger, Conduction of Heat in Solids (1959).
     """

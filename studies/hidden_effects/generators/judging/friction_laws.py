@@ -8,12 +8,12 @@ from edhas_jax.core.structs import par
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects import Effect, state
 from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL, smooth_sign
-from studies.hidden_effects.generators.functions import gauge_pressures
+from studies.hidden_effects.generators.functions import gauge_pressures, smooth_positive
 from studies.hidden_effects.generators.laws import Law
 
 
 class LeverBias(Effect):
-    """A weight on a lever that turns with the mover: −F cos(x/4 mm), either sign.
+    """The force of a weight on a lever that turns with the mover: −F cos(x/4 mm), either sign.
 
     Source: statics of a lever on a drum of 4 mm radius, from which a band runs to the mover; level at mid-stroke.
     """
@@ -25,7 +25,7 @@ class LeverBias(Effect):
 
 
 class PulleyBias(Effect):
-    """A weight on a cord over a fixed pin: −F − 0.25 |F| th(v), either sign.
+    """The force of a weight on a cord that slides over a fixed pin: −F − 0.25 |F| th(v), either sign.
 
     Source: belt friction, Euler (1762) and Eytelwein (1808): the cord pulls more on one side of the pin; about 0.25 of
     the weight for half a turn at a coefficient of 0.08.
@@ -38,7 +38,7 @@ class PulleyBias(Effect):
 
 
 class SwingingBias(Effect):
-    """A weight that swings on its cord: −F (1 + 0.3 sin(2π 4 Hz t + φ)), either sign.
+    """The force of a weight that swings on its cord: −F (1 + 0.3 sin(2π 4 Hz t + φ)), either sign.
 
     Source: tension in the cord of a pendulum, which varies at twice its frequency; its size is chosen.
     """
@@ -51,9 +51,11 @@ class SwingingBias(Effect):
 
 
 class ElasticLipFriction(Effect):
-    """A lip that is bent before it slides, dF/dt = (F_a/80 µm) v (1 − F/F_±), to F_a forward and to −0.3 F_a backward.
+    """Friction of a seal lip that deforms before it slides.
 
-    Source: Dahl, AIAA J. 14 (1976) 1675, with one force for each direction, as lip seals have; the ratio is chosen.
+    dF/dt = (F_a/80 µm) v (1 − F/F_±), F_+ = F_a, F_− = −0.3 F_a
+
+    Source: Dahl, AIAA J. 14 (1976) 1675, with one force in each direction, as of lip seals; the ratio is chosen.
     """
 
     bent_lip_force: float = par(2.0, "N", (0.0, 1e4), "F_a", plausible=(0.4, 8.0))
@@ -70,9 +72,11 @@ class ElasticLipFriction(Effect):
 
 
 class LiftingLipFriction(Effect):
-    """Friction of a lip that lifts off in the forward stroke: F_a (v/v_0) exp(1 − v/v_0) for v > 0, v_0 = 40 mm/s.
+    """Friction of a seal lip in the forward stroke, which a film lifts off at speed.
 
-    Source: lips that a film carries at speed; Müller, Nau, Fluid Sealing Technology (1998); the form is chosen.
+    F_a (v/v_0) exp(1 − v/v_0) for v > 0, v_0 = 40 mm/s
+
+    Source: hydrodynamic lubrication of lips; Müller, Nau, Fluid Sealing Technology (1998); the form is chosen.
     """
 
     lifting_lip_force: float = par(2.0, "N", (0.0, 1e4), "F_a, the largest", plausible=(0.4, 8.0))
@@ -83,9 +87,9 @@ class LiftingLipFriction(Effect):
 
 
 class WedgingFriction(Effect):
-    """Dry friction in the forward stroke that grows on the way: F_a (1 + 0.7 x/x_m) max(th(v), 0), x_m = 5 mm.
+    """Dry friction in the forward stroke that grows with the position: F_a (1 + 0.7 x/x_m) max(th(v), 0), x_m = 5 mm.
 
-    Source: chosen; a wiper that is drawn into a narrowing gap and is free on the way back.
+    Source: the form is chosen; a wiper that is drawn into a narrowing gap in one direction only.
     """
 
     wiper_force: float = par(1.5, "N", (0.0, 1e4), "F_a", plausible=(0.3, 5.0))
@@ -96,7 +100,7 @@ class WedgingFriction(Effect):
 
 
 class ThinningAsymmetricDamping(Effect):
-    """Viscous friction that differs between the directions, of a film that thins: −c |v|/(1 + |v|/0.1 m/s).
+    """Viscous friction that differs between the directions, with a shear-thinning grease: −c |v|/(1 + |v|/0.1 m/s).
 
     Source: shear-thinning greases; Cross, J. Colloid Science 20 (1965) 417, with the exponent 1; the speed is chosen.
     """
@@ -109,9 +113,9 @@ class ThinningAsymmetricDamping(Effect):
 
 
 class SlopingAsymmetricDamping(Effect):
-    """Viscous friction that differs between the directions the more, the further out: −c |v| (1 + 0.8 x/x_m).
+    """Viscous friction whose difference between the directions grows with the position: −c |v| (1 + 0.8 x/x_m).
 
-    Source: chosen; a guide that is worn at one end, where the mover tilts most.
+    Source: the form is chosen; a guide that is worn at one end.
     """
 
     slope_difference: float = par(5.0, "N*s/m", (-1e4, 1e4), "c", plausible=(-60.0, 60.0))
@@ -122,9 +126,9 @@ class SlopingAsymmetricDamping(Effect):
 
 
 class TippingAsymmetricDamping(Effect):
-    """A mover that tips over after it reverses: −c v q, τ dq/dt = tanh(v/20 mm/s) − q, so −c |v| in the long run.
+    """Viscous friction of a mover that tilts late after a reversal: −c v q, τ dq/dt = tanh(v/20 mm/s) − q.
 
-    Source: chosen; the squeeze film of a guide, which delays the tilt.
+    Source: the form is chosen; the squeeze film of the guide delays the tilt. After the delay the force is −c |v|.
     """
 
     tipping_difference: float = par(5.0, "N*s/m", (-1e4, 1e4), "c", plausible=(-60.0, 60.0))
@@ -140,9 +144,9 @@ class TippingAsymmetricDamping(Effect):
 
 
 class WavyBoreFriction(Effect):
-    """Dry friction that rises and falls along the stroke: F_s (1 + sin(2π x/τ + φ))/2 th(v).
+    """Dry friction that is periodic in the position: F_s (1 + sin(2π x/τ + φ))/2 th(v).
 
-    Source: friction as a Fourier series over the position, Armstrong, Proc. IEEE ICRA (1988) 1210; chatter marks.
+    Source: friction as a Fourier series over the position, Armstrong, Proc. IEEE ICRA (1988) 1210, its first term.
     """
 
     chatter_friction: float = par(3.0, "N", (0.0, 1e4), "F_s", plausible=(0.5, 12.0))
@@ -155,9 +159,9 @@ class WavyBoreFriction(Effect):
 
 
 class TightSpotFriction(Effect):
-    """Dry friction at one tight spot: F_s exp(−((x − x_0)/0.9 mm)²) th(v).
+    """Additional dry friction near one position: F_s exp(−((x − x_0)/0.9 mm)²) th(v).
 
-    Source: chosen; a burr or a dent in the bore.
+    Source: the form is chosen; a burr or a dent in the bore.
     """
 
     burr_friction: float = par(4.0, "N", (0.0, 1e4), "F_s", plausible=(0.8, 20.0))
@@ -169,7 +173,7 @@ class TightSpotFriction(Effect):
 
 
 class TaperedBoreFriction(Effect):
-    """Dry friction in a bore that narrows steadily: F_s exp(x/2.5 mm)/exp(2) th(v), F_s at 5 mm.
+    """Dry friction that grows exponentially along a narrowing bore: F_s exp(x/2.5 mm)/exp(2) th(v), F_s at 5 mm.
 
     Source: a press fit in a cone, whose pressure grows with the depth; the exponential form is chosen.
     """
@@ -182,7 +186,7 @@ class TaperedBoreFriction(Effect):
 
 
 class ThresholdSealFriction(Effect):
-    """Seal drag above a pressure: μ S_p of what each chamber has beyond p_0 = 0.35 MPa, rounded within 50 kPa, th(v).
+    """Seal friction above a threshold of pressure: μ S_p Σ max(p − 0.35 MPa, 0) th(v), rounded within 50 kPa.
 
     Source: stiff seals, which the pressure must bend before they seal; the form is chosen.
     """
@@ -190,13 +194,12 @@ class ThresholdSealFriction(Effect):
     stiff_seal_friction: float = par(0.04, "-", (0.0, 10.0), "μ", plausible=(0.008, 0.3))
 
     def mover_friction(self, s, z):
-        beyond = [p - 0.35e6 for p in gauge_pressures(s)]
-        a, b = (0.5 * (p + jnp.sqrt(jnp.square(p) + 2.5e9)) for p in beyond)
-        return self.stiff_seal_friction * s.piston_area * (a + b) * smooth_sign(s.sliding_velocity)
+        beyond = sum(smooth_positive(p - 0.35e6, 50e3) for p in gauge_pressures(s))
+        return self.stiff_seal_friction * s.piston_area * beyond * smooth_sign(s.sliding_velocity)
 
 
 class LubricatedSealFriction(Effect):
-    """Seal drag that falls with speed: μ S_p Σ p (0.25 + 0.75/(1 + (v/60 mm/s)²)) th(v).
+    """Seal friction that decreases with speed: μ S_p Σ p (0.25 + 0.75/(1 + (v/60 mm/s)²)) th(v).
 
     Source: mixed lubrication of seals, Müller, Nau, Fluid Sealing Technology (1998); rational fall after Hess, Soom.
     """
@@ -210,7 +213,7 @@ class LubricatedSealFriction(Effect):
 
 
 class SquaredSealFriction(Effect):
-    """Seal drag with the square of the pressure: μ S_p Σ p²/0.5 MPa th(v).
+    """Seal friction in proportion to the square of the pressure: μ S_p Σ p²/0.5 MPa th(v).
 
     Source: seals whose contact becomes both wider and harder with the pressure; the form is chosen.
     """
@@ -218,8 +221,8 @@ class SquaredSealFriction(Effect):
     squeezed_seal_friction: float = par(0.03, "-", (0.0, 10.0), "μ", plausible=(0.003, 0.2))
 
     def mover_friction(self, s, z):
-        a, b = (jnp.square(p) / 0.5e6 for p in gauge_pressures(s))
-        return self.squeezed_seal_friction * s.piston_area * (a + b) * smooth_sign(s.sliding_velocity)
+        squares = sum(jnp.square(p) for p in gauge_pressures(s)) / 0.5e6
+        return self.squeezed_seal_friction * s.piston_area * squares * smooth_sign(s.sliding_velocity)
 
 
 LAWS = (

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from edhas_jax.core.structs import par
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects import Effect, state
+from studies.hidden_effects.generators.functions import outlet_line_drop
 from studies.hidden_effects.generators.laws import Law
 from studies.hidden_effects.generators.places import is_chamber_b
 
@@ -17,7 +18,7 @@ def _gap_flow(s, gap, per_length):
 
 
 class OverlapLeakage(Effect):
-    """Laminar leakage along a fit that lengthens as the plunger goes in: π d δ³ Δp/(12 μ (8 mm + x)) − (π d δ/2) v.
+    """Laminar leakage along a gap whose length grows as the plunger goes in: π d δ³ Δp/(12 μ (8 mm + x)) − (π d δ/2) v.
 
     Source: Ivantysyn, Ivantysynova, Hydrostatic Pumps and Motors (2001): guide length of a piston over its stroke.
     """
@@ -30,9 +31,11 @@ class OverlapLeakage(Effect):
 
 
 class LeaningPlungerLeakage(Effect):
-    """Leakage past a plunger that is centred at mid-stroke only: π d δ³ (1 + 1.5 ε²) Δp/(12 μ L) − (π d δ/2) v.
+    """Leakage past a plunger whose eccentricity ε grows away from mid-stroke.
 
-    The eccentricity is ε² = x²/(x² + (3 mm)²).
+    π d δ³ (1 + 1.5 ε²) Δp/(12 μ L) − (π d δ/2) v
+
+    ε² = x²/(x² + (3 mm)²).
 
     Source: eccentric annulus, Merritt, Hydraulic Control Systems (1967); the eccentricity over the stroke is chosen.
     """
@@ -45,9 +48,9 @@ class LeaningPlungerLeakage(Effect):
 
 
 class CupSealLeakage(Effect):
-    """Leakage past a cup seal that the pressure presses on: k Δp (0.1 + 0.9 exp(−|Δp|/0.3 MPa)).
+    """Leakage past a pressure-energised cup seal: k Δp (0.1 + 0.9 exp(−|Δp|/0.3 MPa)).
 
-    Source: self-energised lips, Müller, Nau, Fluid Sealing Technology (1998); the form is chosen.
+    Source: lips that the pressure presses on, Müller, Nau, Fluid Sealing Technology (1998); the form is chosen.
     """
 
     cup_conductance: float = par(1e-13, "m^3/(s*Pa)", (0.0, 1e-6), "k", plausible=(5e-15, 2e-12))
@@ -58,7 +61,7 @@ class CupSealLeakage(Effect):
 
 
 class SigmoidDissolvingAir(Effect):
-    """Air that stays free up to about 0.3 MPa and is dissolved at 1 MPa: free volume α (p_atm/p) θ.
+    """Air that begins to dissolve at about 0.3 MPa and is dissolved at 1 MPa: free volume α (p_atm/p) θ.
 
     θ = (1 − u)⁵ (1 + 5 u + 15 u² + 35 u³ + 70 u⁴), u = (p − p_atm)/(1 MPa − p_atm), within 0 … 1.
 
@@ -80,7 +83,7 @@ class SigmoidDissolvingAir(Effect):
 
 
 class GraduallyDissolvingAir(Effect):
-    """Air that the pump dissolves in time: α θ p_atm/p², dθ/dt = (1/(1 + (p_d − p_atm)/0.2 MPa) − θ)/τ, θ(0) = 1.
+    """Air that dissolves with a first-order lag: α θ p_atm/p², dθ/dt = (1/(1 + (p_d − p_atm)/0.2 MPa) − θ)/τ, θ(0) = 1.
 
     Source: Yu, Chen, Lu, J. Dyn. Syst. Meas. Control 116 (1994) 146, for the delay; its dependence is chosen.
     """
@@ -102,7 +105,9 @@ class GraduallyDissolvingAir(Effect):
 
 
 class LogarithmicModulus(Effect):
-    """Oil with air by an empirical modulus: 1/β = 1/β_f + κ (1/m − 1)/β_f, m = 0.5 lg(1 + 99 p/28 MPa), 1 at 28 MPa.
+    """Bulk modulus of aerated oil by an empirical formula.
+
+    1/β = 1/β_f + κ (1/m − 1)/β_f, m = 0.5 lg(1 + 99 p/28 MPa), 1 at 28 MPa
 
     Source: Lee's formula, in Kajaste, Kauranne, Ellman, Pietola, Proc. 9th SICFP (2005); the factor κ is of this study.
     """
@@ -118,7 +123,7 @@ class LogarithmicModulus(Effect):
 
 
 class LinearModulusHose(Effect):
-    """A hose whose bulk modulus rises linearly with pressure: C/(1 + p/0.25 MPa), p above ambient.
+    """A hose whose modulus increases linearly with pressure: C/(1 + p/0.25 MPa), p above ambient.
 
     Source: fits to measured hoses, as in Hružík, Vašina, Bureček, EPJ Web of Conferences 45 (2013); pressure chosen.
     """
@@ -131,7 +136,9 @@ class LinearModulusHose(Effect):
 
 
 class BallooningHose(Effect):
-    """A rubber tube that gives way: C (1 − p/2 MPa)^(−3/2), p above ambient, constant beyond 1.6 MPa.
+    """A thin rubber tube, which becomes softer as it expands.
+
+    C (1 − p/2 MPa)^(−3/2), p above ambient, constant beyond 1.6 MPa
 
     Source: thin tube of neo-Hookean rubber and constant length; Green, Adkins, Large Elastic Deformations (1960).
     """
@@ -144,7 +151,7 @@ class BallooningHose(Effect):
 
 
 class AcceleratedLineInertance(Effect):
-    """A line that resists acceleration more than deceleration: I (1 + k φ) dQ/dt = Δp − R Q.
+    """A line with unsteady friction in accelerated flow: I (1 + k φ) dQ/dt = Δp − R Q.
 
     φ = (1 + tanh(Q (Δp − R Q)/0.2 W))/2 is 1 while the flow grows.
 
@@ -164,13 +171,13 @@ class AcceleratedLineInertance(Effect):
         return z.column_flow
 
     def rates(self, s, z):
-        drop = s.outlet_pressure - s.accumulator_pressure - s.outlet_line_resistance * z.column_flow - s.load_drop
+        drop = outlet_line_drop(s, z.column_flow)
         growing = 0.5 * (1.0 + jnp.tanh(z.column_flow * drop / 0.2))
         return {"column_flow": drop / (self.steady_inertance * (1.0 + self.added_inertia * growing))}
 
 
 class BlendedLineInertance(Effect):
-    """A line with inertia, laminar up to about 0.6 L/min, then turbulent: R Q (1 + (Q/0.6 L/min)⁴)^(1/4).
+    """A line with inertance, laminar up to about 0.6 L/min, then turbulent: R Q (1 + (Q/0.6 L/min)⁴)^(1/4).
 
     Source: blending of asymptotes by Churchill, Usagi, AIChE J. 18 (1972) 1121; its exponent is chosen.
     """
@@ -188,12 +195,12 @@ class BlendedLineInertance(Effect):
         return z.column_flow
 
     def rates(self, s, z):
-        drop = s.outlet_pressure - s.accumulator_pressure - s.outlet_line_resistance * z.column_flow - s.load_drop
+        drop = outlet_line_drop(s, z.column_flow)
         return {"column_flow": drop / self.blended_inertance}
 
 
 class CakeFilter(Effect):
-    """A filter on which a cake grows with the oil that has passed since the start: R (1 + V/4 mL), dV/dt = Q.
+    """A filter whose cake grows with the volume that has passed since the start: R (1 + V/4 mL), dV/dt = Q.
 
     Source: cake filtration at constant specific resistance; Ruth, Ind. Eng. Chem. 27 (1935) 708.
     """
@@ -210,7 +217,9 @@ class CakeFilter(Effect):
 
 
 class TransitionLine(Effect):
-    """A line whose flow turns turbulent within a narrow range: R (1 + 0.75 (1 + tanh((p − p_s − 0.2 MPa)/50 kPa))).
+    """A line with a sharp transition from laminar to turbulent flow.
+
+    R (1 + 0.75 (1 + tanh((p − p_s − 0.2 MPa)/50 kPa)))
 
     Source: jump of the friction factor at the critical Reynolds number; Nikuradse (1933); the pressure is chosen.
     """

@@ -8,11 +8,14 @@ from edhas_jax.core.structs import par
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects import Effect, state
 from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
+from studies.hidden_effects.generators.functions import smooth_positive
 from studies.hidden_effects.generators.laws import Law
 
 
 class BuildingFilmFriction(Effect):
-    """Friction under an oil film that builds up and drains late: (F_C + ΔF exp(−h²)) tanh(v/2 mm/s) + c v.
+    """Stribeck friction whose oil film of thickness h follows the speed with a lag.
+
+    (F_C + ΔF exp(−h²)) tanh(v/2 mm/s) + c v
 
     τ dh/dt = |v|/v_S − h, v_S = 50 mm/s, c = 2 N·s/m
 
@@ -75,7 +78,7 @@ class LogarithmicFriction(Effect):
 class FlatToppedCogging(Effect):
     """Cogging that is nearly constant between the turning points: −A sin u/√(0.06 + sin² u), u = 2π x/τ + φ.
 
-    Source: chosen; teeth and gaps of equal width under a short magnet, whose force keeps its size over a tooth.
+    Source: the form is chosen; teeth and gaps of equal width under a short magnet.
     """
 
     tooth_force: float = par(1.0, "N", (0.0, 1e4), "A", plausible=(0.2, 5.0))
@@ -105,7 +108,7 @@ class IronScrewCogging(Effect):
 class UnevenPitchCogging(Effect):
     """Cogging whose pitch changes along the stroke: −A sin(2π (x/τ) (1 + 0.4 x/x_m) + φ), x_m = 5 mm.
 
-    Source: chosen; magnets that are placed unevenly, as of tolerances that add up.
+    Source: the form is chosen; magnets at uneven distances.
     """
 
     uneven_force: float = par(1.0, "N", (0.0, 1e4), "A", plausible=(0.2, 5.0))
@@ -119,9 +122,9 @@ class UnevenPitchCogging(Effect):
 
 
 class ShortedTurnDrag(Effect):
-    """Drag of a shorted turn, whose current has to build up: τ dF/dt = c v − F, τ its inductance over its resistance.
+    """Eddy drag of a shorted turn with inductance, which follows the speed with a lag: τ dF/dt = c v − F.
 
-    Source: Faraday's and Ohm's laws for a ring with inductance in a uniform radial field.
+    Source: Faraday's and Ohm's laws for a ring in a uniform radial field; τ is its inductance over its resistance.
     """
 
     turn_drag: float = par(10.0, "N*s/m", (0.0, 1e4), "c", plausible=(1.0, 40.0))
@@ -137,7 +140,7 @@ class ShortedTurnDrag(Effect):
 
 
 class PoleEddyDrag(Effect):
-    """Drag that follows the square of the field of the poles: −c v (1 + cos(2π x/τ + φ)).
+    """Eddy drag with the square of a periodic field: −c v (1 + cos(2π x/τ + φ)).
 
     Source: eddy loss ∝ B² v² of a thin conductor in the sinusoidal field of a magnet array.
     """
@@ -152,7 +155,7 @@ class PoleEddyDrag(Effect):
 
 
 class EnteringEddyDrag(Effect):
-    """Drag of a sheet that enters the field on one side: −c v (1 + tanh((x − x_0)/1.5 mm))/2.
+    """Eddy drag of a sheet that enters the field at one end of the stroke: −c v (1 + tanh((x − x_0)/1.5 mm))/2.
 
     Source: eddy-current brakes with partial overlap of sheet and magnet; the shape of the edge is chosen.
     """
@@ -175,13 +178,12 @@ class SlackSpring(Effect):
     slack_length: float = par(1.5e-3, "m", (0.0, 1.0), "g", plausible=(1e-3, 2.2e-3))
 
     def mover_force(self, s, z):
-        ahead, behind = s.piston_position - self.slack_length, -s.piston_position - self.slack_length
-        ahead, behind = (0.5 * (d + jnp.sqrt(jnp.square(d) + 9e-8)) for d in (ahead, behind))
+        ahead, behind = (smooth_positive(x - self.slack_length, 3e-4) for x in (s.piston_position, -s.piston_position))
         return -self.slack_stiffness * (ahead - behind)
 
 
 class MagnetPairSpring(Effect):
-    """Two magnets that pull each other abreast: −k x (1 − (x/2 a)²)/(1 + (x/a)²)^3.5, a = 6 mm.
+    """Lateral attraction of two magnets side by side: −k x (1 − (x/2 a)²)/(1 + (x/a)²)^3.5, a = 6 mm.
 
     Source: lateral force between two dipoles at the distance a, e.g. Jackson, Classical Electrodynamics.
     """
@@ -196,7 +198,7 @@ class MagnetPairSpring(Effect):
 
 
 class AirSpring(Effect):
-    """Air that is shut in behind the mover: −(k h/1.2) ((1 − x/h)^−1.2 − 1), h = 9 mm.
+    """A closed volume of air behind the mover: −(k h/1.2) ((1 − x/h)^−1.2 − 1), h = 9 mm.
 
     Source: polytropic change of state in a closed volume of the length h.
     """
@@ -209,7 +211,7 @@ class AirSpring(Effect):
 
 
 class GapInductance(Effect):
-    """An inductance with an air gap of 8 mm + x: L (1 − λ + λ/(1 + x/8 mm)), with its force and voltage.
+    """An inductance that falls as an air gap opens: L (1 − λ + λ/(1 + x/8 mm)), with its force and voltage.
 
     Source: plunger magnets, inductance ∝ 1/gap; Fitzgerald, Kingsley, Umans, Electric Machinery.
     """
@@ -245,8 +247,7 @@ class OverlapInductance(Effect):
         return s.coil_inductance * self.overlap_inductance * slope / REFERENCE_TRAVEL
 
     def coil_inductance_factor(self, s, z):
-        x = s.piston_position
-        return 1.0 + self.overlap_inductance * 0.5 * (x + jnp.sqrt(jnp.square(x) + 3.6e-7)) / REFERENCE_TRAVEL
+        return 1.0 + self.overlap_inductance * smooth_positive(s.piston_position, 6e-4) / REFERENCE_TRAVEL
 
     def coil_voltage_change(self, s, z):
         return -s.current * s.piston_velocity * self._gradient(s)

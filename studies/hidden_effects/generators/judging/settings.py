@@ -6,34 +6,34 @@ from studies.hidden_effects.generators.settings import RunDrift, WrongSheet
 
 
 def _readjusted(rng, runs):
-    """A bench that is set up anew before one of the runs: from there on 0.5 … 1.2 % off."""
+    """A setting that is readjusted before one of the runs and is 0.5 … 1.2 % off from then on."""
     start = rng.integers(1, runs) if runs > 1 else 0
     return 1.0 + rng.uniform(0.005, 0.012) * rng.choice([-1.0, 1.0]) * (np.arange(runs) >= start)
 
 
 def _wandering(rng, runs):
-    """A random walk of 0.2 … 0.5 % per run that starts at the stated value."""
+    """A random walk from run to run, which starts at the stated value; its steps have a deviation of 0.2 … 0.5 %."""
     steps = rng.uniform(0.002, 0.005) * rng.standard_normal(runs)
     return 1.0 + np.cumsum(steps) - steps[0]
 
 
 def _cold_at_first(rng, runs):
-    """Oil that is 2 … 5 % thicker in the first run, half of that in the next, and so on."""
+    """A viscosity that is 2 … 5 % too high in the first run, with an error that halves from run to run."""
     return 1.0 + rng.uniform(0.02, 0.05) * 0.5 ** np.arange(runs)
 
 
 def _leaving(rng, runs):
-    """Air of which 5 … 15 % leave the oil over the campaign."""
+    """An air content that falls linearly by 5 … 15 % over the campaign."""
     return 1.0 - rng.uniform(0.05, 0.15) * np.arange(runs) / max(1, runs - 1)
 
 
 def _too_certain(rng, count):
-    """A sheet that is too certain: deviations of 1.5 times what it states, at most three standard deviations."""
+    """Deviations that are 1.5 times as large as the sheet states, at most three standard deviations."""
     return np.clip(1.5 * rng.standard_normal(count), -3.0, 3.0)
 
 
 def _second_half_guessed(rng, count):
-    """The parameters in the second half of the sheet are guessed: 1.2 … 2.5 standard deviations off."""
+    """Guessed values in the second half of the sheet: 1.2 … 2.5 standard deviations off."""
     out = np.clip(rng.standard_normal(count), -2.0, 2.0)
     guessed = np.arange(count) >= count // 2
     return np.where(guessed, rng.uniform(1.2, 2.5, count) * rng.choice([-1.0, 1.0], count), out)

@@ -9,7 +9,7 @@ from studies.hidden_effects.generators.places import is_chamber_b
 
 
 class LiftingSeal(Effect):
-    """A seal that the pressure lifts off its plunger, and that falls back late: Q = k (p − p_s) o.
+    """A plunger seal that pressure lifts off, and that closes again with a delay: Q = k (p − p_s) o, opening o:
 
     do/dt = ((1 + tanh((p − p_s − p_0)/40 kPa))/2 − o)/6 ms
 
@@ -41,7 +41,7 @@ class LiftingSeal(Effect):
 
 
 class CableHysteresis(Effect):
-    """A cable whose strands slide on each other: −F r, dr/dt = v (1 − r sgn v)/δ, with δ of about a millimetre.
+    """Hysteresis of a cable whose strands slide on each other: −F r, dr/dt = v (1 − r sgn v)/δ.
 
     Source: Dahl, AIAA J. 14 (1976) 1675; for wire ropes Demetriades, Constantinou, Reinhorn, Eng. Structures 15 (1993).
     """
@@ -62,9 +62,9 @@ class CableHysteresis(Effect):
 
 
 class SweptLubricant(Effect):
-    """Grease that the moving guide sweeps away: F (1 − exp(−w/w_0)) tanh(v/6 mm/s), dw/dt = |v|, w = 0 at the start.
+    """Dry friction that grows as the guide wipes its grease away: F (1 − exp(−w/w_0)) tanh(v/6 mm/s), dw/dt = |v|.
 
-    Source: starved contacts, whose film is used up by the motion and flows back in a pause; the form is chosen.
+    Source: starved lubrication, which the distance travelled w since the start makes worse; the form is chosen.
     """
 
     confused_with = ("lugre_friction", "asymmetric_friction", "stroke_dependent_friction", "coil_heating")
@@ -72,7 +72,7 @@ class SweptLubricant(Effect):
     dry_guide_force: float = par(1.0, "N", (0.0, 1e4), "F", plausible=(0.1, 12.0))
     swept_way: float = par(30e-3, "m", (1e-5, 1e3), "w_0", plausible=(12e-3, 80e-3))
 
-    way = state("m", "way since the start")
+    way = state("m", "distance travelled since the start")
 
     def mover_friction(self, s, z):
         return self.dry_guide_force * (1.0 - jnp.exp(-z.way / self.swept_way)) * jnp.tanh(s.sliding_velocity / 6e-3)
@@ -82,9 +82,9 @@ class SweptLubricant(Effect):
 
 
 class MagneticHysteresis(Effect):
-    """Iron that keeps part of its magnetisation: F_e = Km (i + i_r m), dm/dt = (w − |w| m)/2 A.
+    """Magnetic hysteresis: F_e = Km (i + i_r m), dm/dt = (w − |w| m)/2 A.
 
-    w is the rate of a current i_f that follows the coil current within 1 ms, w = (i − i_f)/1 ms.
+    w is the filtered rate of the coil current: w = di_f/dt = (i − i_f)/1 ms.
 
     Source: Coleman, Hodgdon, Int. J. Eng. Sci. 24 (1986) 897, simplest form.
     """
@@ -105,7 +105,9 @@ class MagneticHysteresis(Effect):
 
 
 class CrossoverDistortion(Effect):
-    """A linear amplifier without quiescent current, which loses a voltage at the output: −V tanh(u/0.5 V).
+    """Crossover distortion of a class B amplifier, a constant voltage drop with the sign of the output.
+
+    −V tanh(u/0.5 V)
 
     Source: class B amplifiers; Self, Audio Power Amplifier Design (2013); the transition is chosen.
     """
@@ -119,7 +121,7 @@ class CrossoverDistortion(Effect):
 
 
 class PressedBall(Effect):
-    """Balls that the flow presses against their guide: −F tanh(ẏ/10 mm/s) |Δp|/0.2 MPa.
+    """Friction of valve balls that the flow presses against their guide: −F tanh(ẏ/10 mm/s) |Δp|/0.2 MPa.
 
     Source: side forces of an uneven flow around the ball, and Coulomb's law; the form is chosen.
     """
@@ -133,7 +135,7 @@ class PressedBall(Effect):
 
 
 class ChargedDamper(Effect):
-    """A damper charged with gas, on its stop below the charge: capacity C (p_0/p)² above p_0, none below (±30 kPa).
+    """A pulsation damper with a gas charge: capacity C (p_0/p)² above the charge pressure p_0, none below (±30 kPa).
 
     Source: Boyle's law for the gas of a pulsation damper.
     """
@@ -149,7 +151,7 @@ class ChargedDamper(Effect):
 
 
 class CushionedCylinder(Effect):
-    """A cushion that throttles the oil as the cylinder nears its end: −c v_c (x_c/8 mm)³.
+    """End-position cushioning, which damps the cylinder the more, the further out it is: −c v_c (x_c/8 mm)³.
 
     Source: tapered cushioning spears; the form is chosen.
     """

@@ -1,4 +1,4 @@
-"""Laws of check valves and suction line, for judging."""
+"""Laws of check valves, for judging."""
 
 import jax.numpy as jnp
 
@@ -30,7 +30,9 @@ class TransientFlowForce(Effect):
 
 
 class BoreLimitedFlowForce(Effect):
-    """A flow force of a valve whose bore limits the flow at large lift: −K A Δp/(1 + (2 A/A_s)²), A_s area of the seat.
+    """A flow force that falls at large lift, where the bore limits the flow.
+
+    −K A Δp/(1 + (2 A/A_s)²), A_s area of the seat
 
     Source: two restrictions in series, as in Stone, J. Basic Eng. 82 (1960) 144, for poppets; the factor 2 is chosen.
     """
@@ -43,7 +45,7 @@ class BoreLimitedFlowForce(Effect):
 
 
 class ReynoldsFlowForce(Effect):
-    """A flow force that is weak in laminar flow: −K A Δp Re/(Re + 60), Re = 2 y √(2 ρ |Δp|)/μ.
+    """A flow force that is smaller at low Reynolds numbers: −K A Δp Re/(Re + 60), Re = 2 y √(2 ρ |Δp|)/μ.
 
     Source: Wu, Burton, Schoenau, Int. J. Fluid Power 3 (2002) 27, for the dependence on Re; the form is chosen.
     """
@@ -57,7 +59,7 @@ class ReynoldsFlowForce(Effect):
 
 
 class TearingFilm(Effect):
-    """A film that tears where the tension is too large: −F u/√(1 + u²), u = ẏ/(2 mm/s)/(1 + y/30 µm)³ for ẏ > 0.
+    """Adhesion by a film of limited tensile strength: −F u/√(1 + u²), u = ẏ/(2 mm/s)/(1 + y/30 µm)³ for ẏ > 0.
 
     Source: cavitation in films that are pulled apart; Resch, Scheidl, Proc. IMechE C 228 (2014) 226; form chosen.
     """
@@ -71,9 +73,11 @@ class TearingFilm(Effect):
 
 
 class RestingAdhesion(Effect):
-    """Adhesion that builds up while the ball rests: −F b n(y), db/dt = (n(y) − b)/4 ms, n = exp(−max(y, 0)/25 µm).
+    """Adhesion that grows while the ball rests on its seat.
 
-    Source: adhesion that grows with the time at rest; Rabinowicz, Friction and Wear of Materials (1965); form chosen.
+    −F b n(y), db/dt = (n(y) − b)/4 ms, n = exp(−max(y, 0)/25 µm)
+
+    Source: static friction grows with the time at rest; Rabinowicz, Friction and Wear of Materials (1965); form chosen.
     """
 
     bond_force: float = par(0.8, "N", (0.0, 1e4), "F", plausible=(0.01, 3.0))
@@ -98,7 +102,7 @@ class RestingAdhesion(Effect):
 
 
 class LineContactFilm(Effect):
-    """The film between ball and cone resists motion both ways: −c ẏ/(1 + y/15 µm)^1.5.
+    """Squeeze-film damping between ball and conical seat in both directions: −c ẏ/(1 + y/15 µm)^1.5.
 
     Source: squeeze film of a line contact, ∝ gap^(−3/2); Hamrock, Fundamentals of Fluid Film Lubrication (1991).
     """
@@ -111,19 +115,19 @@ class LineContactFilm(Effect):
 
 
 def _narrow(s):
-    """What is left of the flow through a narrow gap, laminar far below 0.3 MPa, relative to an orifice."""
+    """The flow through a narrow gap, laminar far below 0.3 MPa, over that through an orifice of the same area."""
     size = jnp.abs(s.pressure_drop)
     return jnp.sqrt(size / (size + 0.3e6) + 1e-6)
 
 
 def _silting(lift, silt):
-    """The rate of the silt in the gap of a seat, which is flushed while the valve is open."""
+    """The rate of the particles in the gap of a seat, which the flow removes while the valve is open."""
     seated = 1.0 / (1.0 + jnp.square(jnp.maximum(lift, 0.0) / NEAR_SEAT))
     return (seated - silt) / SILTING_TIME
 
 
 class NarrowSuctionGap(Effect):
-    """Narrow gaps in the seats of the suction valves: an area A √(|Δp|/(|Δp| + 0.3 MPa)), laminar at small drops.
+    """Leaking seats of the suction valves, laminar at small pressure drops: effective area A √(|Δp|/(|Δp| + 0.3 MPa)).
 
     Source: discharge coefficient ∝ √Re at small Re, constant at large; Merritt (1967); the pressure is chosen.
     """
@@ -135,9 +139,9 @@ class NarrowSuctionGap(Effect):
 
 
 class SiltingSuctionSeat(Effect):
-    """Gaps in the seats of the suction valves that silt up while they are closed: A (1 − 0.8 σ), σ follows in 15 ms.
+    """Leaking seats of the suction valves, which particles clog while they are closed: A (1 − 0.8 σ), σ within 15 ms.
 
-    Source: silting of narrow gaps by fine particles, which the next opening flushes away; the form is chosen.
+    Source: silting of narrow gaps by fine particles, which the open valve flushes out; the form is chosen.
     """
 
     flushed_area: float = par(5e-8, "m^2", (0.0, 1e-3), "A", plausible=(2e-9, 6e-7))
@@ -154,7 +158,7 @@ class SiltingSuctionSeat(Effect):
 
 
 class NarrowDeliveryGap(Effect):
-    """Narrow gaps in the seats of the delivery valves: an area A √(|Δp|/(|Δp| + 0.3 MPa)), laminar at small drops.
+    """Leaking seats of the delivery valves, laminar at small pressure drops: effective area A √(|Δp|/(|Δp| + 0.3 MPa)).
 
     Source: discharge coefficient ∝ √Re at small Re, constant at large; Merritt (1967); the pressure is chosen.
     """
@@ -166,9 +170,9 @@ class NarrowDeliveryGap(Effect):
 
 
 class SiltingDeliverySeat(Effect):
-    """Gaps in the seats of the delivery valves that silt up while they are closed: A (1 − 0.8 σ), σ follows in 15 ms.
+    """Leaking seats of the delivery valves, which particles clog while they are closed: A (1 − 0.8 σ), σ within 15 ms.
 
-    Source: silting of narrow gaps by fine particles, which the next opening flushes away; the form is chosen.
+    Source: silting of narrow gaps by fine particles, which the open valve flushes out; the form is chosen.
     """
 
     flushed_area: float = par(5e-8, "m^2", (0.0, 1e-3), "A", plausible=(2e-9, 6e-7))
@@ -184,104 +188,6 @@ class SiltingDeliverySeat(Effect):
         return {"silt_a": _silting(s.delivery_lift_a, z.silt_a), "silt_b": _silting(s.delivery_lift_b, z.silt_b)}
 
 
-class SuckedInHose(Effect):
-    """A suction hose that flattens within 3 ms as its pressure falls: R (1 + u/40 kPa), du/dt = (p_s − p_m − u)/3 ms.
-
-    Source: limited flow through collapsible tubes; Shapiro, J. Biomech. Eng. 99 (1977) 126; the form is chosen.
-    """
-
-    round_resistance: float = par(2e8, "Pa*s/m^3", (1e3, 1e13), "R", plausible=(1e7, 1e9))
-
-    suction_drop = state("Pa", "pressure drop that the wall has followed")
-
-    def suction_line_resistance(self, s, z):
-        return self.round_resistance * (1.0 + jnp.maximum(z.suction_drop, 0.0) / 40e3)
-
-    def rates(self, s, z):
-        return {"suction_drop": (s.accumulator_pressure - s.suction_pressure - z.suction_drop) / 3e-3}
-
-
-class ColdSuctionLine(Effect):
-    """A suction line full of cold oil, which warm oil displaces: R (0.3 + 0.7 exp(−V/4 mL)), dV/dt = Q.
-
-    Source: Hagen-Poiseuille, with the viscosity of well-mixed oil; the volume and the change are chosen.
-    """
-
-    cold_resistance: float = par(4e8, "Pa*s/m^3", (1e3, 1e13), "R", plausible=(2e7, 4e9))
-
-    drawn_volume = state("m^3", "oil that has been drawn in")
-
-    def suction_line_resistance(self, s, z):
-        return self.cold_resistance * (0.3 + 0.7 * jnp.exp(-jnp.maximum(z.drawn_volume, 0.0) / 4e-6))
-
-    def rates(self, s, z):
-        return {"drawn_volume": s.suction_line_flow}
-
-
-class FootValveLine(Effect):
-    """A suction line with a spring-loaded foot valve: R = R_0 + p_0/√(Q_v² + (0.1 L/min)²), R_0 = 3e7 Pa·s/m³.
-
-    The valve follows the flow late: dQ_v/dt = (Q − Q_v)/2 ms.
-
-    Source: a valve with a soft spring, whose pressure drop is that of opening at any flow.
-    """
-
-    opening_pressure: float = par(5e3, "Pa", (0.0, 1e6), "p_0", plausible=(200.0, 5e4))
-
-    valve_flow = state("m^3/s", "flow for which the foot valve is open")
-
-    def suction_line_resistance(self, s, z):
-        return 3e7 + self.opening_pressure / jnp.sqrt(jnp.square(z.valve_flow) + (1.67e-6) ** 2)
-
-    def rates(self, s, z):
-        return {"valve_flow": (s.suction_line_flow - z.valve_flow) / 2e-3}
-
-
-class ProfiledSuctionInertance(Effect):
-    """A suction line whose velocity profile adds to its inertia: I (1 + 1/(3 (1 + (Q/0.9 L/min)²))) dQ/dt = Δp − R Q.
-
-    Source: momentum factor of 4/3 for laminar and 1 for turbulent flow; the blending is chosen.
-    """
-
-    flat_inertance: float = par(1e7, "kg/m^4", (1e3, 1e12), "I", plausible=(2e5, 5e7))
-    drawn_resistance: float = par(3e7, "Pa*s/m^3", (0.0, 1e15), "R", plausible=(5e6, 1.5e8))
-
-    drawn_flow = state("m^3/s", "flow through the line")
-
-    def suction_line_resistance(self, s, z):
-        return self.drawn_resistance
-
-    def suction_line_flow(self, s, z):
-        return z.drawn_flow
-
-    def rates(self, s, z):
-        drop = s.accumulator_pressure - s.suction_pressure - s.suction_line_resistance * z.drawn_flow
-        profile = 1.0 + 1.0 / (3.0 * (1.0 + jnp.square(z.drawn_flow / 1.5e-5)))
-        return {"drawn_flow": drop / (self.flat_inertance * profile)}
-
-
-class CoiledSuctionInertance(Effect):
-    """A coiled suction line, with inertia and secondary flow: I dQ/dt = Δp − R Q (1 + (Q/0.24 L/min)²)^(1/4).
-
-    Source: loss of coils ∝ √De at large Dean numbers; White, Proc. R. Soc. A 123 (1929) 645; the blending is chosen.
-    """
-
-    coil_inertance: float = par(1e7, "kg/m^4", (1e3, 1e12), "I", plausible=(2e5, 5e7))
-    coil_loss: float = par(3e7, "Pa*s/m^3", (0.0, 1e15), "R", plausible=(5e6, 1e8))
-
-    drawn_flow = state("m^3/s", "flow through the line")
-
-    def suction_line_resistance(self, s, z):
-        return self.coil_loss * jnp.sqrt(jnp.sqrt(1.0 + jnp.square(z.drawn_flow / 4e-6)))
-
-    def suction_line_flow(self, s, z):
-        return z.drawn_flow
-
-    def rates(self, s, z):
-        drop = s.accumulator_pressure - s.suction_pressure - s.suction_line_resistance * z.drawn_flow
-        return {"drawn_flow": drop / self.coil_inertance}
-
-
 LAWS = tuple(
     Law(mechanism, kind)
     for mechanism, kinds in (
@@ -289,8 +195,6 @@ LAWS = tuple(
         (library.ValveAdhesion, (TearingFilm, RestingAdhesion, LineContactFilm)),
         (library.SuctionSeatLeakage, (NarrowSuctionGap, SiltingSuctionSeat)),
         (library.DeliverySeatLeakage, (NarrowDeliveryGap, SiltingDeliverySeat)),
-        (library.SuctionLineResistance, (SuckedInHose, ColdSuctionLine, FootValveLine)),
-        (library.SuctionLineInertance, (ProfiledSuctionInertance, CoiledSuctionInertance)),
     )
     for kind in kinds
 )

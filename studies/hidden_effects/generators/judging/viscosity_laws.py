@@ -36,9 +36,9 @@ class RoelandsTemperature(Effect):
 
 
 class FluidityRise(Effect):
-    """Fluidity 1/μ that rises linearly with temperature, as the free volume does: 1/(1 + b (ϑ − 40 °C)), at most 5.
+    """Viscosity whose reciprocal increases linearly with temperature: 1/(1 + b (ϑ − 40 °C)), at most 5.
 
-    Source: Batschinski, Z. Phys. Chem. 84 (1913) 643.
+    Source: Batschinski, Z. Phys. Chem. 84 (1913) 643: fluidity in proportion to the free volume.
     """
 
     fluidity_slope: float = par(0.03, "1/K", (-0.2, 0.2), "b", plausible=(0.015, 0.038))
@@ -48,9 +48,11 @@ class FluidityRise(Effect):
 
 
 class LevellingPressureViscosity(Effect):
-    """Viscosity that rises with pressure and levels off: 1 + b p̄/(p̄ + 0.3 MPa), p̄ = (p + p_s)/2.
+    """Viscosity that increases with the mean pressure of the gap and saturates.
 
-    Source: the form is chosen; a polymer additive whose molecules are all stretched at a high pressure.
+    1 + b p̄/(p̄ + 0.3 MPa), p̄ = (p + p_s)/2
+
+    Source: the form is chosen; an additive whose contribution saturates.
     """
 
     levelling_rise: float = par(0.1, "-", (0.0, 10.0), "b", plausible=(0.03, 0.6))
@@ -61,9 +63,9 @@ class LevellingPressureViscosity(Effect):
 
 
 class LatePressureViscosity(Effect):
-    """Viscosity that follows the pressure of the outlet late: 1 + a p_f, dp_f/dt = (p_o − p_f)/τ, τ = 15 ms.
+    """Viscosity that follows the outlet pressure with a first-order lag: 1 + a p_f, dp_f/dt = (p_o − p_f)/τ, τ = 15 ms.
 
-    Source: volume relaxation of oils, Harrison, The Dynamic Properties of Supercooled Liquids (1976), with one time.
+    Source: volume relaxation with one time constant; Harrison, The Dynamic Properties of Supercooled Liquids (1976).
     """
 
     late_rise: float = par(3e-8, "1/Pa", (0.0, 1e-6), "a", plausible=(1e-8, 3e-7))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from edhas_jax.core.structs import par
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects import Effect, state
-from studies.hidden_effects.generators.functions import signed_root
+from studies.hidden_effects.generators.functions import outlet_line_drop, signed_root, suction_line_drop
 from studies.hidden_effects.generators.laws import Law
 
 SCRATCH_PRESSURE = 0.2e6  # Pa, at which a scratch has its stated area
@@ -145,7 +145,7 @@ class TurbulentLineInertance(Effect):
         return z.line_flow
 
     def rates(self, s, z):
-        drop = s.outlet_pressure - s.accumulator_pressure - s.outlet_line_resistance * z.line_flow - s.load_drop
+        drop = outlet_line_drop(s, z.line_flow)
         return {"line_flow": drop / self.line_mass}
 
 
@@ -192,7 +192,7 @@ class TurbulentSuctionInertance(Effect):
         return z.line_flow
 
     def rates(self, s, z):
-        drop = s.accumulator_pressure - s.suction_pressure - s.suction_line_resistance * z.line_flow
+        drop = suction_line_drop(s, z.line_flow)
         return {"line_flow": drop / self.suction_mass}
 
 
