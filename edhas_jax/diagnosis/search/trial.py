@@ -11,7 +11,7 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.search.candidates import MOST_ON_GRID, Candidate, at_prior_means, with_candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
-from edhas_jax.diagnosis.search.plausibility import implausibility_penalty, implausible_parameters, prior_cost
+from edhas_jax.diagnosis.search.plausibility import implausibility_cost
 from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.screening import Score, with_scaled_size
 from edhas_jax.diagnosis.workers import Workers
@@ -55,7 +55,7 @@ class Trial:
         remaining_excess: excess of ½χ² that the candidate and deviations of the accepted laws leave.
         own_law_excess: the same where its own law may deviate as well; `remaining_excess` where not computed.
         own_law_gain: log-evidence gain [nats] with its own law deviating, less the cost of the deviation's values.
-        prior_cost: what the implausible values of its parameters cost [nats], see `plausibility.prior_cost`.
+        prior_cost: what the implausible values of its parameters cost [nats], see `implausibility_cost`.
     """
 
     candidate: Candidate
@@ -96,13 +96,11 @@ class Trial:
 
     def with_fit(self, baseline: EvaluatedFit, evaluated: EvaluatedFit) -> "Trial":
         """The trial with another fit of its candidate, compared with `baseline`, the model without it."""
-        gain, implausible = evaluated.log_evidence - baseline.log_evidence, 0.0
-        if implausible_parameters(self.candidate, evaluated.fit):
-            gain -= implausibility_penalty(evaluated.excess)
-            implausible = prior_cost(self.candidate, evaluated.fit)
+        gain = evaluated.log_evidence - baseline.log_evidence
+        penalty, implausible = implausibility_cost(self.candidate, evaluated, gain)
         falls = baseline.holdout_half_chi_square() - evaluated.holdout_half_chi_square()
         return dataclasses.replace(
-            self, evaluated=evaluated, log_evidence_gain=gain,
+            self, evaluated=evaluated, log_evidence_gain=gain - penalty,
             left_out_gain=float(np.sum(evaluated.left_out - baseline.left_out)),
             explained_share=(baseline.cost - evaluated.cost) / max(baseline.excess, 1.0),
             holdout_half_chi_square_fall=float(falls.sum()), prior_cost=implausible,
