@@ -46,7 +46,7 @@ def ended(monkeypatch):
             return RoundEnd(dataclasses.replace(of_round, accepted=trial), model(left[trial.candidate]))
 
         monkeypatch.setattr(selection_round, "_end_with", end_with)
-        monkeypatch.setattr(selection_round, "prior_cost", lambda candidate, fit: 2.5)
+        monkeypatch.setattr(selection_round, "implausibility_cost", lambda candidate, evaluated, gain: (330.0, 2.5))
         monkeypatch.setattr(
             selection_round, "implausible_parameters", lambda candidate, fit: ["width"] * (candidate in implausible)
         )
@@ -64,7 +64,7 @@ def test_a_plausible_candidate_that_leaves_little_more_is_accepted_instead(ended
     assert end.round.accepted.candidate == ROD and end.baseline.excess == 1500.0
     rejected = next(trial for trial in end.round.trials if trial.candidate == PLAY)
     assert rejected.prior_cost == 2.5
-    # the evidence of the fits with curves counts now, and an implausible value costs 30 nats and 0.3 of what is left
+    # the evidence of the fits with curves counts now, and what the implausible value costs
     assert rejected.mean_gain - end.round.accepted.mean_gain == pytest.approx(500.0 - 330.0)
 
 

@@ -19,7 +19,7 @@ from edhas_jax.diagnosis.search.decision_rules import (
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
 from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
-from edhas_jax.diagnosis.search.plausibility import implausibility_penalty, implausible_parameters, prior_cost
+from edhas_jax.diagnosis.search.plausibility import implausibility_cost, implausible_parameters
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.settled_fit import settle, with_recorded_time, without_wrong_samples
@@ -151,6 +151,12 @@ def _end_with(
             law, model = free_law(model, present, earlier, resolution, report)
             laws = laws if law is None else (*laws, law)
     model = without_wrong_samples(with_tightened_bench(model, resolution.coarse), resolution)
+    if any(law.of == trial.candidate.id for law in laws) and trial.prior_cost > 0.0:
+        # values that only the law of the library needs say little against the mechanism
+        _, cost = implausibility_cost(trial.candidate, model, trial.own_law_gain)
+        accepted = dataclasses.replace(trial, prior_cost=min(trial.prior_cost, cost))
+        found = dataclasses.replace(found, trials=tuple(accepted if t is trial else t for t in found.trials))
+        trial = accepted
     return RoundEnd(dataclasses.replace(found, accepted=trial, laws=laws), model)
 
 
@@ -162,12 +168,11 @@ def _leaves_as_little(excess: float, other: float, samples: int, law_error: floa
 def _with_rejected(end: RoundEnd, rejected: RoundEnd) -> RoundEnd:
     """The end of a round, the trial of the rejected candidate with the evidence of its fit with laws as curves."""
     kept, lost, model = end.round.accepted, rejected.round.accepted, rejected.baseline
-    change = model.log_evidence - end.baseline.log_evidence - implausibility_penalty(model.excess)
-    compared = dataclasses.replace(
-        lost, gain_beyond_laws=kept.gain_beyond_laws + change, own_law_gain=kept.own_law_gain + change,
-        prior_cost=prior_cost(lost.candidate, model.fit),
-    )  # fmt: skip
-    trials = tuple(compared if t is lost else t for t in end.round.trials)
+    penalty, cost = implausibility_cost(lost.candidate, model, lost.own_law_gain)
+    change = model.log_evidence - end.baseline.log_evidence - penalty
+    gains = {name: getattr(kept, name) + change for name in ("gain_beyond_laws", "own_law_gain")}
+    compared = dataclasses.replace(lost, prior_cost=cost, **gains)
+    trials = tuple(compared if t.candidate == lost.candidate else t for t in end.round.trials)
     return RoundEnd(dataclasses.replace(end.round, trials=trials), end.baseline)
 
 
