@@ -11,9 +11,11 @@ from edhas_jax.diagnosis.search.decision_rules import (
     EXCESS_SIGMAS,
     holds_by_library_law,
     is_promising,
+    least_predicted_gain,
     least_strength,
     remaining,
 )
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.machine.effects import AmplifierLag, CoggingForce
@@ -57,3 +59,14 @@ def test_only_a_law_without_memory_has_to_be_found_by_a_fit():
     assert not holds_by_library_law(trial(CoggingForce, 19.0, 7000.0, 7158.0, 10.0), SAMPLES)
     assert holds_by_library_law(trial(CoggingForce, 5000.0, 7000.0, 7158.0, 10.0), SAMPLES)
     assert holds_by_library_law(trial(AmplifierLag, 19.0, 7000.0, 7158.0, 10.0), SAMPLES)
+
+
+def test_beside_a_law_as_a_curve_a_candidate_is_tried_only_if_it_promises_to_explain_what_is_left():
+    """A tenth of what is left is tried beside the library's law, where a linear prediction may be far too small."""
+    left, law_error = 2000.0, 400.0
+    excess = left + EXCESS_SIGMAS * math.sqrt(0.5 * SAMPLES)
+    model = SimpleNamespace(samples=SAMPLES, excess_with=lambda deviations: excess)
+    effect, curve = Candidate(CoggingForce, None), object.__new__(LawDeviation)
+    assert least_predicted_gain(model, (), None, 0.0) == 0.0
+    assert least_predicted_gain(model, (effect,), None, law_error) < 0.1 * left
+    assert 0.1 * left < least_predicted_gain(model, (effect, curve), None, law_error) < 0.3 * left

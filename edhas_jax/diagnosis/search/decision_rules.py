@@ -6,12 +6,18 @@ if it removes much more than it leaves.
 """
 
 import math
+from collections.abc import Mapping, Sequence
 
+import numpy as np
+
+from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.trial import Trial
 
 MIN_GAIN = 12.0  # nats: the best of some fifty candidates gains less by chance
 PROMISING_RATIO = 0.15  # gain over what is left, from which a candidate stays in the model while others are sought
+MIN_LAW_ERRORS = 0.05  # predicted gain over the error of an imperfect fit below which a candidate is not tried
 DIFFERING_LAW = 2.0  # gain with its own law deviating over that with the library's law, from which this law is wrong
 LAW_ERROR_SHARE = 0.001  # of what a model explains: a law known as a curve over one variable leaves so much anywhere
 # of half the number of samples: two fits of a model whose signals depend irregularly on its parameters differ by so
@@ -71,6 +77,26 @@ def is_promising(trial: Trial, samples: int, law_error: float = 0.0) -> bool:
     if not trial.left_out_gain > 0.0 and not law_differs:
         return False
     return strength(trial.own_law_gain, trial.own_law_excess, samples, law_error) > PROMISING_RATIO
+
+
+def least_predicted_gain(
+    baseline: EvaluatedFit, accepted: Sequence[Candidate], deviations: Sequence[Mapping[str, np.ndarray]] | None,
+    law_error: float,
+) -> float:  # fmt: skip
+    """The predicted gain [nats] from which a candidate is tried.
+
+    With laws as curves little is left, and nearly every candidate follows a part of it: there a prediction must be
+    promising itself.
+
+    Args:
+        baseline: the model without the candidate.
+        accepted: candidates that it has already.
+        deviations: columns of the deviations of their laws; None for none.
+        law_error: what laws that are known as curves only, or an imperfect fit, may leave [nats].
+    """
+    if not any(isinstance(candidate, LawDeviation) for candidate in accepted):
+        return MIN_LAW_ERRORS * law_error
+    return PROMISING_RATIO * unexplained_floor(baseline.excess_with(deviations), baseline.samples, law_error)
 
 
 def holds_by_library_law(trial: Trial, samples: int) -> bool:

@@ -13,6 +13,7 @@ from edhas_jax.diagnosis.search.decision_rules import (
     MIN_GAIN,
     holds_by_library_law,
     is_promising,
+    least_predicted_gain,
     remaining,
     unexplained_floor,
 )
@@ -40,7 +41,6 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 REFRESHED, MIN_REFRESHED_FALL = 8, 10.0
 PROGRESSIVE_TRIALS = 8  # candidates that are fitted progressively where none explains nearly all
 REFINED, REFINEMENT_STEPS = 2, 6  # trials that are refined where they end near the noise, and the steps of the fit
-MIN_LAW_ERRORS = 0.05  # predicted gain over the error of laws below which a candidate is not tried
 OWN_LAWS = 2  # trials whose own law may deviate
 AS_MUCH = 2.0  # what another candidate may leave, over what one with an implausible parameter leaves
 PROGRESSIVE_RMS = 3.0  # residual over noise below which a fit is not caught in a distant minimum
@@ -77,7 +77,8 @@ def search_round(
     if not is_irregular and (is_far or (baseline.fit.is_distorted and misfit(baseline) > 0.0)):
         scores = _with_scores_at_prior(baseline, accepted, scores, report)
     most = FAR_TRIALS if is_far else MAX_TRIALS
-    scores = [score for score in scores if score.predicted_gain > MIN_LAW_ERRORS * law_error]
+    least = least_predicted_gain(baseline, accepted, deviations, law_error)
+    scores = [score for score in scores if score.predicted_gain > least]
     trials = try_best_candidates(baseline, accepted, scores, resolution, report, max_trials=most, workers=workers)
     if is_far and not is_irregular:
         trials = _retry_progressively(baseline, accepted, trials, resolution, report, workers)
