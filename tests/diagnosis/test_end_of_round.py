@@ -8,6 +8,7 @@ import pytest
 
 from edhas_jax.diagnosis.search import selection_round
 from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.plausibility import ImplausibilityCost
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.diagnosis.search.selection_round import end_of_round
@@ -46,10 +47,10 @@ def ended(monkeypatch):
             return RoundEnd(dataclasses.replace(of_round, accepted=trial), model(left[trial.candidate]))
 
         monkeypatch.setattr(selection_round, "_end_with", end_with)
-        monkeypatch.setattr(selection_round, "implausibility_cost", lambda candidate, evaluated, gain: (330.0, 2.5))
-        monkeypatch.setattr(
-            selection_round, "implausible_parameters", lambda candidate, fit: ["width"] * (candidate in implausible)
-        )
+        def cost(candidate, evaluated, gain):
+            return ImplausibilityCost(330.0, 2.5) if candidate in implausible else ImplausibilityCost()
+
+        monkeypatch.setattr(selection_round, "implausibility_cost", cost)
         return end_of_round(found(), (), TimeResolution(4, 4, 0.0), lambda sentence: None, 0.0, 2)
 
     return ended

@@ -22,14 +22,14 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.instruments import Instruments
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
-CANDIDATE_PRIOR = (0.1, 2.0)  # V, the plausible range of each voltage
+PLAUSIBLE = (0.1, 2.0)  # V, the range of each voltage
 
 
 class TwoDeadTimes(Effect):
     """Two voltages of which the data determine only the sum."""
 
-    first: float = par(0.5, "V", (0.0, 50.0), "voltage that is lost", plausible=CANDIDATE_PRIOR)
-    second: float = par(0.5, "V", (0.0, 50.0), "another one", plausible=CANDIDATE_PRIOR)
+    first: float = par(0.5, "V", (0.0, 50.0), "voltage that is lost", plausible=PLAUSIBLE)
+    second: float = par(0.5, "V", (0.0, 50.0), "another one", plausible=PLAUSIBLE)
 
     def coil_voltage_change(self, s, z):
         return -(self.first + self.second) * jnp.tanh(9.0 * s.current)

@@ -29,7 +29,7 @@ def sample_starts(unknowns: Sequence[UnknownParameter], count: int, seed: int) -
 
 
 def spread_points(unknowns: int, count: int, half_width: float) -> np.ndarray:
-    """Points of a Sobol sequence around the prior means, always the same, as coordinates (count, unknowns).
+    """Points of a scrambled Sobol sequence with a fixed seed, around the prior means, as coordinates (count, unknowns).
 
     Args:
         unknowns: number of unknowns.

@@ -17,7 +17,7 @@ from edhas_jax.diagnosis.search.trial import Trial
 
 MIN_GAIN = 12.0  # nats: the best of some fifty candidates gains less by chance
 PROMISING_RATIO = 0.15  # gain over what is left, from which a candidate stays in the model while others are sought
-MIN_LAW_ERRORS = 0.05  # predicted gain over the error of an imperfect fit below which a candidate is not tried
+MIN_SCATTERS = 0.05  # predicted gain over the scatter of fits below which a candidate is not tried
 DIFFERING_LAW = 2.0  # gain with its own law deviating over that with the library's law, from which this law is wrong
 LAW_ERROR_SHARE = 0.001  # of what a model explains: a law known as a curve over one variable leaves so much anywhere
 # of half the number of samples: two fits of a model whose signals depend irregularly on its parameters differ by so
@@ -95,7 +95,7 @@ def least_predicted_gain(
         law_error: what laws that are known as curves only, or an imperfect fit, may leave [nats].
     """
     if not any(isinstance(candidate, LawDeviation) for candidate in accepted):
-        return MIN_LAW_ERRORS * law_error
+        return MIN_SCATTERS * law_error
     return PROMISING_RATIO * unexplained_floor(baseline.excess_with(deviations), baseline.samples, law_error)
 
 

@@ -114,8 +114,20 @@ def implausibility_penalty(excess: float) -> float:
     return PRIOR_BOUND_PENALTY + PRIOR_BOUND_SHARE * max(excess, 0.0)
 
 
-def implausibility_cost(candidate: Candidate, evaluated: EvaluatedFit, gain: float) -> tuple[float, float]:
-    """What implausible values cost: nats off the gain, and nats off the logarithm of the weight of the name.
+class ImplausibilityCost(NamedTuple):
+    """What implausible values cost; nothing where the data do not demand them.
+
+    Args:
+        gain: nats off the log-evidence gain; more than 0 where they demand them.
+        weight: nats off the logarithm of the weight of the name.
+    """
+
+    gain: float = 0.0
+    weight: float = 0.0
+
+
+def implausibility_cost(candidate: Candidate, evaluated: EvaluatedFit, gain: float) -> ImplausibilityCost:
+    """What implausible values of a candidate's parameters cost.
 
     Neither is more than what a fit with plausible values only would lose, because that is a model of the candidate too.
 
@@ -126,9 +138,10 @@ def implausibility_cost(candidate: Candidate, evaluated: EvaluatedFit, gain: flo
     """
     found = implausibility(candidate, evaluated.fit)
     if not found.parameters:
-        return 0.0, 0.0
+        return ImplausibilityCost()
     lost = found.rise / temperature(gain, max(evaluated.excess, 0.0))
-    return min(implausibility_penalty(evaluated.excess), found.rise), min(prior_cost(candidate, evaluated.fit), lost)
+    penalty = implausibility_penalty(evaluated.excess)
+    return ImplausibilityCost(min(penalty, found.rise), min(prior_cost(candidate, evaluated.fit), lost))
 
 
 def prior_cost(candidate: Candidate, fit: Fit) -> float:

@@ -57,6 +57,12 @@ class Round:
     accepted: Trial | None
     laws: tuple[LawDeviation, ...] = ()
 
+    def with_trial(self, trial: Trial) -> "Round":
+        """The round with another version of one of its trials, accepted where that one is."""
+        trials = tuple(trial if t.candidate == trial.candidate else t for t in self.trials)
+        is_accepted = self.accepted is not None and self.accepted.candidate == trial.candidate
+        return dataclasses.replace(self, trials=trials, accepted=trial if is_accepted else self.accepted)
+
 
 def accepted_trials(rounds: Iterable[Round]) -> list[Trial]:
     """The accepted trials of some rounds, in their order."""

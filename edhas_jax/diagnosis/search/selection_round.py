@@ -20,7 +20,7 @@ from edhas_jax.diagnosis.search.decision_rules import (
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
 from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
-from edhas_jax.diagnosis.search.plausibility import implausibility_cost, implausible_parameters
+from edhas_jax.diagnosis.search.plausibility import ImplausibilityCost, implausibility_cost
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.settled_fit import settle, with_recorded_time, without_wrong_samples
@@ -112,19 +112,20 @@ def end_of_round(
         law_error: what laws that are known as curves only may have left [nats].
         most: largest number of trials with which the model is fitted.
     """
-    ends: list[RoundEnd] = []
+    first: RoundEnd | None = None
     for trial in _promising(found, law_error)[:most]:
         end = _end_with(found, trial, mounted, resolution, report)
         if end is None:
             continue
-        is_plausible = not implausible_parameters(trial.candidate, end.baseline.fit)
-        if not ends and is_plausible:
-            return end
-        best = ends[0].baseline if ends else end.baseline
-        if is_plausible and _leaves_as_little(end.baseline.excess, best.excess, best.samples, law_error):
-            return _with_rejected(end, ends[0])
-        ends.append(end)
-    return ends[0] if ends else RoundEnd(dataclasses.replace(found, accepted=None), None)
+        model, cost = end.baseline, implausibility_cost(trial.candidate, end.baseline, trial.own_law_gain)
+        end, is_plausible = _with_prior_cost(end, cost.weight), not cost.gain
+        if first is None:
+            first, its_cost, best = end, cost, model
+            if is_plausible:
+                return end
+        elif is_plausible and _leaves_as_little(model.excess, best.excess, best.samples, law_error):
+            return _with_rejected(end, first, its_cost)
+    return first or RoundEnd(dataclasses.replace(found, accepted=None), None)
 
 
 def _promising(found: Round, law_error: float) -> list[Trial]:
@@ -152,12 +153,6 @@ def _end_with(
             law, model = free_law(model, present, earlier, resolution, report)
             laws = laws if law is None else (*laws, law)
     model = without_wrong_samples(with_tightened_bench(model, resolution.coarse), resolution)
-    if any(law.of == trial.candidate.id for law in laws) and trial.prior_cost > 0.0:
-        # values that only the law of the library needs say little against the mechanism
-        _, cost = implausibility_cost(trial.candidate, model, trial.own_law_gain)
-        accepted = dataclasses.replace(trial, prior_cost=min(trial.prior_cost, cost))
-        found = dataclasses.replace(found, trials=tuple(accepted if t is trial else t for t in found.trials))
-        trial = accepted
     return RoundEnd(dataclasses.replace(found, accepted=trial, laws=laws), model)
 
 
@@ -166,15 +161,20 @@ def _leaves_as_little(excess: float, other: float, samples: int, law_error: floa
     return unexplained_floor(excess, samples, law_error) < AS_MUCH * unexplained_floor(other, samples, law_error)
 
 
-def _with_rejected(end: RoundEnd, rejected: RoundEnd) -> RoundEnd:
+def _with_prior_cost(end: RoundEnd, cost: float) -> RoundEnd:
+    """The end of a round, implausible values that only the law of the library needs at their cost beside its curve."""
+    trial = end.round.accepted
+    if cost >= trial.prior_cost or all(law.of != trial.candidate.id for law in end.round.laws):
+        return end
+    return end._replace(round=end.round.with_trial(dataclasses.replace(trial, prior_cost=cost)))
+
+
+def _with_rejected(end: RoundEnd, rejected: RoundEnd, cost: ImplausibilityCost) -> RoundEnd:
     """The end of a round, the trial of the rejected candidate with the evidence of its fit with laws as curves."""
     kept, lost, model = end.round.accepted, rejected.round.accepted, rejected.baseline
-    penalty, cost = implausibility_cost(lost.candidate, model, lost.own_law_gain)
-    change = model.log_evidence - end.baseline.log_evidence - penalty
+    change = model.log_evidence - end.baseline.log_evidence - cost.gain
     gains = {name: getattr(kept, name) + change for name in ("gain_beyond_laws", "own_law_gain")}
-    compared = dataclasses.replace(lost, prior_cost=cost, **gains)
-    trials = tuple(compared if t.candidate == lost.candidate else t for t in end.round.trials)
-    return RoundEnd(dataclasses.replace(end.round, trials=trials), end.baseline)
+    return end._replace(round=end.round.with_trial(dataclasses.replace(lost, prior_cost=cost.weight, **gains)))
 
 
 def _simplest(trials: Sequence[Trial], samples: int) -> Trial:

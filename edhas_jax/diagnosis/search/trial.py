@@ -97,13 +97,13 @@ class Trial:
     def with_fit(self, baseline: EvaluatedFit, evaluated: EvaluatedFit) -> "Trial":
         """The trial with another fit of its candidate, compared with `baseline`, the model without it."""
         gain = evaluated.log_evidence - baseline.log_evidence
-        penalty, implausible = implausibility_cost(self.candidate, evaluated, gain)
+        implausible = implausibility_cost(self.candidate, evaluated, gain)
         falls = baseline.holdout_half_chi_square() - evaluated.holdout_half_chi_square()
         return dataclasses.replace(
-            self, evaluated=evaluated, log_evidence_gain=gain - penalty,
+            self, evaluated=evaluated, log_evidence_gain=gain - implausible.gain,
             left_out_gain=float(np.sum(evaluated.left_out - baseline.left_out)),
             explained_share=(baseline.cost - evaluated.cost) / max(baseline.excess, 1.0),
-            holdout_half_chi_square_fall=float(falls.sum()), prior_cost=implausible,
+            holdout_half_chi_square_fall=float(falls.sum()), prior_cost=implausible.weight,
         )  # fmt: skip
 
 

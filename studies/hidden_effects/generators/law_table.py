@@ -31,5 +31,6 @@ def _row(mechanism: str, split: Split, law: Law) -> str:
 
 
 def _one_line(text: str) -> str:
-    """A text without its line breaks and final stop, as a cell of a table."""
-    return " ".join(text.split()).rstrip(".").replace("|", "\\|")
+    """A text whose paragraphs are sentences of one line, without its final stop, as a cell of a table."""
+    paragraphs = (" ".join(paragraph.split()).rstrip(".") for paragraph in text.strip().split("\n\n"))
+    return ". ".join(paragraphs).replace("|", "\\|")

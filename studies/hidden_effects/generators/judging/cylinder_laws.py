@@ -143,7 +143,7 @@ class RelaxingLoadSpring(Effect):
 
 
 class SwungLoadSpring(Effect):
-    """A pendulum as the load: −k x₀ sin(x/x₀), x₀ = 8 mm, largest at 12.6 mm.
+    """A pendulum as the load: −k x₀ sin(x/x₀), x₀ = 8 mm; the force is largest at 12.6 mm.
 
     Source: statics of a pendulum.
     """

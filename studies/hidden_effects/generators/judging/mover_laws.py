@@ -76,7 +76,7 @@ class LogarithmicFriction(Effect):
 
 
 class FlatToppedCogging(Effect):
-    """Cogging that is nearly constant between the turning points: −A sin u/√(0.06 + sin² u), u = 2π x/τ + φ.
+    """A cogging force that is nearly constant over most of each half period: −A sin u/√(0.06 + sin² u), u = 2π x/τ + φ.
 
     Source: the form is chosen; teeth and gaps of equal width under a short magnet.
     """

@@ -9,7 +9,7 @@ from studies.hidden_effects.generators.places import is_chamber_b
 
 
 class LiftingSeal(Effect):
-    """A plunger seal that pressure lifts off, and that closes again with a delay: Q = k (p − p_s) o, opening o:
+    """A plunger seal that pressure lifts off, and that closes again with a delay: Q = k (p − p_s) o, o the opening.
 
     do/dt = ((1 + tanh((p − p_s − p_0)/40 kPa))/2 − o)/6 ms
 

@@ -75,7 +75,7 @@ class TearingFilm(Effect):
 class RestingAdhesion(Effect):
     """Adhesion that grows while the ball rests on its seat.
 
-    −F b n(y), db/dt = (n(y) − b)/4 ms, n = exp(−max(y, 0)/25 µm)
+    −F b n(y), n = exp(−max(y, 0)/25 µm); the bond b follows n with a first-order lag of 4 ms
 
     Source: static friction grows with the time at rest; Rabinowicz, Friction and Wear of Materials (1965); form chosen.
     """

@@ -159,7 +159,7 @@ class QuarticEndFriction(Effect):
 
 
 class SaturatingSealFriction(Effect):
-    """Seal drag that levels off with pressure: μ S_p p/(1 + p/1.5 MPa) of both chambers, th(v).
+    """Seal friction that saturates with pressure: μ S_p p/(1 + p/1.5 MPa) of both chambers, th(v).
 
     Source: seals that are fully pressed on above some pressure; Müller, Nau, Fluid Sealing Technology (1998).
     """

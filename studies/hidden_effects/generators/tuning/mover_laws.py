@@ -172,7 +172,7 @@ class LinearEndFriction(Effect):
 
 
 class RootSealFriction(Effect):
-    """Seal drag with the root of the pressure: μ S_p (√(p_A p_1) + √(p_B p_1)) th(v), p_1 = 0.5 MPa.
+    """Seal friction in proportion to the root of the pressure: μ S_p (√(p_A p_1) + √(p_B p_1)) th(v), p_1 = 0.5 MPa.
 
     Source: contact width of O-rings that grows less than the pressure; Müller, Nau (1998).
     """
