@@ -42,7 +42,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--answers", default="ANSWERS.md", metavar="FILE.md", help="file of the answers in this folder")
     parser.add_argument("--out", type=Path, default=Path("runs/known_answers.csv"), help="table of the results")
     options = parser.parse_args(arguments)
-    answers = read_answers((options.folder / options.answers).read_text(encoding="utf-8"))
+    file = options.folder / options.answers
+    if not file.is_file():
+        parser.error(f"{file}: no such file; give the table of answers in {options.folder} with --answers")
+    answers = read_answers(file.read_text(encoding="utf-8"))
+    if missing := [name for name in answers if not (options.folder / name).is_dir()]:
+        parser.error(f"{options.folder}: {file.name} names campaigns that are not there: {', '.join(missing)}")
     console, rows = Console(highlight=False, width=150), []
     for number, (name, answer) in enumerate(answers.items()):
         with console.status(f"{name}: {number + 1} of {len(answers)}") as status:
