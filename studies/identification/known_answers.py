@@ -22,6 +22,7 @@ from rich.console import Console
 from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.measurements.campaign import CampaignError
 from edhas_jax.measurements.campaign_reader import read_campaign
 
 NUMBER = r"[-+]?\d[\d.e+-]*"
@@ -46,13 +47,15 @@ def main(arguments: list[str] | None = None) -> None:
     if not file.is_file():
         parser.error(f"{file}: no such file; give the table of answers in {options.folder} with --answers")
     answers = read_answers(file.read_text(encoding="utf-8"))
-    if missing := [name for name in answers if not (options.folder / name).is_dir()]:
-        parser.error(f"{options.folder}: {file.name} names campaigns that are not there: {', '.join(missing)}")
+    try:  # before the first diagnosis, which takes minutes
+        campaigns = {name: read_campaign(options.folder / name) for name in answers}
+    except CampaignError as error:
+        parser.error(str(error))
     console, rows = Console(highlight=False, width=150), []
     for number, (name, answer) in enumerate(answers.items()):
         with console.status(f"{name}: {number + 1} of {len(answers)}") as status:
             report = lambda text, name=name: status.update(f"{name}: {text}")  # noqa: E731
-            found = diagnose(read_campaign(options.folder / name), on_progress=report)
+            found = diagnose(campaigns[name], on_progress=report)
         if number == 0:
             print_calibration(found)
         rows.append({"campaign": name} | compare(found, answer))
