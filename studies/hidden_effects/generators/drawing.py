@@ -35,7 +35,7 @@ SHARE_OF_OTHER_LAWS = 0.5  # of the effects of a case with several, or of a smal
 SHARE_OF_UNLISTED = 0.5  # of the withheld effects
 SHARE_OF_WRONG_SHEETS = 0.6  # of the cases whose settings are off
 SHORTEST = 0.55  # of the duration of a run, in a small campaign
-# part of the seed: what was the judging split until it taught has kept its number, so that its cases are the same
+# part of the seed: the earlier judging split has kept its number, so that its cases are the same
 _SPLIT_NUMBER = {Split.TUNING: 1, Split.EARLIER: 2, Split.PRACTICE: 3, Split.VARIED: 4, Split.JUDGING: 5}
 _FAMILY_NUMBER = {family: k for k, family in enumerate(Family)}
 _DIFFICULTIES = (Family.CRUMBS, Family.SENSOR_CHAINS, Family.SETTINGS)  # of the cases with several effects, in turn

@@ -14,7 +14,7 @@ class Split(enum.Enum):
     TUNING = "tuning"  # to choose thresholds and methods
     PRACTICE = "practice"  # the same with further laws, to see what a method does with laws that it is not tuned to
     VARIED = "varied"  # the same with laws, disturbances, chains and benches drawn at random
-    EARLIER = "earlier"  # judged the method of commit a73dad3; has taught since, so for development now
+    EARLIER = "earlier"  # judged the method of commit a73dad3; used to develop the method since
     JUDGING = "judging"  # to count right answers; nothing may be changed because of one of them
 
 
