@@ -47,10 +47,14 @@ def main(arguments: list[str] | None = None) -> None:
     if not file.is_file():
         parser.error(f"{file}: no such file; give the table of answers in {options.folder} with --answers")
     answers = read_answers(file.read_text(encoding="utf-8"))
-    try:  # before the first diagnosis, which takes minutes
-        campaigns = {name: read_campaign(options.folder / name) for name in answers}
-    except CampaignError as error:
-        parser.error(str(error))
+    campaigns, unreadable = {}, []
+    for name in answers:  # all of them before the first diagnosis, which takes minutes
+        try:
+            campaigns[name] = read_campaign(options.folder / name)
+        except CampaignError as error:
+            unreadable.append(str(error))
+    if unreadable:
+        parser.error("; ".join(unreadable))
     console, rows = Console(highlight=False, width=150), []
     for number, (name, answer) in enumerate(answers.items()):
         with console.status(f"{name}: {number + 1} of {len(answers)}") as status:
