@@ -1,4 +1,4 @@
-"""The study that diagnoses campaigns whose answers are known."""
+"""The study `known_answers`: diagnoses of simulated campaigns, compared with what is hidden in them."""
 
 import pytest
 
@@ -16,7 +16,7 @@ The end.
 
 
 def test_table_of_answers_is_read():
-    """Names and sizes of the hidden effects are those of the table; a campaign without any has none."""
+    """Each campaign has the verdict, effect and parameter of its row; where nothing is hidden, no effect."""
     answers = read_answers(ANSWERS)
     assert list(answers) == ["first", "second"]
     assert answers["first"].names == {"eddy_drag"}
@@ -26,7 +26,7 @@ def test_table_of_answers_is_read():
 
 
 def test_all_unreadable_campaigns_are_named_before_the_first_diagnosis(tmp_path, capsys):
-    """Diagnoses take minutes, so that every campaign that cannot be read is named at once."""
+    """The error message lists every campaign that cannot be read, before any diagnosis is started."""
     (tmp_path / "ANSWERS.md").write_text(ANSWERS, encoding="utf-8")
     with pytest.raises(SystemExit) as end:
         main([str(tmp_path)])
