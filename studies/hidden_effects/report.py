@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from studies.hidden_effects.answers import Answer, Law, Truth, Verdict, same_as_any
+from studies.hidden_effects.answers import UNKNOWN, Answer, Law, Truth, Verdict, same_as_any
 from studies.hidden_effects.methods import Method
 from studies.hidden_effects.rates import (
     Answered,
@@ -126,8 +126,8 @@ def _outcome(truth: Truth, answer: Answer) -> str:
         return f"{hidden}: error"
     if answer.verdict is Verdict.ADEQUATE:
         return f"{hidden}: nothing missing"
-    if answer.verdict is Verdict.UNKNOWN_EFFECT:
-        return f"{hidden}: unknown effect"
+    if answer.first == UNKNOWN:
+        return f"{hidden}: effect without a name"
     is_right = not truth.withheld and first_is_right(truth, answer)
     return f"{hidden}: {'right' if is_right else 'wrong'} name"
 

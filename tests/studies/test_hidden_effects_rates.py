@@ -241,7 +241,7 @@ def test_tables_last_line_and_figures(tmp_path):
     table = text.split("where an effect is hidden")[1].split("\n\n")[1]
     outcomes = [line.split(" | ")[:3] for line in table.split("\n")]
     assert ["| hidden: right name", "1", "1"] in outcomes and ["| hidden: error", "1", "0"] in outcomes
-    assert ["| withheld: unknown effect", "1", "1"] in outcomes and len(outcomes) == 5
+    assert ["| withheld: effect without a name", "1", "1"] in outcomes and len(outcomes) == 5
     wrong = text.split("wrong answers")[1].split("slowest")[0]
     assert "nothing → missing_effect eddy_drag at mover" in wrong and FAILED.failed in wrong
     assert "cogging_force" not in wrong
