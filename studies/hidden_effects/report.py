@@ -59,7 +59,8 @@ def report(records: Sequence[Record], not_drawn: dict[str, str]) -> str:
     lines += visibility_table(records, methods)
     if Method.OURS in methods:
         ours = answered(records, Method.OURS.value)
-        lines += ["", *outcome_table(ours), "", *law_table(ours), "", *probability_table(ours), "", *time_table(ours)]
+        for table in outcome_table, candidate_table, law_table, probability_table, time_table:
+            lines += ["", *table(ours)]
         lines += ["", "wrong answers", *(f"    {wrong_answer(t, a)}" for t, a in ours if is_wrong(t, a))]
         slowest = sorted(ours, key=lambda case: -case[1].seconds)[:SLOWEST]
         lines += ["", "slowest", *(f"    {case_name(t)}: {a.seconds:.0f} s ({description(t)})" for t, a in slowest)]
@@ -130,6 +131,34 @@ def _outcome(truth: Truth, answer: Answer) -> str:
         return f"{hidden}: effect without a name"
     is_right = not truth.withheld and first_is_right(truth, answer)
     return f"{hidden}: {'right' if is_right else 'wrong'} name"
+
+
+def candidate_table(cases: Sequence[Answered]) -> list[str]:
+    """The lines of a table of the strengths of the candidates that the search ended with.
+
+    The strength is what a candidate explains relative to what it leaves. A hidden effect is named, a candidate without
+    being named, fitted as a rival of another candidate, or none of these.
+    """
+    strengths: dict[str, list[float]] = {}
+    for truth, answer in cases:
+        members = answer.evidence.get("members", [])
+        for member in members:
+            kind = "hidden" if same_as_any(member["name"], truth.names) else "not hidden"
+            named = "named" if same_as_any(member["name"], answer.named) else "not named"
+            strengths.setdefault(f"{kind}: candidate, {named}", []).append(member["strength"])
+        if truth.withheld:
+            continue
+        for hidden in truth.names:
+            if not any(same_as_any(hidden, (member["name"],)) for member in members):
+                is_rival = any(same_as_any(hidden, member["gains"]) for member in members)
+                label = "hidden: rival of a candidate" if is_rival else "hidden: not among the candidates"
+                strengths.setdefault(label, []).append(math.nan)
+    columns: list[dict[str, str]] = [{}, {}]
+    for label in sorted(strengths):
+        columns[0][label] = str(len(strengths[label]))
+        columns[1][label] = _quartiles(strengths[label])
+    heads = ["number", "explained relative to what is left"]
+    return ["candidates and hidden effects: medians (quartiles)", "", *markdown_table(heads, columns)]
 
 
 def law_table(cases: Sequence[Answered]) -> list[str]:

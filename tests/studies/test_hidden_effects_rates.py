@@ -29,7 +29,15 @@ from studies.hidden_effects.rates import (
     times,
 )
 from studies.hidden_effects.reliability import reliability
-from studies.hidden_effects.report import last_line, law_table, probability_table, report, time_table, wrong_answer
+from studies.hidden_effects.report import (
+    candidate_table,
+    last_line,
+    law_table,
+    probability_table,
+    report,
+    time_table,
+    wrong_answer,
+)
 from studies.hidden_effects.store import Record
 
 
@@ -219,6 +227,22 @@ def test_answers_and_truths_are_the_same_after_storing():
     )  # fmt: skip
     for one in (full, FAILED, UNKNOWN_AT_MOVER):
         assert answer_from_json(answer_as_json(one)) == one
+
+
+def test_candidates_are_counted_with_what_they_explain():
+    members = [{"name": "cogging_force", "strength": 8.0, "gains": {"cogging_force": 9.0, "backlash": 4.0}},
+               {"name": "seal_friction", "strength": 0.5, "gains": {}},
+               {"name": "supply_sag", "strength": 0.25, "gains": {}}]  # fmt: skip
+    found = dataclasses.replace(answer("cogging_force"), evidence={"members": members})
+    names = "cogging_force", "backlash", "coil_heating", "seal_friction"
+    hidden = tuple(truth(n).hidden[0] for n in names)
+    of_one = dataclasses.replace(truth("cogging_force"), hidden=hidden)
+    rows = {cells[1]: cells[2:4] for line in candidate_table([(of_one, found)]) if len(cells := line.split("|")) > 3}
+    text = {label.strip(): [cell.strip() for cell in cells] for label, cells in rows.items()}
+    assert text["hidden: candidate, named"] == ["1", "8 (8 … 8)"]
+    assert text["hidden: candidate, not named"] == ["1", "0.5 (0.5 … 0.5)"]
+    assert text["not hidden: candidate, not named"] == ["1", "0.25 (0.25 … 0.25)"]
+    assert text["hidden: rival of a candidate"] == ["1", "–"] and text["hidden: not among the candidates"] == ["1", "–"]
 
 
 def test_tables_last_line_and_figures(tmp_path):
