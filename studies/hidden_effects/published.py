@@ -119,14 +119,6 @@ def _rounded(value: Any) -> Any:
     return list(map(_rounded, value)) if isinstance(value, list) else value
 
 
-def _nothing_kept(file: Path, split: Split) -> str:
-    """A sentence for a file without answers."""
-    if split is Split.JUDGING and file == file_of(split) and not file.exists():
-        return ("No case of the judging set has been judged yet. The answers to the earlier judging set are printed "
-                "with --split earlier.")  # fmt: skip
-    return f"{file}: no kept answers to {split.value} cases"
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Add answers to the file and print their tables, from the command line; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -156,7 +148,8 @@ def main(arguments: list[str] | None = None) -> int:
         write_folder(kept, ResultFolder(options.to))
     shown = [kept[key] for key in sorted(kept, key=str) if key.family in options.families]
     if not shown:
-        print(_nothing_kept(file, split) if not kept else f"{file}: no kept answers of {', '.join(options.families)}")
+        of = f"to {split.value} cases" if not kept else f"of {', '.join(options.families)}"
+        print(f"{file}: no kept answers {of}")
         return 1
     records = [case.record for case in shown]
     if options.methods:
