@@ -1,6 +1,7 @@
 """The tables of the benchmark as text, and its last line."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -134,31 +135,29 @@ def _outcome(truth: Truth, answer: Answer) -> str:
 
 
 def candidate_table(cases: Sequence[Answered]) -> list[str]:
-    """The lines of a table of the strengths of the candidates that the search ended with.
+    """The lines of a table of how much each candidate in the answers explains, relative to what is left with it.
 
-    The strength is what a candidate explains relative to what it leaves. A hidden effect is named, a candidate without
-    being named, fitted as a rival of another candidate, or none of these.
+    Candidates are listed by whether they are hidden and named. Hidden effects that are no candidates follow, without
+    withheld ones: some were fitted in the place of a candidate (rivals), the others do not appear in the answer.
     """
     strengths: dict[str, list[float]] = {}
+    others: Counter[str] = Counter()
     for truth, answer in cases:
         members = answer.evidence.get("members", [])
+        candidates = [member["name"] for member in members]
         for member in members:
             kind = "hidden" if same_as_any(member["name"], truth.names) else "not hidden"
             named = "named" if same_as_any(member["name"], answer.named) else "not named"
             strengths.setdefault(f"{kind}: candidate, {named}", []).append(member["strength"])
-        if truth.withheld:
-            continue
-        for hidden in truth.names:
-            if not any(same_as_any(hidden, (member["name"],)) for member in members):
-                is_rival = any(same_as_any(hidden, member["gains"]) for member in members)
-                label = "hidden: rival of a candidate" if is_rival else "hidden: not among the candidates"
-                strengths.setdefault(label, []).append(math.nan)
-    columns: list[dict[str, str]] = [{}, {}]
-    for label in sorted(strengths):
-        columns[0][label] = str(len(strengths[label]))
-        columns[1][label] = _quartiles(strengths[label])
+        rivals = {name for member in members for name in member["gains"]}
+        for hidden in () if truth.withheld else truth.names:
+            if not same_as_any(hidden, candidates):
+                others[f"hidden: {'rival of a candidate' if same_as_any(hidden, rivals) else 'not in the answer'}"] += 1
+    counts = {label: str(len(of)) for label, of in sorted(strengths.items())}
+    counts |= {label: str(number) for label, number in sorted(others.items())}
+    explained = {label: _quartiles(of) for label, of in strengths.items()}
     heads = ["number", "explained relative to what is left"]
-    return ["candidates and hidden effects: medians (quartiles)", "", *markdown_table(heads, columns)]
+    return ["candidates and hidden effects: medians (quartiles)", "", *markdown_table(heads, [counts, explained])]
 
 
 def law_table(cases: Sequence[Answered]) -> list[str]:

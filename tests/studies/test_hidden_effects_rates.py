@@ -242,7 +242,7 @@ def test_candidates_are_counted_with_what_they_explain():
     assert text["hidden: candidate, named"] == ["1", "8 (8 … 8)"]
     assert text["hidden: candidate, not named"] == ["1", "0.5 (0.5 … 0.5)"]
     assert text["not hidden: candidate, not named"] == ["1", "0.25 (0.25 … 0.25)"]
-    assert text["hidden: rival of a candidate"] == ["1", "–"] and text["hidden: not among the candidates"] == ["1", "–"]
+    assert text["hidden: rival of a candidate"] == ["1", "–"] and text["hidden: not in the answer"] == ["1", "–"]
 
 
 def test_tables_last_line_and_figures(tmp_path):
