@@ -14,6 +14,9 @@ is hidden. With judging cases only the counts are printed, no single answer. A w
 * *confused*: neither; the search has found a model that explains as much with other names, or the rules were too
   strict.
 
+Of several hidden effects, each has a strength of its own: what its true law explains where the others are in the model.
+A second table gives the share of effects that are named, by this strength.
+
 Results are stored beside the answers, so that the same command continues a study that was stopped. The last line has
 the counts: `cases=… right=… weak=… fit=… confused=…`.
 """
@@ -40,10 +43,10 @@ from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.time_resolution import TimeResolution
-from studies.hidden_effects.answers import Answer, Truth
+from studies.hidden_effects.answers import Answer, Truth, same_as_any
 from studies.hidden_effects.drawing import FAMILIES, DrawnCase, draw, key_of
 from studies.hidden_effects.generators.hidden_case import Split
-from studies.hidden_effects.rates import first_is_right, is_named, rate
+from studies.hidden_effects.rates import Rate, first_is_right, is_named, rate
 from studies.hidden_effects.report import case_name, description, markdown_table
 from studies.hidden_effects.store import Record, ResultFolder, read_json, write_json
 from studies.hidden_effects.work import run_all
@@ -73,6 +76,8 @@ class Limit:
         without: the same of the model without them.
         strength: the gain over what is left, as in the rules of the search.
         samples: number of samples.
+        each: where several effects are hidden, the strength of each where the others are in the model, in the order of
+            the truth; NaN where the model without it cannot be fitted.
     """
 
     gain: float
@@ -80,6 +85,7 @@ class Limit:
     without: float
     strength: float
     samples: int
+    each: tuple[float, ...] = ()
 
 
 @single_threaded_algebra
@@ -96,20 +102,30 @@ def limit_of(case: DrawnCase) -> Limit:
     calibrated, resolution = calibrate(campaign)
     again = _from_truth(calibrated.fit.problem, case.machine, resolution)
     without = calibrated if again is None or again.log_evidence < calibrated.log_evidence else again
-    problem, mounted = calibrated.fit.problem, []
-    for effect in case.machine.effects[-len(case.truth.hidden) :]:
-        candidate = Candidate(type(effect))
-        problem = with_candidate(problem, mounted, candidate)
-        mounted.append(candidate)
-    found = _from_truth(problem, case.machine, resolution)
+    hidden = [Candidate(type(effect)) for effect in case.machine.effects[-len(case.truth.hidden) :]]
+    found = _from_truth(_with_all(calibrated.fit.problem, hidden), case.machine, resolution)
     if found is None:
         raise FitError("the model with the true laws fails")
-    gain = found.log_evidence - without.log_evidence
-    left = remaining(found.excess, found.samples)
+
+    def strength_over(simpler: EvaluatedFit) -> float:
+        return strength(found.log_evidence - simpler.log_evidence, found.excess, found.samples)
+
+    each = []
+    for position in range(len(hidden)) if len(hidden) > 1 else ():
+        others = hidden[:position] + hidden[position + 1 :]
+        rest = _from_truth(_with_all(calibrated.fit.problem, others), case.machine, resolution)
+        each.append(math.nan if rest is None else strength_over(rest))
     return Limit(
-        gain, left, remaining(without.excess, without.samples), strength(gain, found.excess, found.samples),
-        found.samples,
+        found.log_evidence - without.log_evidence, remaining(found.excess, found.samples),
+        remaining(without.excess, without.samples), strength_over(without), found.samples, tuple(each),
     )  # fmt: skip
+
+
+def _with_all(problem: FitProblem, candidates: Sequence[Candidate]) -> FitProblem:
+    """The fit of a model with several candidates."""
+    for number, candidate in enumerate(candidates):
+        problem = with_candidate(problem, candidates[:number], candidate)
+    return problem
 
 
 def _from_truth(problem: FitProblem, machine: Rig, resolution: TimeResolution) -> EvaluatedFit | None:
@@ -139,6 +155,20 @@ def strength_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
         found = [(truth, answer) for truth, answer, limit in cases if low <= max(limit.strength, 0.0) < high]
         rows[f"{low:g} {f'… {high:g}' if math.isfinite(high) else 'and more'}"] = str(rate(found, first_is_right))
     return markdown_table(["right name first"], [rows])
+
+
+def each_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
+    """The lines of a table: of several hidden effects, those named, over the strength of each beside the others."""
+    each = [
+        (value, same_as_any(hidden.name, answer.named))
+        for truth, answer, limit in cases
+        for hidden, value in zip(truth.hidden, limit.each, strict=False)
+    ]
+    rows = {}
+    for low, high in itertools.pairwise(STRENGTHS):
+        named = [is_there for value, is_there in each if low <= max(value, 0.0) < high]
+        rows[f"{low:g} {f'… {high:g}' if math.isfinite(high) else 'and more'}"] = str(Rate(sum(named), len(named)))
+    return markdown_table(["named"], [rows])
 
 
 def run_job(job: tuple[Truth, ResultFolder]) -> str:
@@ -189,6 +219,9 @@ def main(arguments: list[str] | None = None) -> int:
     ]
     print("\nright first names by strength: the gain of the true laws over what they leave\n")
     print("\n".join([*strength_table(cases), ""]))
+    if any(limit.each for *_, limit in cases):
+        print("of several hidden effects, those named, by the strength of each beside the others\n")
+        print("\n".join([*each_table(cases), ""]))
     wrong = [(*case, cause_of(case[2], case[1])) for case in cases if not first_is_right(case[0], case[1])]
     if options.split is not Split.JUDGING:  # there nobody looks at single answers
         for truth, answer, limit, cause in wrong:

@@ -2,13 +2,14 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from studies.hidden_effects import limits
 from studies.hidden_effects.answers import Answer, HiddenEffect, Law, Truth, Verdict
 from studies.hidden_effects.drawing import CaseKey, DrawnCase, draw
 from studies.hidden_effects.generators.hidden_case import Split
-from studies.hidden_effects.limits import Cause, Limit, cause_of, limit_of, strength_table
+from studies.hidden_effects.limits import Cause, Limit, cause_of, each_table, limit_of, strength_table
 from studies.hidden_effects.store import ResultFolder, write_json
 
 SAMPLES = 1000
@@ -93,3 +94,23 @@ def test_stored_limits_are_not_computed_again(monkeypatch, tmp_path, capsys):
     assert "b00000: cogging_force" in printed and "backlash; strength 40.00, fit" in printed
     assert printed.strip().splitlines()[-1] == "cases=2 right=1 weak=0 fit=1 confused=0"
     assert limits.main(["--out", str(tmp_path), "--split", "tuning"]) == 1
+
+
+def test_each_of_several_effects_has_a_strength_beside_the_others():
+    """Both effects are visible; the model without the more visible one leaves more."""
+    case = draw(CaseKey("g", Split.VARIED, 11))
+    found = limit_of(case)
+    visible = [hidden.visible for hidden in case.truth.hidden]
+    assert len(found.each) == len(case.truth.hidden) > 1
+    assert np.argmax(found.each) == np.argmax(visible)
+    assert min(found.each) > 0.0
+    assert max(found.each) <= found.strength + 0.1
+
+
+def test_effects_named_over_the_strength_beside_the_others():
+    two = dataclasses.replace(truth(), hidden=(COGGING, dataclasses.replace(COGGING, name="backlash")))
+    limit = dataclasses.replace(EXPLAINS_ALL, each=(20.0, 0.4))
+    rows = each_table([(two, answer("cogging_force", 0.0), limit), (two, answer("cogging_force", 0.0), limit)])
+    assert rows[2].startswith("| 0.3 … 1 | 0 % (0/2;") and rows[-1].startswith("| 10 and more | 100 % (2/2;")
+    unknown = dataclasses.replace(limit, each=(float("nan"), 0.4))
+    assert each_table([(two, answer("cogging_force", 0.0), unknown)])[-1] == "| 0.3 … 1 | 0 % (0/1; 0 … 79) |"
