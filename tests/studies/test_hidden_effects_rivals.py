@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid
+from edhas_jax.machine.effects.mover.lugre_friction import LugreFriction
 from edhas_jax.measurements.campaign import BenchRun, Use
 from studies.hidden_effects.answers import NOTHING, UNKNOWN, HiddenEffect, Law, Truth, Verdict
+from studies.hidden_effects.drawing import CaseKey, draw
+from studies.hidden_effects.generators.hidden_case import Split
 from studies.hidden_effects.naming import answer_of_names, credible_set, unknown_where_unexplained
 from studies.hidden_effects.rivals.best_subset import best_subset
 from studies.hidden_effects.rivals.bic_refits import schwarz_weights
@@ -152,6 +156,31 @@ def test_sparse_regression_finds_terms_that_hold_in_all_runs():
     problem = Regression(target / target.std(), terms, names, run)
     inclusion, weights = ensemble(problem, chosen_threshold(problem))
     assert set(np.flatnonzero(inclusion > 0.6)) == {3, 6} and weights[3] > weights[6] > 0.2
+
+
+def test_sparse_regression_names_nothing_where_no_rate_is_measured(monkeypatch):
+    pytest.importorskip("pysindy")
+    from studies.hidden_effects.rivals import sparse_regression
+
+    monkeypatch.setattr(sparse_regression, "WeakRates", lambda *_: types.SimpleNamespace(equations={}))
+    fitted = types.SimpleNamespace(problem=types.SimpleNamespace(campaign=None))
+    answer = sparse_regression.sparse_discrepancy(fitted, [], 1)
+    assert answer.verdict is Verdict.ADEQUATE and answer.named == ()
+
+
+def test_sparse_regression_leaves_out_sizes_that_contradict_each_other():
+    """Some points of the grid of LuGre friction have a static friction below the Coulomb friction."""
+    pytest.importorskip("pysindy")
+    from studies.hidden_effects.rivals.sparse_regression import _on_grid
+
+    case = draw(CaseKey("f", Split.VARIED, 2))
+    machine = dataclasses.replace(case.machine, effects=())
+    candidate = Candidate(LugreFriction)
+    found = list(_on_grid(candidate, types.SimpleNamespace(machine=machine, instruments=()), case.campaign))
+    assert 0 < len(found) < len(screening_grid(candidate.unknowns(case.campaign)))
+    for changed in found:
+        friction = changed.effects[0]
+        assert friction.static_friction >= friction.coulomb_friction
 
 
 def test_features_of_a_constructed_case():

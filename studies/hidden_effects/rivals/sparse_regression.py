@@ -21,7 +21,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid
-from edhas_jax.machine.parameters import find_parameter, replace_value, set_parameters
+from edhas_jax.machine.parameters import ParameterError, find_parameter, replace_value, set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
@@ -56,6 +56,8 @@ def sparse_discrepancy(fitted: Fit, candidates: list[Candidate], per_sample: int
         per_sample: time steps per sample.
     """
     problem = regression(fitted, candidates, per_sample)
+    if problem is None:
+        return answer_of_names((), ())
     overlaps = problem.terms.T @ problem.target
     order = [problem.names[k] for k in np.argsort(-overlaps)]
     threshold = chosen_threshold(problem)
@@ -68,9 +70,14 @@ def sparse_discrepancy(fitted: Fit, candidates: list[Candidate], per_sample: int
     return dataclasses.replace(answer, probability=float(inclusion[found[0]])) if found else answer
 
 
-def regression(fitted: Fit, candidates: list[Candidate], per_sample: int) -> Regression:
-    """The discrepancy and the terms of the effects that contribute to it, both without what parameters reproduce."""
+def regression(fitted: Fit, candidates: list[Candidate], per_sample: int) -> Regression | None:
+    """The discrepancy and the terms of the effects that contribute to it, both without what parameters reproduce.
+
+    None where no state with a rate is measured.
+    """
     rates, campaign = WeakRates(fitted, per_sample), fitted.problem.campaign
+    if not rates.equations:
+        return None
     discrepancy = rates.discrepancy()
     scales = [float(of.std()) or 1.0 for of in discrepancy]
 
@@ -110,7 +117,11 @@ def _on_grid(candidate: Candidate, fitted: Fit, campaign: Campaign) -> Iterable[
             f"{candidate.id}.{u.name.removeprefix(candidate.prefix)}": float(u.value(v))
             for u, v in zip(unknowns, x, strict=True)
         }
-        yield set_parameters(machine, values)
+        try:
+            changed = set_parameters(machine, values)
+        except ParameterError:  # values that contradict each other
+            continue
+        yield changed
 
 
 def _stlsq(problem: Regression, rows: np.ndarray, threshold: float) -> np.ndarray:
