@@ -14,8 +14,9 @@ is hidden. With judging cases only the counts are printed, no single answer. A w
 * *confused*: neither; the search has found a model that explains as much with other names, or the rules were too
   strict.
 
-Of several hidden effects, each has a strength of its own: what its true law explains where the others are in the model.
-A second table gives the share of effects that are named, by this strength.
+Where several effects are hidden, the model is also fitted with all of their true laws but one. What the one that was
+left out explains in addition to the others, compared with what all of them leave, is the strength of that effect. A
+second table gives the share of these effects that are named, by this strength.
 
 Results are stored beside the answers, so that the same command continues a study that was stopped. The last line has
 the counts: `cases=… right=… weak=… fit=… confused=…`.
@@ -46,7 +47,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 from studies.hidden_effects.answers import Answer, Truth, same_as_any
 from studies.hidden_effects.drawing import FAMILIES, DrawnCase, draw, key_of
 from studies.hidden_effects.generators.hidden_case import Split
-from studies.hidden_effects.rates import Rate, first_is_right, is_named, rate
+from studies.hidden_effects.rates import Rate, first_is_right, is_named
 from studies.hidden_effects.report import case_name, description, markdown_table
 from studies.hidden_effects.store import Record, ResultFolder, read_json, write_json
 from studies.hidden_effects.work import run_all
@@ -150,25 +151,27 @@ def cause_of(limit: Limit, answer: Answer) -> Cause:
 
 def strength_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
     """The lines of a table of right first names over the strength of what is hidden."""
-    rows = {}
-    for low, high in itertools.pairwise(STRENGTHS):
-        found = [(truth, answer) for truth, answer, limit in cases if low <= max(limit.strength, 0.0) < high]
-        rows[f"{low:g} {f'… {high:g}' if math.isfinite(high) else 'and more'}"] = str(rate(found, first_is_right))
-    return markdown_table(["right name first"], [rows])
+    return _over_strength(
+        "right name first", [(limit.strength, first_is_right(truth, answer)) for truth, answer, limit in cases]
+    )
 
 
 def each_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
-    """The lines of a table: of several hidden effects, those named, over the strength of each beside the others."""
-    each = [
+    """The lines of a table for cases with several hidden effects: the share named, over the strength of each effect."""
+    return _over_strength("named", [
         (value, same_as_any(hidden.name, answer.named))
         for truth, answer, limit in cases
         for hidden, value in zip(truth.hidden, limit.each, strict=False)
-    ]
+    ])  # fmt: skip
+
+
+def _over_strength(head: str, found: Sequence[tuple[float, bool]]) -> list[str]:
+    """The lines of a table of rates by bands of strength, from pairs of a strength and whether it is right."""
     rows = {}
     for low, high in itertools.pairwise(STRENGTHS):
-        named = [is_there for value, is_there in each if low <= max(value, 0.0) < high]
-        rows[f"{low:g} {f'… {high:g}' if math.isfinite(high) else 'and more'}"] = str(Rate(sum(named), len(named)))
-    return markdown_table(["named"], [rows])
+        right = [is_right for strength_found, is_right in found if low <= max(strength_found, 0.0) < high]
+        rows[f"{low:g} {f'… {high:g}' if math.isfinite(high) else 'and more'}"] = str(Rate(sum(right), len(right)))
+    return markdown_table([head], [rows])
 
 
 def run_job(job: tuple[Truth, ResultFolder]) -> str:
@@ -220,7 +223,7 @@ def main(arguments: list[str] | None = None) -> int:
     print("\nright first names by strength: the gain of the true laws over what they leave\n")
     print("\n".join([*strength_table(cases), ""]))
     if any(limit.each for *_, limit in cases):
-        print("of several hidden effects, those named, by the strength of each beside the others\n")
+        print("effects named in cases with several: by what each explains in addition to the others\n")
         print("\n".join([*each_table(cases), ""]))
     wrong = [(*case, cause_of(case[2], case[1])) for case in cases if not first_is_right(case[0], case[1])]
     if options.split is not Split.JUDGING:  # there nobody looks at single answers

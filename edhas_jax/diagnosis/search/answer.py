@@ -16,8 +16,8 @@ SMALL_MISFIT, SMALL_STRENGTH = 0.01, 0.3  # lower limits of misfit and strength 
 LARGE_MISFIT = 10.0  # more than small unlisted physics ever leaves, so that it says no more
 SMALL_LEFT = 12.0  # nats; less is left by chance
 SMALL_SHARE = 0.05  # of a signal's rms: more is not left by many small causes
-# probability of a more important member over the largest one, from which it is named first: what explains most is to be
-# corrected first, even where a small addition is a little more certain
+# the member that explains most is named first if its probability is at least this share of the largest: the engineer
+# should correct the main cause first, even where a smaller one is a little more certain
 NEARLY_AS_PROBABLE = 0.7
 FURTHER_REAL = 0.7  # probability to be real from which a member beside the strongest one is named
 
