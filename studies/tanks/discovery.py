@@ -32,7 +32,7 @@ from edhas_jax.diagnosis.calibration.fit import fit as calibration
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.conclusions import conclusions
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
-from edhas_jax.diagnosis.search.curves_in_turn import add_curves_in_turn
+from edhas_jax.diagnosis.search.free_curves import add_curves_in_turn
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.accuracy import BenchAccuracy, SensorAccuracy

@@ -10,7 +10,7 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax import Effect, Recorded
 from edhas_jax.diagnosis.chosen_effects import calibrated_model
-from edhas_jax.diagnosis.search.curves_in_turn import add_curves_in_turn
+from edhas_jax.diagnosis.search.free_curves import add_curves_in_turn
 from edhas_jax.measurements.accuracy import BenchAccuracy, SensorAccuracy
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign

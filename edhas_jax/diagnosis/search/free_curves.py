@@ -3,29 +3,41 @@
 At every place of the machine (a slot, and a variable that a law there may follow) a curve of unknown shape is added.
 Around a fit the signals are linear in its values, so that one simulation with derivatives tells how much of the misfit
 the best curve explains. A single cause is a curve at one place; many small causes leave much with any curve.
+
+What acts at several places is followed by one curve after another. One curve often takes over a part of another one, so
+that after each curve all numbers are fitted again, those of earlier curves too, and the places are scored anew.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.curve_start import start_from_nothing
 from edhas_jax.diagnosis.laws.deviation import added_slopes, curve_term
 from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.law_samples import LawSamples, samples_at_slots
+from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
+from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.free_term import score_free_term
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
+from edhas_jax.diagnosis.search.trial import Trial, try_candidate
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.machine.rigs import Rig
+from edhas_jax.measurements.time_resolution import TimeResolution
 
 # slots at which a curve is the same term of the same equation, but for its sign
 SAME_TERMS = {"mover_friction": "mover_force", "cylinder_friction_force": "cylinder_force"}
-
-
 # curves that are simulated together: more save compilation, fewer the time of each step
 GROUP = 4
+MIN_LEFT_SHARE = 0.05  # of the excess of ½χ², by which a further curve has to raise the log-evidence
+FIT_STEPS = 60  # maximum number of Levenberg-Marquardt steps of each fit with several curves
+MOST_CURVES = 3
+
+Report = Callable[[str], None]
 
 
 def free_curve(fit: Fit, place: LawPlace, samples: LawSamples | None = None) -> CurveCandidate | None:
@@ -43,7 +55,7 @@ def free_curve(fit: Fit, place: LawPlace, samples: LawSamples | None = None) -> 
     return CurveCandidate(kind, None, place, start.size, tuple(map(float, start.nodes)))
 
 
-def score_free_curves(test: ScoreTest, fit: Fit, report: Callable[[str], None]) -> list[Score]:
+def score_free_curves(test: ScoreTest, fit: Fit, report: Report) -> list[Score]:
     """The score tests of free curves at all places of a machine, the largest predicted fall of χ² first.
 
     Args:
@@ -62,6 +74,40 @@ def score_free_curves(test: ScoreTest, fit: Fit, report: Callable[[str], None]) 
         slopes = added_slopes(fit, [curve_term(curve.place, np.array(curve.nodes), curve.id) for curve in some])
         scores += [score_free_term(test, curve, columns) for curve, columns in zip(some, slopes, strict=True)]
     return sorted(scores, key=lambda score: -score.chi_square_fall)
+
+
+@single_threaded_algebra
+def add_curves_in_turn(
+    evaluated: EvaluatedFit, accepted: Sequence[Candidate], resolution: TimeResolution, most: int = MOST_CURVES,
+    on_progress: Report | None = None,
+) -> list[Trial]:  # fmt: skip
+    """Add free curves to a fitted model, each where it explains most, until one explains little.
+
+    Args:
+        evaluated: the fit from which the search begins.
+        accepted: the candidates that its machine has.
+        resolution: coarse and fine time steps per sample.
+        most: largest number of curves.
+        on_progress: called with a sentence on the progress.
+
+    Returns:
+        The trials with one, two, … curves, in the order in which these were added; their candidates are the curves.
+    """
+    report = on_progress or (lambda sentence: None)
+    mounted, trials = list(accepted), []
+    while len(trials) < most:
+        scores = score_free_curves(ScoreTest(evaluated.fit, mounted), evaluated.fit, report)
+        # far from the noise a linear prediction is far too small, so that it decides only where it is tiny
+        if not scores or scores[0].predicted_gain < MIN_GAIN:
+            break
+        report(f"fitting {scores[0].candidate.text}")
+        trial = try_candidate(evaluated, mounted, scores[0], resolution, FIT_STEPS)
+        if trial.evaluated is None or trial.log_evidence_gain < max(MIN_GAIN, MIN_LEFT_SHARE * evaluated.excess):
+            break
+        trials.append(trial)
+        mounted.append(trial.candidate)
+        evaluated = trial.evaluated
+    return trials
 
 
 def _id_at(place: LawPlace) -> str:
