@@ -6,7 +6,7 @@ import pytest
 
 from edhas_jax.diagnosis.search import unknown_cause
 from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN, Evidence, Rivals, answer_from
-from edhas_jax.diagnosis.search.backward_pass import LAW_ERROR_SHARE_AT_COMPONENT, _law_error_share
+from edhas_jax.diagnosis.search.backward_pass import LAW_ERROR_SHARE_AT_COMPONENT, _law_error, _needless_curve
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import IRREGULAR_SCATTER, LAW_ERROR_SHARE, MIN_GAIN
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
@@ -77,11 +77,31 @@ def deviation_of(kind) -> LawDeviation:
     return LawDeviation(tabulated_class(f"{kind.id}_deviation", place, 2), None, place, 1.0, (0.0, 1.0))
 
 
-def test_a_law_known_as_a_curve_leaves_a_share_of_what_is_explained():
+def test_a_law_known_as_a_curve_leaves_a_share_of_what_it_explains():
     cogging, drag, hose = Candidate(CoggingForce), Candidate(EddyDrag), Candidate(HoseCompliance)
     curve = deviation_of(CoggingForce)
-    assert _law_error_share(drag, [cogging, drag]) == 0.0
-    assert _law_error_share(drag, [cogging, curve, drag]) == LAW_ERROR_SHARE_AT_COMPONENT
-    assert _law_error_share(hose, [cogging, curve, hose]) == LAW_ERROR_SHARE
-    assert _law_error_share(cogging, [cogging, curve, hose]) == 0.0
-    assert _law_error_share(curve, [cogging, curve, hose]) == 0.0
+
+    def law_error(candidate, mounted, **explained):
+        return _law_error(candidate, mounted, {"cogging_force": 1.0, "hose_compliance": 1.0} | explained)
+
+    assert law_error(drag, [cogging, drag]) == 0.0
+    assert law_error(drag, [cogging, curve, drag]) == LAW_ERROR_SHARE_AT_COMPONENT
+    assert law_error(hose, [cogging, curve, hose]) == LAW_ERROR_SHARE
+    assert law_error(cogging, [cogging, curve, hose]) == 0.0
+    assert law_error(curve, [cogging, curve, hose]) == 0.0
+    # what effects explain whose law is as in the library does not count
+    assert law_error(drag, [cogging, curve, hose, drag], hose_compliance=1e6) == LAW_ERROR_SHARE_AT_COMPONENT
+    assert law_error(drag, [cogging, curve, drag], cogging_force=5.0) == 5.0 * LAW_ERROR_SHARE_AT_COMPONENT
+
+
+def test_a_curve_in_whose_place_an_effect_explains_far_more_is_removed_before_the_effect():
+    cogging, hose = Candidate(CoggingForce), Candidate(HoseCompliance)
+    mounted = [cogging, deviation_of(CoggingForce), hose]
+
+    def needless(without_curve: float, without_hose: float, removable=(1, 2), hidden=(2,)):
+        return _needless_curve(mounted, [model(1e6), model(without_curve), model(without_hose)], removable, hidden)
+
+    assert needless(1000.0, 9000.0) == 1
+    assert needless(8000.0, 9000.0) is None, "the curve follows as much as the effect: the simpler name stays"
+    assert needless(1000.0, 9000.0, removable=(2,)) is None, "the curve is needed"
+    assert needless(1000.0, 9000.0, hidden=()) is None, "the effect is weak without any error of the curve"

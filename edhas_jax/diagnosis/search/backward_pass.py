@@ -6,19 +6,25 @@ leaves much more than the model with it.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.decision_rules import LAW_ERROR_SHARE, least_strength, scatter_of_fits, strength
+from edhas_jax.diagnosis.search.decision_rules import (
+    LAW_ERROR_SHARE,
+    least_strength,
+    scatter_of_fits,
+    strength,
+    unexplained_floor,
+)
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_law import MIN_LAW_STRENGTH, MIN_MOUNTED_STRENGTH
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
 from edhas_jax.diagnosis.search.plausibility import implausible_parameters
-from edhas_jax.diagnosis.search.result import MemberTest, Rejected, Round, mounted_candidates
+from edhas_jax.diagnosis.search.result import MemberTest, Rejected, Round, accepted_trials, mounted_candidates
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.workers import Workers, fits_of
 from edhas_jax.measurements.campaign import Campaign
@@ -26,6 +32,7 @@ from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 REFIT_STEPS = 8  # maximum number of Levenberg-Marquardt steps of a refit without a member
+FAR_MORE = 2.0  # what a model with a curve leaves over what one with an effect in its place leaves
 LAW_ERROR_SHARE_AT_COMPONENT = 0.01  # as `LAW_ERROR_SHARE`, at the component on which the law acts
 
 
@@ -58,12 +65,13 @@ def take_back(
         mounted = mounted_candidates(rounds)
         own = law_deviation_columns(final.fit, mounted) if mounted else None
         left = final.excess_with(own)
-        explained = max(rounds[0].baseline.excess - final.excess, 0.0)
-        tests, jobs = [], [(final, _others(mounted, candidate), rounds[0], resolution) for candidate in mounted]
+        explained = gains_with_own_law(rounds)
+        tests, alone = [], []
+        jobs = [(final, others_of(mounted, candidate), rounds[0], resolution) for candidate in mounted]
         sentences = [f"the model without {candidate.name}" for candidate in mounted]
         without = fits_of(_refit, jobs, sentences, workers, report)
         for candidate, refitted in zip(mounted, without, strict=True):
-            kept = [c for c in _others(mounted, candidate) if c.id != _law_of(candidate)]
+            kept = [c for c in others_of(mounted, candidate) if c.id != _law_of(candidate)]
             deviations = law_deviation_columns(refitted.fit, kept) if kept else None
             before, after = refitted.excess_with(deviations), final.excess_with(deviations)
             penalty = (final.cost - refitted.cost) + (final.log_evidence - refitted.log_evidence)
@@ -71,16 +79,21 @@ def take_back(
             if _law_of(candidate) is None:
                 gain = max(gain, before - left + penalty - deviation_cost(own) + deviation_cost(deviations))
             left_out_gain = float(np.sum(final.left_out - refitted.left_out))
-            floor = _law_error_share(candidate, mounted) * explained + scatter_of_fits(final)
+            scatter = scatter_of_fits(final)
+            floor = _law_error(candidate, mounted, explained) + scatter
             found = max(strength(gain, left, final.samples, floor), 0.0)
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
+            alone.append(strength(gain, left, final.samples, scatter))
         least = least_strength(rounds[0].baseline)
         removable = [k for k, test in enumerate(tests) if _margin(test, least) < 1.0]
         if not removable:
             return TakenBack(_with_best_start(rounds, mounted, without), _with_laws(tests, final), tuple(rejected))
         weakest = removable[0]
-        if len(removable) > 1:  # members that stand in for each other
-            left_implausible = {k: _implausible_count(_others(mounted, mounted[k]), without[k]) for k in removable}
+        hidden = [k for k in removable if _law_of(mounted[k]) is None and alone[k] >= least]
+        if (curve := _needless_curve(mounted, without, removable, hidden)) is not None:
+            weakest = curve
+        elif len(removable) > 1:  # members that stand in for each other
+            left_implausible = {k: _implausible_count(others_of(mounted, mounted[k]), without[k]) for k in removable}
             weakest = min(removable, key=lambda k: _removal_order(tests[k], left_implausible[k], least))
         report(f"{mounted[weakest].name} is not needed")
         rejected += [Rejected(r, tests[weakest]) for r in _accepting(rounds, mounted[weakest])]
@@ -109,23 +122,50 @@ def _law_of(candidate: Candidate) -> str | None:
     return candidate.of if isinstance(candidate, LawDeviation) else None
 
 
-def _law_error_share(candidate: Candidate, mounted: Sequence[Candidate]) -> float:
-    """The share of what is explained that curves of the laws of other effects may have left for a candidate."""
-    curves = {_law_of(c) for c in mounted} - {None, candidate.id}
-    if not curves or _law_of(candidate) is not None:
+def gains_with_own_law(rounds: Iterable[Round]) -> dict[str, float]:
+    """What each accepted candidate gained in its round where its law might differ [nats], by id."""
+    return {trial.candidate.id: max(trial.own_law_gain, 0.0) for trial in accepted_trials(rounds)}
+
+
+def _law_error(candidate: Candidate, mounted: Sequence[Candidate], explained: Mapping[str, float]) -> float:
+    """What the curves of the laws of other effects may have left for a candidate [nats], by what these explain."""
+    if _law_of(candidate) is not None:
         return 0.0
-    beside = any(c.id in curves and c.location == candidate.location for c in mounted)
-    return LAW_ERROR_SHARE_AT_COMPONENT if beside else LAW_ERROR_SHARE
+    curves = {_law_of(c) for c in mounted} - {None, candidate.id}
+    beside = {c.id for c in mounted if c.id in curves and c.location == candidate.location}
+    shares = {of: LAW_ERROR_SHARE_AT_COMPONENT if of in beside else LAW_ERROR_SHARE for of in curves}
+    return sum(share * explained.get(of, 0.0) for of, share in shares.items())
 
 
-def _others(mounted: Sequence[Candidate], removed: Candidate) -> list[Candidate]:
-    """What stays mounted where one candidate is removed: without an effect there is no deviation of its law."""
+def others_of(mounted: Sequence[Candidate], removed: Candidate) -> list[Candidate]:
+    """What stays in the model where one candidate is removed: without an effect there is no deviation of its law."""
     return [c for c in mounted if c is not removed and _law_of(c) != removed.id]
 
 
 def _implausible_count(members: Sequence[Candidate], model: EvaluatedFit) -> int:
     """The number of members with an implausible parameter in a model; curves have none."""
     return sum(bool(implausible_parameters(member, model.fit)) for member in members if _law_of(member) is None)
+
+
+def _needless_curve(
+    mounted: Sequence[Candidate], without: Sequence[EvaluatedFit], removable: Sequence[int], hidden: Sequence[int]
+) -> int | None:
+    """The curve of a law, of the removable ones, in whose place an effect explains far more; None where there is none.
+
+    A curve follows what other effects do that are not yet in the model. The error that it may leave must not speak
+    against these effects if the model with them does not need the curve.
+
+    Args:
+        mounted: all members.
+        without: the model without each of them.
+        removable: the positions of those that are not strong enough.
+        hidden: of these, the effects that only the errors of curves speak against.
+    """
+    curves = [k for k in removable if _law_of(mounted[k]) is not None]
+    pairs = [(c, e) for c in curves for e in hidden if _law_of(mounted[c]) != mounted[e].id]
+    floors = {k: unexplained_floor(without[k].excess, without[k].samples) for pair in pairs for k in pair}
+    found = [c for c, e in pairs if FAR_MORE * floors[c] < floors[e]]
+    return min(found, key=floors.__getitem__, default=None)
 
 
 def _margin(test: MemberTest, least: float) -> float:
@@ -171,21 +211,35 @@ def _refit(
     A single effect is refitted from the values of its trial in the `first` round as well, because the final ones may be
     far from those that it needs alone.
     """
-    known, calibrated = final.fit.problem, first.baseline
-    campaign: Campaign = known.campaign
-    problem = build_problem(campaign, campaign.machine, Instruments(), ())
-    for k, candidate in enumerate(others):
-        problem = build_problem(campaign, problem.machine, problem.instruments, others[:k], candidate)
-    problem = dataclasses.replace(problem, solver_error=known.solver_error, time_errors=known.time_errors)
-    effects = [c for c in others if _law_of(c) is None]
+    calibrated, effects = first.baseline, [c for c in others if _law_of(c) is None]
     alone = [t.evaluated for t in first.trials if [t.candidate] == effects and t.evaluated is not None]
-    starts = np.array([start_coordinates(problem, found.fit.values) for found in (final, *alone)])
-    try:
-        refitted = fit_coarse(problem, starts, resolution.coarse, REFIT_STEPS)
-        refitted = with_tightened_bench(refitted, resolution.coarse)
-    except FitError:
-        refitted = calibrated
+    refitted = refit(final, others, [found.fit.values for found in (final, *alone)], resolution) or calibrated
     return calibrated if not others and calibrated.cost < refitted.cost else refitted
+
+
+def refit(
+    known: EvaluatedFit, candidates: Sequence[Candidate], starts: Sequence[Mapping[str, float]],
+    resolution: TimeResolution,
+) -> EvaluatedFit | None:  # fmt: skip
+    """The model with some candidates, refitted with what is known of solver and time; None where it fails.
+
+    Args:
+        known: a fit of the same measurements.
+        candidates: what the model has.
+        starts: values of the unknowns (SI) by name at which fits begin; the centre of the prior for those without.
+        resolution: coarse and fine time steps per sample.
+    """
+    campaign: Campaign = known.fit.problem.campaign
+    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    for k, candidate in enumerate(candidates):
+        problem = build_problem(campaign, problem.machine, problem.instruments, candidates[:k], candidate)
+    of = known.fit.problem
+    problem = dataclasses.replace(problem, solver_error=of.solver_error, time_errors=of.time_errors)
+    try:
+        begin = np.array([start_coordinates(problem, dict(values)) for values in starts])
+        return with_tightened_bench(fit_coarse(problem, begin, resolution.coarse, REFIT_STEPS), resolution.coarse)
+    except FitError:
+        return None
 
 
 def _without(rounds: Sequence[Round], removed: Candidate, final: EvaluatedFit) -> list[Round]:

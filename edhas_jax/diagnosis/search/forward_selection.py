@@ -14,7 +14,7 @@ from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
 from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
-from edhas_jax.diagnosis.search.backward_pass import take_back
+from edhas_jax.diagnosis.search.backward_pass import TakenBack, gains_with_own_law, take_back
 from edhas_jax.diagnosis.search.calibrated_model import calibrate, misfit
 from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
@@ -29,6 +29,7 @@ from edhas_jax.diagnosis.search.effect_of_curve import round_with_effect_of_curv
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, law_deviation_columns
+from edhas_jax.diagnosis.search.member_rivals import with_rivals_compared
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest, Round, mounted_candidates
 from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.search.selection_round import end_of_round, search_round
@@ -124,22 +125,24 @@ def diagnose(
     )
     test = ScoreTest(calibrated.fit, ())
     forward = _select_forward(search, calibrated, resolution, test)
-    kept = take_back(forward, resolution, report, workers)
+    kept = _take_back(search, forward, resolution, test, "round")
     if _is_much_better(kept.rounds[0].baseline, calibrated):
         report("once more, from a better fit of the uncertain parameters")
         calibrated = kept.rounds[0].baseline
         test = ScoreTest(calibrated.fit, ())
         forward = _select_forward(search, calibrated, resolution, test, name="restarted")
-        kept = take_back(forward, resolution, report, workers)
+        kept = _take_back(search, forward, resolution, test, "restarted")
     left = _left(kept.rounds)
     if (other := _other_beginning(forward[0])) is not None and left > MISFIT_SHARE * misfit(kept.rounds[0].baseline):
         report(f"once more, beginning with {other.accepted.candidate.name}")
         again = _select_again(search, forward, resolution, test, other)
         if again:
-            others = take_back(again, resolution, report, workers)
-            other_left = _left(others.rounds)
-            if other_left < CLEARLY_LESS * left and _implausible(others.members) <= _implausible(kept.members):
-                kept, left = others, other_left
+            others = _take_back(search, again, resolution, test, "again")
+            is_less = _left(others.rounds) < CLEARLY_LESS * left
+            if is_less and _implausible(others.members) <= _implausible(kept.members):
+                kept = others
+    kept = with_rivals_compared(kept, resolution, report, workers)
+    left = _left(kept.rounds)
     shares, free, free_gain = {}, (), 0.0
     if not kept.members or _is_unexplained(kept.rounds, kept.members, left):
         if kept.rounds[0].baseline is not calibrated:
@@ -150,8 +153,9 @@ def diagnose(
         end = round_with_effect_of_curve(kept.rounds[0], free[0], more, resolution)
         if end is not None:
             report(f"its law is that curve: {end.round.accepted.candidate.name}")
-            again = _select_forward(search, calibrated, resolution, test, end, "curve")
-            others = take_back(again, resolution, report, workers)
+            again = _select_forward(search, end.baseline, resolution, test, [end.round], "curve")
+            others = _take_back(search, again, resolution, test, "curve")
+            others = with_rivals_compared(others, resolution, report, workers)
             if others.members:
                 kept, left, shares, free, free_gain = others, _left(others.rounds), {}, (), 0.0
     rounds, after = kept.rounds, kept.rounds[-1].baseline
@@ -167,18 +171,16 @@ def diagnose(
 
 
 def _select_forward(
-    search: _Search, calibrated: EvaluatedFit, resolution: TimeResolution, first: ScoreTest,
-    beginning: RoundEnd | None = None, name: str = "round",
+    search: _Search, baseline: EvaluatedFit, resolution: TimeResolution, first: ScoreTest,
+    begun: Sequence[Round] = (), name: str = "round",
 ) -> list[Round]:  # fmt: skip
-    """Add one candidate after another until none is promising; begin with a finished round, if any."""
-    baseline, rounds = calibrated, []
-    if beginning is not None:
-        baseline, rounds = beginning.baseline, [beginning.round]
+    """Add one candidate after another until none is promising; `baseline` is the model after the rounds begun."""
+    rounds = list(begun)
     while True:
         mounted = mounted_candidates(rounds)
         end = search.round(
             f"{name}_{len(rounds) + 1}", mounted,
-            lambda: _finish_round(search, calibrated, baseline, mounted, resolution, first),  # noqa: B023 called at once
+            lambda: _finish_round(search, baseline, rounds, resolution, first),  # noqa: B023 called at once
         )  # fmt: skip
         rounds.append(end.round)
         if end.baseline is None:
@@ -187,18 +189,36 @@ def _select_forward(
         baseline = end.baseline
 
 
+def _take_back(
+    search: _Search, forward: Sequence[Round], resolution: TimeResolution, first: ScoreTest, name: str
+) -> TakenBack:
+    """What the backward pass leaves; where it has taken out the curve of a law, the search goes on from there once.
+
+    Such a curve has followed what other effects do that the search could then not find.
+    """
+    kept = take_back(forward, resolution, search.report, search.workers)
+    present = set(mounted_candidates(kept.rounds))
+    ids = {candidate.id for candidate in present}
+    needless = [c for c in mounted_candidates(forward) if isinstance(c, LawDeviation) and c not in present]
+    if not any(curve.of in ids for curve in needless) or not _left(kept.rounds) > 0.0:
+        return kept
+    begun, model = kept.rounds[:-1], kept.rounds[-1].baseline
+    on = _select_forward(search, model, resolution, first, begun, f"{name}_on")
+    if len(on) == len(kept.rounds):
+        return kept
+    again = take_back(on, resolution, search.report, search.workers)
+    return again._replace(rejected=(*kept.rejected, *again.rejected))
+
+
 def _select_again(
     search: _Search, forward: Sequence[Round], resolution: TimeResolution, first: ScoreTest, other: Round
 ) -> list[Round]:
     """A search that begins with another round; empty where that one leaves more than the first of the known search."""
-    calibrated = forward[0].baseline
-    end = search.round(
-        "again_1", [], lambda: _finish_round(search, calibrated, calibrated, [], resolution, first, other)
-    )
+    end = search.round("again_1", [], lambda: _finish_round(search, forward[0].baseline, [], resolution, first, other))
     if end.baseline is None or _left_after(end.round, end.baseline) > _left_after(forward[0], forward[1].baseline):
         return []
     search.report(f"found: {other.accepted.candidate.name}")
-    return _select_forward(search, calibrated, resolution, first, end, "again")
+    return _select_forward(search, end.baseline, resolution, first, [end.round], "again")
 
 
 def _is_much_better(found: EvaluatedFit, calibrated: EvaluatedFit) -> bool:
@@ -227,16 +247,17 @@ def _other_beginning(first: Round) -> Round | None:
 
 
 def _finish_round(
-    search: _Search, calibrated: EvaluatedFit, baseline: EvaluatedFit, mounted: Sequence[Candidate],
-    resolution: TimeResolution, first: ScoreTest, known: Round | None = None,
+    search: _Search, baseline: EvaluatedFit, rounds: Sequence[Round], resolution: TimeResolution, first: ScoreTest,
+    known: Round | None = None,
 ) -> RoundEnd:  # fmt: skip
-    """One round, or a known one, and the model with which the next one begins."""
+    """One round after others, or a known one, and the model with which the next one begins."""
+    mounted = mounted_candidates(rounds)
     if sum(not isinstance(candidate, LawDeviation) for candidate in mounted) == MAX_EFFECTS:
         return RoundEnd(Round(baseline, (), (), None), None)
     candidates = search.candidates(baseline.fit.problem)
     curves = {candidate.of for candidate in mounted if isinstance(candidate, LawDeviation)}
-    law_error = LAW_ERROR_SHARE * max(calibrated.excess - baseline.excess, 0.0) if curves else 0.0
-    law_error += scatter_of_fits(baseline)
+    explained = gains_with_own_law(rounds)
+    law_error = LAW_ERROR_SHARE * sum(explained[of] for of in curves) + scatter_of_fits(baseline)
     found = known or search_round(
         baseline, mounted, candidates, resolution, search.report, first, law_error, search.workers
     )

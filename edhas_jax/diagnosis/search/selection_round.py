@@ -84,9 +84,9 @@ def search_round(
         trials = _retry_progressively(baseline, accepted, trials, resolution, report, workers)
     trials = sorted(trials, key=lambda trial: -trial.log_evidence_gain)
     trials = [refine_trial(baseline, trial, resolution) if k < REFINED else trial for k, trial in enumerate(trials)]
-    trials = [_beyond_deviations(baseline, trial, deviations) for trial in trials]
+    trials = [beyond_deviations(baseline, trial, deviations) for trial in trials]
     trials = [
-        _with_own_law(baseline, accepted, trial, deviations) if k < OWN_LAWS else trial
+        with_own_law(baseline, accepted, trial, deviations) if k < OWN_LAWS else trial
         for k, trial in enumerate(trials)
     ]
     trials.sort(key=lambda trial: -trial.mean_gain)
@@ -234,7 +234,7 @@ def _retry_progressively(
     return trials
 
 
-def _beyond_deviations(
+def beyond_deviations(
     baseline: EvaluatedFit, trial: Trial, deviations: Sequence[dict[str, np.ndarray]] | None
 ) -> Trial:
     """The trial with its remaining excess beyond what deviations of the accepted laws explain."""
@@ -266,7 +266,7 @@ def refine_trial(baseline: EvaluatedFit, trial: Trial, resolution: TimeResolutio
     return trial.with_fit(baseline, refined) if refined.excess < found.excess else trial
 
 
-def _with_own_law(
+def with_own_law(
     baseline: EvaluatedFit, accepted: Sequence[Candidate], trial: Trial,
     deviations: Sequence[dict[str, np.ndarray]] | None,
 ) -> Trial:  # fmt: skip

@@ -1,0 +1,108 @@
+"""Members of a model compared with their rivals while all other members are in the model."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import edhas_jax as edhas
+from edhas_jax.core import structs
+from edhas_jax.diagnosis.chosen_effects import calibrated_model
+from edhas_jax.diagnosis.search.backward_pass import TakenBack, take_back
+from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.member_rivals import with_rivals_compared
+from edhas_jax.diagnosis.search.result import Round
+from edhas_jax.diagnosis.search.screening import ScoreTest
+from edhas_jax.diagnosis.search.trial import Trial, try_candidate
+from edhas_jax.machine.effects import (
+    AsymmetricFriction,
+    EddyDrag,
+    ForceConstantDroop,
+    InverterDeadTime,
+    LugreFriction,
+    ParasiticSpring,
+)
+from edhas_jax.measurements.campaign import Channel, Use
+from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
+
+CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
+RUNS = tuple(
+    PlannedRun(Use.FIT, 0.2, {"frequency": frequency, "amplitude": amplitude})
+    for frequency, amplitude in ((10.0, 3.5e-3), (25.0, 3e-3), (15.0, 4e-3))
+)
+SPRING, DEAD_TIME = Candidate(ParasiticSpring), Candidate(InverterDeadTime)
+STEPS = 12
+
+
+@pytest.fixture(scope="module")
+def calibrated():
+    """The calibrated model of a bench with a spring and a dead time that the model lacks, with its time step."""
+    bench = edhas.ActuatorBench(reference=edhas.Sine(ramp_time=0.05), effects=(LugreFriction(),))
+    plan = planned_campaign("bench", bench, {"coil_resistance": 0.02, "mover_damping": 0.25}, CHANNELS, RUNS, 5e-4)
+    rng = np.random.default_rng(3)
+    truth = draw_parameters(plan, bench, rng)
+    hidden = (ParasiticSpring(spring_rate=700.0), InverterDeadTime(dead_time_voltage=0.8))
+    return calibrated_model(synthesise(plan, structs.replace(truth, effects=(*truth.effects, *hidden)), rng))
+
+
+def tried(baseline, accepted, candidate, resolution) -> Trial:
+    """The trial of a candidate, with what it explains and leaves."""
+    score = ScoreTest(baseline.fit, accepted).score(candidate)
+    trial = try_candidate(baseline, accepted, score, resolution, STEPS)
+    excess, gain = trial.evaluated.excess, trial.log_evidence_gain
+    return dataclasses.replace(
+        trial, remaining_excess=excess, own_law_excess=excess, gain_beyond_laws=gain, own_law_gain=gain
+    )
+
+
+def rounds_with(calibrated, first: Candidate, *rivals: Candidate) -> list[Round]:
+    """The rounds of a search that has accepted one candidate over its rivals, and then the dead time."""
+    start, resolution = calibrated.evaluated, calibrated.resolution
+    trials = tuple(tried(start, (), candidate, resolution) for candidate in (first, *rivals))
+    second = tried(trials[0].evaluated, (first,), DEAD_TIME, resolution)
+    return [
+        Round(start, (), trials, trials[0]),
+        Round(trials[0].evaluated, (), (second,), second),
+        Round(second.evaluated, (), (), None),
+    ]
+
+
+def test_rivals_are_compared_by_what_the_final_model_leaves(calibrated):
+    rounds = rounds_with(calibrated, SPRING, Candidate(EddyDrag), Candidate(ForceConstantDroop))
+    # as if the round had been close
+    rounds[0] = dataclasses.replace(
+        rounds[0],
+        trials=tuple(
+            dataclasses.replace(t, gain_beyond_laws=1000.0 - k, own_law_gain=1000.0 - k, own_law_excess=5000.0)
+            for k, t in enumerate(rounds[0].trials)
+        ),
+    )
+    rounds[0] = dataclasses.replace(rounds[0], accepted=rounds[0].trials[0])
+    sentences = []
+    found = with_rivals_compared(TakenBack(rounds, []), calibrated.resolution, sentences.append)
+    member, *rivals = found.rounds[0].trials
+    assert found.rounds[0].accepted is member and member.candidate == SPRING
+    assert member.evaluated is rounds[-1].baseline
+    assert member.own_law_excess < 100.0 < min(trial.own_law_excess for trial in rivals)
+    assert all(member.mean_gain - trial.mean_gain > 100.0 for trial in rivals)
+    assert found.rounds[1:] == rounds[1:], "the last member was compared with the others in the model already"
+    assert any("in the place of parasitic_spring" in sentence for sentence in sentences)
+
+
+def test_a_rival_that_leaves_far_less_takes_the_place_of_the_member(calibrated):
+    wrong = Candidate(AsymmetricFriction)
+    rounds = rounds_with(calibrated, wrong, SPRING)
+    sentences = []
+    found = with_rivals_compared(TakenBack(rounds, []), calibrated.resolution, sentences.append)
+    assert "parasitic_spring takes the place of asymmetric_friction" in sentences
+    assert {member.candidate for member in found.members} == {SPRING, DEAD_TIME}
+    final = found.rounds[-1].baseline
+    assert final.rms_over_noise(Use.FIT) < 1.05 < 2.0 < rounds[-1].baseline.rms_over_noise(Use.FIT)
+    assert final.fit.values["parasitic_spring.spring_rate"] == pytest.approx(700.0, rel=0.1)
+
+
+def test_a_single_member_is_compared_in_its_round_only(calibrated):
+    first, _, last = rounds_with(calibrated, SPRING, Candidate(EddyDrag))
+    alone = take_back([first, last], calibrated.resolution, lambda sentence: None)
+    sentences = []
+    assert with_rivals_compared(alone, calibrated.resolution, sentences.append) == alone and not sentences
