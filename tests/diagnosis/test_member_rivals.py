@@ -1,6 +1,7 @@
 """Members of a model compared with their rivals while all other members are in the model."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.chosen_effects import calibrated_model
+from edhas_jax.diagnosis.search import forward_selection
 from edhas_jax.diagnosis.search.backward_pass import TakenBack, take_back
 from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.member_rivals import with_rivals_compared
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import ScoreTest
@@ -22,6 +25,7 @@ from edhas_jax.machine.effects import (
     LugreFriction,
     ParasiticSpring,
 )
+from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.measurements.campaign import Channel, Use
 from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 
@@ -106,3 +110,26 @@ def test_a_single_member_is_compared_in_its_round_only(calibrated):
     alone = take_back([first, last], calibrated.resolution, lambda sentence: None)
     sentences = []
     assert with_rivals_compared(alone, calibrated.resolution, sentences.append) == alone and not sentences
+
+
+@pytest.mark.parametrize(("left", "goes_on"), [(50.0, True), (0.0, False)])
+def test_the_search_goes_on_where_a_curve_was_not_needed(monkeypatch, left, goes_on):
+    place = LawPlace("mover_force", "piston_position")
+    kind = tabulated_class("parasitic_spring_deviation", place, 2)
+    curve = LawDeviation(kind, None, place, 1.0, (0.0, 1.0))
+    model, spring, dead_time = object(), SimpleNamespace(candidate=SPRING), SimpleNamespace(candidate=DEAD_TIME)
+    forward = [Round(model, (), (spring,), spring, (curve,)), Round(model, (), (), None)]
+    reduced = [Round(model, (), (spring,), spring), Round(model, (), (), None)]
+    more = [reduced[0], Round(model, (), (dead_time,), dead_time), Round(model, (), (), None)]
+    results = {len(forward): TakenBack(reduced, []), len(more): TakenBack(more, [])}
+    begun = []
+    monkeypatch.setattr(forward_selection, "take_back", lambda rounds, *others: results[len(rounds)])
+    monkeypatch.setattr(forward_selection, "_left", lambda rounds: left)
+    monkeypatch.setattr(forward_selection, "_select_forward", lambda *values: begun.append(values[4:]) or more)
+    search = SimpleNamespace(report=None, workers=None)
+    found = forward_selection._take_back(search, forward, None, None, "round")
+    assert found.rounds == (more if goes_on else reduced)
+    assert begun == ([(reduced[:1], "round_on")] if goes_on else [])
+    # with the curve still in the model nothing is searched
+    results[len(forward)] = TakenBack(forward, [])
+    assert forward_selection._take_back(search, forward, None, None, "round").rounds == forward
