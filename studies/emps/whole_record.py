@@ -11,7 +11,7 @@ machine. The recorded command agrees with it only if the speed v is taken from a
 delay by least squares, and repeats the diagnosis with a controller whose measured speed lags by as much.
 
 Force error: 100 ‖F − F_model‖/‖F‖ of the simulated closed loop on the part held out, both low-pass filtered at 20 Hz,
-with the estimated deviations of the bench and without them.
+with the estimated deviations of the bench and without them. The last table lists these deviations.
 The last line of the output: `speed_delay_ms=… gain_at_once=… gain_late=… first=… second=… mass=… mass_late=… viscous=…
 viscous_late=… voltage_gain=… voltage_gain_late=… force_error=… force_error_late=…`
 """
@@ -32,6 +32,7 @@ from edhas_jax import Controller
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
+from edhas_jax.diagnosis.search.conclusions import bench_rows
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.machine.components.controllers import CascadeController
@@ -165,6 +166,11 @@ def main(arguments: list[str] | None = None) -> None:
             f"{values['mover_mass']:.2f} kg", f"{viscous:.1f} N·s/m", f"{100.0 * gain:+.2f} %",
             f"{diagnosis.after.rms_over_noise(Use.HOLDOUT):.2f}", *(f"{e:.2f} %" for e in errors),
         )  # fmt: skip
+    console.print(table)
+    table = Table("speed", "what the bench did", "run", "deviation", "accuracy")
+    for name, diagnosis in found.items():
+        for row in bench_rows(diagnosis):
+            table.add_row(name, *row)
     console.print(table)
     effects = [*figures["at once"][0], "none", "none"]
     one, other = figures["at once"], figures["late"]
