@@ -1,12 +1,13 @@
 """Answers of the benchmark that are kept in a file of the project, and the tables that follow from them.
 
     python -m studies.hidden_effects.published [--split judging|tuning|practice|varied|earlier] [--families b c …]
-                                               [--methods METHOD …] [--file FILE] [--add DIR --commit NAME]
-                                               [--to DIR] [--out DIR]
+                                               [--methods METHOD …] [--commits NAME …] [--file FILE]
+                                               [--add DIR --commit NAME] [--to DIR] [--out DIR]
 
 Prints the report of the benchmark for the kept answers, without running any case: those to judging cases, or those to
 the cases of another `--split`; with `--families` only those of some families, with `--methods` only those of
-some methods, which are then compared on the cases that all of them were run on. `--add` copies the finished cases
+some methods, which are then compared on the cases that all of them were run on, and with `--commits` only answers that
+these commits of the code have computed. `--add` copies the finished cases
 of a result folder into the file, and notes the commit of the code that computed them; an answer that is in the file
 already is not replaced. `--to` writes the file as a result folder, from which the benchmark can be continued with more
 cases or other methods.
@@ -17,7 +18,7 @@ The last line has the main figures of each method as `key=value`: `ours_top1=…
 import argparse
 import dataclasses
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,15 @@ class KeptCase:
     def key(self) -> CaseKey:
         """What determines the case."""
         return key_of(self.record.truth)
+
+    def only(self, methods: Collection[str] | None, commits: Collection[str] | None) -> "KeptCase":
+        """The case with the answers of some methods, computed by some commits; None for all of them."""
+        kept = {
+            method: commit for method, commit in self.commits.items()
+            if (methods is None or method in methods) and (commits is None or commit in commits)
+        }  # fmt: skip
+        answers = {method: answer for method, answer in self.record.answers.items() if method in kept}
+        return KeptCase(Record(self.record.truth, answers), kept)
 
 
 def file_of(split: Split) -> Path:
@@ -129,6 +139,8 @@ def main(arguments: list[str] | None = None) -> int:
                         help="tables and figures of these families only (default all)")  # fmt: skip
     parser.add_argument("--methods", nargs="+", choices=[m.value for m in Method], metavar="METHOD",
                         help="tables and figures of these methods only (default all that have answers)")  # fmt: skip
+    parser.add_argument("--commits", nargs="+", metavar="NAME",
+                        help="tables and figures of answers computed by these commits only (default all)")  # fmt: skip
     parser.add_argument("--file", type=Path, help="file of kept answers (default: that of the project)")
     parser.add_argument("--add", type=Path, metavar="DIR", help="add the cases of this result folder to the file")
     parser.add_argument("--commit", default="", help="with --add: commit of the code that computed them")
@@ -147,13 +159,15 @@ def main(arguments: list[str] | None = None) -> int:
     if options.to is not None:
         write_folder(kept, ResultFolder(options.to))
     shown = [kept[key] for key in sorted(kept, key=str) if key.family in options.families]
+    if options.commits or options.methods:
+        shown = [case.only(options.methods, options.commits) for case in shown]
+        shown = [case for case in shown if case.record.answers]
     if not shown:
         of = f"to {split.value} cases" if not kept else f"of {', '.join(options.families)}"
+        of += f" by {', '.join(options.commits)}" if options.commits else ""
         print(f"{file}: no kept answers {of}")
         return 1
     records = [case.record for case in shown]
-    if options.methods:
-        records = [Record(r.truth, {m: a for m, a in r.answers.items() if m in options.methods}) for r in records]
     commits = sorted({commit for case in shown for commit in case.commits.values()})
     print(f"answers of {', '.join(commits)}")
     print(report(records, {}))

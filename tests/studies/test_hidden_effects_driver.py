@@ -156,6 +156,10 @@ def test_published_answers_are_kept_with_their_commit_and_never_replaced(asked, 
     printed = capsys.readouterr().out
     assert "answers of abc1234, def5678" in printed and (tmp_path / "figures" / "rates.png").exists()
     assert published.main([*kept, "--families", "b"]) == 1 and "no kept answers of b" in capsys.readouterr().out
+    assert published.main([*kept, "--commits", "abc1234"]) == 0
+    printed_one = capsys.readouterr().out
+    assert "answers of abc1234\n" in printed_one and "correlation_top1" not in printed_one
+    assert published.main([*kept, "--commits", "0000000"]) == 1 and "by 0000000" in capsys.readouterr().out
     asked.clear()
     run(tmp_path / "three", *numbers, "--cases", "4", "--methods", "ours,correlation")
     assert [number for _, number, _ in asked] == [FIRST_TEST_CASE + 3] * 2
