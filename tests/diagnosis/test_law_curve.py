@@ -1,4 +1,7 @@
-"""Laws estimated as free curves: known laws are found again, and the files of the model with a curve can be used."""
+"""Laws estimated as free curves: known laws are found again, and the files of the model with a curve can be used.
+
+The level at which a curve begins: found for a hinge, not claimed for a curve that acts everywhere.
+"""
 
 import dataclasses
 
@@ -15,6 +18,7 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
 from edhas_jax.diagnosis.laws.curve_fit import estimate_free_curve, estimate_law_curve, exact_steps
+from edhas_jax.diagnosis.laws.curve_onset import onset
 from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
 from edhas_jax.diagnosis.laws.deviation import curve_columns, deviation_columns
 from edhas_jax.diagnosis.laws.law_places import free_places, law_places
@@ -212,3 +216,23 @@ def test_the_signal_with_which_a_constant_law_would_vary_is_known_at_its_slot():
     for kind in kinds:
         places = law_places(PumpBench(effects=(kind(),)), kind.slots[0].name)
         assert kind.varies_with in {place.variable for place in places}
+
+
+HINGE_NODES = np.linspace(3.0, 19.0, 11)
+SPEEDS = np.linspace(-560.0, 430.0, 11)
+
+
+@pytest.mark.parametrize("level", [8.0, 11.0, 14.0])
+def test_a_hinge_begins_where_it_does(level):
+    scatter = 0.01 * np.random.default_rng(0).normal(size=11)
+    assert onset(HINGE_NODES, 0.05 * np.maximum(HINGE_NODES - level, 0.0) + scatter) == pytest.approx(level, abs=1.5)
+
+
+@pytest.mark.parametrize("values", [
+    0.3 * np.tanh(SPEEDS / 100.0) + 0.005 * SPEEDS,  # friction of a motor
+    0.3 * np.tanh((SPEEDS + 400.0) / 100.0),
+    0.005 * SPEEDS,
+    np.where(SPEEDS < -500.0, -1.0, 0.002 * SPEEDS),
+])  # fmt: skip
+def test_a_curve_that_acts_everywhere_begins_nowhere(values):
+    assert onset(SPEEDS, values) is None
