@@ -5,12 +5,11 @@
                                                [--add DIR --commit NAME] [--to DIR] [--out DIR]
 
 Prints the report of the benchmark for the kept answers, without running any case: those to judging cases, or those to
-the cases of another `--split`; with `--families` only those of some families, with `--methods` only those of
-some methods, which are then compared on the cases that all of them were run on, and with `--commits` only answers that
-these commits of the code have computed. `--add` copies the finished cases
-of a result folder into the file, and notes the commit of the code that computed them; an answer that is in the file
-already is not replaced. `--to` writes the file as a result folder, from which the benchmark can be continued with more
-cases or other methods.
+the cases of another `--split`; with `--families` only those of some families, with `--methods` only those of some
+methods, which are then compared on the cases that all of them were run on, and with `--commits` only answers that these
+commits of the code have computed. `--to` writes the same answers as a result folder, from which the benchmark can be
+continued with more cases or other methods. `--add` copies the finished cases of a result folder into the file, and
+notes the commit of the code that computed them; an answer that is in the file already is not replaced.
 
 The last line has the main figures of each method as `key=value`: `ours_top1=… ours_in_set=… … bic_top1=… …`.
 """
@@ -144,7 +143,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--file", type=Path, help="file of kept answers (default: that of the project)")
     parser.add_argument("--add", type=Path, metavar="DIR", help="add the cases of this result folder to the file")
     parser.add_argument("--commit", default="", help="with --add: commit of the code that computed them")
-    parser.add_argument("--to", type=Path, metavar="DIR", help="write the kept answers as a result folder")
+    parser.add_argument("--to", type=Path, metavar="DIR", help="write these answers as a result folder")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write the figures to this folder")
     options = parser.parse_args(arguments)
     file, split = options.file or file_of(options.split), options.split
@@ -156,8 +155,6 @@ def main(arguments: list[str] | None = None) -> int:
             parser.error(f"{options.add}: no folder of results with {split.value} cases")
         kept = added(kept, ResultFolder(options.add).all_records(split, [m.value for m in Method]), options.commit)
         write_kept(kept, file)
-    if options.to is not None:
-        write_folder(kept, ResultFolder(options.to))
     shown = [kept[key] for key in sorted(kept, key=str) if key.family in options.families]
     if options.commits or options.methods:
         shown = [case.only(options.methods, options.commits) for case in shown]
@@ -167,6 +164,8 @@ def main(arguments: list[str] | None = None) -> int:
         of += f" by {', '.join(options.commits)}" if options.commits else ""
         print(f"{file}: no kept answers {of}")
         return 1
+    if options.to is not None:
+        write_folder({case.key: case for case in shown}, ResultFolder(options.to))
     records = [case.record for case in shown]
     commits = sorted({commit for case in shown for commit in case.commits.values()})
     print(f"answers of {', '.join(commits)}")
