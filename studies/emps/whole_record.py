@@ -11,7 +11,8 @@ machine. The recorded command agrees with it only if the speed v is taken from a
 delay by least squares, and repeats the diagnosis with a controller whose measured speed lags by as much.
 
 Force error: 100 ‖F − F_model‖/‖F‖ of the simulated closed loop on the part held out, both low-pass filtered at 20 Hz,
-with the estimated deviations of the bench and without them. The last table lists these deviations.
+with the estimated deviations of the bench and without them. The last table lists those deviations that the runs show
+clearly.
 The last line of the output: `speed_delay_ms=… gain_at_once=… gain_late=… first=… second=… mass=… mass_late=… viscous=…
 viscous_late=… voltage_gain=… voltage_gain_late=… force_error=… force_error_late=…`
 """

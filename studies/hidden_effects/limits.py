@@ -36,7 +36,7 @@ import numpy as np
 from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidates import Candidate, with_candidate
+from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
 from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN, MIN_STRENGTH, remaining, strength
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
@@ -104,7 +104,7 @@ def limit_of(case: DrawnCase) -> Limit:
     again = _from_truth(calibrated.fit.problem, case.machine, resolution)
     without = calibrated if again is None or again.log_evidence < calibrated.log_evidence else again
     hidden = [Candidate(type(effect)) for effect in case.machine.effects[-len(case.truth.hidden) :]]
-    found = _from_truth(_with_all(calibrated.fit.problem, hidden), case.machine, resolution)
+    found = _from_truth(with_candidates(calibrated.fit.problem, hidden), case.machine, resolution)
     if found is None:
         raise FitError("the model with the true laws fails")
 
@@ -114,19 +114,12 @@ def limit_of(case: DrawnCase) -> Limit:
     each = []
     for position in range(len(hidden)) if len(hidden) > 1 else ():
         others = hidden[:position] + hidden[position + 1 :]
-        rest = _from_truth(_with_all(calibrated.fit.problem, others), case.machine, resolution)
+        rest = _from_truth(with_candidates(calibrated.fit.problem, others), case.machine, resolution)
         each.append(math.nan if rest is None else strength_over(rest))
     return Limit(
         found.log_evidence - without.log_evidence, remaining(found.excess, found.samples),
         remaining(without.excess, without.samples), strength_over(without), found.samples, tuple(each),
     )  # fmt: skip
-
-
-def _with_all(problem: FitProblem, candidates: Sequence[Candidate]) -> FitProblem:
-    """The fit of a model with several candidates."""
-    for number, candidate in enumerate(candidates):
-        problem = with_candidate(problem, candidates[:number], candidate)
-    return problem
 
 
 def _from_truth(problem: FitProblem, machine: Rig, resolution: TimeResolution) -> EvaluatedFit | None:
@@ -150,14 +143,14 @@ def cause_of(limit: Limit, answer: Answer) -> Cause:
 
 
 def strength_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
-    """The lines of a table of right first names over the strength of what is hidden."""
+    """Lines of a Markdown table with the rate of right first names, by the strength of all hidden effects together."""
     return _over_strength(
         "right name first", [(limit.strength, first_is_right(truth, answer)) for truth, answer, limit in cases]
     )
 
 
 def each_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
-    """The lines of a table for cases with several hidden effects: the share named, over the strength of each effect."""
+    """Lines of a Markdown table with the share of effects named, by strength, in cases with several effects."""
     return _over_strength("named", [
         (value, same_as_any(hidden.name, answer.named))
         for truth, answer, limit in cases
@@ -166,10 +159,15 @@ def each_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
 
 
 def _over_strength(head: str, found: Sequence[tuple[float, bool]]) -> list[str]:
-    """The lines of a table of rates by bands of strength, from pairs of a strength and whether it is right."""
+    """Lines of a Markdown table with the rate of right answers in each band of strength.
+
+    Args:
+        head: title of the column of rates.
+        found: a strength and whether the answer is right, for each effect or case.
+    """
     rows = {}
     for low, high in itertools.pairwise(STRENGTHS):
-        right = [is_right for strength_found, is_right in found if low <= max(strength_found, 0.0) < high]
+        right = [is_right for value, is_right in found if low <= max(value, 0.0) < high]
         rows[f"{low:g} {f'… {high:g}' if math.isfinite(high) else 'and more'}"] = str(Rate(sum(right), len(right)))
     return markdown_table([head], [rows])
 

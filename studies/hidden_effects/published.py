@@ -53,7 +53,12 @@ class KeptCase:
         return key_of(self.record.truth)
 
     def only(self, methods: Collection[str] | None, commits: Collection[str] | None) -> "KeptCase":
-        """The case with the answers of some methods, computed by some commits; None for all of them."""
+        """The case with some of its answers only.
+
+        Args:
+            methods: methods whose answers are kept; None for all.
+            commits: commits of the code whose answers are kept; None for all.
+        """
         kept = {
             method: commit for method, commit in self.commits.items()
             if (methods is None or method in methods) and (commits is None or commit in commits)
@@ -156,9 +161,8 @@ def main(arguments: list[str] | None = None) -> int:
         kept = added(kept, ResultFolder(options.add).all_records(split, [m.value for m in Method]), options.commit)
         write_kept(kept, file)
     shown = [kept[key] for key in sorted(kept, key=str) if key.family in options.families]
-    if options.commits or options.methods:
-        shown = [case.only(options.methods, options.commits) for case in shown]
-        shown = [case for case in shown if case.record.answers]
+    shown = [case.only(options.methods, options.commits) for case in shown]
+    shown = [case for case in shown if case.record.answers]
     if not shown:
         of = f"to {split.value} cases" if not kept else f"of {', '.join(options.families)}"
         of += f" by {', '.join(options.commits)}" if options.commits else ""

@@ -1,6 +1,7 @@
 """Laws estimated as free curves: known laws are found again, and the files of the model with a curve can be used.
 
-The level at which a curve begins: found for a hinge, not claimed for a curve that acts everywhere.
+A curve may be zero up to some level and rise from there (a hinge). That level is found; for a curve that acts over its
+whole range, none is given.
 """
 
 import dataclasses

@@ -1,12 +1,10 @@
-"""Members of a model compared with their rivals while all other members are in the model."""
+"""Effects of the final model compared with their rivals once more, with all other effects in the model."""
 
 import dataclasses
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-import edhas_jax as edhas
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.chosen_effects import calibrated_model
 from edhas_jax.diagnosis.search import forward_selection
@@ -22,35 +20,26 @@ from edhas_jax.machine.effects import (
     EddyDrag,
     ForceConstantDroop,
     InverterDeadTime,
-    LugreFriction,
     ParasiticSpring,
 )
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
-from edhas_jax.measurements.campaign import Channel, Use
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
+from edhas_jax.measurements.campaign import Use
+from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
-CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
-RUNS = tuple(
-    PlannedRun(Use.FIT, 0.2, {"frequency": frequency, "amplitude": amplitude})
-    for frequency, amplitude in ((10.0, 3.5e-3), (25.0, 3e-3), (15.0, 4e-3))
-)
 SPRING, DEAD_TIME = Candidate(ParasiticSpring), Candidate(InverterDeadTime)
-STEPS = 12
+STEPS = 12  # maximum number of Levenberg-Marquardt steps
 
 
 @pytest.fixture(scope="module")
 def calibrated():
-    """The calibrated model of a bench with a spring and a dead time that the model lacks, with its time step."""
-    bench = edhas.ActuatorBench(reference=edhas.Sine(ramp_time=0.05), effects=(LugreFriction(),))
-    plan = planned_campaign("bench", bench, {"coil_resistance": 0.02, "mover_damping": 0.25}, CHANNELS, RUNS, 5e-4)
-    rng = np.random.default_rng(3)
-    truth = draw_parameters(plan, bench, rng)
+    """The calibrated model, with its time step; the bench has a spring and a dead time that the model does not have."""
+    campaign, machine = empty_campaign(), bench()
     hidden = (ParasiticSpring(spring_rate=700.0), InverterDeadTime(dead_time_voltage=0.8))
-    return calibrated_model(synthesise(plan, structs.replace(truth, effects=(*truth.effects, *hidden)), rng))
+    return calibrated_model(measured(campaign, structs.replace(machine, effects=(*machine.effects, *hidden))))
 
 
 def tried(baseline, accepted, candidate, resolution) -> Trial:
-    """The trial of a candidate, with what it explains and leaves."""
+    """The trial of a candidate, its gains and residuals filled in as by a round of the search."""
     score = ScoreTest(baseline.fit, accepted).score(candidate)
     trial = try_candidate(baseline, accepted, score, resolution, STEPS)
     excess, gain = trial.evaluated.excess, trial.log_evidence_gain
@@ -73,7 +62,7 @@ def rounds_with(calibrated, first: Candidate, *rivals: Candidate) -> list[Round]
 
 def test_rivals_are_compared_by_what_the_final_model_leaves(calibrated):
     rounds = rounds_with(calibrated, SPRING, Candidate(EddyDrag), Candidate(ForceConstantDroop))
-    # as if the round had been close
+    # as if the candidates had hardly differed in that round
     rounds[0] = dataclasses.replace(
         rounds[0],
         trials=tuple(
@@ -127,9 +116,9 @@ def test_the_search_goes_on_where_a_curve_was_not_needed(monkeypatch, left, goes
     monkeypatch.setattr(forward_selection, "_left", lambda rounds: left)
     monkeypatch.setattr(forward_selection, "_select_forward", lambda *values: begun.append(values[4:]) or more)
     search = SimpleNamespace(report=None, workers=None)
-    found = forward_selection._take_back(search, forward, None, None, "round")
+    found = forward_selection._take_back_and_go_on(search, forward, None, None, "round")
     assert found.rounds == (more if goes_on else reduced)
     assert begun == ([(reduced[:1], "round_on")] if goes_on else [])
     # with the curve still in the model nothing is searched
     results[len(forward)] = TakenBack(forward, [])
-    assert forward_selection._take_back(search, forward, None, None, "round").rounds == forward
+    assert forward_selection._take_back_and_go_on(search, forward, None, None, "round").rounds == forward

@@ -97,7 +97,7 @@ def test_stored_limits_are_not_computed_again(monkeypatch, tmp_path, capsys):
 
 
 def test_each_of_several_effects_has_a_strength_beside_the_others():
-    """Both effects explain something in addition to the other; the one with the larger visible size explains more."""
+    """Each of two effects explains something that the other one does not; the more visible effect explains more."""
     case = draw(CaseKey("g", Split.VARIED, 11))
     found = limit_of(case)
     visible = [hidden.visible for hidden in case.truth.hidden]

@@ -169,7 +169,7 @@ def test_sparse_regression_names_nothing_where_no_rate_is_measured(monkeypatch):
 
 
 def test_sparse_regression_leaves_out_sizes_that_contradict_each_other():
-    """Some points of the grid of LuGre friction have a static friction below the Coulomb friction."""
+    """LuGre friction needs a static friction that is not below the Coulomb friction; not all points of the grid do."""
     pytest.importorskip("pysindy")
     from studies.hidden_effects.rivals.sparse_regression import _on_grid
 

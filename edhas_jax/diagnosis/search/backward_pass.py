@@ -12,13 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
+from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, with_candidates
 from edhas_jax.diagnosis.search.decision_rules import (
     LAW_ERROR_SHARE,
     least_strength,
+    leaves_clearly_less,
+    remaining,
     scatter_of_fits,
     strength,
-    unexplained_floor,
 )
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_law import MIN_LAW_STRENGTH, MIN_MOUNTED_STRENGTH
@@ -32,16 +33,19 @@ from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 REFIT_STEPS = 8  # maximum number of Levenberg-Marquardt steps of a refit without a member
-FAR_MORE = 2.0  # what a model with a curve leaves over what one with an effect in its place leaves
 LAW_ERROR_SHARE_AT_COMPONENT = 0.01  # as `LAW_ERROR_SHARE`, at the component on which the law acts
 
 
 class TakenBack(NamedTuple):
-    """What the backward pass leaves: see `take_back`."""
+    """The result of the backward pass: see `take_back`."""
 
     rounds: list[Round]
     members: list[MemberTest]
     rejected: tuple[Rejected, ...] = ()
+
+    def after(self, earlier: "TakenBack") -> "TakenBack":
+        """This result with what an earlier pass has rejected as well."""
+        return self._replace(rejected=(*earlier.rejected, *self.rejected))
 
 
 def take_back(
@@ -66,7 +70,7 @@ def take_back(
         own = law_deviation_columns(final.fit, mounted) if mounted else None
         left = final.excess_with(own)
         explained = gains_with_own_law(rounds)
-        tests, alone = [], []
+        tests, without_law_error = [], []
         jobs = [(final, others_of(mounted, candidate), rounds[0], resolution) for candidate in mounted]
         sentences = [f"the model without {candidate.name}" for candidate in mounted]
         without = fits_of(_refit, jobs, sentences, workers, report)
@@ -83,14 +87,14 @@ def take_back(
             floor = _law_error(candidate, mounted, explained) + scatter
             found = max(strength(gain, left, final.samples, floor), 0.0)
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
-            alone.append(strength(gain, left, final.samples, scatter))
+            without_law_error.append(strength(gain, left, final.samples, scatter))
         least = least_strength(rounds[0].baseline)
         removable = [k for k, test in enumerate(tests) if _margin(test, least) < 1.0]
         if not removable:
             return TakenBack(_with_best_start(rounds, mounted, without), _with_laws(tests, final), tuple(rejected))
         weakest = removable[0]
-        hidden = [k for k in removable if _law_of(mounted[k]) is None and alone[k] >= least]
-        if (curve := _needless_curve(mounted, without, removable, hidden)) is not None:
+        doubtful = [k for k in removable if _law_of(mounted[k]) is None and without_law_error[k] >= least]
+        if (curve := _needless_curve(mounted, without, removable, doubtful)) is not None:
             weakest = curve
         elif len(removable) > 1:  # members that stand in for each other
             left_implausible = {k: _implausible_count(others_of(mounted, mounted[k]), without[k]) for k in removable}
@@ -123,22 +127,28 @@ def _law_of(candidate: Candidate) -> str | None:
 
 
 def gains_with_own_law(rounds: Iterable[Round]) -> dict[str, float]:
-    """What each accepted candidate gained in its round where its law might differ [nats], by id."""
+    """Log-evidence gain [nats] of each accepted candidate in its round, with a law that may differ, by id."""
     return {trial.candidate.id: max(trial.own_law_gain, 0.0) for trial in accepted_trials(rounds)}
 
 
 def _law_error(candidate: Candidate, mounted: Sequence[Candidate], explained: Mapping[str, float]) -> float:
-    """What the curves of the laws of other effects may have left for a candidate [nats], by what these explain."""
+    """Misfit [nats] that the curves of other effects' laws may leave, and that a candidate could therefore imitate.
+
+    Args:
+        candidate: the candidate; for the curve of a law it is 0.
+        mounted: all candidates in the model.
+        explained: log-evidence gain [nats] of each effect, by id.
+    """
     if _law_of(candidate) is not None:
         return 0.0
     curves = {_law_of(c) for c in mounted} - {None, candidate.id}
     beside = {c.id for c in mounted if c.id in curves and c.location == candidate.location}
     shares = {of: LAW_ERROR_SHARE_AT_COMPONENT if of in beside else LAW_ERROR_SHARE for of in curves}
-    return sum(share * explained.get(of, 0.0) for of, share in shares.items())
+    return sum(share * explained[of] for of, share in shares.items())
 
 
 def others_of(mounted: Sequence[Candidate], removed: Candidate) -> list[Candidate]:
-    """What stays in the model where one candidate is removed: without an effect there is no deviation of its law."""
+    """The candidates that stay in the model when one is removed; with an effect, the curve of its law goes too."""
     return [c for c in mounted if c is not removed and _law_of(c) != removed.id]
 
 
@@ -148,24 +158,27 @@ def _implausible_count(members: Sequence[Candidate], model: EvaluatedFit) -> int
 
 
 def _needless_curve(
-    mounted: Sequence[Candidate], without: Sequence[EvaluatedFit], removable: Sequence[int], hidden: Sequence[int]
+    mounted: Sequence[Candidate], without: Sequence[EvaluatedFit], removable: Sequence[int], doubtful: Sequence[int]
 ) -> int | None:
-    """The curve of a law, of the removable ones, in whose place an effect explains far more; None where there is none.
+    """The position of a curve that is not needed, because an effect explains far more than it; None if there is none.
 
-    A curve follows what other effects do that are not yet in the model. The error that it may leave must not speak
-    against these effects if the model with them does not need the curve.
+    The curve of a law also fits the influence of effects that the model does not have yet. An effect that is added
+    later may then be too weak only because of the error allowed for a curve that the model with it does not need.
 
     Args:
-        mounted: all members.
+        mounted: all candidates in the model.
         without: the model without each of them.
-        removable: the positions of those that are not strong enough.
-        hidden: of these, the effects that only the errors of curves speak against.
+        removable: positions of those that are too weak to stay.
+        doubtful: of these, the effects that are too weak only because of the error allowed for curves.
+
+    Returns:
+        Of several such curves, the one without which the model leaves the least misfit.
     """
-    curves = [k for k in removable if _law_of(mounted[k]) is not None]
-    pairs = [(c, e) for c in curves for e in hidden if _law_of(mounted[c]) != mounted[e].id]
-    floors = {k: unexplained_floor(without[k].excess, without[k].samples) for pair in pairs for k in pair}
-    found = [c for c, e in pairs if FAR_MORE * floors[c] < floors[e]]
-    return min(found, key=floors.__getitem__, default=None)
+    found = [
+        c for c in removable for e in doubtful
+        if _law_of(mounted[c]) not in (None, mounted[e].id) and leaves_clearly_less(without[c], without[e])
+    ]  # fmt: skip
+    return min(found, key=lambda c: remaining(without[c].excess, without[c].samples), default=None)
 
 
 def _margin(test: MemberTest, least: float) -> float:
@@ -221,20 +234,21 @@ def refit(
     known: EvaluatedFit, candidates: Sequence[Candidate], starts: Sequence[Mapping[str, float]],
     resolution: TimeResolution,
 ) -> EvaluatedFit | None:  # fmt: skip
-    """The model with some candidates, refitted with what is known of solver and time; None where it fails.
+    """Fit a model that has just these candidates; None if it cannot be fitted.
 
     Args:
-        known: a fit of the same measurements.
-        candidates: what the model has.
-        starts: values of the unknowns (SI) by name at which fits begin; the centre of the prior for those without.
+        known: a fit to the same measurements, whose solver error and corrections of time are used.
+        candidates: the candidates.
+        starts: start values (SI) by name of an unknown, for each start; an unknown without a value starts at the
+            centre of its prior.
         resolution: coarse and fine time steps per sample.
     """
-    campaign: Campaign = known.fit.problem.campaign
-    problem = build_problem(campaign, campaign.machine, Instruments(), ())
-    for k, candidate in enumerate(candidates):
-        problem = build_problem(campaign, problem.machine, problem.instruments, candidates[:k], candidate)
     of = known.fit.problem
-    problem = dataclasses.replace(problem, solver_error=of.solver_error, time_errors=of.time_errors)
+    campaign: Campaign = of.campaign
+    empty = build_problem(
+        campaign, campaign.machine, Instruments(), (), solver_error=of.solver_error, time_errors=of.time_errors
+    )
+    problem = with_candidates(empty, candidates)
     try:
         begin = np.array([start_coordinates(problem, dict(values)) for values in starts])
         return with_tightened_bench(fit_coarse(problem, begin, resolution.coarse, REFIT_STEPS), resolution.coarse)

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -217,6 +217,13 @@ def with_candidate(known: FitProblem, accepted: Iterable[Candidate], candidate: 
     return build_problem(
         known.campaign, known.machine, known.instruments, accepted, candidate, known.solver_error, known.time_errors
     )
+
+
+def with_candidates(known: FitProblem, candidates: Sequence[Candidate]) -> FitProblem:
+    """As `with_candidate`, for several candidates that are added one after another to a model without any."""
+    for k, candidate in enumerate(candidates):
+        known = with_candidate(known, candidates[:k], candidate)
+    return known
 
 
 def at_prior_means(unknowns: Iterable[UnknownParameter], accepted: Iterable[Candidate], x: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from edhas_jax.diagnosis.search.answer import log_weight, temperature
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
@@ -27,6 +28,7 @@ MIN_STRENGTH = 0.7  # of an accepted effect: gain over what is left; below it th
 # the same where the misfit, over the variance of the noise, is larger than small unlisted physics leaves: what is left
 # is then more of the law, or other effects
 MIN_FAR_STRENGTH, FAR_MISFIT = 0.4, 3.0
+CLEARLY_LESS = 0.5  # misfit of a model over that of another one, below which it takes the place of the other one
 EXCESS_SIGMAS = 2.0  # an excess of ½χ² counts beyond this many of its standard deviations under noise alone
 
 
@@ -43,6 +45,27 @@ def scatter_of_fits(evaluated: EvaluatedFit) -> float:
 def unexplained_floor(excess: float, samples: int, law_error: float = 0.0) -> float:
     """What a gain is compared with [nats]: the excess of ½χ² that is left, and the least gain that counts."""
     return remaining(excess, samples) + MIN_GAIN + law_error
+
+
+def leaves_clearly_less(model: EvaluatedFit, other: EvaluatedFit) -> bool:
+    """Whether one model leaves clearly less misfit than another model."""
+    floors = [unexplained_floor(of.excess, of.samples) for of in (model, other)]
+    return floors[0] < CLEARLY_LESS * floors[1]
+
+
+def log_odds(trial: Trial, against: Trial, samples: int) -> float:
+    """Logarithm of the odds of the name of a trial against the name of another trial of the same round.
+
+    Args:
+        trial: the trial; that it gains more than the other one does not count.
+        against: the other trial. The misfit that it leaves sets the scale of the comparison.
+        samples: number of samples.
+    """
+    scale = temperature(against.mean_gain, remaining(against.own_law_excess, samples))
+    return log_weight(
+        min(trial.mean_gain - against.mean_gain, 0.0), trial.determined_parameters - against.determined_parameters,
+        scale, prior_cost=trial.prior_cost - against.prior_cost,
+    )  # fmt: skip
 
 
 def strength(gain: float, excess_after: float, samples: int, law_error: float = 0.0) -> float:

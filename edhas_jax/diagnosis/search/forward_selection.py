@@ -19,6 +19,7 @@ from edhas_jax.diagnosis.search.calibrated_model import calibrate, misfit
 from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.decision_rules import (
+    CLEARLY_LESS,
     LAW_ERROR_SHARE,
     MIN_GAIN,
     is_promising,
@@ -45,8 +46,8 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 MAX_EFFECTS = 3
 UNEXPLAINED_SHARE = 0.2  # of the misfit of the calibrated model: if effects leave more, its place is sought
 # a second search begins with a candidate that gains more than a share of the gain of the best, where the first search
-# leaves more than a share of the misfit; it is taken where it leaves less than a share of what the first one leaves
-RUNNER_UP_SHARE, MISFIT_SHARE, CLEARLY_LESS = 0.5, 0.1, 0.5
+# leaves more than a share of the misfit; its result is taken if it leaves clearly less than that of the first one
+RUNNER_UP_SHARE, MISFIT_SHARE = 0.5, 0.1
 BETTER_SHARE = 0.2  # of the misfit of the calibrated model; a refit that reduces it by more restarts the search
 CURVES_TRIED = 2  # largest number of trials with which a round may end: the best one, then the next one
 MIN_CURVE_STRENGTH = 3.0  # gain of a free curve over what it leaves, from which it may be the law of an effect
@@ -125,24 +126,26 @@ def diagnose(
     )
     test = ScoreTest(calibrated.fit, ())
     forward = _select_forward(search, calibrated, resolution, test)
-    kept = _take_back(search, forward, resolution, test, "round")
+    kept = _take_back_and_go_on(search, forward, resolution, test, "round")
     if _is_much_better(kept.rounds[0].baseline, calibrated):
         report("once more, from a better fit of the uncertain parameters")
         calibrated = kept.rounds[0].baseline
         test = ScoreTest(calibrated.fit, ())
         forward = _select_forward(search, calibrated, resolution, test, name="restarted")
-        kept = _take_back(search, forward, resolution, test, "restarted")
+        kept = _take_back_and_go_on(search, forward, resolution, test, "restarted")
     left = _left(kept.rounds)
     if (other := _other_beginning(forward[0])) is not None and left > MISFIT_SHARE * misfit(kept.rounds[0].baseline):
         report(f"once more, beginning with {other.accepted.candidate.name}")
         again = _select_again(search, forward, resolution, test, other)
         if again:
-            others = _take_back(search, again, resolution, test, "again")
-            is_less = _left(others.rounds) < CLEARLY_LESS * left
-            if is_less and _implausible(others.members) <= _implausible(kept.members):
-                kept = others
+            others = _take_back_and_go_on(search, again, resolution, test, "again")
+            other_left = _left(others.rounds)
+            if other_left < CLEARLY_LESS * left and _implausible(others.members) <= _implausible(kept.members):
+                kept, left = others, other_left
+    final = kept.rounds[-1].baseline
     kept = with_rivals_compared(kept, resolution, report, workers)
-    left = _left(kept.rounds)
+    if kept.rounds[-1].baseline is not final:
+        left = _left(kept.rounds)
     shares, free, free_gain = {}, (), 0.0
     if not kept.members or _is_unexplained(kept.rounds, kept.members, left):
         if kept.rounds[0].baseline is not calibrated:
@@ -154,7 +157,7 @@ def diagnose(
         if end is not None:
             report(f"its law is that curve: {end.round.accepted.candidate.name}")
             again = _select_forward(search, end.baseline, resolution, test, [end.round], "curve")
-            others = _take_back(search, again, resolution, test, "curve")
+            others = _take_back_and_go_on(search, again, resolution, test, "curve")
             others = with_rivals_compared(others, resolution, report, workers)
             if others.members:
                 kept, left, shares, free, free_gain = others, _left(others.rounds), {}, (), 0.0
@@ -174,7 +177,16 @@ def _select_forward(
     search: _Search, baseline: EvaluatedFit, resolution: TimeResolution, first: ScoreTest,
     begun: Sequence[Round] = (), name: str = "round",
 ) -> list[Round]:  # fmt: skip
-    """Add one candidate after another until none is promising; `baseline` is the model after the rounds begun."""
+    """Add one candidate after another until none is promising.
+
+    Args:
+        search: what all stages share.
+        baseline: the model with the candidates of the rounds that are finished.
+        resolution: coarse and fine time steps per sample.
+        first: score test of the calibrated model.
+        begun: the finished rounds.
+        name: of the stages in the checkpoint.
+    """
     rounds = list(begun)
     while True:
         mounted = mounted_candidates(rounds)
@@ -189,25 +201,24 @@ def _select_forward(
         baseline = end.baseline
 
 
-def _take_back(
+def _take_back_and_go_on(
     search: _Search, forward: Sequence[Round], resolution: TimeResolution, first: ScoreTest, name: str
 ) -> TakenBack:
-    """What the backward pass leaves; where it has taken out the curve of a law, the search goes on from there once.
+    """The result of the backward pass; if that has removed the curve of a law, the search is continued once.
 
-    Such a curve has followed what other effects do that the search could then not find.
+    Such a curve has fitted the influence of other effects, which the search could therefore not find.
     """
     kept = take_back(forward, resolution, search.report, search.workers)
-    present = set(mounted_candidates(kept.rounds))
+    present = mounted_candidates(kept.rounds)
     ids = {candidate.id for candidate in present}
-    needless = [c for c in mounted_candidates(forward) if isinstance(c, LawDeviation) and c not in present]
-    if not any(curve.of in ids for curve in needless) or not _left(kept.rounds) > 0.0:
+    removed = [c for c in mounted_candidates(forward) if isinstance(c, LawDeviation) and c not in present]
+    if not any(curve.of in ids for curve in removed) or not _left(kept.rounds) > 0.0:
         return kept
     begun, model = kept.rounds[:-1], kept.rounds[-1].baseline
     on = _select_forward(search, model, resolution, first, begun, f"{name}_on")
     if len(on) == len(kept.rounds):
         return kept
-    again = take_back(on, resolution, search.report, search.workers)
-    return again._replace(rejected=(*kept.rejected, *again.rejected))
+    return take_back(on, resolution, search.report, search.workers).after(kept)
 
 
 def _select_again(
@@ -250,7 +261,7 @@ def _finish_round(
     search: _Search, baseline: EvaluatedFit, rounds: Sequence[Round], resolution: TimeResolution, first: ScoreTest,
     known: Round | None = None,
 ) -> RoundEnd:  # fmt: skip
-    """One round after others, or a known one, and the model with which the next one begins."""
+    """The round that follows some others, or a known one, and the model with which the next one begins."""
     mounted = mounted_candidates(rounds)
     if sum(not isinstance(candidate, LawDeviation) for candidate in mounted) == MAX_EFFECTS:
         return RoundEnd(Round(baseline, (), (), None), None)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.search.answer import log_weight, temperature
 from edhas_jax.diagnosis.search.calibrated_model import misfit
 from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_means
 from edhas_jax.diagnosis.search.decision_rules import (
@@ -14,6 +13,7 @@ from edhas_jax.diagnosis.search.decision_rules import (
     holds_by_library_law,
     is_promising,
     least_predicted_gain,
+    log_odds,
     remaining,
     unexplained_floor,
 )
@@ -184,10 +184,9 @@ def _simplest(trials: Sequence[Trial], samples: int) -> Trial:
     force with a long pitch follows a spring that softens.
     """
     first = trials[0]
-    scale = temperature(first.mean_gain, remaining(first.own_law_excess, samples))
     return max(
         (t for t in trials if _leaves_as_little(t.remaining_excess, first.remaining_excess, samples)),
-        key=lambda t: log_weight(t.mean_gain, t.determined_parameters, scale, prior_cost=t.prior_cost),
+        key=lambda t: log_odds(t, first, samples),
     )
 
 

@@ -11,12 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.calibration.unpredictable_part import with_unpredictable_part
 from edhas_jax.diagnosis.likelihood.bench_estimate import BenchEstimate
 from edhas_jax.diagnosis.likelihood.residual_outliers import without_missing
 from edhas_jax.diagnosis.likelihood.time_correction import with_clock_error, with_corrected_time
-from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, Candidate, build_problem
+from edhas_jax.diagnosis.search.candidates import SENSOR_FAULTS, Candidate, build_problem, with_candidates
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.result import Round, mounted_candidates
@@ -175,7 +174,7 @@ class StageDecoder:
         campaign = with_corrected_time(campaign, errors) if errors else campaign
         campaign = without_missing(dataclasses.replace(campaign, tightening=plain["tightening"]), residuals)
         campaign = with_unpredictable_part(campaign, plain["unpredictable"])
-        problem = mounted_problem(campaign, mounted)
+        problem = with_candidates(build_problem(campaign, campaign.machine, Instruments(), ()), mounted)
         problem = dataclasses.replace(problem, solver_error=error, time_errors=errors)
         fitted = Fit(
             problem, self.arrays[plain["x"]], self.arrays[plain["uncorrected"]],
@@ -198,11 +197,3 @@ def _law_from_plain(plain: Plain, machine: Rig) -> LawDeviation:
     slot, variable, factors = plain["place"]
     place, nodes = LawPlace(slot, variable, tuple(factors), rig_of(machine)), tuple(plain["nodes"])
     return LawDeviation(tabulated_class(plain["name"], place, len(nodes)), None, place, plain["spread"], nodes)
-
-
-def mounted_problem(campaign: Campaign, mounted: Sequence[Candidate]) -> FitProblem:
-    """The fit problem of a campaign's machine with candidates mounted one after another."""
-    problem = build_problem(campaign, campaign.machine, Instruments(), ())
-    for k, candidate in enumerate(mounted):
-        problem = build_problem(campaign, problem.machine, problem.instruments, mounted[:k], candidate)
-    return problem
