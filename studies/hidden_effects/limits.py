@@ -1,18 +1,19 @@
-"""What the true laws would explain in cases for development: why a first name is wrong, and where any method ends.
+"""What the true laws would explain: why a first answer is wrong, and where any method ends.
 
     python -m studies.hidden_effects.limits [--split varied|tuning|practice|earlier|judging] [--families b c …]
                                             [--out DIR] [--workers K]
 
-For every case in DIR in which an effect with a name is hidden and which `edhas diagnose` has answered, the model is
-fitted without what is hidden and with the true laws, which no method knows. Both fits also start from the true
-parameters. Their difference is what the true laws explain; compared with what they leave, it is the *strength* of what
-is hidden. With judging cases only the counts are printed, no single answer. A wrong first name has one of three causes:
+For every case in DIR in which an effect is hidden and which `edhas diagnose` has answered, the model is fitted without
+what is hidden and with the true laws, which no method knows. Both fits also start from the true parameters. Their
+difference is what the true laws explain; compared with what they leave, it is the *strength* of what is hidden. With
+judging cases only the counts are printed, no single answer. A wrong first answer (where the effect is withheld from the
+library, any but an effect without a name) has one of three causes:
 
 * *weak*: the true laws explain less than what a candidate must explain, over what is left, to be accepted; a rule that
   accepted it would accept imitations of small disturbances as well;
 * *fit*: the true laws leave much less than the best model that the search has found;
-* *confused*: neither; the search has found a model that explains as much with other names, or the rules were too
-  strict.
+* *confused*: neither; the search has found a model that explains as much with other names or with the uncertain
+  parameters alone, or the rules were too strict.
 
 Where several effects are hidden, the model is also fitted with all of their true laws but one. What the one that was
 left out explains in addition to the others, compared with what all of them leave, is the strength of that effect. A
@@ -47,7 +48,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 from studies.hidden_effects.answers import Answer, Truth, same_as_any
 from studies.hidden_effects.drawing import FAMILIES, DrawnCase, draw, key_of
 from studies.hidden_effects.generators.hidden_case import Split
-from studies.hidden_effects.rates import Rate, first_is_right, is_named
+from studies.hidden_effects.rates import Rate, first_is_right, is_null
 from studies.hidden_effects.report import case_name, description, markdown_table
 from studies.hidden_effects.store import Record, ResultFolder, read_json, write_json
 from studies.hidden_effects.work import run_all
@@ -60,7 +61,7 @@ STRENGTHS = (0.0, 0.3, 1.0, 3.0, 10.0, math.inf)  # limits of the bands
 
 
 class Cause(enum.Enum):
-    """Why a first name is wrong."""
+    """Why a first answer is wrong."""
 
     WEAK = "weak"
     FIT = "fit"
@@ -134,7 +135,7 @@ def _from_truth(problem: FitProblem, machine: Rig, resolution: TimeResolution) -
 
 
 def cause_of(limit: Limit, answer: Answer) -> Cause:
-    """Why the first name of an answer is wrong."""
+    """Why the first answer is wrong."""
     if limit.strength < MIN_STRENGTH:
         return Cause.WEAK
     members = answer.evidence.get("members", ())
@@ -143,9 +144,9 @@ def cause_of(limit: Limit, answer: Answer) -> Cause:
 
 
 def strength_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
-    """Lines of a Markdown table with the rate of right first names, by the strength of all hidden effects together."""
+    """Lines of a Markdown table with the rate of right first answers, by the strength of all hidden effects together."""
     return _over_strength(
-        "right name first", [(limit.strength, first_is_right(truth, answer)) for truth, answer, limit in cases]
+        "right answer first", [(limit.strength, first_is_right(truth, answer)) for truth, answer, limit in cases]
     )
 
 
@@ -197,7 +198,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--split", type=Split, choices=list(Split), default=Split.VARIED,
                         metavar="varied|tuning|practice|earlier|judging",
                         help="which cases (default varied)")  # fmt: skip
-    parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list("bcdefg"), metavar="LETTER")
+    parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list("bcdefgh"), metavar="LETTER")
     parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"), help="folder of the answers")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args(arguments)
@@ -218,7 +219,7 @@ def main(arguments: list[str] | None = None) -> int:
         for key, record in records.items()
         if (results.of(key) / FILE).exists()
     ]
-    print("\nright first names by strength: the gain of the true laws over what they leave\n")
+    print("\nright first answers by strength: the gain of the true laws over what they leave\n")
     print("\n".join([*strength_table(cases), ""]))
     if any(limit.each for *_, limit in cases):
         print("effects named in cases with several: by what each explains in addition to the others\n")
@@ -242,9 +243,9 @@ def _is_same(drawn: Truth, stored: Truth) -> bool:
 
 
 def _can_be_fitted(record: Record) -> bool:
-    """Whether a case has an answer with its evidence, and hides effects with a name and nothing but effects."""
+    """Whether a case has an answer with its evidence, and hides effects and no fault of a sensor."""
     answer = record.answers.get("ours")
-    if answer is None or not answer.evidence or not is_named(record.truth):
+    if answer is None or not answer.evidence or is_null(record.truth):
         return False
     return not any(" on " in h.name for h in record.truth.hidden)
 
