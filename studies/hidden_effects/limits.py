@@ -144,7 +144,7 @@ def cause_of(limit: Limit, answer: Answer) -> Cause:
 
 
 def strength_table(cases: Sequence[tuple[Truth, Answer, Limit]]) -> list[str]:
-    """Lines of a Markdown table with the rate of right first answers, by the strength of all hidden effects together."""
+    """Lines of a Markdown table: the rate of right first answers, by the strength of all that is hidden together."""
     return _over_strength(
         "right answer first", [(limit.strength, first_is_right(truth, answer)) for truth, answer, limit in cases]
     )

@@ -211,7 +211,8 @@ class Ensemble:
         matrix = np.concatenate([np.ones((len(distances), 1)), distances], axis=1)
         tiny = np.finfo(float).tiny
         ridge = RIDGE * max(float(np.sum(np.square(distances))) / n, tiny)
-        weights = regularised_inverse(matrix.T @ matrix + np.diag([tiny, *[ridge] * n])) @ matrix.T
+        used = matrix.T @ matrix + np.diag([tiny, *[ridge] * n])
+        weights = regularised_inverse(used) @ matrix.T if len(others) else matrix.T
         outcomes, smooth = [], []
         for r, outcome in enumerate(at_x):
             values, slopes = {}, {}

@@ -17,8 +17,9 @@ from edhas_jax.diagnosis.search.evaluated_fit import (
     fit_coarse,
     solver_error,
     start_coordinates,
+    with_solver_error,
 )
-from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
+from edhas_jax.diagnosis.search.local_minima import fit_across_minima, fit_progressively
 from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS
@@ -83,6 +84,10 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     calibrated = with_tightened_bench(calibrated, resolution.coarse)
     settled, resolution = _with_sufficient_step(settle(calibrated, resolution, report), resolution, report)
     settled = with_tightened_bench(settled, resolution.coarse)
+    report("looking for a better minimum")
+    across = fit_across_minima(settled, resolution.coarse)
+    if across is not settled:
+        settled = min(settled, with_solver_error(across, resolution, TRIAL_STEPS), key=lambda of: of.cost)
     return without_wrong_samples(settled, resolution), resolution
 
 

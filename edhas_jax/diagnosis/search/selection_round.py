@@ -17,18 +17,23 @@ from edhas_jax.diagnosis.search.decision_rules import (
     remaining,
     unexplained_floor,
 )
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
 from edhas_jax.diagnosis.search.free_law import free_law
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_cost, law_deviation_columns
 from edhas_jax.diagnosis.search.plausibility import ImplausibilityCost, implausibility_cost
 from edhas_jax.diagnosis.search.result import Round
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
-from edhas_jax.diagnosis.search.settled_fit import settle, with_recorded_time, without_wrong_samples
+from edhas_jax.diagnosis.search.settled_fit import (
+    REFINEMENT_STEPS,
+    refine_fit,
+    settle,
+    with_recorded_time,
+    without_wrong_samples,
+)
 from edhas_jax.diagnosis.search.stage_encoding import RoundEnd
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.search.trial import (
     MAX_TRIALS,
-    NEAR_EXCESS,
     NEARLY_ALL_SHARE,
     Trial,
     retry_progressively,
@@ -40,8 +45,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 # candidates whose signatures are simulated again in later rounds: how many, and from which fall of χ² on
 REFRESHED, MIN_REFRESHED_FALL = 8, 10.0
 PROGRESSIVE_TRIALS = 8  # candidates that are fitted progressively where none explains nearly all
-REFINED, REFINEMENT_STEPS = 2, 6  # trials that are refined where they end near the noise, and the steps of the fit
-OWN_LAWS = 2  # trials whose own law may deviate
+REFINED, OWN_LAWS = 2, 2  # trials that are refined, and whose own law may deviate
 AS_MUCH = 2.0  # what another candidate may leave, over what one with an implausible parameter leaves
 PROGRESSIVE_RMS = 3.0  # residual over noise below which a fit is not caught in a distant minimum
 FAR_TRIALS = 8  # largest number of trials above it
@@ -85,10 +89,7 @@ def search_round(
     trials = sorted(trials, key=lambda trial: -trial.log_evidence_gain)
     trials = [refine_trial(baseline, trial, resolution) if k < REFINED else trial for k, trial in enumerate(trials)]
     trials = [beyond_deviations(baseline, trial, deviations) for trial in trials]
-    trials = [
-        with_own_law(baseline, accepted, trial, deviations) if k < OWN_LAWS else trial
-        for k, trial in enumerate(trials)
-    ]
+    trials = [with_own_law(baseline, accepted, t, deviations) if k < OWN_LAWS else t for k, t in enumerate(trials)]
     trials.sort(key=lambda trial: -trial.mean_gain)
     promising = [trial for trial in trials if is_promising(trial, baseline.samples, law_error)]
     best = _simplest(promising, baseline.samples) if promising and promising[0] is trials[0] else None
@@ -249,7 +250,7 @@ def beyond_deviations(
 
 
 def refine_trial(baseline: EvaluatedFit, trial: Trial, resolution: TimeResolution) -> Trial:
-    """A trial that ends near the noise, refitted with its own solver error in place of that of the baseline.
+    """A trial with its fit refined, see `refine_fit`.
 
     Where the signals depend irregularly on the parameters, one that has found a better model is fitted again with a
     wide ensemble.
@@ -259,10 +260,10 @@ def refine_trial(baseline: EvaluatedFit, trial: Trial, resolution: TimeResolutio
         is_better = found.cost < baseline.cost
         again = fit_coarse(found.fit.problem, found.fit.x, resolution.coarse, REFINEMENT_STEPS) if is_better else found
         return trial.with_fit(baseline, again) if again.cost < found.cost else trial
-    if found is None or found.excess > NEAR_EXCESS * 0.5 * found.samples:
+    if found is None:
         return trial
-    refined = with_solver_error(found, resolution, REFINEMENT_STEPS)
-    return trial.with_fit(baseline, refined) if refined.excess < found.excess else trial
+    refined = refine_fit(found, resolution)
+    return trial if refined is found else trial.with_fit(baseline, refined)
 
 
 def with_own_law(

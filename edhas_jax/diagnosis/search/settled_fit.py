@@ -1,4 +1,4 @@
-"""Completion of a fit at the coarse time step: the solver's error and the time of the records corrected."""
+"""Completion of a fit: the error of its coarse time step and the time of the records corrected, other minima near."""
 
 import dataclasses
 from collections.abc import Callable
@@ -20,10 +20,12 @@ from edhas_jax.diagnosis.likelihood.time_correction import (
     with_clock_error,
     with_corrected_time,
 )
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
+from edhas_jax.diagnosis.search.decision_rules import remaining
+from edhas_jax.diagnosis.search.evaluated_fit import NEAR_EXCESS, EvaluatedFit, fit_coarse, with_solver_error
+from edhas_jax.diagnosis.search.local_minima import fit_across_minima
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-CORRECTION_STEPS = 8  # maximum number of Levenberg-Marquardt steps
+CORRECTION_STEPS, REFINEMENT_STEPS = 8, 6  # maximum numbers of Levenberg-Marquardt steps
 MIN_TIME_ERROR, MAX_CORRECTIONS = 2e-5, 2  # time error [s] from which time stamps are corrected, and how often
 MIN_REMOVED_SHARE = 0.5  # of the misfit, which a correction of the time stamps must remove,
 MIN_REMOVED_BY_CLOCK = 0.1  # and the same where the clock has an error
@@ -167,3 +169,31 @@ def without_wrong_samples(settled: EvaluatedFit, resolution: TimeResolution) -> 
         return fit_coarse(problem, settled.fit.x, resolution.coarse, CORRECTION_STEPS)
     except FitError:
         return settled
+
+
+def refine_fit(found: EvaluatedFit, resolution: TimeResolution) -> EvaluatedFit:
+    """A fit that ends near the noise, with its own solver error; where it leaves a misfit, continued across minima.
+
+    Args:
+        found: a fit.
+        resolution: coarse and fine time steps per sample.
+
+    Returns:
+        Of the fits that were made, the one that leaves the least misfit.
+    """
+    best = _with_own_solver_error(found, resolution)
+    if not remaining(best.excess, best.samples):
+        return best
+    across = fit_across_minima(best, resolution.coarse)
+    return best if across is best else min(best, _with_own_solver_error(across, resolution), key=_excess)
+
+
+def _with_own_solver_error(found: EvaluatedFit, resolution: TimeResolution) -> EvaluatedFit:
+    """A fit near the noise, refitted with the solver's error at its end where that leaves less; any other unchanged."""
+    if found.excess > NEAR_EXCESS * 0.5 * found.samples:
+        return found
+    return min(found, with_solver_error(found, resolution, REFINEMENT_STEPS), key=_excess)
+
+
+def _excess(of: EvaluatedFit) -> float:
+    return of.excess

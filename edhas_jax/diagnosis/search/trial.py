@@ -9,10 +9,10 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.search.candidates import MOST_ON_GRID, Candidate, at_prior_means, with_candidate
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
+from edhas_jax.diagnosis.search.evaluated_fit import NEAR_EXCESS, EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
+from edhas_jax.diagnosis.search.local_minima import fit_across_minima, fit_progressively
 from edhas_jax.diagnosis.search.plausibility import implausibility_cost
-from edhas_jax.diagnosis.search.progressive_fit import fit_progressively
 from edhas_jax.diagnosis.search.screening import Score, with_scaled_size
 from edhas_jax.diagnosis.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
@@ -26,9 +26,8 @@ MIN_IRREGULAR_FALL = 200.0  # the same for a model whose signals depend irregula
 MAX_TRIALS, MAX_IRREGULAR_TRIALS = 6, 3
 MIN_RIVAL_GAIN_SHARE = 0.1  # of the gain reached: a candidate that predicts less is not tried
 # close to the noise level and to the prior means the linear prediction is accurate, so that a candidate with a
-# smaller predicted share of the misfit, or of the gain reached, is not fitted; close is an excess of ½χ² below this
-# multiple of half the number of samples
-MIN_NEAR_SHARE, MIN_NEAR_RIVAL_SHARE, NEAR_EXCESS = 0.07, 0.25, 3.0
+# smaller predicted share of the misfit, or of the gain reached, is not fitted
+MIN_NEAR_SHARE, MIN_NEAR_RIVAL_SHARE = 0.07, 0.25
 TRIAL_STEPS = 12  # maximum number of Levenberg-Marquardt steps of a trial
 # a trial is given up where, after so many steps, its fall of ½χ² is below a share of that of the best trial so far and
 # would be so after as many nats more as the last `FALL_STEPS` steps have brought
@@ -117,7 +116,8 @@ def try_candidate(
     restarted at the prior means, because a wrong model biases the calibrated values; also if a calibrated parameter
     is implausible and less than half of the misfit is removed. If it ends above the model without the candidate, it is
     restarted with so small a size that it begins there; if all that achieves less than 30 % of a large predicted fall,
-    with the size of the grid point. A free term of a rig of one's own begins without influence first.
+    with the size of the grid point, and then continued across local minima. A free term of a rig of one's own begins
+    without influence first.
 
     Args:
         baseline: the model without the candidate.
@@ -146,7 +146,8 @@ def try_candidate(
     if begins_at_centre:
         starts.insert(0, centre)
     grid_starts = []
-    if score.point is not None and score.predicted_gain > MIN_RESTARTED_SHARE * baseline.excess:
+    is_large = score.predicted_gain > MIN_RESTARTED_SHARE * baseline.excess
+    if score.point is not None and is_large:
         grid_starts = [np.concatenate([start[:count], score.point]) for start in starts[-2:]]
     best: EvaluatedFit | None = None
     distorted = baseline.fit.is_distorted
@@ -174,6 +175,8 @@ def try_candidate(
             reached > 0.0 or achieved > MIN_ACHIEVED_FALL_SHARE * score.predicted_gain
         ):
             break
+    if best is not None and is_large and baseline.cost - best.cost < MIN_ACHIEVED_FALL_SHARE * score.predicted_gain:
+        best = fit_across_minima(best, resolution.coarse)
     return Trial.failed(score) if best is None else Trial.failed(score).with_fit(baseline, best)
 
 

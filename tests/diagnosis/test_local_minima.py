@@ -1,4 +1,4 @@
-"""A fit of growing parts of the runs converges where the cost of whole runs has many local minima."""
+"""Fits reach the solution where the cost has many local minima: on growing parts of the runs, and with an ensemble."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from edhas_jax.core import structs
 from edhas_jax.diagnosis.likelihood.bench_deviations import BenchDeviations
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
-from edhas_jax.diagnosis.search.progressive_fit import RUN_FRACTIONS, fit_progressively
+from edhas_jax.diagnosis.search.local_minima import RUN_FRACTIONS, fit_progressively
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage, SuctionLineInertance
 from edhas_jax.measurements.campaign import Channel, Use
 from edhas_jax.measurements.instruments import Instruments

@@ -1,8 +1,12 @@
-"""Progressive fit: the beginnings of all runs are fitted first, then larger and larger fractions of them.
+"""Fits where the cost has many local minima: growing parts of the runs, and derivatives from an ensemble.
 
 The effect of a wrong parameter accumulates along a run, and quickly so where a motion resonates, cavitates or sticks.
 Far from the solution the cost of whole runs therefore has many local minima, while that of their beginnings is smooth.
-Each fraction brings the fit into the region in which the cost of the next one is smooth.
+In a progressive fit, the beginnings of all runs are fitted first, then larger and larger fractions of them. Each
+fraction brings the fit into the region in which the cost of the next one is smooth.
+
+Where valves bounce or a friction just sticks, minima also lie next to each other, at distances far larger than those
+over which derivatives hold. The slopes of a regression over an ensemble of neighbours average over them.
 
 Source: progressive fitting of trajectories, e.g. Voss, Timmer, Kurths, Int. J. Bifurcation Chaos 14 (2004) 1905.
 """
@@ -12,6 +16,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from edhas_jax.diagnosis.calibration.ensemble_search import minimise_by_ensemble
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.starts import spread_points
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, find_minima, fit_coarse
@@ -28,6 +33,10 @@ SCAN_HALF_WIDTH = 3.0  # in standard deviations of the prior
 STARTS_KEPT = 3  # best points of a stage that start the next one
 # of the whole-run fit's excess: a fraction fitted alone that leaves more gives up; the shortest ones say too little
 MAX_RELATIVE_EXCESS = (np.inf, np.inf, 0.5, 0.5, 0.5)
+# maximum number of steps of an ensemble, and of the fit that follows; the ensemble goes on while so many of its steps
+# lower ½χ² by more than a least gain [nats] and a share of the excess at its beginning
+ENSEMBLE_STEPS, CHECKED_ENSEMBLE = 12, 3
+MIN_ENSEMBLE_GAIN, MIN_ENSEMBLE_SHARE = 2.0, 0.02
 MIN_EXCESS_SIGMAS = 10.0  # excess of χ² above which the residual of a fraction is significant
 
 
@@ -125,3 +134,30 @@ def _excess_sigmas(chi_square: float, stage: FitProblem) -> float:
     """The excess of χ² over its expectation under noise alone, in standard deviations of χ²."""
     samples = sum(run.valid_samples for run in stage.runs)
     return (chi_square - samples) / np.sqrt(2.0 * max(samples, 1))
+
+
+def fit_across_minima(found: EvaluatedFit, steps_per_sample: int) -> EvaluatedFit:
+    """A fit continued with derivatives from an ensemble, which average over minima that lie next to each other.
+
+    Args:
+        found: the fit.
+        steps_per_sample: time steps per sample.
+
+    Returns:
+        The end of the fit that begins where the ensemble ends; `found` where that is not clearly better.
+    """
+    problem, costs = found.fit.problem, [found.cost]
+    least_fall = max(MIN_ENSEMBLE_GAIN, MIN_ENSEMBLE_SHARE * found.excess)
+
+    def keep_on(step: int, cost: float) -> bool:
+        costs.append(cost)
+        return step < CHECKED_ENSEMBLE or costs[-1 - CHECKED_ENSEMBLE] - cost > least_fall
+
+    end = minimise_by_ensemble(problem, found.fit.x, steps_per_sample, ENSEMBLE_STEPS, keep_on)
+    if end is None or not end.model.cost[0] < found.cost - least_fall:
+        return found
+    try:
+        again = fit_coarse(problem, end.x, steps_per_sample, ENSEMBLE_STEPS)
+    except FitError:
+        return found
+    return again if again.log_evidence > found.log_evidence + least_fall else found
