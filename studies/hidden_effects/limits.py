@@ -12,8 +12,8 @@ library, any but an effect without a name) has one of three causes:
 * *weak*: the true laws explain less than what a candidate must explain, over what is left, to be accepted; a rule that
   accepted it would accept imitations of small disturbances as well;
 * *fit*: the true laws leave much less than the best model that the search has found;
-* *confused*: neither; the search has found a model that explains as much with other names or with the uncertain
-  parameters alone, or the rules were too strict.
+* *confused*: neither. A model with other effects instead, or with adjusted parameters only, fits about as well; or the
+  rules by which the diagnosis accepts an effect were too strict.
 
 Where several effects are hidden, the model is also fitted with all of their true laws but one. What the one that was
 left out explains in addition to the others, compared with what all of them leave, is the strength of that effect. A
@@ -243,7 +243,7 @@ def _is_same(drawn: Truth, stored: Truth) -> bool:
 
 
 def _can_be_fitted(record: Record) -> bool:
-    """Whether a case has an answer with its evidence, and hides effects and no fault of a sensor."""
+    """Whether a case has an answer with its evidence, and what is hidden are effects, without a fault of a sensor."""
     answer = record.answers.get("ours")
     if answer is None or not answer.evidence or is_null(record.truth):
         return False

@@ -53,7 +53,7 @@ class KeptCase:
         return key_of(self.record.truth)
 
     def only(self, methods: Collection[str] | None, commits: Collection[str] | None) -> "KeptCase":
-        """The case with some of its answers only.
+        """A copy of the case that has the answers of some methods and commits only.
 
         Args:
             methods: methods whose answers are kept; None for all.

@@ -1,4 +1,4 @@
-"""Fits reach the solution where the cost has many local minima: on growing parts of the runs, and with an ensemble."""
+"""A fit of growing parts of the runs converges where the cost of whole runs has many local minima."""
 
 import dataclasses
 

@@ -23,7 +23,7 @@ from studies.hidden_effects.generators.hidden_case import Split
 
 
 def campaign_of(family: str, number: int, split: Split = Split.TUNING) -> Campaign:
-    """The checked campaign of a case, some of its runs or of their ends held out."""
+    """The campaign of a case, its data checked; some runs, or the last third of each run, are held out from fits."""
     return split_for_holdout(checked_campaign(draw(CaseKey(family, split, number)).campaign))[0]
 
 
@@ -78,7 +78,7 @@ def test_of_two_effects_that_imitate_each_other_the_plausible_one_stays():
 
 
 def test_an_ensemble_leads_out_of_minima_next_to_each_other():
-    """Three runs in which a constant force of −1.77 N is missing: from most starts, a fit with it ends elsewhere."""
+    """Fits with the missing force, from nearby starts, end with very different χ²; with an ensemble it is found."""
     calibrated, resolution = calibrate(campaign_of("f", 422, Split.EARLIER))
     bias = Candidate(ConstantBiasForce)
     problem = with_candidates(calibrated.fit.problem, [bias])

@@ -97,7 +97,7 @@ def test_stored_limits_are_not_computed_again(monkeypatch, tmp_path, capsys):
 
 
 def test_each_of_several_effects_has_a_strength_beside_the_others():
-    """Each of two effects explains something that the other one does not; the more visible effect explains more."""
+    """Each effect improves the fit of a model that has the other one, the effect of larger visible size more."""
     case = draw(CaseKey("g", Split.VARIED, 11))
     found = limit_of(case)
     visible = [hidden.visible for hidden in case.truth.hidden]

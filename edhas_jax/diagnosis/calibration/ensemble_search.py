@@ -208,17 +208,13 @@ class Ensemble:
     ) -> tuple[Outcomes, Outcomes]:
         """The signals at a point with slopes from others at distances (k, n), and the regression's signals there."""
         n = distances.shape[1]
-        matrix = np.concatenate([np.ones((len(distances), 1)), distances], axis=1)
-        tiny = np.finfo(float).tiny
-        ridge = RIDGE * max(float(np.sum(np.square(distances))) / n, tiny)
-        used = matrix.T @ matrix + np.diag([tiny, *[ridge] * n])
-        weights = regularised_inverse(used) @ matrix.T if len(others) else matrix.T
+        weights = _regression_weights(distances) if len(others) else None
         outcomes, smooth = [], []
         for r, outcome in enumerate(at_x):
             values, slopes = {}, {}
             for name, signal in outcome.values.items():
                 found = np.concatenate([signal[None], np.zeros((n, len(signal)))])
-                if len(others):
+                if weights is not None:
                     found = weights @ np.array([of[r].values[name] for of in others])
                 values[name], slopes[name] = found[0], found[1:].T
             outcomes.append(PredictedSignals(outcome.values, slopes))
@@ -262,3 +258,15 @@ class Ensemble:
             valid = np.isfinite(whiten(measured, channels[name]))
             rows.append(whiten(measured - outcome.values[name], channels[name])[valid])
         return np.concatenate(rows)
+
+
+def _regression_weights(distances: np.ndarray) -> np.ndarray:
+    """The matrix (1 + n, k) that takes the values at k points to the value and the slopes at the origin.
+
+    Args:
+        distances: the points' distances from the origin (k, n), with k at least 1.
+    """
+    n, tiny = distances.shape[1], np.finfo(float).tiny
+    matrix = np.concatenate([np.ones((len(distances), 1)), distances], axis=1)
+    ridge = RIDGE * max(float(np.sum(np.square(distances))) / n, tiny)
+    return regularised_inverse(matrix.T @ matrix + np.diag([tiny, *[ridge] * n])) @ matrix.T

@@ -44,7 +44,7 @@ class TakenBack(NamedTuple):
     rejected: tuple[Rejected, ...] = ()
 
     def after(self, earlier: "TakenBack") -> "TakenBack":
-        """This result with what an earlier pass has rejected as well."""
+        """This result, with the candidates that an earlier backward pass removed among the rejected ones."""
         return self._replace(rejected=(*earlier.rejected, *self.rejected))
 
 
@@ -160,10 +160,11 @@ def _implausible_count(members: Sequence[Candidate], model: EvaluatedFit) -> int
 def _needless_curve(
     mounted: Sequence[Candidate], without: Sequence[EvaluatedFit], removable: Sequence[int], doubtful: Sequence[int]
 ) -> int | None:
-    """The position of a curve that is not needed, because an effect explains far more than it; None if there is none.
+    """The position in `mounted` of a curve that the model does not need; None if there is no such curve.
 
     The curve of a law also fits the influence of effects that the model does not have yet. An effect that is added
-    later may then be too weak only because of the error allowed for a curve that the model with it does not need.
+    later may then be too weak only because of the error allowed for the curve. The curve is not needed if the model
+    with the effect and without the curve leaves much less misfit than that with the curve and without the effect.
 
     Args:
         mounted: all candidates in the model.

@@ -220,7 +220,7 @@ def with_candidate(known: FitProblem, accepted: Iterable[Candidate], candidate: 
 
 
 def with_candidates(known: FitProblem, candidates: Sequence[Candidate]) -> FitProblem:
-    """As `with_candidate`, for several candidates that are added one after another to a model without any."""
+    """Add several candidates to a model that has none, one after another, as `with_candidate` adds one."""
     for k, candidate in enumerate(candidates):
         known = with_candidate(known, candidates[:k], candidate)
     return known

@@ -28,7 +28,7 @@ MIN_STRENGTH = 0.7  # of an accepted effect: gain over what is left; below it th
 # the same where the misfit, over the variance of the noise, is larger than small unlisted physics leaves: what is left
 # is then more of the law, or other effects
 MIN_FAR_STRENGTH, FAR_MISFIT = 0.4, 3.0
-CLEARLY_LESS = 0.5  # misfit of a model over that of another one, below which it takes the place of the other one
+CLEARLY_LESS = 0.5  # a model replaces another one if its misfit is less than this share of the other misfit
 EXCESS_SIGMAS = 2.0  # an excess of ½χ² counts beyond this many of its standard deviations under noise alone
 
 
@@ -57,8 +57,8 @@ def log_odds(trial: Trial, against: Trial, samples: int) -> float:
     """Logarithm of the odds of the name of a trial against the name of another trial of the same round.
 
     Args:
-        trial: the trial; that it gains more than the other one does not count.
-        against: the other trial. The misfit that it leaves sets the scale of the comparison.
+        trial: the trial. If its gain is larger than that of the other one, the gains count as equal.
+        against: the other trial. The misfit that remains with it sets the scale of the comparison.
         samples: number of samples.
     """
     scale = temperature(against.mean_gain, remaining(against.own_law_excess, samples))

@@ -30,7 +30,7 @@ ENSEMBLE_STEPS = 2  # the same where they come from an ensemble, whose steps are
 MAX_RISE = 3.0  # factor by which correcting the solver's error may raise χ² of a run; see `_without_branches`
 REFINEMENT = 2  # steps with which the solver's error is computed, over the fine ones
 MODEL_FAILS = "the model fails (it is not finite, or leaves its physical range) wherever the fit has looked"
-NEAR_EXCESS = 3.0  # excess of ½χ² over half the number of samples, below which a fit is close to the noise
+NEAR_EXCESS = 3.0  # a fit is close to the noise if its excess of ½χ² is below this multiple of half the sample count
 MAX_PRODUCT = 1e14  # square of a whitened column: above it rounding errors of ½χ² reach a nat
 
 

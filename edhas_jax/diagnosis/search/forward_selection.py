@@ -261,7 +261,7 @@ def _finish_round(
     search: _Search, baseline: EvaluatedFit, rounds: Sequence[Round], resolution: TimeResolution, first: ScoreTest,
     known: Round | None = None,
 ) -> RoundEnd:  # fmt: skip
-    """The round that follows some others, or a known one, and the model with which the next one begins."""
+    """Run the next round, or take `known` for it, and fit the model from which the round after it begins."""
     mounted = mounted_candidates(rounds)
     if sum(not isinstance(candidate, LawDeviation) for candidate in mounted) == MAX_EFFECTS:
         return RoundEnd(Round(baseline, (), (), None), None)

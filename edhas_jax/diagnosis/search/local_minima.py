@@ -1,4 +1,4 @@
-"""Fits where the cost has many local minima: growing parts of the runs, and derivatives from an ensemble.
+"""Two ways to fit a model whose cost has many local minima: growing parts of the runs, and an ensemble of points.
 
 The effect of a wrong parameter accumulates along a run, and quickly so where a motion resonates, cavitates or sticks.
 Far from the solution the cost of whole runs therefore has many local minima, while that of their beginnings is smooth.
@@ -6,9 +6,10 @@ In a progressive fit, the beginnings of all runs are fitted first, then larger a
 fraction brings the fit into the region in which the cost of the next one is smooth.
 
 Where valves bounce or a friction just sticks, minima also lie next to each other, at distances far larger than those
-over which derivatives hold. The slopes of a regression over an ensemble of neighbours average over them.
+over which derivatives hold. The slopes of a linear regression over an ensemble of scattered points average over them.
 
-Source: progressive fitting of trajectories, e.g. Voss, Timmer, Kurths, Int. J. Bifurcation Chaos 14 (2004) 1905.
+Source: progressive fitting of trajectories, e.g. Voss, Timmer, Kurths, Int. J. Bifurcation Chaos 14 (2004) 1905; for
+the ensemble see `calibration.ensemble_search`.
 """
 
 import dataclasses
@@ -33,11 +34,10 @@ SCAN_HALF_WIDTH = 3.0  # in standard deviations of the prior
 STARTS_KEPT = 3  # best points of a stage that start the next one
 # of the whole-run fit's excess: a fraction fitted alone that leaves more gives up; the shortest ones say too little
 MAX_RELATIVE_EXCESS = (np.inf, np.inf, 0.5, 0.5, 0.5)
-# maximum number of steps of an ensemble, and of the fit that follows; the ensemble goes on while so many of its steps
-# lower ½χ² by more than a least gain [nats] and a share of the excess at its beginning
-ENSEMBLE_STEPS, CHECKED_ENSEMBLE = 12, 3
-MIN_ENSEMBLE_GAIN, MIN_ENSEMBLE_SHARE = 2.0, 0.02
 MIN_EXCESS_SIGMAS = 10.0  # excess of χ² above which the residual of a fraction is significant
+MAX_STEPS = 12  # maximum number of steps of the ensemble, and of the Levenberg-Marquardt fit that follows
+# the ensemble stops if this many steps lower ½χ² by less than either limit: in nats, and as a share of the excess
+CHECKED_STEPS, MIN_FALL, MIN_FALL_SHARE = 3, 2.0, 0.02
 
 
 def fit_progressively(
@@ -137,27 +137,27 @@ def _excess_sigmas(chi_square: float, stage: FitProblem) -> float:
 
 
 def fit_across_minima(found: EvaluatedFit, steps_per_sample: int) -> EvaluatedFit:
-    """A fit continued with derivatives from an ensemble, which average over minima that lie next to each other.
+    """Continue a fit with derivatives from an ensemble, which leads out of small local minima, then as usual.
 
     Args:
         found: the fit.
         steps_per_sample: time steps per sample.
 
     Returns:
-        The end of the fit that begins where the ensemble ends; `found` where that is not clearly better.
+        The new fit; `found` itself if the new one is not clearly better.
     """
     problem, costs = found.fit.problem, [found.cost]
-    least_fall = max(MIN_ENSEMBLE_GAIN, MIN_ENSEMBLE_SHARE * found.excess)
+    least_fall = max(MIN_FALL, MIN_FALL_SHARE * found.excess)
 
     def keep_on(step: int, cost: float) -> bool:
         costs.append(cost)
-        return step < CHECKED_ENSEMBLE or costs[-1 - CHECKED_ENSEMBLE] - cost > least_fall
+        return step < CHECKED_STEPS or costs[-1 - CHECKED_STEPS] - cost > least_fall
 
-    end = minimise_by_ensemble(problem, found.fit.x, steps_per_sample, ENSEMBLE_STEPS, keep_on)
+    end = minimise_by_ensemble(problem, found.fit.x, steps_per_sample, MAX_STEPS, keep_on)
     if end is None or not end.model.cost[0] < found.cost - least_fall:
         return found
     try:
-        again = fit_coarse(problem, end.x, steps_per_sample, ENSEMBLE_STEPS)
+        again = fit_coarse(problem, end.x, steps_per_sample, MAX_STEPS)
     except FitError:
         return found
     return again if again.log_evidence > found.log_evidence + least_fall else found

@@ -19,9 +19,9 @@ from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.diagnosis.workers import Workers, fits_of
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-MOST_RIVALS = 3  # largest number of rivals of an effect that are fitted again, the most probable ones first
-LEAST_LOG_ODDS = -7.0  # of a rival against the effect, in its round; a rival below it is not fitted again
-MOST_EXCHANGES = 2  # largest number of effects that are replaced
+MOST_RIVALS = 3  # at most so many rivals of each effect are fitted again: the most probable ones
+LEAST_LOG_ODDS = -7.0  # a rival is fitted again if the logarithm of its odds against the effect is larger than this
+MOST_EXCHANGES = 2  # at most so many effects are replaced by a rival
 
 Report = Callable[[str], None]
 
@@ -29,7 +29,7 @@ Report = Callable[[str], None]
 def with_rivals_compared(
     taken: TakenBack, resolution: TimeResolution, report: Report, workers: Workers | None = None
 ) -> TakenBack:
-    """Compare the effects of the final model with the rivals of their rounds again; a much better rival replaces one.
+    """Compare each effect of the final model with its rivals again; replace it by one that leaves much less misfit.
 
     Args:
         taken: result of the backward pass.
@@ -38,8 +38,8 @@ def with_rivals_compared(
         workers: processes for the fits; None for this one.
 
     Returns:
-        The result with the trials of all rounds but the last successful one repeated; that one has been compared with
-        all other effects in the model already. After a replacement, the result of another backward pass.
+        The result with repeated trials. Those of the last effect are not repeated, because all other effects were in
+        the model when it was found. If an effect was replaced, the result of another backward pass.
     """
     for _ in range(MOST_EXCHANGES):
         if taken.rounds[-1].baseline.fit.problem.is_irregular:  # two fits then differ by chance, and each takes minutes
@@ -89,7 +89,7 @@ def _compared(
 
 
 def _close_rivals(found: Round, mounted: Sequence[Candidate], samples: int) -> list[Trial]:
-    """The trials of a round that were nearly as probable as the accepted one, without candidates in the final model."""
+    """The trials of a round not much less probable than the accepted one; none of a candidate that is in the model."""
     others = [t for t in found.trials if t.evaluated is not None and t.candidate not in mounted]
     odds = {t.candidate: log_odds(t, found.accepted, samples) for t in others}
     close = [t for t in others if odds[t.candidate] > LEAST_LOG_ODDS]
@@ -97,7 +97,7 @@ def _close_rivals(found: Round, mounted: Sequence[Candidate], samples: int) -> l
 
 
 def _exchanged(rounds: Sequence[Round], k: int, best: Trial) -> list[Round]:
-    """The rounds with another trial accepted in one of them, and the model with its candidate as the final one."""
+    """The rounds after `best` has replaced the accepted trial of round k; the final model is that of `best`."""
     lost = rounds[k].accepted.candidate
     out = [dataclasses.replace(r, laws=tuple(law for law in r.laws if law.of != lost.id)) for r in rounds]
     out[k] = dataclasses.replace(out[k], accepted=best)

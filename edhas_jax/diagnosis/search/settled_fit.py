@@ -1,4 +1,4 @@
-"""Completion of a fit: the error of its coarse time step and the time of the records corrected, other minima near."""
+"""Completion of a fit: correction of the solver error and of the time stamps, and a search for better minima nearby."""
 
 import dataclasses
 from collections.abc import Callable
@@ -172,14 +172,14 @@ def without_wrong_samples(settled: EvaluatedFit, resolution: TimeResolution) -> 
 
 
 def refine_fit(found: EvaluatedFit, resolution: TimeResolution) -> EvaluatedFit:
-    """A fit that ends near the noise, with its own solver error; where it leaves a misfit, continued across minima.
+    """Correct a fit for its solver error if it is close to the noise, then look for better minima if a misfit remains.
 
     Args:
         found: a fit.
         resolution: coarse and fine time steps per sample.
 
     Returns:
-        Of the fits that were made, the one that leaves the least misfit.
+        The fit with the smallest ½χ² of all that were made; `found` itself if none is better.
     """
     best = _with_own_solver_error(found, resolution)
     if not remaining(best.excess, best.samples):
@@ -189,7 +189,7 @@ def refine_fit(found: EvaluatedFit, resolution: TimeResolution) -> EvaluatedFit:
 
 
 def _with_own_solver_error(found: EvaluatedFit, resolution: TimeResolution) -> EvaluatedFit:
-    """A fit near the noise, refitted with the solver's error at its end where that leaves less; any other unchanged."""
+    """Refit with the solver error at the fit; unchanged if it is far from the noise or the new one is no better."""
     if found.excess > NEAR_EXCESS * 0.5 * found.samples:
         return found
     return min(found, with_solver_error(found, resolution, REFINEMENT_STEPS), key=_excess)

@@ -25,8 +25,8 @@ MIN_CHI_SQUARE_FALL = 25.0  # predicted fall of χ² below which no trial is mad
 MIN_IRREGULAR_FALL = 200.0  # the same for a model whose signals depend irregularly on its parameters
 MAX_TRIALS, MAX_IRREGULAR_TRIALS = 6, 3
 MIN_RIVAL_GAIN_SHARE = 0.1  # of the gain reached: a candidate that predicts less is not tried
-# close to the noise level and to the prior means the linear prediction is accurate, so that a candidate with a
-# smaller predicted share of the misfit, or of the gain reached, is not fitted
+# close to the noise level and to the prior means the linear prediction is accurate: there a candidate is fitted only if
+# it predicts at least these shares, of the misfit and of the gain reached so far
 MIN_NEAR_SHARE, MIN_NEAR_RIVAL_SHARE = 0.07, 0.25
 TRIAL_STEPS = 12  # maximum number of Levenberg-Marquardt steps of a trial
 # a trial is given up where, after so many steps, its fall of ½χ² is below a share of that of the best trial so far and
@@ -116,8 +116,8 @@ def try_candidate(
     restarted at the prior means, because a wrong model biases the calibrated values; also if a calibrated parameter
     is implausible and less than half of the misfit is removed. If it ends above the model without the candidate, it is
     restarted with so small a size that it begins there; if all that achieves less than 30 % of a large predicted fall,
-    with the size of the grid point, and then continued across local minima. A free term of a rig of one's own begins
-    without influence first.
+    with the size of the grid point. If that is too little as well, `fit_across_minima` continues the fit. A free term
+    of a rig of one's own begins without influence first.
 
     Args:
         baseline: the model without the candidate.
