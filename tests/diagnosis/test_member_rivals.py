@@ -39,7 +39,7 @@ def calibrated():
 
 
 def tried(baseline, accepted, candidate, resolution) -> Trial:
-    """The trial of a candidate, with the gains and the remaining misfit that a round of the search computes."""
+    """A fit with the candidate, with its gain and misfit entered as a round of the search does it."""
     score = ScoreTest(baseline.fit, accepted).score(candidate)
     trial = try_candidate(baseline, accepted, score, resolution, STEPS)
     excess, gain = trial.evaluated.excess, trial.log_evidence_gain

@@ -1,4 +1,4 @@
-"""Campaigns of the benchmark on which a fit goes wrong: its step is too coarse, or its cost has many minima."""
+"""Benchmark campaigns that are difficult to fit: a coarse time step is misleading, or χ² has many local minima."""
 
 import numpy as np
 import pytest

@@ -28,7 +28,7 @@ MIN_STRENGTH = 0.7  # of an accepted effect: gain over what is left; below it th
 # the same where the misfit, over the variance of the noise, is larger than small unlisted physics leaves: what is left
 # is then more of the law, or other effects
 MIN_FAR_STRENGTH, FAR_MISFIT = 0.4, 3.0
-CLEARLY_LESS = 0.5  # a model replaces another one if its misfit is less than this share of the other misfit
+CLEARLY_LESS = 0.5  # a model replaces another one if its misfit is less than this fraction of the other's
 EXCESS_SIGMAS = 2.0  # an excess of ½χ² counts beyond this many of its standard deviations under noise alone
 
 

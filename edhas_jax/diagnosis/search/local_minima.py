@@ -1,12 +1,13 @@
-"""Two ways to fit a model whose cost has many local minima: growing parts of the runs, and an ensemble of points.
+"""Fits for a cost with many local minima: progressively longer parts of the runs, or ensemble derivatives.
 
 The effect of a wrong parameter accumulates along a run, and quickly so where a motion resonates, cavitates or sticks.
 Far from the solution the cost of whole runs therefore has many local minima, while that of their beginnings is smooth.
 In a progressive fit, the beginnings of all runs are fitted first, then larger and larger fractions of them. Each
 fraction brings the fit into the region in which the cost of the next one is smooth.
 
-Where valves bounce or a friction just sticks, minima also lie next to each other, at distances far larger than those
-over which derivatives hold. The slopes of a linear regression over an ensemble of scattered points average over them.
+Where valves bounce or friction just holds the mover, the cost also has many small local minima near a solution, and
+the derivatives at one point do not show where the cost is lower. Slopes of a linear regression over an ensemble of
+scattered points average over these minima.
 
 Source: progressive fitting of trajectories, e.g. Voss, Timmer, Kurths, Int. J. Bifurcation Chaos 14 (2004) 1905; for
 the ensemble see `calibration.ensemble_search`.
@@ -36,7 +37,8 @@ STARTS_KEPT = 3  # best points of a stage that start the next one
 MAX_RELATIVE_EXCESS = (np.inf, np.inf, 0.5, 0.5, 0.5)
 MIN_EXCESS_SIGMAS = 10.0  # excess of χ² above which the residual of a fraction is significant
 MAX_STEPS = 12  # maximum number of steps of the ensemble, and of the Levenberg-Marquardt fit that follows
-# the ensemble stops if this many steps lower ½χ² by less than either limit: in nats, and as a share of the excess
+# the ensemble fit stops if its last CHECKED_STEPS steps together lower ½χ² by no more than the larger of two limits:
+# MIN_FALL [nats], and MIN_FALL_SHARE of the excess of ½χ² at its start
 CHECKED_STEPS, MIN_FALL, MIN_FALL_SHARE = 3, 2.0, 0.02
 
 
@@ -137,7 +139,7 @@ def _excess_sigmas(chi_square: float, stage: FitProblem) -> float:
 
 
 def fit_across_minima(found: EvaluatedFit, steps_per_sample: int) -> EvaluatedFit:
-    """Continue a fit with derivatives from an ensemble, which leads out of small local minima, then as usual.
+    """Try to leave a small local minimum with derivatives from an ensemble; an ordinary fit follows where that helps.
 
     Args:
         found: the fit.

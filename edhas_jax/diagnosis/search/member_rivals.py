@@ -19,9 +19,9 @@ from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.diagnosis.workers import Workers, fits_of
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-MOST_RIVALS = 3  # at most so many rivals of each effect are fitted again: the most probable ones
+MOST_RIVALS = 3  # maximum number of rivals of each effect that are fitted again: the most probable ones
 LEAST_LOG_ODDS = -7.0  # a rival is fitted again if the logarithm of its odds against the effect is larger than this
-MOST_EXCHANGES = 2  # at most so many effects are replaced by a rival
+MOST_EXCHANGES = 2  # maximum number of effects that are replaced by a rival
 
 Report = Callable[[str], None]
 
@@ -29,7 +29,7 @@ Report = Callable[[str], None]
 def with_rivals_compared(
     taken: TakenBack, resolution: TimeResolution, report: Report, workers: Workers | None = None
 ) -> TakenBack:
-    """Compare each effect of the final model with its rivals again; replace it by one that leaves much less misfit.
+    """Compare each effect of the final model with its rivals again; a rival with a much smaller misfit replaces it.
 
     Args:
         taken: result of the backward pass.

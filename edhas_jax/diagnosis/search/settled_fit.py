@@ -25,7 +25,8 @@ from edhas_jax.diagnosis.search.evaluated_fit import NEAR_EXCESS, EvaluatedFit, 
 from edhas_jax.diagnosis.search.local_minima import fit_across_minima
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-CORRECTION_STEPS, REFINEMENT_STEPS = 8, 6  # maximum numbers of Levenberg-Marquardt steps
+# maximum number of steps of a fit after the data were corrected, and of one that refines another fit
+CORRECTION_STEPS, REFINEMENT_STEPS = 8, 6
 MIN_TIME_ERROR, MAX_CORRECTIONS = 2e-5, 2  # time error [s] from which time stamps are corrected, and how often
 MIN_REMOVED_SHARE = 0.5  # of the misfit, which a correction of the time stamps must remove,
 MIN_REMOVED_BY_CLOCK = 0.1  # and the same where the clock has an error
@@ -172,7 +173,7 @@ def without_wrong_samples(settled: EvaluatedFit, resolution: TimeResolution) -> 
 
 
 def refine_fit(found: EvaluatedFit, resolution: TimeResolution) -> EvaluatedFit:
-    """Correct a fit for its solver error if it is close to the noise, then look for better minima if a misfit remains.
+    """Correct the solver error of a fit that is close to the noise; if a misfit remains, try `fit_across_minima`.
 
     Args:
         found: a fit.
