@@ -1,5 +1,6 @@
 """The tables of the benchmark as text, and its last line."""
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -34,6 +35,7 @@ KEYS = {
     "law": "law as in the library or not, of those stated",
 }  # fmt: skip
 SLOWEST = 3
+FREE_GAINS = (0.0, 0.5, 2.5, 10.0, math.inf)  # limits of the bands of what a free term gains over what it leaves
 LAW_COLUMNS = ("library_error", "final_error", "calibrated", "with_library", "final")
 
 
@@ -60,7 +62,8 @@ def report(records: Sequence[Record], not_drawn: dict[str, str]) -> str:
     lines += visibility_table(records, methods)
     if Method.OURS in methods:
         ours = answered(records, Method.OURS.value)
-        for table in outcome_table, candidate_table, law_table, probability_table, time_table:
+        tables = outcome_table, candidate_table, free_term_table, law_table, probability_table, time_table
+        for table in tables:
             lines += ["", *table(ours)]
         lines += ["", "wrong answers", *(f"    {wrong_answer(t, a)}" for t, a in ours if is_wrong(t, a))]
         slowest = sorted(ours, key=lambda case: -case[1].seconds)[:SLOWEST]
@@ -158,6 +161,27 @@ def candidate_table(cases: Sequence[Answered]) -> list[str]:
     explained = {label: _quartiles(of) for label, of in strengths.items()}
     heads = ["number", "explained relative to what is left"]
     return ["candidates and hidden effects: medians (quartiles)", "", *markdown_table(heads, [counts, explained])]
+
+
+def free_term_table(cases: Sequence[Answered]) -> list[str]:
+    """The lines of a table of what the best free term gains over what it leaves, where no effect was named.
+
+    Where nothing is hidden it shows how much small causes gain; what is withheld can be told from them only if it gains
+    more.
+    """
+    groups: dict[str, list[float]] = {}
+    for truth, answer in cases:
+        if (is_null(truth) or truth.withheld) and answer.evidence and not answer.named:
+            kind = "nothing hidden" if is_null(truth) else "withheld"
+            said = "nothing missing" if answer.verdict is Verdict.ADEQUATE else "effect without a name"
+            groups.setdefault(f"{kind}: {said}", []).append(answer.evidence["free_strength"])
+    bands = list(itertools.pairwise(FREE_GAINS))
+    rows = [
+        {label: str(sum(low <= gain < high for gain in of)) for label, of in sorted(groups.items())}
+        for low, high in bands
+    ]
+    heads = [f"{low:g} … {high:g}" for low, high in bands]
+    return ["gain of the best free term over what it leaves, answers without a name", "", *markdown_table(heads, rows)]
 
 
 def law_table(cases: Sequence[Answered]) -> list[str]:
