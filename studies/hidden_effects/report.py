@@ -167,21 +167,24 @@ def free_term_table(cases: Sequence[Answered]) -> list[str]:
     """The lines of a table of what the best free term gains over what it leaves, where no effect was named.
 
     Where nothing is hidden it shows how much small causes gain; what is withheld can be told from them only if it gains
-    more.
+    more. Beside it, what the calibrated model leaves: the excess of χ² over the number of samples.
     """
-    groups: dict[str, list[float]] = {}
+    groups: dict[str, list[Answer]] = {}
     for truth, answer in cases:
         if (is_null(truth) or truth.withheld) and answer.evidence and not answer.named:
             kind = "nothing hidden" if is_null(truth) else "withheld"
             said = "nothing missing" if answer.verdict is Verdict.ADEQUATE else "effect without a name"
-            groups.setdefault(f"{kind}: {said}", []).append(answer.evidence["free_strength"])
-    bands = list(itertools.pairwise(FREE_GAINS))
-    rows = [
-        {label: str(sum(low <= gain < high for gain in of)) for label, of in sorted(groups.items())}
-        for low, high in bands
-    ]
-    heads = [f"{low:g} … {high:g}" for low, high in bands]
-    return ["gain of the best free term over what it leaves, answers without a name", "", *markdown_table(heads, rows)]
+            groups.setdefault(f"{kind}: {said}", []).append(answer)
+    gains = {label: [answer.evidence["free_strength"] for answer in groups[label]] for label in sorted(groups)}
+    columns = {
+        f"{low:g} … {high:g}": {label: str(sum(low <= gain < high for gain in of)) for label, of in gains.items()}
+        for low, high in itertools.pairwise(FREE_GAINS)
+    }
+    columns["excess of χ² per sample"] = {
+        label: _quartiles([answer.evidence["misfit"] for answer in groups[label]]) for label in gains
+    }
+    title = "gain of the best free term over what it leaves, answers without a name; medians (quartiles)"
+    return [title, "", *markdown_table(list(columns), list(columns.values()))]
 
 
 def law_table(cases: Sequence[Answered]) -> list[str]:

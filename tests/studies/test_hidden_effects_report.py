@@ -36,7 +36,7 @@ def test_candidates_are_counted_with_what_they_explain():
 
 def test_gains_of_free_terms_are_counted_where_no_effect_was_named():
     def with_gain(one, gain):
-        return dataclasses.replace(one, evidence={"free_strength": gain})
+        return dataclasses.replace(one, evidence={"free_strength": gain, "misfit": 0.5 * gain})
 
     withheld = truth("cogging_force", withheld=True)
     cases = [
@@ -49,9 +49,9 @@ def test_gains_of_free_terms_are_counted_where_no_effect_was_named():
         (withheld, FAILED),
     ]
     assert free_term_table(cases)[-3:] == [
-        "| nothing hidden: nothing missing | 1 | 0 | 1 | 0 |",
-        "| withheld: effect without a name | 0 | 0 | 0 | 1 |",
-        "| withheld: nothing missing | 0 | 1 | 0 | 0 |",
+        "| nothing hidden: nothing missing | 1 | 0 | 1 | 0 | 0.65 (0.35 … 0.95) |",
+        "| withheld: effect without a name | 0 | 0 | 0 | 1 | 20 (20 … 20) |",
+        "| withheld: nothing missing | 0 | 1 | 0 | 0 | 0.35 (0.35 … 0.35) |",
     ]
 
 
