@@ -35,7 +35,7 @@ KEYS = {
     "law": "law as in the library or not, of those stated",
 }  # fmt: skip
 SLOWEST = 3
-FREE_GAINS = (0.0, 0.5, 2.5, 10.0, math.inf)  # limits of the bands of what a free term gains over what it leaves
+FREE_GAINS = (0.0, 0.5, 2.5, 10.0, math.inf)  # limits of the bands of the relative gain
 LAW_COLUMNS = ("library_error", "final_error", "calibrated", "with_library", "final")
 
 
@@ -126,7 +126,7 @@ def outcome_table(cases: Sequence[Answered]) -> list[str]:
 
 def _outcome(truth: Truth, answer: Answer) -> str:
     """What is hidden and what was answered, in words."""
-    hidden = "withheld" if truth.withheld else "hidden"
+    hidden = "nothing hidden" if is_null(truth) else "withheld" if truth.withheld else "hidden"
     if answer.verdict is None:
         return f"{hidden}: error"
     if answer.verdict is Verdict.ADEQUATE:
@@ -164,17 +164,17 @@ def candidate_table(cases: Sequence[Answered]) -> list[str]:
 
 
 def free_term_table(cases: Sequence[Answered]) -> list[str]:
-    """The lines of a table of what the best free term gains over what it leaves, where no effect was named.
+    """The lines of a table of the gain of the best free term, relative to the misfit left with it.
 
-    Where nothing is hidden it shows how much small causes gain; what is withheld can be told from them only if it gains
-    more. Beside it, what the calibrated model leaves: the excess of χ² over the number of samples.
+    A free term is a curve of unknown shape or a term with memory. Only answers that name no effect are counted. Where
+    nothing is hidden, the gain is due to noise and small unlisted physics; a withheld effect can only be told from them
+    if its gain is larger. The last column is the misfit of the calibrated model: the excess of χ² over the number of
+    samples, per sample.
     """
     groups: dict[str, list[Answer]] = {}
     for truth, answer in cases:
         if (is_null(truth) or truth.withheld) and answer.evidence and not answer.named:
-            kind = "nothing hidden" if is_null(truth) else "withheld"
-            said = "nothing missing" if answer.verdict is Verdict.ADEQUATE else "effect without a name"
-            groups.setdefault(f"{kind}: {said}", []).append(answer)
+            groups.setdefault(_outcome(truth, answer), []).append(answer)
     gains = {label: [answer.evidence["free_strength"] for answer in groups[label]] for label in sorted(groups)}
     columns = {
         f"{low:g} … {high:g}": {label: str(sum(low <= gain < high for gain in of)) for label, of in gains.items()}
@@ -183,7 +183,7 @@ def free_term_table(cases: Sequence[Answered]) -> list[str]:
     columns["excess of χ² per sample"] = {
         label: _quartiles([answer.evidence["misfit"] for answer in groups[label]]) for label in gains
     }
-    title = "gain of the best free term over what it leaves, answers without a name; medians (quartiles)"
+    title = "answers that name no effect: number by relative gain of the best free term; medians (quartiles)"
     return [title, "", *markdown_table(list(columns), list(columns.values()))]
 
 

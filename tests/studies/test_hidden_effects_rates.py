@@ -1,4 +1,4 @@
-"""The rates and the reliability of the benchmark of hidden effects, from constructed answers."""
+"""Rates and calibration error of the benchmark of hidden effects, computed for answers made by hand."""
 
 import dataclasses
 import math
@@ -7,14 +7,9 @@ import numpy as np
 import pytest
 
 from studies.hidden_effects.answers import (
-    Answer,
-    HiddenEffect,
     Law,
-    Truth,
-    Verdict,
     answer_as_json,
     answer_from_json,
-    places_of,
     truth_as_json,
     truth_from_json,
 )
@@ -27,23 +22,7 @@ from studies.hidden_effects.rates import (
     times,
 )
 from studies.hidden_effects.reliability import reliability
-
-
-def truth(*names, withheld=False, law=Law.LIBRARY, visible=500.0, **more):
-    """A case in which effects are hidden."""
-    hidden = tuple(HiddenEffect(n, places_of(n), law, {"size": 2.0}, visible) for n in names)
-    return Truth("b", "judging", 0, hidden, withheld, **more)
-
-
-def answer(*named, verdict=None, place=None, **more):
-    """An answer with names, or that nothing is missing."""
-    verdict = verdict or (Verdict.MISSING_EFFECT if named else Verdict.ADEQUATE)
-    place = place or (places_of(named[0])[0] if named else None)
-    return Answer(verdict, named, place=place, **more)
-
-
-FAILED = Answer(None, failed="LinAlgError: Singular matrix")
-UNKNOWN_AT_MOVER = answer(verdict=Verdict.UNKNOWN_EFFECT, place="mover", answer_set=("unknown", "eddy_drag"))
+from tests.support.constructed_answers import FAILED, UNKNOWN_AT_MOVER, answer, truth
 
 
 def test_names_places_and_sets_of_single_effects():

@@ -1,4 +1,4 @@
-"""The tables, the last line and the figures of the benchmark of hidden effects, from constructed answers."""
+"""Tables, last line and pictures of the benchmark of hidden effects, made from answers written by hand."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ from studies.hidden_effects.report import (
     wrong_answer,
 )
 from studies.hidden_effects.store import Record
-from tests.studies.test_hidden_effects_rates import FAILED, UNKNOWN_AT_MOVER, answer, truth
+from tests.support.constructed_answers import FAILED, UNKNOWN_AT_MOVER, answer, truth
 
 
 def test_candidates_are_counted_with_what_they_explain():

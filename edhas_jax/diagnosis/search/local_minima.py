@@ -5,9 +5,9 @@ Far from the solution the cost of whole runs therefore has many local minima, wh
 In a progressive fit, the beginnings of all runs are fitted first, then larger and larger fractions of them. Each
 fraction brings the fit into the region in which the cost of the next one is smooth.
 
-Where valves bounce or friction just holds the mover, the cost also has many small local minima near a solution, and
-the derivatives at one point do not show where the cost is lower. Slopes of a linear regression over an ensemble of
-scattered points average over these minima.
+Where valves bounce, or static friction almost stops the mover, the cost also has many local minima close to a
+solution. The derivatives at one of them do not show in which direction the cost is lower elsewhere. The slopes of a
+linear regression over an ensemble of scattered points do, because they average over these minima.
 
 Source: progressive fitting of trajectories, e.g. Voss, Timmer, Kurths, Int. J. Bifurcation Chaos 14 (2004) 1905; for
 the ensemble see `calibration.ensemble_search`.
@@ -139,7 +139,7 @@ def _excess_sigmas(chi_square: float, stage: FitProblem) -> float:
 
 
 def fit_across_minima(found: EvaluatedFit, steps_per_sample: int) -> EvaluatedFit:
-    """Try to leave a small local minimum with derivatives from an ensemble; an ordinary fit follows where that helps.
+    """Continue a fit with derivatives from an ensemble of points, then, if ½χ² has clearly fallen, with ordinary ones.
 
     Args:
         found: the fit.

@@ -173,7 +173,7 @@ def without_wrong_samples(settled: EvaluatedFit, resolution: TimeResolution) -> 
 
 
 def refine_fit(found: EvaluatedFit, resolution: TimeResolution) -> EvaluatedFit:
-    """Correct the solver error of a fit that is close to the noise; if a misfit remains, try `fit_across_minima`.
+    """Correct a fit that is close to the noise for its time-step error; continue it where a misfit remains.
 
     Args:
         found: a fit.
