@@ -3,10 +3,10 @@
     python -m studies.demo.bench_as_it_is [--out DIR]
 
 The inverter of the bench has a dead time whose law is not that of the library: the voltage lost follows the current
-by an arctangent. Some small effects of which no list knows act as well, parameters differ from their prior means, and
+by an arctangent. Small disturbances of which no list knows act as well, parameters differ from their prior means, and
 the sheet does not state the noise. The integrator and the sensor models are those of the benchmark of hidden effects,
-which no diagnosis uses. The last line: `runs=… hidden=… crumbs=… left_by_crumbs=…`, what the crumbs leave being in
-units of the noise.
+which no diagnosis uses. The last line: `runs=… hidden=… disturbances=… left_by_disturbances=…`, what they leave
+being in units of the noise.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.campaign_writer import write_campaign
 from studies.demo import CAMPAIGN
 from studies.hidden_effects.generators.content import CONTENT
-from studies.hidden_effects.generators.crumbs import draw_crumbs
+from studies.hidden_effects.generators.disturbances import draw_disturbances
 from studies.hidden_effects.generators.hidden_case import Split
 from studies.hidden_effects.generators.records import recorded
 from studies.hidden_effects.generators.settings import usual_deviations, with_deviations
@@ -45,16 +45,16 @@ def main(arguments: list[str] | None = None) -> int:
     runs = tuple(dataclasses.replace(run, signals={}) for run in plan.runs)
     plan = dataclasses.replace(plan, channels=channels, runs=runs)
     truth = with_deviations(plan, plan.machine, usual_deviations(rng, len(plan.uncertain_in(plan.machine))))
-    crumbs = draw_crumbs(VisibilityTest(plan, truth, ()), CONTENT[Split.TUNING].crumbs, rng)
-    if crumbs is None:
-        print("no crumbs of this seed; choose another one", file=sys.stderr)
+    disturbances = draw_disturbances(VisibilityTest(plan, truth, ()), CONTENT[Split.TUNING].disturbances, rng)
+    if disturbances is None:
+        print("no disturbances of this seed; choose another one", file=sys.stderr)
         return 1
-    effects = (*crumbs.machine.effects, ArctanDeadTime(lost_voltage=LOST_VOLTAGE))
-    measured = recorded(plan, dataclasses.replace(crumbs.machine, effects=effects), rng)
+    effects = (*disturbances.machine.effects, ArctanDeadTime(lost_voltage=LOST_VOLTAGE))
+    measured = recorded(plan, dataclasses.replace(disturbances.machine, effects=effects), rng)
     unstated = {n: dataclasses.replace(c, noise=math.nan, stated_noise=None) for n, c in measured.channels.items()}
     write_campaign(dataclasses.replace(measured, channels=unstated), options.out)
-    print(f"runs={len(runs)} hidden=inverter_dead_time crumbs={','.join(crumbs.sizes)} "
-          f"left_by_crumbs={crumbs.left_over:.3f}")  # fmt: skip
+    print(f"runs={len(runs)} hidden=inverter_dead_time disturbances={','.join(disturbances.sizes)} "
+          f"left_by_disturbances={disturbances.left_over:.3f}")  # fmt: skip
     return 0
 
 

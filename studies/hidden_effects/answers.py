@@ -68,7 +68,7 @@ class Truth:
         family: letter of the family of generators.
         split: "tuning", "practice", "varied", "earlier" or "judging".
         number: number of the case within family and split.
-        hidden: what is hidden; nothing where only crumbs, sensor chains or settings differ.
+        hidden: what is hidden; nothing where only disturbances, sensor chains or settings differ.
         withheld: whether what is hidden is withheld from the suspects.
         disturbed_signals: signals whose sensors are not as the campaign says; a fault named there is no wrong physics.
         description: what else differs, in words.

@@ -2,7 +2,7 @@
 
     python -m studies.hidden_effects [--families a b …] [--split judging|tuning|practice|varied|earlier]
                                      [--cases N] [--first K] [--workers K] [--out DIR]
-                                     [--methods ours,bic,…] [--crumbs] [--baselines]
+                                     [--methods ours,bic,…] [--sensor-lags] [--baselines]
 
 Each case is a campaign made by an integrator and sensor models that no method uses. A case is determined by family,
 split and number; `--cases` from `--first` (or `--seed`) on are run of each family. Family (a), the default, has one
@@ -103,7 +103,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--methods", type=_methods, metavar="METHOD,METHOD",
                         help=f"of {', '.join(m.value for m in Method)}; all that can run by default")  # fmt: skip
     parser.add_argument("--baselines", action="store_true", help="every method but ours")
-    parser.add_argument("--crumbs", action="store_true",
+    parser.add_argument("--sensor-lags", action="store_true",
                         help="family a: give every sensor a lag of 20 … 50 µs that is not in the library")  # fmt: skip
     options = parser.parse_args(arguments)
     results = ResultFolder(options.out)
@@ -121,7 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
             split = split_of(family, first, options.cases, Split(options.split))
         except ValueError as error:
             parser.error(str(error))
-        lags = options.crumbs and family == LIBRARY_FAMILY
+        lags = options.sensor_lags and family == LIBRARY_FAMILY
         keys += [CaseKey(family, split, number, lags) for number in range(first, first + options.cases)]
     try:
         study(keys, methods, options.workers, results)

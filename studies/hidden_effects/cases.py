@@ -46,7 +46,7 @@ BENCH_RUNS = tuple(
 SAMPLE_INTERVAL = 2e-4  # s
 STEPS_PER_SAMPLE = 12  # for the estimate of the visibility
 MAX_DRAWS = 12  # draws of the parameters of an effect, and of the whole case, until everything hidden is visible
-UNMODELLED_LAG = (20e-6, 50e-6)  # s; range of the lag of every sensor with the option --crumbs
+UNMODELLED_LAG = (20e-6, 50e-6)  # s; range of the lag of every sensor with the option --sensor-lags
 MAX_OFFSET = 0.03  # largest offset of a sensor, as a share of the range of its signal
 PUMP_EFFECTS = [kind for kind in LIBRARY if set(kind.slots) <= set(PumpBench.slots)]
 

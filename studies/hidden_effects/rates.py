@@ -3,7 +3,7 @@
 All rates are functions of the stored answers of one method. An answer that ended in an error counts as wrong: as wrong
 physics where nothing is hidden, as not found elsewhere. Cases that a method has not been run on are left out.
 
-A case belongs to one of three kinds: *null*, where nothing is hidden although crumbs, sensor chains, settings or
+A case belongs to one of three kinds: *null*, where nothing is hidden although disturbances, sensor chains, settings or
 parameters may differ; *withheld*, where what is hidden has no name among the suspects; *named*, where one or more
 effects or sensor faults are hidden that a method can name.
 """

@@ -167,7 +167,7 @@ def free_term_table(cases: Sequence[Answered]) -> list[str]:
     """The lines of a table of the gain of the best free term, relative to the misfit left with it.
 
     A free term is a curve of unknown shape or a term with memory. Only answers that name no effect are counted. Where
-    nothing is hidden, the gain is due to noise and small unlisted physics; a withheld effect can only be told from them
+    nothing is hidden, the gain is due to noise and small disturbances; a withheld effect can only be told from them
     if its gain is larger. The last column is the misfit of the calibrated model: the excess of χ² over the number of
     samples, per sample.
     """

@@ -39,7 +39,7 @@ def test_what_is_left_counts_beyond_the_scatter_of_noise():
 
 
 def test_beside_a_large_misfit_a_smaller_gain_keeps_an_effect():
-    """A misfit over the variance of the noise of 1, which small unlisted physics may leave, and of 10."""
+    """A misfit over the variance of the noise of 1, which small disturbances may leave, and of 10."""
     small, large = (
         least_strength(SimpleNamespace(excess=0.5 * share * SAMPLES, samples=SAMPLES)) for share in (1.0, 10.0)
     )

@@ -11,7 +11,7 @@ from tests.support.headline import headline
 def test_the_bench_of_the_demo_is_the_generated_one(tmp_path, capsys):
     assert main(["--out", str(tmp_path / "bench")]) == 0
     found = headline(capsys)
-    assert found["hidden"] == "inverter_dead_time" and len(found["crumbs"].split(",")) >= 3
+    assert found["hidden"] == "inverter_dead_time" and len(found["disturbances"].split(",")) >= 3
     assert (tmp_path / "bench/campaign.yaml").read_text() == (BENCH / "campaign.yaml").read_text()
     assert "noise" not in (BENCH / "campaign.yaml").read_text().replace("of the noise", "")
     files = sorted(path.name for path in BENCH.glob("*.csv"))

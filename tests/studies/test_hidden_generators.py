@@ -1,4 +1,4 @@
-"""The generators of hidden cases: determinism, the split, visible sizes, crumbs, withheld effects, written folders."""
+"""The generators of hidden cases: determinism, splits, visible sizes, disturbances, withheld effects, folders."""
 
 import dataclasses
 import json
@@ -19,7 +19,7 @@ from studies.hidden_effects.drawing import draw
 from studies.hidden_effects.generators import drawing
 from studies.hidden_effects.generators.benches import Bench, planned_runs
 from studies.hidden_effects.generators.content import CONTENT
-from studies.hidden_effects.generators.crumbs import LEFT_OVER, draw_crumbs
+from studies.hidden_effects.generators.disturbances import LEFT_OVER, draw_disturbances
 from studies.hidden_effects.generators.drawing import draw_case
 from studies.hidden_effects.generators.folders import write_case
 from studies.hidden_effects.generators.hidden_case import Family, Split
@@ -85,7 +85,7 @@ def test_a_drift_that_the_bench_cannot_have_is_drawn_again(short, monkeypatch):
         draw_case(Family.SETTINGS, Split.JUDGING, 0)
 
 
-@pytest.mark.parametrize("what", ["laws", "unlisted", "crumbs", "links", "drifts", "sheets", "benches"])
+@pytest.mark.parametrize("what", ["laws", "unlisted", "disturbances", "links", "drifts", "sheets", "benches"])
 @pytest.mark.parametrize("splits", COMPARED, ids=lambda splits: "_".join(split.value for split in splits))
 def test_what_is_for_development_and_what_judges_have_nothing_in_common(what, splits):
     one, judging = ([item.id for item in getattr(CONTENT[split], what)] for split in splits)
@@ -93,10 +93,10 @@ def test_what_is_for_development_and_what_judges_have_nothing_in_common(what, sp
 
 
 def test_a_judging_law_has_the_name_of_no_other_effect():
-    """Neither of another law, listed or not, nor of an effect that holds crumbs, nor of one of the library."""
+    """Neither of another law, listed or not, nor of an effect that holds disturbances, nor of one of the library."""
     judging = [law.id for law in (*CONTENT[Split.JUDGING].laws, *CONTENT[Split.JUDGING].unlisted)]
     others = {law.id for split in DEVELOPMENT for law in (*CONTENT[split].laws, *CONTENT[split].unlisted)}
-    others |= {crumb.kind.id for split in Split for crumb in CONTENT[split].crumbs} | {kind.id for kind in LIBRARY}
+    others |= {d.kind.id for split in Split for d in CONTENT[split].disturbances} | {kind.id for kind in LIBRARY}
     assert len({*judging}) == len(judging) and not {*judging} & others
 
 
@@ -117,7 +117,7 @@ def test_every_mechanism_has_three_other_laws_of_which_two_judge():
         assert tuning >= 1 and judging >= 2 and tuning + judging >= 3, mechanism.id
         assert earlier >= 2, mechanism.id
     for split in Split:
-        assert len(CONTENT[split].crumbs) >= 10
+        assert len(CONTENT[split].disturbances) >= 10
         for law in (*CONTENT[split].laws, *CONTENT[split].unlisted):
             assert "Source:" in law.kind.__doc__, law.id
 
@@ -182,23 +182,24 @@ def test_sizes_are_drawn_from_what_can_just_be_seen_on():
 
 
 @pytest.mark.parametrize("split", Split)
-def test_crumbs_of_a_pump_are_not_put_into_an_actuator_alone(split):
+def test_disturbances_of_a_pump_are_not_put_into_an_actuator_alone(split):
     test, rng = visibility(ACTUATOR), np.random.default_rng(1)
-    drawn = [found for found in (draw_crumbs(test, CONTENT[split].crumbs, rng) for _ in range(3)) if found is not None]
-    of_a_pump = {c.id for c in CONTENT[split].crumbs if not set(c.kind.slots) <= set(test.machine.slots)}
+    kinds = CONTENT[split].disturbances
+    drawn = [found for found in (draw_disturbances(test, kinds, rng) for _ in range(3)) if found is not None]
+    of_a_pump = {c.id for c in kinds if not set(c.kind.slots) <= set(test.machine.slots)}
     assert drawn and of_a_pump and all(not of_a_pump & set(found.sizes) for found in drawn)
 
 
 @pytest.mark.parametrize("split", Split)
-def test_crumbs_leave_the_stated_share_of_the_noise_and_each_of_them_acts(split):
+def test_disturbances_leave_the_stated_share_of_the_noise_and_each_of_them_acts(split):
     test = visibility(PUMP)
-    kinds = CONTENT[split].crumbs
-    for crumb in kinds:
+    kinds = CONTENT[split].disturbances
+    for kind in kinds:
         machine = replace(test.machine, effects=(*test.machine.effects, *(k() for k in {c.kind for c in kinds})))
-        effects = [replace(e, **{crumb.size: crumb.typical}) if type(e) is crumb.kind else e for e in machine.effects]
+        effects = [replace(e, **{kind.size: kind.typical}) if type(e) is kind.kind else e for e in machine.effects]
         change = test.change(replace(machine, effects=tuple(effects)))
-        assert test.parameters.visible(change) > 1e-3, crumb.id
-    drawn = draw_crumbs(test, kinds, np.random.default_rng(0))
+        assert test.parameters.visible(change) > 1e-3, kind.id
+    drawn = draw_disturbances(test, kinds, np.random.default_rng(0))
     assert 0.9 * LEFT_OVER[0] < drawn.left_over < 1.1 * LEFT_OVER[1] and len(drawn.sizes) >= 3
     # the remainder after the parameters are fitted, by another way
     columns = np.concatenate([test.parameters.columns, np.eye(test.parameters.columns.shape[1])])

@@ -17,7 +17,7 @@ from studies.hidden_effects import cases
 from studies.hidden_effects.generators.benches import Bench
 from studies.hidden_effects.generators.chains import draw_links, late_signals, typical_noise
 from studies.hidden_effects.generators.content import CONTENT
-from studies.hidden_effects.generators.crumbs import draw_crumbs
+from studies.hidden_effects.generators.disturbances import draw_disturbances
 from studies.hidden_effects.generators.hidden_case import Family, Hidden, HiddenCase, Split
 from studies.hidden_effects.generators.laws import Law, library_law
 from studies.hidden_effects.generators.records import recorded
@@ -38,7 +38,7 @@ SHORTEST = 0.55  # of the duration of a run, in a small campaign
 # part of the seed: the earlier judging split has kept its number, so that its cases are the same
 _SPLIT_NUMBER = {Split.TUNING: 1, Split.EARLIER: 2, Split.PRACTICE: 3, Split.VARIED: 4, Split.JUDGING: 5}
 _FAMILY_NUMBER = {family: k for k, family in enumerate(Family)}
-_DIFFICULTIES = (Family.CRUMBS, Family.SENSOR_CHAINS, Family.SETTINGS)  # of the cases with several effects, in turn
+_DIFFICULTIES = (Family.DISTURBANCES, Family.SENSOR_CHAINS, Family.SETTINGS)  # of cases with several effects, in turn
 
 
 @single_threaded_algebra
@@ -116,13 +116,14 @@ class _Draw:
             chain = draw_links(self.content.links, list(plan.channels), rng)
         noise = typical_noise(chain)
         test = VisibilityTest(plan, truth, bench.settings, None if noise is None else whitening_filter(noise))
-        crumbs = draw_crumbs(test, self.content.crumbs, rng) if self.difficulty is Family.CRUMBS else None
-        if self.difficulty is Family.CRUMBS and crumbs is None:
+        is_disturbed = self.difficulty is Family.DISTURBANCES
+        disturbances = draw_disturbances(test, self.content.disturbances, rng) if is_disturbed else None
+        if is_disturbed and disturbances is None:
             return None
-        drawn = self._drawn(test, laws, max(MIN_VISIBLE, crumbs.visible if crumbs else 0.0))
+        drawn = self._drawn(test, laws, max(MIN_VISIBLE, disturbances.visible if disturbances else 0.0))
         if drawn is None:
             return None
-        truth = _with_all(truth if crumbs is None else crumbs.machine, drawn)
+        truth = _with_all(truth if disturbances is None else disturbances.machine, drawn)
         try:
             campaign = recorded(plan, truth, rng, chain, factors)
         except Unstable:
@@ -134,8 +135,8 @@ class _Draw:
         withheld = [law.mechanism for law in laws if law.mechanism] if self.family is Family.WITHHELD else []
         return HiddenCase(
             self.family, self.split, self.number, campaign, hidden, tuple(withheld), bench.id,
-            crumbs.sizes if crumbs else {}, crumbs.visible if crumbs else 0.0, tuple(link.id for link in chain),
-            (*drifts, sheet) if sheet else drifts, late_signals(chain),
+            disturbances.sizes if disturbances else {}, disturbances.visible if disturbances else 0.0,
+            tuple(link.id for link in chain), (*drifts, sheet) if sheet else drifts, late_signals(chain),
             {n: channel.noise for n, channel in plan.channels.items()}, truth,
         )  # fmt: skip
 

@@ -30,8 +30,8 @@ def write_case(case: HiddenCase, folder: Path) -> Path:
             for h in case.hidden
         ],
         "withheld": [kind.id for kind in case.withheld],
-        "crumbs": case.crumbs,
-        "crumbs_visible": case.crumbs_visible,
+        "disturbances": case.disturbances,
+        "disturbances_visible": case.disturbances_visible,
         "chain": list(case.chain),
         "settings": list(case.settings),
         "true_noise": case.true_noise,

@@ -23,7 +23,7 @@ class Family(enum.Enum):
 
     LIBRARY_LAWS = "library laws"  # everything as in the library: the cases of `studies.hidden_effects.cases`
     OTHER_LAWS = "other laws"  # a mechanism of the library acts by another law
-    CRUMBS = "crumbs"  # small unlisted physics, with or without an effect of the library
+    DISTURBANCES = "small disturbances"  # physics that no list has, with or without an effect of the library
     SENSOR_CHAINS = "sensor chains"  # recorder and sensors are not ideal, with or without an effect of the library
     SETTINGS = "settings"  # settings and parameters are off, with or without an effect of the library
     SMALL_CAMPAIGNS = "small campaigns"  # few runs, few sensors, short records
@@ -63,8 +63,8 @@ class HiddenCase:
         hidden: what is missing in the campaign's model; nothing for a null.
         withheld: effects of the library that the diagnosis may not use.
         bench: name of the bench.
-        crumbs: size of each small disturbance by name.
-        crumbs_visible: the same as `Hidden.visible` for all crumbs together.
+        disturbances: size of each small disturbance by name.
+        disturbances_visible: the same as `Hidden.visible` for all disturbances together.
         chain: links of the sensor chain, with their parameters.
         settings: what is off from run to run, and the sheet of parameters.
         disturbed_signals: signals that the chain delays, so that a lag of their sensors is no wrong answer.
@@ -79,8 +79,8 @@ class HiddenCase:
     hidden: tuple[Hidden, ...]
     withheld: tuple[type[Effect], ...] = ()
     bench: str = ""
-    crumbs: dict[str, float] = dataclasses.field(default_factory=dict)
-    crumbs_visible: float = 0.0
+    disturbances: dict[str, float] = dataclasses.field(default_factory=dict)
+    disturbances_visible: float = 0.0
     chain: tuple[str, ...] = ()
     settings: tuple[str, ...] = ()
     disturbed_signals: tuple[str, ...] = ()
@@ -94,7 +94,7 @@ class HiddenCase:
             f"{h.law}{f' (a law of {h.candidate})' if h.candidate not in ('', h.law) else ''}" for h in self.hidden
         ]
         text = " + ".join(parts) or "nothing"
-        for what, items in (("crumbs", self.crumbs), ("chain", self.chain), ("settings", self.settings)):
+        for what, items in (("disturbances", self.disturbances), ("chain", self.chain), ("settings", self.settings)):
             text += f"; {what}: {', '.join(items)}" if items else ""
         if self.withheld:
             text += f"; withheld: {', '.join(kind.id for kind in self.withheld)}"

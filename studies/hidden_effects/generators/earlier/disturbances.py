@@ -1,11 +1,11 @@
-"""Small unlisted physics, for the earlier judging set."""
+"""Small disturbances, for the earlier judging set."""
 
 import jax.numpy as jnp
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects import Effect, state
 from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
-from studies.hidden_effects.generators.crumbs import Crumb
+from studies.hidden_effects.generators.disturbances import Disturbance
 from studies.hidden_effects.generators.places import is_chamber_b, valve_of
 
 PHASE = (0.0, 6.28)
@@ -20,8 +20,8 @@ def _shape(default: float, unit: str, doc: str, plausible: tuple[float, float]):
     return par(default, unit, (-1e6, 1e6), doc, plausible=plausible)
 
 
-class EarlierCrumbs(Effect):
-    """Crumbs of coil, amplifier and mover, each with one size."""
+class EarlierDisturbances(Effect):
+    """Small disturbances of coil, amplifier and mover, each with one size."""
 
     stray_field: float = _size("N", "force of a transformer's stray field")
     field_phase: float = _shape(0.0, "rad", "its phase at 50 Hz", PHASE)
@@ -61,8 +61,8 @@ class EarlierCrumbs(Effect):
         return self.amplifier_drift * jnp.exp(-s.time / self.drift_time)
 
 
-class EarlierPumpCrumbs(Effect):
-    """Crumbs of chambers, oil and valves, each with one size."""
+class EarlierPumpDisturbances(Effect):
+    """Small disturbances of chambers, oil and valves, each with one size."""
 
     larger_plunger: float = _size("-", "relative excess of the area of plunger B")
     larger_chamber: float = _size("m^3", "further volume of chamber B")
@@ -90,15 +90,15 @@ class EarlierPumpCrumbs(Effect):
         return 1.0 - self.warming_oil * s.time
 
 
-CRUMBS = (
-    Crumb(EarlierCrumbs, "stray_field", 0.1, ("field_phase",)),
-    Crumb(EarlierCrumbs, "one_sided_boot", 0.3),
-    Crumb(EarlierCrumbs, "tilted_field", 0.005),
-    Crumb(EarlierCrumbs, "inductance_fall", 0.02),
-    Crumb(EarlierCrumbs, "frame_motion", 0.05, ("frame_frequency",)),
-    Crumb(EarlierCrumbs, "amplifier_drift", 0.05, ("drift_time",)),
-    Crumb(EarlierPumpCrumbs, "larger_plunger", 0.002),
-    Crumb(EarlierPumpCrumbs, "larger_chamber", 2e-8),
-    Crumb(EarlierPumpCrumbs, "progressive_valve", 5e4),
-    Crumb(EarlierPumpCrumbs, "warming_oil", 0.1),
+DISTURBANCES = (
+    Disturbance(EarlierDisturbances, "stray_field", 0.1, ("field_phase",)),
+    Disturbance(EarlierDisturbances, "one_sided_boot", 0.3),
+    Disturbance(EarlierDisturbances, "tilted_field", 0.005),
+    Disturbance(EarlierDisturbances, "inductance_fall", 0.02),
+    Disturbance(EarlierDisturbances, "frame_motion", 0.05, ("frame_frequency",)),
+    Disturbance(EarlierDisturbances, "amplifier_drift", 0.05, ("drift_time",)),
+    Disturbance(EarlierPumpDisturbances, "larger_plunger", 0.002),
+    Disturbance(EarlierPumpDisturbances, "larger_chamber", 2e-8),
+    Disturbance(EarlierPumpDisturbances, "progressive_valve", 5e4),
+    Disturbance(EarlierPumpDisturbances, "warming_oil", 0.1),
 )  # fmt: skip

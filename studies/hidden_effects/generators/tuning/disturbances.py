@@ -1,11 +1,11 @@
-"""Small unlisted physics, for tuning."""
+"""Small disturbances, for tuning."""
 
 import jax.numpy as jnp
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
-from studies.hidden_effects.generators.crumbs import Crumb
+from studies.hidden_effects.generators.disturbances import Disturbance
 from studies.hidden_effects.generators.functions import wrapped
 from studies.hidden_effects.generators.places import valve_of
 
@@ -20,8 +20,8 @@ def _shape(default: float, unit: str, doc: str, plausible: tuple[float, float]):
     return par(default, unit, (-1e6, 1e6), doc, plausible=plausible)
 
 
-class TuningCrumbs(Effect):
-    """Crumbs of coil, amplifier and mover, each with one size."""
+class TuningDisturbances(Effect):
+    """Small disturbances of coil, amplifier and mover, each with one size."""
 
     supply_hum: float = _size("V", "hum of the rectifier on the coil voltage")
     hum_frequency: float = _shape(100.0, "Hz", "its frequency", (99.8, 100.2))
@@ -56,8 +56,8 @@ class TuningCrumbs(Effect):
         return 1.0 + self.cable_resistance * s.piston_position / REFERENCE_TRAVEL
 
 
-class TuningPumpCrumbs(Effect):
-    """Crumbs of oil and valves, each with one size."""
+class TuningPumpDisturbances(Effect):
+    """Small disturbances of oil and valves, each with one size."""
 
     stiffer_oil: float = _size("-", "relative fall of the compressibility per MPa")
     valve_asymmetry: float = _size("N/m", "spring of suction valve A beyond the others")
@@ -76,15 +76,15 @@ class TuningPumpCrumbs(Effect):
         return self.orifice_rise * s.valve_area * jnp.abs(s.pressure_drop) / 1e6
 
 
-CRUMBS = (
-    Crumb(TuningCrumbs, "supply_hum", 0.1, ("hum_frequency", "hum_phase")),
-    Crumb(TuningCrumbs, "weak_spring", 0.2),
-    Crumb(TuningCrumbs, "fan_weight", 0.1, ("fan_frequency", "fan_phase")),
-    Crumb(TuningCrumbs, "magnet_warming", 0.01),
-    Crumb(TuningCrumbs, "cable_resistance", 0.01),
-    Crumb(TuningCrumbs, "switching_ripple", 0.5, ("ripple_frequency",)),
-    Crumb(TuningCrumbs, "set_point_steps", 5e-6),
-    Crumb(TuningPumpCrumbs, "stiffer_oil", 0.05),
-    Crumb(TuningPumpCrumbs, "valve_asymmetry", 10.0),
-    Crumb(TuningPumpCrumbs, "orifice_rise", 0.05),
+DISTURBANCES = (
+    Disturbance(TuningDisturbances, "supply_hum", 0.1, ("hum_frequency", "hum_phase")),
+    Disturbance(TuningDisturbances, "weak_spring", 0.2),
+    Disturbance(TuningDisturbances, "fan_weight", 0.1, ("fan_frequency", "fan_phase")),
+    Disturbance(TuningDisturbances, "magnet_warming", 0.01),
+    Disturbance(TuningDisturbances, "cable_resistance", 0.01),
+    Disturbance(TuningDisturbances, "switching_ripple", 0.5, ("ripple_frequency",)),
+    Disturbance(TuningDisturbances, "set_point_steps", 5e-6),
+    Disturbance(TuningPumpDisturbances, "stiffer_oil", 0.05),
+    Disturbance(TuningPumpDisturbances, "valve_asymmetry", 10.0),
+    Disturbance(TuningPumpDisturbances, "orifice_rise", 0.05),
 )  # fmt: skip

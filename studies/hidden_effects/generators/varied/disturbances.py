@@ -1,4 +1,4 @@
-"""Small unlisted physics for varied cases, with random shapes.
+"""Small disturbances for varied cases, with random shapes.
 
 None of them acts like an effect of the library, which a diagnosis would then be right to name. Judging cases have
 other disturbances.
@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects import Effect
-from studies.hidden_effects.generators.crumbs import Crumb
+from studies.hidden_effects.generators.disturbances import Disturbance
 
 PHASE = (0.0, 6.28)
 PITCH = (0.6, 2.5)  # half periods over the typical range of the variable
@@ -33,7 +33,7 @@ def _wave(u, pitch, phase):
     return jnp.sin(angle + phase) - jnp.sin(phase) + second
 
 
-class VariedCrumbs(Effect):
+class VariedDisturbances(Effect):
     """Small unlisted effects of coil, amplifier and mover; one parameter sets the size of each."""
 
     rocking_frame: float = _size("N", "slow rocking of the frame")
@@ -71,7 +71,7 @@ class VariedCrumbs(Effect):
         return self.shaken_frame * jnp.sin(shaking) + self.rocking_frame * jnp.sin(rocking)
 
 
-class VariedPumpCrumbs(Effect):
+class VariedPumpDisturbances(Effect):
     """Small unlisted effects of oil, gaps and valves; one parameter sets the size of each."""
 
     shear_thinning: float = _size("-", "viscosity that falls with the speed, at 0.3 m/s")
@@ -92,15 +92,15 @@ class VariedPumpCrumbs(Effect):
         return self.rounded_seat * s.valve_area * jnp.tanh(s.lift / 0.5e-3)
 
 
-CRUMBS = (
-    Crumb(VariedCrumbs, "rocking_frame", 0.1, ("rocking_frequency", "rocking_phase")),
-    Crumb(VariedCrumbs, "amplifier_curve", 0.1, ("amplifier_curve_pitch", "amplifier_curve_phase")),
-    Crumb(VariedCrumbs, "contact_resistance", 0.02),
-    Crumb(VariedCrumbs, "beating_supply", 0.1, ("beat_frequency",)),
-    Crumb(VariedCrumbs, "speed_loss", 0.005),
-    Crumb(VariedCrumbs, "pulsed_supply", 0.2, ("pulse_frequency",)),
-    Crumb(VariedCrumbs, "shaken_frame", 0.1, ("shaken_frame_frequency", "shaken_frame_phase")),
-    Crumb(VariedPumpCrumbs, "shear_thinning", 0.05),
-    Crumb(VariedPumpCrumbs, "gap_turbulence", 1e-8),
-    Crumb(VariedPumpCrumbs, "rounded_seat", 0.02),
+DISTURBANCES = (
+    Disturbance(VariedDisturbances, "rocking_frame", 0.1, ("rocking_frequency", "rocking_phase")),
+    Disturbance(VariedDisturbances, "amplifier_curve", 0.1, ("amplifier_curve_pitch", "amplifier_curve_phase")),
+    Disturbance(VariedDisturbances, "contact_resistance", 0.02),
+    Disturbance(VariedDisturbances, "beating_supply", 0.1, ("beat_frequency",)),
+    Disturbance(VariedDisturbances, "speed_loss", 0.005),
+    Disturbance(VariedDisturbances, "pulsed_supply", 0.2, ("pulse_frequency",)),
+    Disturbance(VariedDisturbances, "shaken_frame", 0.1, ("shaken_frame_frequency", "shaken_frame_phase")),
+    Disturbance(VariedPumpDisturbances, "shear_thinning", 0.05),
+    Disturbance(VariedPumpDisturbances, "gap_turbulence", 1e-8),
+    Disturbance(VariedPumpDisturbances, "rounded_seat", 0.02),
 )

@@ -1,10 +1,10 @@
-"""Small unlisted physics, for judging."""
+"""Small disturbances, for judging."""
 
 import jax.numpy as jnp
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects import Effect, state
-from studies.hidden_effects.generators.crumbs import Crumb
+from studies.hidden_effects.generators.disturbances import Disturbance
 from studies.hidden_effects.generators.places import valve_of
 
 PHASE = (0.0, 6.28)
@@ -20,8 +20,8 @@ def _shape(default: float, unit: str, doc: str, plausible: tuple[float, float]):
     return par(default, unit, (-1e6, 1e6), doc, plausible=plausible)
 
 
-class JudgingCrumbs(Effect):
-    """Crumbs of coil, amplifier and mover, each with one size.
+class JudgingDisturbances(Effect):
+    """Small disturbances of coil, amplifier and mover, each with one size.
 
     Source: interpolation errors of encoders: Heydemann, Appl. Opt. 20 (1981) 3382; supply rejection, compression and
     soft start of amplifiers: Self, Audio Power Amplifier Design (2013); drag of air with the square of speed: Hoerner,
@@ -70,8 +70,8 @@ class JudgingCrumbs(Effect):
         return {"air_compression": s.piston_velocity - z.air_compression / self.air_time}
 
 
-class JudgingPumpCrumbs(Effect):
-    """Crumbs of chambers and valves, each with one size.
+class JudgingPumpDisturbances(Effect):
+    """Small disturbances of chambers and valves, each with one size.
 
     Source: elasticity of a container beside that of the oil: Merritt, Hydraulic Control Systems (1967); weight of the
     balls: statics; the others are differences between valves that are nominally equal, and the form of the flow past
@@ -106,19 +106,19 @@ class JudgingPumpCrumbs(Effect):
         return self.elastic_bores / s.oil_bulk_modulus + 0.0 * s.pressure
 
 
-CRUMBS = (
-    Crumb(JudgingCrumbs, "encoder_error", 3e-6, ("encoder_period", "encoder_phase")),
-    Crumb(JudgingCrumbs, "supply_rejection", 0.01, ("rejection_phase",)),
-    Crumb(JudgingCrumbs, "amplifier_compression", 0.05),
-    Crumb(JudgingCrumbs, "soft_start", 0.02, ("soft_start_time",)),
-    Crumb(JudgingCrumbs, "floor_shocks", 0.2, ("shock_rate", "shock_phase")),
-    Crumb(JudgingCrumbs, "windage", 0.2),
-    Crumb(JudgingCrumbs, "stiff_grease", 1.0, ("grease_time",)),
-    Crumb(JudgingCrumbs, "side_pull", 0.15),
-    Crumb(JudgingCrumbs, "trapped_air", 100.0, ("air_time",)),
-    Crumb(JudgingPumpCrumbs, "worn_suction_seat", 0.02),
-    Crumb(JudgingPumpCrumbs, "gummed_valve", 0.1),
-    Crumb(JudgingPumpCrumbs, "hanging_valves", 0.02),
-    Crumb(JudgingPumpCrumbs, "elastic_bores", 0.05),
-    Crumb(JudgingPumpCrumbs, "moving_ball", 0.02),
+DISTURBANCES = (
+    Disturbance(JudgingDisturbances, "encoder_error", 3e-6, ("encoder_period", "encoder_phase")),
+    Disturbance(JudgingDisturbances, "supply_rejection", 0.01, ("rejection_phase",)),
+    Disturbance(JudgingDisturbances, "amplifier_compression", 0.05),
+    Disturbance(JudgingDisturbances, "soft_start", 0.02, ("soft_start_time",)),
+    Disturbance(JudgingDisturbances, "floor_shocks", 0.2, ("shock_rate", "shock_phase")),
+    Disturbance(JudgingDisturbances, "windage", 0.2),
+    Disturbance(JudgingDisturbances, "stiff_grease", 1.0, ("grease_time",)),
+    Disturbance(JudgingDisturbances, "side_pull", 0.15),
+    Disturbance(JudgingDisturbances, "trapped_air", 100.0, ("air_time",)),
+    Disturbance(JudgingPumpDisturbances, "worn_suction_seat", 0.02),
+    Disturbance(JudgingPumpDisturbances, "gummed_valve", 0.1),
+    Disturbance(JudgingPumpDisturbances, "hanging_valves", 0.02),
+    Disturbance(JudgingPumpDisturbances, "elastic_bores", 0.05),
+    Disturbance(JudgingPumpDisturbances, "moving_ball", 0.02),
 )  # fmt: skip

@@ -1,7 +1,7 @@
-"""Crumbs: small physics that no list has, each with one size, added together to a stated share of the noise."""
+"""Small disturbances: physics that no list has, each with one size, added together to a stated share of the noise."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,19 +10,19 @@ from edhas_jax.core.structs import replace
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.rigs import Rig
 from studies.hidden_effects.generators.sizes import draw_value
-from studies.hidden_effects.generators.visibility import Signals, VisibilityTest
+from studies.hidden_effects.generators.visibility import VisibilityTest
 
-FEWEST, MOST = 3, 6  # crumbs of a case
-LARGEST = 20.0  # size of a crumb over its typical one
+FEWEST, MOST = 3, 6  # disturbances of a case
+LARGEST = 20.0  # size of a disturbance over its typical one
 LEFT_OVER = (0.3, 1.5)  # rms over the noise of what they leave together, after the uncertain parameters are fitted
 
 
 @dataclasses.dataclass(frozen=True)
-class Crumb:
-    """One kind of small unlisted physics in the machine.
+class Disturbance:
+    """One kind of small disturbance in the machine, which no list has.
 
     Args:
-        kind: the effect that holds it; one effect holds many crumbs, so that all cases share their compiled programs.
+        kind: the effect that holds it; one effect holds many of them, so that all cases share their compiled programs.
         size: its size, a parameter of the effect that is 0 by default.
         shapes: further parameters of the effect that belong to it.
         typical: a size that is plausible (SI).
@@ -40,17 +40,8 @@ class Crumb:
 
 
 @dataclasses.dataclass(frozen=True)
-class SensorCrumb:
-    """One kind of small unlisted physics in the sensors: (time, signals, rng) → change of the signals at size 1."""
-
-    id: str
-    typical: float
-    change: Callable[[np.ndarray, Signals, np.random.Generator], Signals]
-
-
-@dataclasses.dataclass(frozen=True)
-class DrawnCrumbs:
-    """The crumbs of a case.
+class DrawnDisturbances:
+    """The disturbances of a case.
 
     Args:
         sizes: size by id.
@@ -67,29 +58,31 @@ class DrawnCrumbs:
     left_over: float
 
 
-def draw_crumbs(test: VisibilityTest, crumbs: Sequence[Crumb], rng: np.random.Generator) -> DrawnCrumbs | None:
-    """Draw some kinds of crumbs and their sizes, such that together they leave a drawn share of the noise.
+def draw_disturbances(
+    test: VisibilityTest, disturbances: Sequence[Disturbance], rng: np.random.Generator
+) -> DrawnDisturbances | None:
+    """Draw some kinds of disturbances and their sizes, such that together they leave a drawn share of the noise.
 
     Every kind alone leaves between a third and the whole of that share, or less where it would have to be larger than
     `LARGEST` times its typical size.
 
     Returns:
-        The crumbs; None where the machine cannot be simulated with them, or where they leave too little.
+        The disturbances; None where the machine cannot be simulated with them, or where they leave too little.
     """
-    usable = [c for c in crumbs if set(c.kind.slots) <= set(test.machine.slots)]
+    usable = [c for c in disturbances if set(c.kind.slots) <= set(test.machine.slots)]
     chosen = [usable[k] for k in rng.choice(len(usable), rng.integers(FEWEST, MOST + 1), replace=False)]
     target = float(np.exp(rng.uniform(*np.log(LEFT_OVER))))
     holders = {c.kind: {} for c in usable}
     sizes: dict[str, float] = {}
-    for crumb in chosen:
-        shapes = {p.name: draw_value(p, rng) for p in structs.parameters(crumb.kind) if p.name in crumb.shapes}
-        holders[crumb.kind] |= shapes
-    for crumb in chosen:
-        alone = _with(test.machine, holders, {crumb: crumb.typical})
+    for disturbance in chosen:
+        kind, shapes = disturbance.kind, disturbance.shapes
+        holders[kind] |= {p.name: draw_value(p, rng) for p in structs.parameters(kind) if p.name in shapes}
+    for disturbance in chosen:
+        alone = _with(test.machine, holders, {disturbance: disturbance.typical})
         share = _left_over(test, test.change(alone))
         wanted = target * rng.uniform(1.0 / 3.0, 1.0)
         factor = min(wanted / share, LARGEST) if share > 0.0 else 0.0
-        sizes[crumb.id] = crumb.typical * factor * float(rng.choice([-1.0, 1.0]))
+        sizes[disturbance.id] = disturbance.typical * factor * float(rng.choice([-1.0, 1.0]))
     by_id = {c.id: c for c in chosen}
     for _ in range(3):  # not quite linear
         machine = _with(test.machine, holders, {by_id[n]: size for n, size in sizes.items()})
@@ -101,13 +94,13 @@ def draw_crumbs(test: VisibilityTest, crumbs: Sequence[Crumb], rng: np.random.Ge
         sizes = {n: size * factor for n, size in sizes.items()}
     if not LEFT_OVER[0] * 0.9 < reached < LEFT_OVER[1] * 1.1:  # not if it is not a number either
         return None
-    return DrawnCrumbs(sizes, machine, change, test.all.visible(change), reached)
+    return DrawnDisturbances(sizes, machine, change, test.all.visible(change), reached)
 
 
-def _with(machine: Rig, holders: dict[type[Effect], dict[str, float]], sizes: dict[Crumb, float]) -> Rig:
+def _with(machine: Rig, holders: dict[type[Effect], dict[str, float]], sizes: dict[Disturbance, float]) -> Rig:
     values = {kind: dict(shapes) for kind, shapes in holders.items()}
-    for crumb, size in sizes.items():
-        values[crumb.kind][crumb.size] = size
+    for disturbance, size in sizes.items():
+        values[disturbance.kind][disturbance.size] = size
     effects = tuple(kind(**of_kind) for kind, of_kind in values.items())
     return replace(machine, effects=(*machine.effects, *effects))
 
