@@ -52,13 +52,13 @@ PUMP_EFFECTS = [kind for kind in LIBRARY if set(kind.slots) <= set(PumpBench.slo
 
 
 class Family(enum.Enum):
-    """What is hidden in a case; the values are the names in the result files."""
+    """What is hidden in a case."""
 
     NULL = "null"  # nothing
     ONE = "one"  # one effect of the library
     SENSOR = "sensor"  # the fault of one sensor
     PAIR = "pair"  # two effects
-    WITHHELD = "struck"  # one effect that is withheld from the library of the diagnosis
+    WITHHELD = "withheld"  # one effect that is withheld from the library of the diagnosis
 
 
 # families of ten consecutive cases
