@@ -28,11 +28,13 @@ from studies.hidden_effects.reliability import reliability
 from studies.hidden_effects.store import Record
 
 KEYS = {
-    "top1": "right name first", "in_set": "truth in the set", "place": "right place", "both": "both of two",
-    "all_three": "all of three", "wrong_on_nulls": "wrong physics named on nulls",
-    "adequate_on_nulls": "nulls found adequate", "unknown": "withheld effect reported as unknown",
+    "top1": "right name first", "in_set": "truth in the set", "place": "right place",
+    "both": "both of two hidden effects named", "all_three": "all of three hidden effects named",
+    "wrong_on_nulls": "a wrong effect named where nothing is hidden",
+    "adequate_on_nulls": "`adequate` where nothing is hidden",
+    "unknown": "effect withheld from the library reported as unknown",
     "unknown_place": "right place, of those reported as unknown",
-    "law": "law as in the library or not, of those stated",
+    "law": "right statement whether the law is that of the library",
 }  # fmt: skip
 SLOWEST = 3
 FREE_GAINS = (0.0, 0.5, 2.5, 10.0, math.inf)  # limits of the bands of the relative gain
@@ -76,10 +78,12 @@ def summary(cases: list[Answered]) -> dict[str, str]:
     found, spent = reliability(cases), times(cases)
     rows = {label: str(r) for label, r in rates(cases).items()}
     failed = sum(answer.verdict is None for _, answer in cases)
+    durations = f"{spent.median:.0f} / {spent.ninety:.0f} / {spent.worst:.0f} s"
+    error = f"{found.error:.3f} ({found.by_chance:.3f})" if found.count else "–"
     return rows | {
         "mean size of the set": _number(mean_set_size(cases), ".2f"),
-        "calibration error (by chance)": f"{found.error:.3f} ({found.by_chance:.3f})" if found.count else "–",
-        "time, median / 90 % / worst": f"{spent.median:.0f} / {spent.ninety:.0f} / {spent.worst:.0f} s",
+        "calibration error (that of chance alone)": error,
+        "processor time: median / 90th percentile / largest": durations,
         "cases (ended in an error)": f"{len(cases)} ({failed})",
     }
 
@@ -126,13 +130,13 @@ def outcome_table(cases: Sequence[Answered]) -> list[str]:
 
 def _outcome(truth: Truth, answer: Answer) -> str:
     """What is hidden and what was answered, in words."""
-    hidden = "nothing hidden" if is_null(truth) else "withheld" if truth.withheld else "hidden"
+    hidden = "nothing" if is_null(truth) else "a withheld effect" if truth.withheld else "an effect that can be named"
     if answer.verdict is None:
         return f"{hidden}: error"
     if answer.verdict is Verdict.ADEQUATE:
-        return f"{hidden}: nothing missing"
+        return f"{hidden}: nothing is missing"
     if answer.first == UNKNOWN:
-        return f"{hidden}: effect without a name"
+        return f"{hidden}: an effect without a name"
     is_right = not truth.withheld and first_is_right(truth, answer)
     return f"{hidden}: {'right' if is_right else 'wrong'} name"
 
@@ -197,8 +201,9 @@ def law_table(cases: Sequence[Answered]) -> list[str]:
     ]
     families = sorted({family for family, _ in rows})
     lines = ["laws that are not the library's, of rightly named effects: medians (quartiles)", ""]
-    lines += ["| family | effects | with a curve | error of the library's law | error of the final law | "
-              "left out: calibrated | with the library's law | final |", "| --- |" + " --- |" * 7]  # fmt: skip
+    heads = ["family", "effects", "of them with a curve", "error of the library's law", "error of the law found",
+             "residual without the effect", "with the library's law", "with the law found"]  # fmt: skip
+    lines += [f"| {' | '.join(heads)} |", "| --- |" + " --- |" * 7]
     for family in families:
         found = [estimate for of, estimate in rows if of == family]
         cells = [_quartiles([getattr(e, name) for e in found]) for name in LAW_COLUMNS]
@@ -221,8 +226,8 @@ def time_table(cases: Sequence[Answered]) -> list[str]:
     columns = {
         "cases": {bench: str(len(benches[bench])) for bench in spent},
         "median": {bench: f"{s.median:.0f} s" for bench, s in spent.items()},
-        "90 %": {bench: f"{s.ninety:.0f} s" for bench, s in spent.items()},
-        "worst": {bench: f"{s.worst:.0f} s" for bench, s in spent.items()},
+        "90th percentile": {bench: f"{s.ninety:.0f} s" for bench, s in spent.items()},
+        "largest": {bench: f"{s.worst:.0f} s" for bench, s in spent.items()},
     }
     return ["time by bench", "", *markdown_table(list(columns), list(columns.values()))]
 

@@ -37,9 +37,10 @@ def test_names_places_and_sets_of_single_effects():
     assert found["right name among three"] == Rate(1, 4)
     assert found["truth in the set"] == Rate(2, 4)
     assert found["right place"] == Rate(2, 4)
-    assert found["nothing but what is hidden"] == Rate(1, 4)
-    assert found["wrong physics named where something is hidden"] == Rate(3, 4)
-    assert found["both of two"] == found["wrong physics named on nulls"] == Rate(0, 0)
+    assert found["all hidden effects named, and no other"] == Rate(1, 4)
+    assert found["a wrong effect named where one is hidden"] == Rate(3, 4)
+    assert found["both of two hidden effects named"] == Rate(0, 0)
+    assert found["a wrong effect named where nothing is hidden"] == Rate(0, 0)
     assert mean_set_size(cases) == pytest.approx(4.0 / 3.0)
 
 
@@ -54,8 +55,8 @@ def test_several_hidden_effects():
         (three, FAILED),
     ]
     found = rates(cases)
-    assert found["both of two"] == Rate(1, 3) and found["at least one of two"] == Rate(2, 3)
-    assert found["all of three"] == Rate(1, 3)
+    assert found["both of two hidden effects named"] == Rate(1, 3) and found["at least one of two"] == Rate(2, 3)
+    assert found["all of three hidden effects named"] == Rate(1, 3)
     assert found["right name first"] == Rate(4, 6)
 
 
@@ -71,8 +72,8 @@ def test_nulls_with_disturbed_sensors():
         (truth(), FAILED),
     ]
     found = rates(cases)
-    assert found["wrong physics named on nulls"] == Rate(3, 6)
-    assert found["nulls found adequate"] == Rate(1, 6)
+    assert found["a wrong effect named where nothing is hidden"] == Rate(3, 6)
+    assert found["`adequate` where nothing is hidden"] == Rate(1, 6)
     assert found["truth in the set"] == Rate(1, 6)
     assert found["right name first"] == Rate(0, 0)
     assert not names_wrong_physics(truth("cogging_force", disturbed_signals=("current",)), answer("cogging_force"))
@@ -83,7 +84,7 @@ def test_withheld_effects():
     elsewhere = dataclasses.replace(UNKNOWN_AT_MOVER, place="coil", answer_set=("unknown",))
     cases = [(withheld, UNKNOWN_AT_MOVER), (withheld, elsewhere), (withheld, answer("eddy_drag")), (withheld, answer())]
     found = rates(cases)
-    assert found["withheld effect reported as unknown"] == Rate(2, 4)
+    assert found["effect withheld from the library reported as unknown"] == Rate(2, 4)
     assert found["right place, of those reported as unknown"] == Rate(1, 2)
     assert found["right place, of all withheld effects"] == Rate(2, 4)
     assert found["truth in the set"] == Rate(2, 4) and found["right name first"] == Rate(0, 0)
@@ -101,9 +102,9 @@ def test_withheld_effects():
 )
 def test_names_that_count_as_the_same(hidden, named, right):
     found = rates([(truth(hidden), answer(named))])
-    assert found["right name first"] == found["nothing but what is hidden"] == Rate(int(right), 1)
+    assert found["right name first"] == found["all hidden effects named, and no other"] == Rate(int(right), 1)
     assert found["right name first, to the letter"] == Rate(0, 1)
-    assert found["wrong physics named where something is hidden"] == Rate(int(not right), 1)
+    assert found["a wrong effect named where one is hidden"] == Rate(int(not right), 1)
 
 
 def test_laws_and_parameters_count_where_they_are_stated():
@@ -114,7 +115,7 @@ def test_laws_and_parameters_count_where_they_are_stated():
         (differs, answer("eddy_drag", law={"eddy_drag": Law.LIBRARY})),
         (differs, answer("cogging_force")),
     ]
-    assert rates(cases)["law as in the library or not, of those stated"] == Rate(1, 2)
+    assert rates(cases)["right statement whether the law is that of the library"] == Rate(1, 2)
     sizes = [(2.19, 0.01), (2.3, 0.16), (2.3, 0.01)]
     cases = [
         (truth("eddy_drag"), answer("eddy_drag", parameters={"eddy_drag": {"size": size, "other": (1.0, 1.0)}}))

@@ -49,9 +49,9 @@ def test_gains_of_free_terms_are_counted_where_no_effect_was_named():
         (withheld, FAILED),
     ]
     assert free_term_table(cases)[-3:] == [
-        "| nothing hidden: nothing missing | 1 | 0 | 1 | 0 | 0.65 (0.35 … 0.95) |",
-        "| withheld: effect without a name | 0 | 0 | 0 | 1 | 20 (20 … 20) |",
-        "| withheld: nothing missing | 0 | 1 | 0 | 0 | 0.35 (0.35 … 0.35) |",
+        "| a withheld effect: an effect without a name | 0 | 0 | 0 | 1 | 20 (20 … 20) |",
+        "| a withheld effect: nothing is missing | 0 | 1 | 0 | 0 | 0.35 (0.35 … 0.35) |",
+        "| nothing: nothing is missing | 1 | 0 | 1 | 0 | 0.65 (0.35 … 0.95) |",
     ]
 
 
@@ -71,11 +71,12 @@ def test_tables_last_line_and_figures(tmp_path):
     assert "| right name first | 50 % (1/2; 9 … 91) | – |" in text
     assert "| | (b) | (d) | (h) |" in text
     compared = text.split("cases that every method was run on")[1].split("by family")[0]
-    assert "| nulls found adequate | 0 % (0/1; 0 … 79) | 100 % (1/1; 21 … 100) |" in compared
+    assert "| `adequate` where nothing is hidden | 0 % (0/1; 0 … 79) | 100 % (1/1; 21 … 100) |" in compared
     table = text.split("where an effect is hidden")[1].split("\n\n")[1]
     outcomes = [line.split(" | ")[:3] for line in table.split("\n")]
-    assert ["| hidden: right name", "1", "1"] in outcomes and ["| hidden: error", "1", "0"] in outcomes
-    assert ["| withheld: effect without a name", "1", "1"] in outcomes and len(outcomes) == 5
+    for label, count, in_set in (("right name", "1", "1"), ("error", "1", "0")):
+        assert [f"| an effect that can be named: {label}", count, in_set] in outcomes
+    assert ["| a withheld effect: an effect without a name", "1", "1"] in outcomes and len(outcomes) == 5
     wrong = text.split("wrong answers")[1].split("slowest")[0]
     assert "nothing → missing_effect eddy_drag at mover" in wrong and FAILED.failed in wrong
     assert "cogging_force" not in wrong
