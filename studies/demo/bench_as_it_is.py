@@ -3,10 +3,10 @@
     python -m studies.demo.bench_as_it_is [--out DIR]
 
 The inverter of the bench has a dead time whose law is not that of the library: the voltage lost follows the current
-by an arctangent. Small disturbances of which no list knows act as well, parameters differ from their prior means, and
-the sheet does not state the noise. The integrator and the sensor models are those of the benchmark of hidden effects,
-which no diagnosis uses. The last line: `runs=… hidden=… disturbances=… left_by_disturbances=…`, what they leave
-being in units of the noise.
+by an arctangent. Small disturbances that are not in the library act as well, parameters differ from their prior means,
+and the sheet does not state the noise. The integrator and the sensor models are those of the benchmark of hidden
+effects, which no diagnosis uses. The last line: `runs=… hidden=… disturbances=… left_by_disturbances=…`, what they
+leave being in units of the noise.
 """
 
 import argparse

@@ -3,7 +3,7 @@
     python -m studies.demo.missing_effect [--out DIR]
 
 The measurements in `studies/demo/bench` come from a simulated bench (`studies.demo.bench_as_it_is` has written them).
-The missing effect acts by another law than that of the library, small effects that no list has act as well, parameters
+The missing effect acts by another law than that of the library, small disturbances act as well, parameters
 differ from the prior means of the model, and the noise is not stated. The last line has the verdict, the effects that
 are named, whether their laws differ from those of the library, and the residuals over noise on the held-out run, as
 key=value.

@@ -70,7 +70,7 @@ class Truth:
         number: number of the case within family and split.
         hidden: what is hidden; nothing where only disturbances, sensor chains or settings differ.
         withheld: whether what is hidden is withheld from the suspects.
-        disturbed_signals: signals whose sensors are not as the campaign says; a fault named there is no wrong physics.
+        disturbed_signals: signals whose sensors are not as the campaign says; a fault named there is not wrong.
         description: what else differs, in words.
     """
 

@@ -1,7 +1,7 @@
 """Rates of right answers over the records of the benchmark, with Wilson's confidence intervals.
 
-All rates are functions of the stored answers of one method. An answer that ended in an error counts as wrong: as wrong
-physics where nothing is hidden, as not found elsewhere. Cases that a method has not been run on are left out.
+All rates are functions of the stored answers of one method. An answer that ended in an error counts as wrong: as a
+wrong effect where nothing is hidden, as not found elsewhere. Cases that a method has not been run on are left out.
 
 A case belongs to one of three kinds: *null*, where nothing is hidden although disturbances, sensor chains, settings or
 parameters may differ; *withheld*, where what is hidden has no name among the suspects; *named*, where one or more
@@ -112,7 +112,7 @@ def names_exactly(truth: Truth, answer: Answer) -> bool:
     return all_are_named(truth, answer) and len(answer.named) == len(truth.names)
 
 
-def names_wrong_physics(truth: Truth, answer: Answer) -> bool:
+def names_wrong_effect(truth: Truth, answer: Answer) -> bool:
     """Whether a name is answered that is not hidden; a fault of a sensor that has an unlisted one does not count."""
     if answer.verdict is None:
         return True
@@ -171,11 +171,11 @@ def rates(cases: list[Answered]) -> dict[str, Rate]:
         "truth in the set": rate(cases, set_is_right),
         "right place": rate(named, place_is_right),
         "both of two hidden effects named": rate(of[2], all_are_named),
-        "all of three hidden effects named": rate(of[3], all_are_named),
+        "all three hidden effects named": rate(of[3], all_are_named),
         "at least one of two": rate(of[2], lambda t, a: any(same_as_any(n, t.names) for n in a.named)),
         "all hidden effects named, and no other": rate(named, names_exactly),
-        "a wrong effect named where one is hidden": rate(named, names_wrong_physics),
-        "a wrong effect named where nothing is hidden": rate(null, names_wrong_physics),
+        "a wrong effect named where one is hidden": rate(named, names_wrong_effect),
+        "a wrong effect named where nothing is hidden": rate(null, names_wrong_effect),
         "`adequate` where nothing is hidden": rate(null, lambda t, a: a.verdict is Verdict.ADEQUATE),
         "effect withheld from the library reported as unknown": rate(withheld, is_unknown),
         "right place, of those reported as unknown": rate(unknown, place_is_right),

@@ -19,7 +19,7 @@ from studies.hidden_effects.rates import (
     is_null,
     mean_set_size,
     names_exactly,
-    names_wrong_physics,
+    names_wrong_effect,
     rates,
     set_is_right,
     times,
@@ -29,7 +29,7 @@ from studies.hidden_effects.store import Record
 
 KEYS = {
     "top1": "right name first", "in_set": "truth in the set", "place": "right place",
-    "both": "both of two hidden effects named", "all_three": "all of three hidden effects named",
+    "both": "both of two hidden effects named", "all_three": "all three hidden effects named",
     "wrong_on_nulls": "a wrong effect named where nothing is hidden",
     "adequate_on_nulls": "`adequate` where nothing is hidden",
     "unknown": "effect withheld from the library reported as unknown",
@@ -199,16 +199,17 @@ def law_table(cases: Sequence[Answered]) -> list[str]:
         for name, estimate in answer.estimates.items()
         if any(h.law is Law.DIFFERS and same_as_any(name, (h.name,)) for h in truth.hidden)
     ]
-    families = sorted({family for family, _ in rows})
-    lines = ["laws that are not the library's, of rightly named effects: medians (quartiles)", ""]
-    heads = ["family", "effects", "of them with a curve", "error of the library's law", "error of the law found",
+    if not rows:
+        return []
+    of = {f"({family})": [e for other, e in rows if other == family] for family in sorted({f for f, _ in rows})}
+    counts = [{label: str(len(found)) for label, found in of.items()},
+              {label: str(sum(e.has_curve for e in found)) for label, found in of.items()}]  # fmt: skip
+    medians = [{label: _quartiles([getattr(e, name) for e in found]) for label, found in of.items()}
+               for name in LAW_COLUMNS]  # fmt: skip
+    heads = ["effects", "of them with a curve", "error of the library's law", "error of the law found",
              "residual without the effect", "with the library's law", "with the law found"]  # fmt: skip
-    lines += [f"| {' | '.join(heads)} |", "| --- |" + " --- |" * 7]
-    for family in families:
-        found = [estimate for of, estimate in rows if of == family]
-        cells = [_quartiles([getattr(e, name) for e in found]) for name in LAW_COLUMNS]
-        lines.append(f"| ({family}) | {len(found)} | {sum(e.has_curve for e in found)} | " + " | ".join(cells) + " |")
-    return lines if rows else []
+    title = "laws that are not the library's, of rightly named effects, by family: medians (quartiles)"
+    return [title, "", *markdown_table(heads, counts + medians)]
 
 
 def probability_table(cases: Sequence[Answered]) -> list[str]:
@@ -253,7 +254,7 @@ def markdown_table(heads: list[str], columns: list[dict[str, str]]) -> list[str]
 def is_wrong(truth: Truth, answer: Answer) -> bool:
     """Whether a reader should look at an answer: a wrong first answer, not all that is hidden, or more than that."""
     if is_null(truth):
-        return not first_is_right(truth, answer) or names_wrong_physics(truth, answer)
+        return not first_is_right(truth, answer) or names_wrong_effect(truth, answer)
     return not (names_exactly(truth, answer) if is_named(truth) else first_is_right(truth, answer))
 
 

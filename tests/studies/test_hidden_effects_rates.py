@@ -1,4 +1,4 @@
-"""Rates and calibration error of the benchmark of hidden effects, computed for answers made by hand."""
+"""Rates and calibration error of the benchmark of hidden effects, from constructed answers."""
 
 import dataclasses
 import math
@@ -17,7 +17,7 @@ from studies.hidden_effects.rates import (
     Rate,
     by_visibility,
     mean_set_size,
-    names_wrong_physics,
+    names_wrong_effect,
     rates,
     times,
 )
@@ -56,12 +56,12 @@ def test_several_hidden_effects():
     ]
     found = rates(cases)
     assert found["both of two hidden effects named"] == Rate(1, 3) and found["at least one of two"] == Rate(2, 3)
-    assert found["all of three hidden effects named"] == Rate(1, 3)
+    assert found["all three hidden effects named"] == Rate(1, 3)
     assert found["right name first"] == Rate(4, 6)
 
 
 def test_nulls_with_disturbed_sensors():
-    """A fault named at a sensor that has an unlisted one is no wrong physics, but the verdict is not `adequate`."""
+    """A fault named at a sensor that has an unlisted one is not a wrong effect, but the verdict is not `adequate`."""
     disturbed = truth(disturbed_signals=("current",))
     cases = [
         (truth(), answer()),
@@ -76,7 +76,7 @@ def test_nulls_with_disturbed_sensors():
     assert found["`adequate` where nothing is hidden"] == Rate(1, 6)
     assert found["truth in the set"] == Rate(1, 6)
     assert found["right name first"] == Rate(0, 0)
-    assert not names_wrong_physics(truth("cogging_force", disturbed_signals=("current",)), answer("cogging_force"))
+    assert not names_wrong_effect(truth("cogging_force", disturbed_signals=("current",)), answer("cogging_force"))
 
 
 def test_withheld_effects():

@@ -1,4 +1,4 @@
-"""Tables, last line and pictures of the benchmark of hidden effects, made from answers written by hand."""
+"""Tables, last line and pictures of the benchmark of hidden effects, from constructed answers."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Cases and answers of the benchmark of hidden effects, made by hand for tests of its rates and its report."""
+"""Constructed cases and answers of the benchmark of hidden effects, for tests of its rates and its report."""
 
 from studies.hidden_effects.answers import Answer, HiddenEffect, Law, Truth, Verdict, places_of
 

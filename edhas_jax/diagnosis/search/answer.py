@@ -13,7 +13,7 @@ from collections.abc import Mapping
 NOTHING, UNKNOWN = "nothing", "unknown"
 FAR_STRONGER = 10.0  # a free term so many times as strong as the members: they imitate one cause with probability ½
 SMALL_MISFIT, SMALL_STRENGTH = 0.01, 0.3  # lower limits of misfit and strength before their logarithm is taken
-LARGE_MISFIT = 10.0  # more than small disturbances ever leaves, so that it says no more
+LARGE_MISFIT = 10.0  # more than small disturbances ever leave, so that it says no more
 SMALL_LEFT = 12.0  # nats; less is left by chance
 SMALL_SHARE = 0.05  # of a signal's rms: more is not left by many small causes
 # the member that explains most is named first if its probability is at least this share of the largest: the engineer

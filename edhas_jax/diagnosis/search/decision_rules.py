@@ -25,7 +25,7 @@ LAW_ERROR_SHARE = 0.001  # of what a model explains: a law known as a curve over
 # much of ½χ², because there are many minima and because what is unpredictable is no white noise
 IRREGULAR_SCATTER = 0.02
 MIN_STRENGTH = 0.7  # of an accepted effect: gain over what is left; below it the effect is removed
-# the same where the misfit, over the variance of the noise, is larger than small disturbances leaves: what is left
+# the same where the misfit, over the variance of the noise, is larger than small disturbances leave: what is left
 # is then more of the law, or other effects
 MIN_FAR_STRENGTH, FAR_MISFIT = 0.4, 3.0
 CLEARLY_LESS = 0.5  # a model replaces another one if its misfit is less than this fraction of the other's

@@ -90,9 +90,7 @@ def with_recorded_time(
     return recorded if recorded is not None and recorded.cost < evaluated.cost + MIN_GAIN else evaluated
 
 
-def _with_inexact_clock(
-    found: EvaluatedFit, resolution: TimeResolution, report: Callable[[str], None]
-) -> EvaluatedFit:
+def _with_inexact_clock(found: EvaluatedFit, resolution: TimeResolution, report: Callable[[str], None]) -> EvaluatedFit:
     """Refit with an error of the clock, where none is stated and it explains much of the misfit."""
     fitted, problem = found.fit, found.fit.problem
     if problem.campaign.accuracy.clock_error is not None or problem.is_irregular:
@@ -173,7 +171,7 @@ def without_wrong_samples(settled: EvaluatedFit, resolution: TimeResolution) -> 
 
 
 def refine_fit(found: EvaluatedFit, resolution: TimeResolution) -> EvaluatedFit:
-    """Correct a fit that is close to the noise for its time-step error; continue it where a misfit remains.
+    """Correct the time-step error of a fit that is close to the noise; if a misfit remains, look for a lower minimum.
 
     Args:
         found: a fit.

@@ -61,7 +61,7 @@ class Content:
     Args:
         laws: other laws of the library's mechanisms.
         unlisted: laws of mechanisms that the library does not have.
-        disturbances: small physics that no list has.
+        disturbances: small disturbances, which are not in the library.
         links: links of sensor chains.
         drifts: what is off from run to run.
         sheets: how a sheet of parameters is wrong.

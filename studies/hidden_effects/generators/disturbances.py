@@ -1,4 +1,4 @@
-"""Small disturbances: physics that no list has, each with one size, added together to a stated share of the noise."""
+"""Small disturbances: effects that are not in the library, added together to a stated share of the noise."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from edhas_jax.core import structs
-from edhas_jax.core.structs import replace
+from edhas_jax.core.structs import par, replace
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.rigs import Rig
 from studies.hidden_effects.generators.sizes import draw_value
@@ -14,12 +14,23 @@ from studies.hidden_effects.generators.visibility import VisibilityTest
 
 FEWEST, MOST = 3, 6  # disturbances of a case
 LARGEST = 20.0  # size of a disturbance over its typical one
+PHASE = (0.0, 6.28)  # rad; plausible phases of an oscillation
 LEFT_OVER = (0.3, 1.5)  # rms over the noise of what they leave together, after the uncertain parameters are fitted
+
+
+def size_par(unit: str, doc: str):
+    """A parameter for the size of a disturbance, which is absent by default."""
+    return par(0.0, unit, (-1e6, 1e6), doc)
+
+
+def shape_par(default: float, unit: str, doc: str, plausible: tuple[float, float]):
+    """Another parameter of a disturbance, drawn from its plausible range."""
+    return par(default, unit, (-1e6, 1e6), doc, plausible=plausible)
 
 
 @dataclasses.dataclass(frozen=True)
 class Disturbance:
-    """One kind of small disturbance in the machine, which no list has.
+    """One kind of small disturbance, an effect of the machine that is not in the library.
 
     Args:
         kind: the effect that holds it; one effect holds many of them, so that all cases share their compiled programs.

@@ -23,7 +23,7 @@ class Family(enum.Enum):
 
     LIBRARY_LAWS = "library laws"  # everything as in the library: the cases of `studies.hidden_effects.cases`
     OTHER_LAWS = "other laws"  # a mechanism of the library acts by another law
-    DISTURBANCES = "small disturbances"  # physics that no list has, with or without an effect of the library
+    DISTURBANCES = "small disturbances"  # effects that are not in the library, with or without one of the library
     SENSOR_CHAINS = "sensor chains"  # recorder and sensors are not ideal, with or without an effect of the library
     SETTINGS = "settings"  # settings and parameters are off, with or without an effect of the library
     SMALL_CAMPAIGNS = "small campaigns"  # few runs, few sensors, short records

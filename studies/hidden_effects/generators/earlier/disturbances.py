@@ -2,36 +2,26 @@
 
 import jax.numpy as jnp
 
-from edhas_jax.core.structs import par
 from edhas_jax.machine.effects import Effect, state
 from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
-from studies.hidden_effects.generators.disturbances import Disturbance
+from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
 from studies.hidden_effects.generators.places import is_chamber_b, valve_of
 
-PHASE = (0.0, 6.28)
 FRAME_DAMPING = 0.03  # damping ratio of the frame
-
-
-def _size(unit: str, doc: str):
-    return par(0.0, unit, (-1e6, 1e6), doc)
-
-
-def _shape(default: float, unit: str, doc: str, plausible: tuple[float, float]):
-    return par(default, unit, (-1e6, 1e6), doc, plausible=plausible)
 
 
 class EarlierDisturbances(Effect):
     """Small disturbances of coil, amplifier and mover, each with one size."""
 
-    stray_field: float = _size("N", "force of a transformer's stray field")
-    field_phase: float = _shape(0.0, "rad", "its phase at 50 Hz", PHASE)
-    one_sided_boot: float = _size("N", "force at 5 mm of a rubber boot that pulls at x > 0 only")
-    tilted_field: float = _size("-", "relative change of the force constant over 5 mm")
-    inductance_fall: float = _size("1/A", "relative fall of the inductance per ampere")
-    frame_motion: float = _size("N/(m/s^2)", "force per acceleration of the elastic frame")
-    frame_frequency: float = _shape(60.0, "Hz", "natural frequency of the frame", (45.0, 120.0))
-    amplifier_drift: float = _size("V", "offset of the amplifier that vanishes while it warms up")
-    drift_time: float = _shape(0.1, "s", "its time constant", (0.05, 0.3))
+    stray_field: float = size_par("N", "force of a transformer's stray field")
+    field_phase: float = shape_par(0.0, "rad", "its phase at 50 Hz", PHASE)
+    one_sided_boot: float = size_par("N", "force at 5 mm of a rubber boot that pulls at x > 0 only")
+    tilted_field: float = size_par("-", "relative change of the force constant over 5 mm")
+    inductance_fall: float = size_par("1/A", "relative fall of the inductance per ampere")
+    frame_motion: float = size_par("N/(m/s^2)", "force per acceleration of the elastic frame")
+    frame_frequency: float = shape_par(60.0, "Hz", "natural frequency of the frame", (45.0, 120.0))
+    amplifier_drift: float = size_par("V", "offset of the amplifier that vanishes while it warms up")
+    drift_time: float = shape_par(0.1, "s", "its time constant", (0.05, 0.3))
 
     frame_position = state("m", "of the frame per force constant and current, scaled")
     frame_velocity = state("m/s", "of the frame")
@@ -64,10 +54,10 @@ class EarlierDisturbances(Effect):
 class EarlierPumpDisturbances(Effect):
     """Small disturbances of chambers, oil and valves, each with one size."""
 
-    larger_plunger: float = _size("-", "relative excess of the area of plunger B")
-    larger_chamber: float = _size("m^3", "further volume of chamber B")
-    progressive_valve: float = _size("N/m^2", "spring of the valves with the square of lift")
-    warming_oil: float = _size("1/s", "relative fall of the viscosity per time")
+    larger_plunger: float = size_par("-", "relative excess of the area of plunger B")
+    larger_chamber: float = size_par("m^3", "further volume of chamber B")
+    progressive_valve: float = size_par("N/m^2", "spring of the valves with the square of lift")
+    warming_oil: float = size_par("1/s", "relative fall of the viscosity per time")
 
     def mover_force(self, s, z):
         return self.larger_plunger * s.piston_area * (s.chamber_pressure_b - s.accumulator_pressure)

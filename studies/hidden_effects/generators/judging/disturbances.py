@@ -2,22 +2,12 @@
 
 import jax.numpy as jnp
 
-from edhas_jax.core.structs import par
 from edhas_jax.machine.effects import Effect, state
-from studies.hidden_effects.generators.disturbances import Disturbance
+from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
 from studies.hidden_effects.generators.places import valve_of
 
-PHASE = (0.0, 6.28)
 MAINS = 50.0  # Hz
 SHOCK_FREQUENCY = 55.0  # Hz, at which the floor rings
-
-
-def _size(unit: str, doc: str):
-    return par(0.0, unit, (-1e6, 1e6), doc)
-
-
-def _shape(default: float, unit: str, doc: str, plausible: tuple[float, float]):
-    return par(default, unit, (-1e6, 1e6), doc, plausible=plausible)
 
 
 class JudgingDisturbances(Effect):
@@ -29,23 +19,23 @@ class JudgingDisturbances(Effect):
     a leak, of first order; the forms of shocks and grease are chosen.
     """
 
-    encoder_error: float = _size("m", "interpolation error of the encoder from which the controller gets the position")
-    encoder_period: float = _shape(1e-3, "m", "its period", (0.5e-3, 1.6e-3))
-    encoder_phase: float = _shape(0.0, "rad", "its phase", PHASE)
-    supply_rejection: float = _size("-", "relative ripple of the amplifier's gain at twice the mains frequency")
-    rejection_phase: float = _shape(0.0, "rad", "its phase", PHASE)
-    amplifier_compression: float = _size("V", "loss of the amplifier at 10 V, with the cube of its voltage")
-    soft_start: float = _size("-", "relative lack of gain of the amplifier when it is switched on")
-    soft_start_time: float = _shape(0.06, "s", "time constant with which it vanishes", (0.02, 0.15))
-    floor_shocks: float = _size("N", "force of a press nearby, whose shocks let the floor ring")
-    shock_rate: float = _shape(7.0, "Hz", "strokes of the press per second", (5.0, 13.0))
-    shock_phase: float = _shape(0.0, "rad", "its phase", PHASE)
-    windage: float = _size("N", "drag of the air at 0.3 m/s, with the square of speed")
-    stiff_grease: float = _size("N*s/m", "further damping by grease until it has been worked")
-    grease_time: float = _shape(0.15, "s", "time constant with which it vanishes", (0.06, 0.4))
-    side_pull: float = _size("N", "dry friction of the guide at 5 A, in proportion to the current")
-    trapped_air: float = _size("N/m", "stiffness of the air behind the coil, which flows out through a leak")
-    air_time: float = _shape(3e-3, "s", "time constant of the leak", (1.5e-3, 5e-3))
+    encoder_error: float = size_par("m", "interpolation error of the encoder that gives the controller the position")
+    encoder_period: float = shape_par(1e-3, "m", "its period", (0.5e-3, 1.6e-3))
+    encoder_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
+    supply_rejection: float = size_par("-", "relative ripple of the amplifier's gain at twice the mains frequency")
+    rejection_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
+    amplifier_compression: float = size_par("V", "loss of the amplifier at 10 V, with the cube of its voltage")
+    soft_start: float = size_par("-", "relative lack of gain of the amplifier when it is switched on")
+    soft_start_time: float = shape_par(0.06, "s", "time constant with which it vanishes", (0.02, 0.15))
+    floor_shocks: float = size_par("N", "force of a press nearby, whose shocks let the floor ring")
+    shock_rate: float = shape_par(7.0, "Hz", "strokes of the press per second", (5.0, 13.0))
+    shock_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
+    windage: float = size_par("N", "drag of the air at 0.3 m/s, with the square of speed")
+    stiff_grease: float = size_par("N*s/m", "further damping by grease until it has been worked")
+    grease_time: float = shape_par(0.15, "s", "time constant with which it vanishes", (0.06, 0.4))
+    side_pull: float = size_par("N", "dry friction of the guide at 5 A, in proportion to the current")
+    trapped_air: float = size_par("N/m", "stiffness of the air behind the coil, which flows out through a leak")
+    air_time: float = shape_par(3e-3, "s", "time constant of the leak", (1.5e-3, 5e-3))
 
     air_compression = state("m", "part of the motion that compresses the air")
 
@@ -78,11 +68,11 @@ class JudgingPumpDisturbances(Effect):
     a moving ball is chosen.
     """
 
-    worn_suction_seat: float = _size("-", "relative excess of the area of suction valve B")
-    gummed_valve: float = _size("N*s/m", "damping of delivery valve B beyond that of the others")
-    hanging_valves: float = _size("N", "weight of the balls, which closes the suction valves and opens the others")
-    elastic_bores: float = _size("-", "compressibility by the walls of both chambers, over that of the oil")
-    moving_ball: float = _size("-", "relative loss of a valve's area while its ball moves away from the seat")
+    worn_suction_seat: float = size_par("-", "relative excess of the area of suction valve B")
+    gummed_valve: float = size_par("N*s/m", "damping of delivery valve B beyond that of the others")
+    hanging_valves: float = size_par("N", "weight of the balls, which closes the suction valves and opens the others")
+    elastic_bores: float = size_par("-", "compressibility by the walls of both chambers, over that of the oil")
+    moving_ball: float = size_par("-", "relative loss of a valve's area while its ball moves away from the seat")
 
     def suction_valve_area(self, s, z):
         own = self.worn_suction_seat * s.valve_area if valve_of(s) == "suction_b" else 0.0 * s.valve_area

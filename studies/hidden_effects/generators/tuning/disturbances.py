@@ -2,39 +2,28 @@
 
 import jax.numpy as jnp
 
-from edhas_jax.core.structs import par
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
-from studies.hidden_effects.generators.disturbances import Disturbance
+from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
 from studies.hidden_effects.generators.functions import wrapped
 from studies.hidden_effects.generators.places import valve_of
-
-PHASE = (0.0, 6.28)
-
-
-def _size(unit: str, doc: str):
-    return par(0.0, unit, (-1e6, 1e6), doc)
-
-
-def _shape(default: float, unit: str, doc: str, plausible: tuple[float, float]):
-    return par(default, unit, (-1e6, 1e6), doc, plausible=plausible)
 
 
 class TuningDisturbances(Effect):
     """Small disturbances of coil, amplifier and mover, each with one size."""
 
-    supply_hum: float = _size("V", "hum of the rectifier on the coil voltage")
-    hum_frequency: float = _shape(100.0, "Hz", "its frequency", (99.8, 100.2))
-    hum_phase: float = _shape(0.0, "rad", "its phase", PHASE)
-    weak_spring: float = _size("N", "spring of the cables at 5 mm, with the cube of position")
-    fan_weight: float = _size("N", "force of an unbalanced fan on the frame")
-    fan_frequency: float = _shape(23.0, "Hz", "its speed", (21.0, 47.0))
-    fan_phase: float = _shape(0.0, "rad", "its phase", PHASE)
-    magnet_warming: float = _size("1/s", "relative fall of the force constant per time")
-    cable_resistance: float = _size("-", "relative change of the resistance over 5 mm")
-    switching_ripple: float = _size("V", "ripple of the amplifier")
-    ripple_frequency: float = _shape(1900.0, "Hz", "its frequency", (1200.0, 2200.0))
-    set_point_steps: float = _size("m", "resolution of the set point")
+    supply_hum: float = size_par("V", "hum of the rectifier on the coil voltage")
+    hum_frequency: float = shape_par(100.0, "Hz", "its frequency", (99.8, 100.2))
+    hum_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
+    weak_spring: float = size_par("N", "spring of the cables at 5 mm, with the cube of position")
+    fan_weight: float = size_par("N", "force of an unbalanced fan on the frame")
+    fan_frequency: float = shape_par(23.0, "Hz", "its speed", (21.0, 47.0))
+    fan_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
+    magnet_warming: float = size_par("1/s", "relative fall of the force constant per time")
+    cable_resistance: float = size_par("-", "relative change of the resistance over 5 mm")
+    switching_ripple: float = size_par("V", "ripple of the amplifier")
+    ripple_frequency: float = shape_par(1900.0, "Hz", "its frequency", (1200.0, 2200.0))
+    set_point_steps: float = size_par("m", "resolution of the set point")
 
     def coil_voltage_change(self, s, z):
         hum = self.supply_hum * jnp.sin(2.0 * jnp.pi * self.hum_frequency * s.time + self.hum_phase)
@@ -59,9 +48,9 @@ class TuningDisturbances(Effect):
 class TuningPumpDisturbances(Effect):
     """Small disturbances of oil and valves, each with one size."""
 
-    stiffer_oil: float = _size("-", "relative fall of the compressibility per MPa")
-    valve_asymmetry: float = _size("N/m", "spring of suction valve A beyond the others")
-    orifice_rise: float = _size("-", "relative rise of the valves' flow coefficient per MPa")
+    stiffer_oil: float = size_par("-", "relative fall of the compressibility per MPa")
+    valve_asymmetry: float = size_par("N/m", "spring of suction valve A beyond the others")
+    orifice_rise: float = size_par("-", "relative rise of the valves' flow coefficient per MPa")
 
     def oil_compressibility(self, s, z):
         return -self.stiffer_oil * (s.pressure - s.atmospheric_pressure) / 1e6 / s.oil_bulk_modulus

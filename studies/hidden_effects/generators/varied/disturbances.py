@@ -1,4 +1,4 @@
-"""Small disturbances for varied cases, with random shapes.
+"""Small disturbances whose functions have random parameters, for varied cases.
 
 None of them acts like an effect of the library, which a diagnosis would then be right to name. Judging cases have
 other disturbances.
@@ -8,14 +8,9 @@ import jax.numpy as jnp
 
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects import Effect
-from studies.hidden_effects.generators.disturbances import Disturbance
+from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, size_par
 
-PHASE = (0.0, 6.28)
 PITCH = (0.6, 2.5)  # half periods over the typical range of the variable
-
-
-def _size(unit: str, doc: str):
-    return par(0.0, unit, (-1e6, 1e6), doc)
 
 
 def _pitch():
@@ -36,19 +31,19 @@ def _wave(u, pitch, phase):
 class VariedDisturbances(Effect):
     """Small unlisted effects of coil, amplifier and mover; one parameter sets the size of each."""
 
-    rocking_frame: float = _size("N", "slow rocking of the frame")
+    rocking_frame: float = size_par("N", "slow rocking of the frame")
     rocking_frequency: float = par(5.0, "Hz", (0.0, 1e4), "its frequency", plausible=(2.0, 9.0))
     rocking_phase: float = _phase()
-    amplifier_curve: float = _size("V", "curvature of the amplifier over the current, at 5 A")
+    amplifier_curve: float = size_par("V", "curvature of the amplifier over the current, at 5 A")
     amplifier_curve_pitch: float = _pitch()
     amplifier_curve_phase: float = _phase()
-    contact_resistance: float = _size("-", "resistance that falls with the current, at 5 A")
-    beating_supply: float = _size("V", "beat of two switched supplies")
+    contact_resistance: float = size_par("-", "resistance that falls with the current, at 5 A")
+    beating_supply: float = size_par("V", "beat of two switched supplies")
     beat_frequency: float = par(80.0, "Hz", (0.0, 1e4), "its frequency", plausible=(40.0, 400.0))
-    speed_loss: float = _size("-", "force constant that falls with the speed, far above 0.1 m/s")
-    pulsed_supply: float = _size("V", "short dips of the supply")
+    speed_loss: float = size_par("-", "force constant that falls with the speed, far above 0.1 m/s")
+    pulsed_supply: float = size_par("V", "short dips of the supply")
     pulse_frequency: float = par(30.0, "Hz", (0.0, 1e4), "their frequency", plausible=(15.0, 90.0))
-    shaken_frame: float = _size("N", "vibration of the frame")
+    shaken_frame: float = size_par("N", "vibration of the frame")
     shaken_frame_frequency: float = par(60.0, "Hz", (0.0, 1e4), "its frequency", plausible=(30.0, 300.0))
     shaken_frame_phase: float = _phase()
 
@@ -74,9 +69,9 @@ class VariedDisturbances(Effect):
 class VariedPumpDisturbances(Effect):
     """Small unlisted effects of oil, gaps and valves; one parameter sets the size of each."""
 
-    shear_thinning: float = _size("-", "viscosity that falls with the speed, at 0.3 m/s")
-    gap_turbulence: float = _size("m^3/s", "leakage with the root of the pressure, at 0.5 MPa")
-    rounded_seat: float = _size("-", "relative change of the valves' area over the lift, at 0.5 mm")
+    shear_thinning: float = size_par("-", "viscosity that falls with the speed, at 0.3 m/s")
+    gap_turbulence: float = size_par("m^3/s", "leakage with the root of the pressure, at 0.5 MPa")
+    rounded_seat: float = size_par("-", "relative change of the valves' area over the lift, at 0.5 mm")
 
     def oil_viscosity_factor(self, s, z):
         return 1.0 - self.shear_thinning * jnp.abs(s.piston_velocity) / (jnp.abs(s.piston_velocity) + 0.3)
