@@ -17,7 +17,7 @@ from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
 from edhas_jax.diagnosis.report.result_file import CURVE_CONFIG_FILE, save_diagnosis
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint, program_versions
-from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions
+from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions, fit_with_size, outcome
 from edhas_jax.diagnosis.search.forward_selection import diagnose as search
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.effects import Effect
@@ -74,15 +74,17 @@ class DiagnosisResult(Result, Diagnosis):
             if trial is None or trial.evaluated is None:
                 continue
             fitted = self.after if candidate in [t.candidate for t in self.accepted] else trial.evaluated
-            own = candidate.own_unknowns(fitted.fit.problem.unknowns)
-            values = {name: fitted.fit.values[u.name] for name, u in own.items()}
+            sized = fit_with_size(self, candidate, trial)
+            own = candidate.own_unknowns(sized.problem.unknowns)
+            values = {name: sized.values[u.name] for name, u in own.items()}
             sizes = [f"{name} {format_quantity(values[name], u.unit)}" for name, u in own.items()]
             rms = fitted.rms_over_noise(Use.HOLDOUT)
             new_runs = f"{rms:.3f}" if math.isfinite(rms) else "none is held out"
-            rows.append((candidate.name, candidate.location, ", ".join(sizes), f"{p:.3f}", new_runs))
-            records.append({"effect": candidate.name, "where": candidate.location, "size": values, "probability": p,
-                            "residual_over_noise_on_new_runs": rms})  # fmt: skip
-        columns = "effect", "where", "size", "probability", "new runs, residual over noise"
+            done = outcome(self, candidate)
+            rows.append((candidate.name, done, candidate.location, ", ".join(sizes), f"{p:.3f}", new_runs))
+            records.append({"effect": candidate.name, "outcome": done, "where": candidate.location, "size": values,
+                            "probability": p, "residual_over_noise_on_new_runs": rms})  # fmt: skip
+        columns = "effect", "outcome", "where", "size", "probability", "new runs, residual over noise"
         return SummaryTable.of("candidates", columns, rows, records, "candidates")
 
     def _errors(self) -> SummaryTable:

@@ -20,7 +20,7 @@ from edhas_jax.diagnosis.report.residual_stages import draw_waterfall, residual_
 from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.conclusions import conclusions
+from edhas_jax.diagnosis.search.conclusions import conclusions, fit_with_size
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Verdict
@@ -30,6 +30,7 @@ from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.sensor_models import SensorLag
+from tests.diagnosis.test_diagnose import SoftDeadTime, diagnosed
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 LOST = 0.8  # V
@@ -149,3 +150,17 @@ def test_a_value_and_its_error_share_a_unit():
     assert format_with_error(0.8002, 3.8e-4, "V") == "0.80020 ± 0.00038 V"
     assert format_with_error(1.441, 1.7e-4, "ohm") == "1.44100 ± 0.00017 ohm"
     assert format_with_error(4.0e-8, 1.6e-10, "m^2") == "0.04000 ± 0.00016 mm²"
+
+
+def test_the_size_of_an_effect_with_another_law_is_that_of_the_library_law_alone():
+    """The measurements determine the sum of law and curve; the part of the law in this sum is no size."""
+    found = diagnosed(SoftDeadTime(), seed=5)
+    (trial,), (deviation,) = found.named, found.laws
+    name = "inverter_dead_time.dead_time_voltage"
+    alone = fit_with_size(found, trial.candidate, trial)
+    assert [effect.id for effect in alone.machine.effects] == ["lugre_friction", "inverter_dead_time"]
+    said = conclusions(found)
+    assert format_with_error(alone.values[name], alone.standard_errors[name], "V") in said[0]
+    assert said[1].endswith("Its parameters are given for the law of the library alone.")
+    curve = estimate_law_curve(found.final, "inverter_dead_time", deviation=deviation.id, alone=alone).curve
+    assert np.abs(curve.law_values).max() == pytest.approx(alone.values[name], rel=1e-3)

@@ -74,7 +74,7 @@ class AssumedParameter:
     def sentence(self) -> str:
         """The assumption in words."""
         parts = [
-            f"{n} by {format_quantity(shift, self.units[n])} ({abs(self.shifts_over_error[n]):.0f} standard errors)"
+            f"{n} by {format_quantity(shift, self.units[n])} ({abs(self.shifts_over_error[n]):.1f} standard errors)"
             for n, shift in list(self.shifts.items())[:MAX_LISTED]
         ]
         return (

@@ -47,11 +47,12 @@ def draw_law_curve(curve: LawCurve, law_name: str = ""):
     axes.errorbar(shown_x(curve.nodes), shown_y(curve.total), yerr=shown_y(Z_95 * curve.std) - shown_y(0.0), fmt="o",
                   ms=4, color=COLOURS[0], capsize=2, elinewidth=1.0, label="estimated from the runs, 95 %")  # fmt: skip
     if curve.law_values is not None:
-        label = f"law of the library{f', {law_name}' if law_name else ''}, as fitted"
+        label = f"law of the library{f', {law_name}' if law_name else ''}, fitted alone"
         axes.plot(shown_x(x), shown_y(through @ curve.law_values), color=COLOURS[1], lw=1.6, ls="--", label=label)
     axes.axhline(shown_y(place.neutral), color=GREY, lw=0.8)
     below.hist(shown_x(curve.variable_samples), bins=VISIT_BINS, color=GREY, alpha=0.5, log=True)
     below.set_yticks([])
+    below.set_yticks([], minor=True)
     below.set_ylabel("visits", fontsize=8, color=INK)
     below.set_xlabel(f"{_words(place.variable)}, {variable_unit}", fontsize=9, color=INK)
     over = "".join(f" / {_words(name)}" for name in place.factors)

@@ -18,7 +18,7 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.diagnosis.laws.curve_basis import fit_values
 from edhas_jax.diagnosis.laws.curve_prior import CurvePrior, PriorChoice, choose_prior, without_others
-from edhas_jax.diagnosis.laws.curve_start import CurveStart, start_beside_law, start_from_nothing
+from edhas_jax.diagnosis.laws.curve_start import CurveStart, start_beside_law, start_from_nothing, with_law_of
 from edhas_jax.diagnosis.laws.law_curve import LawCurve, curve_name
 from edhas_jax.diagnosis.laws.law_samples import law_samples
 from edhas_jax.diagnosis.laws.linearised_model import Linearisation, PointEvaluator, bounded_minimum
@@ -48,8 +48,9 @@ class CurveFit(NamedTuple):
 
 
 def estimate_law_curve(
-    fit: Fit, effect: str, on_progress: Callable[[str], None] | None = None, deviation: str | None = None
-) -> CurveFit | None:
+    fit: Fit, effect: str, on_progress: Callable[[str], None] | None = None, deviation: str | None = None,
+    alone: Fit | None = None,
+) -> CurveFit | None:  # fmt: skip
     """Estimate the law of an effect as a free curve over the variable that explains most of it.
 
     A law that is a function of this variable is replaced by the curve; else (several variables, states, two slots) the
@@ -60,6 +61,8 @@ def estimate_law_curve(
         effect: id of the effect.
         on_progress: called with a sentence on the progress.
         deviation: id of a tabulated deviation of this law that the machine has; the curve takes its place too.
+        alone: a fit of the effect without that deviation: its law is what the curve begins with and is compared with,
+            because beside a deviation a law has no size of its own.
 
     Returns:
         The curve and the model with it; None where the law vanishes or its slot has no variable.
@@ -69,6 +72,8 @@ def estimate_law_curve(
     """
     mounted = next(e for e in fit.machine.effects if e.id == effect)
     start = start_beside_law(fit, mounted)
+    if start is not None and alone is not None:
+        start = with_law_of(start, start_beside_law(alone, next(e for e in alone.machine.effects if e.id == effect)))
     replaced = tuple(name for name in (effect if start and start.replaces else None, deviation) if name is not None)
     return None if start is None else _estimate(fit, start, effect, replaced, on_progress)
 

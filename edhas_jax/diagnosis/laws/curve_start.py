@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.laws.curve_basis import explained_share, fit_values, free_nodes, law_nodes
+from edhas_jax.diagnosis.laws.curve_basis import basis, explained_share, fit_values, free_nodes, law_nodes
 from edhas_jax.diagnosis.laws.law_places import law_places, typical_size
 from edhas_jax.diagnosis.laws.law_samples import LawSamples, law_samples
 from edhas_jax.machine.effects import Effect
@@ -75,6 +75,14 @@ def start_beside_law(fit: Fit, effect: Effect) -> CurveStart | None:
     centre = values if replaces else np.full(len(nodes), place.neutral)
     x, weight = samples.values[place.variable], samples.weight(place)
     return CurveStart(place, replaces, nodes, centre, size, values, x, weight, samples.law)
+
+
+def with_law_of(start: CurveStart, other: CurveStart | None) -> CurveStart:
+    """A start with the library's law of another fit, where that one is over the same variable; else unchanged."""
+    if other is None or other.place != start.place:
+        return start
+    values = basis(other.nodes, start.nodes) @ other.law_values
+    return dataclasses.replace(start, law_values=values, centre=values if start.replaces else start.centre)
 
 
 def start_from_nothing(

@@ -21,7 +21,7 @@ from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions
+from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions, fit_with_size, outcome
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_curve
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
@@ -188,7 +188,8 @@ def _law_curve(diagnosis: Diagnosis, fitted: Fit, candidate: Candidate) -> LawCu
     if isinstance(candidate, MemoryTerm):
         return None
     deviation = next((d.id for d in diagnosis.laws if d.of == candidate.id), None)
-    found = estimate_law_curve(fitted, candidate.id, deviation=deviation)
+    alone = None if deviation is None else fit_with_size(diagnosis, candidate, None)
+    found = estimate_law_curve(fitted, candidate.id, deviation=deviation, alone=alone)
     return None if found is None else found.curve
 
 
@@ -225,9 +226,9 @@ def _candidate_table(diagnosis: Diagnosis) -> str:
     """The candidates that were accepted or tried, and the most promising others, as an HTML table."""
     accepted = {t.candidate for t in diagnosis.accepted}
     groups = {c: k for k, group in enumerate(diagnosis.confounded_groups(), 1) for c in group}
-    probability = {candidate: p for candidate, p, _ in diagnosis.ranked_candidates()}
+    ranked = diagnosis.ranked_candidates()
+    probability, trials = {c: p for c, p, _ in ranked}, {c: trial for c, _, trial in ranked if trial is not None}
     falls = {s.candidate: s.chi_square_fall for r in reversed(diagnosis.rounds) for s in r.scores}
-    trials = {t.candidate: t for r in reversed(diagnosis.rounds) for t in r.trials}
     # without a trial, candidates differ more in their predicted fall than in their probability
     order = {c: (c not in accepted, c not in trials, -p if c in trials else -falls[c]) for c, p in probability.items()}
     body = []
@@ -235,15 +236,16 @@ def _candidate_table(diagnosis: Diagnosis) -> str:
         p, trial = probability[candidate], trials.get(candidate)
         fitted = diagnosis.after if candidate in accepted else trial.evaluated if trial is not None else None
         remarks = [candidate.location.replace("_", " ")]
-        remarks += [] if fitted is None else parameter_texts(candidate, fitted.fit)
-        remarks += ["accepted"] if candidate in accepted else ["tried"] if trial is not None else []
+        sized = fit_with_size(diagnosis, candidate, trial)
+        remarks += [] if sized is None else parameter_texts(candidate, sized)
+        remarks += [] if trial is None else [outcome(diagnosis, candidate)]
         remarks += [f"group {groups[candidate]}"] if candidate in groups else []
         rms = math.nan if fitted is None else fitted.rms_over_noise(Use.HOLDOUT)
         has_gain = trial is not None and math.isfinite(trial.log_evidence_gain)
         body.append([
             candidate.name,
             f"{p:.3f}" if p >= MIN_SHOWN_PROBABILITY else "0",
-            f"{falls[candidate]:.3g}",
+            f"{falls[candidate]:.3g}" if candidate in falls else "",
             f"{trial.log_evidence_gain:+.3g}" if has_gain else "",
             f"{rms:.3f}" if math.isfinite(rms) else "",
             "; ".join(remarks),

@@ -12,6 +12,7 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.conclusions import fit_with_size
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.memory_term import TIMES
@@ -123,11 +124,12 @@ def _candidate_data(
         out["signal"] = candidate.signal
     accepted = candidate in [t.candidate for t in diagnosis.accepted]
     fitted = diagnosis.after if accepted else trial.evaluated if trial is not None else None
+    sized = fit_with_size(diagnosis, candidate, trial)
     return out | {
         "slot": candidate.location,
         "accepted": accepted,
         "probability": probability,
-        "parameters": {} if fitted is None else _own_estimates(fitted.fit, candidate),
+        "parameters": {} if sized is None else _own_estimates(sized, candidate),
         "holdout_error": None if fitted is None else fitted.rms_over_noise(Use.HOLDOUT),
         "gain": None if trial is None else trial.log_evidence_gain,
         "gain_on_new_runs": None if trial is None else trial.holdout_half_chi_square_fall,

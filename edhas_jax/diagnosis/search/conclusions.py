@@ -4,11 +4,12 @@ import math
 
 from edhas_jax.core.units import format_quantity, format_with_error
 from edhas_jax.diagnosis.calibration.confounding import model_error_sentence, weak_combinations
+from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.curve_onset import onset
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
-from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest, Verdict
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
 
@@ -16,6 +17,7 @@ from edhas_jax.measurements.campaign import Use
 DEVIATION_UNITS = {DeviationKind.TRIGGER: "s", DeviationKind.CLOCK: "s", DeviationKind.SHIFT: "s"}
 MAX_ACCURACIES, MOST_EXCESSIVE = 3.0, 3  # of a deviation of the bench: beyond them it is no usual one; sentences
 MIN_UNPREDICTABLE = 0.02  # of the noise of a signal: less of it is not named
+MIN_PROBABLE = 0.5  # of an effect that was removed again: one that is less probable is not named
 MIN_NAMED_SHARE = 1e-4  # of a signal's rms, left unexplained, below which the signal is not named
 
 
@@ -40,12 +42,8 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
             for t in diagnosis.accepted
             if t.candidate not in named
         ]
-        out += [
-            f"{m.candidate.name} acts by another law than that of the library: a deviation from it lowers "
-            f"χ² by {2.0 * m.law_gain:.3g} more."
-            for m in diagnosis.members
-            if m.law_differs
-        ]
+        out += [_law_sentence(diagnosis, member) for member in diagnosis.members if member.law_differs]
+        out += _removed_sentences(diagnosis)
     if len(diagnosis.answer.members) > 1:
         parts = [f"{name} {diagnosis.answer.probabilities[name]:.2f}" for name in diagnosis.answer.members]
         out.append(f"Not ruled out, with their probabilities: {', '.join(parts)}.")
@@ -128,6 +126,17 @@ def _adequate_sentence(diagnosis: Diagnosis) -> str:
     )
 
 
+def _law_sentence(diagnosis: Diagnosis, member: MemberTest) -> str:
+    """That the law of an effect differs from that of the library, and what its parameters are then."""
+    out = (
+        f"{member.candidate.name} acts by another law than that of the library: a deviation from it lowers χ² by "
+        f"{2.0 * member.law_gain:.3g} more."
+    )
+    accepted = next(t for t in diagnosis.accepted if t.candidate == member.candidate)
+    alone = _fit_without_curve(diagnosis, accepted) is not None
+    return f"{out} Its parameters are given for the law of the library alone." if alone else out
+
+
 def _onset_sentence(trial: Trial) -> str | None:
     """At which level a free curve begins; None where it does not begin at one."""
     if not isinstance(trial.candidate, CurveCandidate) or trial.evaluated is None:
@@ -161,9 +170,54 @@ def _unknown_effect_sentences(diagnosis: Diagnosis, use: Use) -> list[str]:
     return out
 
 
+def fit_with_size(diagnosis: Diagnosis, candidate: Candidate, trial: Trial | None) -> Fit | None:
+    """The fit that gives the parameters of a candidate; None if it was not fitted.
+
+    For an accepted one that of the final model. Where this model adds a curve to its law, that of its trial: the
+    measurements determine the sum of law and curve, but hardly how it is divided between the two.
+    """
+    accepted = next((t for t in diagnosis.accepted if t.candidate == candidate), None)
+    if accepted is None:
+        return None if trial is None or trial.evaluated is None else trial.evaluated.fit
+    return _fit_without_curve(diagnosis, accepted) or diagnosis.final
+
+
+def removed_candidates(diagnosis: Diagnosis) -> dict[Candidate, MemberTest]:
+    """The effects that were accepted at first and are not in the final model, with the test that removed them."""
+    accepted = {t.candidate for t in diagnosis.accepted}
+    return {test.candidate: test for _, test in diagnosis.rejected if test.candidate not in accepted}
+
+
+def outcome(diagnosis: Diagnosis, candidate: Candidate) -> str:
+    """What the search has done with a candidate that it has fitted."""
+    if candidate in [t.candidate for t in diagnosis.accepted]:
+        return "accepted"
+    return "removed again" if candidate in removed_candidates(diagnosis) else "tried"
+
+
+def _removed_sentences(diagnosis: Diagnosis) -> list[str]:
+    """The effects that were removed again although they act more probably than not."""
+    return [
+        f"{candidate.name} was removed again (probability {p:.2f}): it explains only {test.strength:.2g} times what is "
+        "left with it, so that these runs do not decide whether it acts."
+        for candidate, test in removed_candidates(diagnosis).items()
+        if (p := diagnosis.answer.probabilities.get(candidate.name, 0.0)) > MIN_PROBABLE
+    ]
+
+
+def _fit_without_curve(diagnosis: Diagnosis, accepted: Trial) -> Fit | None:
+    """The fit of an accepted candidate with the law of the library alone; None if no curve was added to this law."""
+    curves = [law.id for law in diagnosis.laws if accepted.candidate.signal is None and law.of == accepted.candidate.id]
+    if not curves or accepted.evaluated is None:
+        return None
+    fit = accepted.evaluated.fit
+    return None if {effect.id for effect in fit.machine.effects} & set(curves) else fit
+
+
 def _parameters_text(diagnosis: Diagnosis, candidate: Candidate) -> str:
-    """The fitted parameters of a candidate with their standard errors."""
-    fit, own = diagnosis.final, candidate.own_unknowns(diagnosis.final.problem.unknowns)
+    """The fitted parameters of an accepted candidate with their standard errors."""
+    fit = fit_with_size(diagnosis, candidate, None)
+    own = candidate.own_unknowns(fit.problem.unknowns)
     return ", ".join(
         f"{name} {format_with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit)}"
         for name, u in own.items()

@@ -271,8 +271,8 @@ class Diagnosis:
             for candidate in (*(s.candidate for s in r.scores), *trials):
                 _, trial = found.get(candidate, (0.0, None))
                 found[candidate] = self.answer.probabilities.get(candidate.name, 0.0), trial or trials.get(candidate)
-        accepted = {t.candidate: t for t in self.accepted}
-        found |= {c: (found.get(c, (0.0, None))[0], t) for c, t in accepted.items()}
+        mounted = {t.candidate: r.accepted for r, t in self.rejected} | {t.candidate: t for t in self.accepted}
+        found |= {c: (found.get(c, (0.0, None))[0], t) for c, t in mounted.items()}
         return [(c, p, t) for c, (p, t) in sorted(found.items(), key=lambda item: -item[1][0])]
 
     def location_probabilities(self) -> dict[str, float]:
