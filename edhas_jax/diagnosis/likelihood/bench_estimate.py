@@ -43,6 +43,11 @@ class BenchEstimate:
     of_sensors: np.ndarray
     of_runs: Mapping[str, np.ndarray]
 
+    @property
+    def has_deviations(self) -> bool:
+        """Whether anything of the bench may deviate."""
+        return self.of_sensors.size > 0 or any(values.size > 0 for values in self.of_runs.values())
+
     def deviations(self, bench: BenchDeviations) -> list[EstimatedDeviation]:
         """All deviations with their estimates, those of the sensors first.
 

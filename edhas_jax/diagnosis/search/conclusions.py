@@ -20,6 +20,11 @@ MIN_UNPREDICTABLE = 0.02  # of the noise of a signal: less of it is not named
 MIN_PROBABLE = 0.5  # of an effect that was removed again: one that is less probable is not named
 MIN_NAMED_SHARE = 1e-4  # of a signal's rms, left unexplained, below which the signal is not named
 
+CORRECTED = (
+    "For the fitted models, the estimated deviations of the bench (triggers, settings, sensors) are corrected in it; "
+    "`edhas compare` does not correct them."
+)
+
 
 def conclusions(diagnosis: Diagnosis) -> list[str]:
     """The result in sentences, the verdict first."""
@@ -54,6 +59,8 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
         f"Residual over noise on {runs}: {rms[0]:.2f} as it was, {rms[1]:.2f} calibrated"
         + ("." if diagnosis.verdict is Verdict.ADEQUATE else f", {rms[2]:.2f} with the accepted candidates.")
     )
+    if diagnosis.after.bench.has_deviations:
+        out[-1] += f" {CORRECTED}"
     out += [diagnosis.holdout_split] if diagnosis.holdout_split else []
     return out + excessive_deviations(diagnosis) + uncertainty_sentences(diagnosis)
 
