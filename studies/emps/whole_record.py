@@ -13,8 +13,10 @@ delay by least squares, and repeats the diagnosis with a controller whose measur
 Force error: 100 ‖F − F_model‖/‖F‖ of the simulated closed loop on the part held out, both low-pass filtered at 20 Hz,
 with the estimated deviations of the bench and without them. The last table lists those deviations that the runs show
 clearly.
-The last line of the output: `speed_delay_ms=… gain_at_once=… gain_late=… first=… second=… mass=… mass_late=… viscous=…
-viscous_late=… voltage_gain=… voltage_gain_late=… force_error=… force_error_late=…`
+The friction is the steady force by the law of the library alone, also where the final model adds a curve to it.
+The last line of the output: `speed_delay_ms=… gain_at_once=… gain_late=… first=… second=… mass=… mass_late=…
+friction_60=… friction_60_late=… friction_120=… friction_120_late=… voltage_gain=… voltage_gain_late=… force_error=…
+force_error_late=…`, friction in N.
 """
 
 import argparse
@@ -33,7 +35,8 @@ from edhas_jax import Controller
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
-from edhas_jax.diagnosis.search.conclusions import bench_rows
+from edhas_jax.diagnosis.report.report import parameter_texts
+from edhas_jax.diagnosis.search.conclusions import bench_rows, fit_with_size
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.machine.components.controllers import CascadeController
@@ -42,6 +45,7 @@ from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.comparison import compare
 from studies.emps.discovery import force_errors, relative_error
 
+FRICTION, SHOWN_SPEEDS = "lugre_friction", (0.06, 0.12)  # m/s; the drive moves at up to 0.125 m/s
 MAX_DELAY = 5e-3  # s
 COMPARISON_CUTOFF = 100.0  # Hz; above it, the speed calculated from the recorded position is mostly noise
 ENDS_LEFT_OUT = 0.2  # s
@@ -137,6 +141,32 @@ def voltage_gain(diagnosis: Diagnosis) -> float:
     )  # fmt: skip
 
 
+class Friction(NamedTuple):
+    """The friction that a diagnosis has accepted, by the law of the library alone.
+
+    Args:
+        forces: steady friction [N] at `SHOWN_SPEEDS`.
+        parameters: the parameters with standard errors, as texts.
+    """
+
+    forces: list[float]
+    parameters: list[str]
+
+
+def found_friction(diagnosis: Diagnosis) -> Friction:
+    """The friction that a diagnosis has accepted; forces are NaN where it has accepted none."""
+    trial = next((t for t in diagnosis.accepted if t.candidate.id == FRICTION), None)
+    if trial is None:
+        return Friction([np.nan] * len(SHOWN_SPEEDS), ["not accepted"])
+    fit = fit_with_size(diagnosis, trial.candidate, trial)
+    coulomb, static, viscous, speed = (
+        fit.values[f"{FRICTION}.{name}"]
+        for name in ("coulomb_friction", "static_friction", "viscous_friction", "stribeck_velocity")
+    )
+    forces = [coulomb + (static - coulomb) * np.exp(-((v / speed) ** 2)) + viscous * v for v in SHOWN_SPEEDS]
+    return Friction(forces, parameter_texts(trial.candidate, fit))
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Compare the control law with the record, run both diagnoses and print what they say."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -153,21 +183,24 @@ def main(arguments: list[str] | None = None) -> None:
     with console.status("") as status:
         for name, what in (("at once", campaign), ("late", with_late_speed(campaign, late.delay))):
             found[name] = diagnose(what, on_progress=status.update)
-    table = Table("speed", "effects, in order", "mass", "viscous friction", "gain error of the voltage",
+    table = Table("speed", "effects, in order", "mass", "friction at 60 and 120 mm/s", "gain error of the voltage",
                   "residual over noise, held out", "force error, held out", "without deviations")  # fmt: skip
     figures = {}
     for name, diagnosis in found.items():
         values, effects = diagnosis.after.fit.values, [t.candidate.id for t in diagnosis.accepted]
-        viscous = values.get("lugre_friction.viscous_friction", np.nan)
+        friction = found_friction(diagnosis)
         errors = force_errors(diagnosis.after)[Use.HOLDOUT], force_error_without_deviations(campaign, diagnosis)
         gain, probability = voltage_gain(diagnosis), diagnosis.answer.probabilities[diagnosis.answer.first]
-        figures[name] = effects, values["mover_mass"], viscous, gain, errors
+        figures[name] = effects, values["mover_mass"], friction, gain, errors
         table.add_row(
             name, f"{' + '.join(effects)} ({diagnosis.verdict.value}, {probability:.2f})",
-            f"{values['mover_mass']:.2f} kg", f"{viscous:.1f} N·s/m", f"{100.0 * gain:+.2f} %",
+            f"{values['mover_mass']:.2f} kg", " and ".join(f"{force:.1f} N" for force in friction.forces),
+            f"{100.0 * gain:+.2f} %",
             f"{diagnosis.after.rms_over_noise(Use.HOLDOUT):.2f}", *(f"{e:.2f} %" for e in errors),
         )  # fmt: skip
     console.print(table)
+    for name, row in figures.items():
+        console.print(f"friction, speed {name}: {', '.join(row[2].parameters)}")
     table = Table("speed", "what the bench did", "run", "deviation", "accuracy")
     for name, diagnosis in found.items():
         for row in bench_rows(diagnosis):
@@ -178,7 +211,9 @@ def main(arguments: list[str] | None = None) -> None:
     print(
         f"speed_delay_ms={1e3 * late.delay:.3f} gain_at_once={at_once.gain:.4f} gain_late={late.gain:.4f} "
         f"first={effects[0]} second={effects[1]} mass={one[1]:.2f} mass_late={other[1]:.2f} "
-        f"viscous={one[2]:.1f} viscous_late={other[2]:.1f} voltage_gain={one[3]:.4f} voltage_gain_late={other[3]:.4f} "
+        f"friction_60={one[2].forces[0]:.1f} friction_60_late={other[2].forces[0]:.1f} "
+        f"friction_120={one[2].forces[1]:.1f} friction_120_late={other[2].forces[1]:.1f} "
+        f"voltage_gain={one[3]:.4f} voltage_gain_late={other[3]:.4f} "
         f"force_error={one[4][0]:.2f} force_error_late={other[4][0]:.2f}"
     )
 

@@ -47,7 +47,7 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
             for t in diagnosis.accepted
             if t.candidate not in named
         ]
-        out += [_law_sentence(diagnosis, member) for member in diagnosis.members if member.law_differs]
+        out += _law_sentences(diagnosis)
         out += _removed_sentences(diagnosis)
     if len(diagnosis.answer.members) > 1:
         parts = [f"{name} {diagnosis.answer.probabilities[name]:.2f}" for name in diagnosis.answer.members]
@@ -133,15 +133,23 @@ def _adequate_sentence(diagnosis: Diagnosis) -> str:
     )
 
 
-def _law_sentence(diagnosis: Diagnosis, member: MemberTest) -> str:
-    """That the law of an effect differs from that of the library, and what its parameters are then."""
-    out = (
-        f"{member.candidate.name} acts by another law than that of the library: a deviation from it lowers χ² by "
-        f"{2.0 * member.law_gain:.3g} more."
-    )
-    accepted = next(t for t in diagnosis.accepted if t.candidate == member.candidate)
-    alone = _fit_without_curve(diagnosis, accepted) is not None
-    return f"{out} Its parameters are given for the law of the library alone." if alone else out
+def _law_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Which effects do not follow the law of the library, and what their parameters are then."""
+    tests, out = {member.candidate: member for member in diagnosis.members}, []
+    for trial in diagnosis.accepted:
+        test, name = tests.get(trial.candidate), trial.candidate.name
+        has_curve = _fit_without_curve(diagnosis, trial) is not None
+        if test is None or not (test.law_differs or has_curve):
+            continue
+        fall = f"χ² by {2.0 * test.law_gain:.3g} more"
+        differs = f"{name} acts by another law than that of the library: a deviation from it lowers {fall}."
+        unclear = (
+            f"A curve is added to the law of {name}. It lowers {fall}, which is little compared with what is left: it "
+            "may stand in for other causes."
+        )
+        alone = f" The parameters of {name} are those of a fit with the library's law alone." if has_curve else ""
+        out.append(f"{differs if test.law_differs else unclear}{alone}")
+    return out
 
 
 def _onset_sentence(trial: Trial) -> str | None:
