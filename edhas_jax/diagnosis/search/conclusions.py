@@ -21,8 +21,8 @@ MIN_PROBABLE = 0.5  # of an effect that was removed again: one that is less prob
 MIN_NAMED_SHARE = 1e-4  # of a signal's rms, left unexplained, below which the signal is not named
 
 CORRECTED = (
-    "For the fitted models, the estimated deviations of the bench (triggers, settings, sensors) are corrected in it; "
-    "`edhas compare` does not correct them."
+    "For fitted models, it is what is left after correcting the estimated deviations of the bench (triggers, settings, "
+    "sensors), which `edhas compare` does not correct."
 )
 
 
