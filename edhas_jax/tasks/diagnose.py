@@ -17,7 +17,7 @@ from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
 from edhas_jax.diagnosis.report.result_file import CURVE_CONFIG_FILE, save_diagnosis
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint, program_versions
-from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions, fit_with_size, outcome
+from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions, fit_of_parameters, model_with, outcome
 from edhas_jax.diagnosis.search.forward_selection import diagnose as search
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.effects import Effect
@@ -73,14 +73,13 @@ class DiagnosisResult(Result, Diagnosis):
         for candidate, p, trial in self.ranked_candidates():
             if trial is None or trial.evaluated is None:
                 continue
-            fitted = self.after if candidate in [t.candidate for t in self.accepted] else trial.evaluated
-            sized = fit_with_size(self, candidate, trial)
+            sized = fit_of_parameters(self, trial)
             own = candidate.own_unknowns(sized.problem.unknowns)
             values = {name: sized.values[u.name] for name, u in own.items()}
             sizes = [f"{name} {format_quantity(values[name], u.unit)}" for name, u in own.items()]
-            rms = fitted.rms_over_noise(Use.HOLDOUT)
+            rms = model_with(self, trial).rms_over_noise(Use.HOLDOUT)
             new_runs = f"{rms:.3f}" if math.isfinite(rms) else "none is held out"
-            done = outcome(self, candidate)
+            done = outcome(self, candidate).value
             rows.append((candidate.name, done, candidate.location, ", ".join(sizes), f"{p:.3f}", new_runs))
             records.append({"effect": candidate.name, "outcome": done, "where": candidate.location, "size": values,
                             "probability": p, "residual_over_noise_on_new_runs": rms})  # fmt: skip

@@ -13,10 +13,11 @@ delay by least squares, and repeats the diagnosis with a controller whose measur
 Force error: 100 ‖F − F_model‖/‖F‖ of the simulated closed loop on the part held out, both low-pass filtered at 20 Hz,
 with the estimated deviations of the bench and without them. The last table lists those deviations that the runs show
 clearly.
-The friction is the steady force by the law of the library alone, also where the final model adds a curve to it.
-The last line of the output: `speed_delay_ms=… gain_at_once=… gain_late=… first=… second=… mass=… mass_late=…
-friction_60=… friction_60_late=… friction_120=… friction_120_late=… voltage_gain=… voltage_gain_late=… force_error=…
-force_error_late=…`, friction in N.
+The friction is the force at constant speed by the law of the library alone, also where the final model adds a curve.
+The last line of the output gives force errors in % and the friction [N] at 60 and at 120 mm/s (`friction_60`,
+`friction_120`); names that end in `_late` are for the controller whose measured speed lags:
+`speed_delay_ms=… gain_at_once=… gain_late=… first=… second=… mass=… mass_late=… friction_60=… friction_60_late=…
+friction_120=… friction_120_late=… voltage_gain=… voltage_gain_late=… force_error=… force_error_late=…`
 """
 
 import argparse
@@ -36,7 +37,7 @@ from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.diagnosis.report.report import parameter_texts
-from edhas_jax.diagnosis.search.conclusions import bench_rows, fit_with_size
+from edhas_jax.diagnosis.search.conclusions import bench_rows, fit_of_parameters
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.machine.components.controllers import CascadeController
@@ -142,7 +143,7 @@ def voltage_gain(diagnosis: Diagnosis) -> float:
 
 
 class Friction(NamedTuple):
-    """The friction that a diagnosis has accepted, by the law of the library alone.
+    """The friction in the final model of a diagnosis, by the law of the library alone.
 
     Args:
         forces: steady friction [N] at `SHOWN_SPEEDS`.
@@ -154,11 +155,11 @@ class Friction(NamedTuple):
 
 
 def found_friction(diagnosis: Diagnosis) -> Friction:
-    """The friction that a diagnosis has accepted; forces are NaN where it has accepted none."""
+    """The friction in the final model of a diagnosis; its forces are NaN if this model has no friction."""
     trial = next((t for t in diagnosis.accepted if t.candidate.id == FRICTION), None)
     if trial is None:
-        return Friction([np.nan] * len(SHOWN_SPEEDS), ["not accepted"])
-    fit = fit_with_size(diagnosis, trial.candidate, trial)
+        return Friction([np.nan] * len(SHOWN_SPEEDS), ["not in the final model"])
+    fit = fit_of_parameters(diagnosis, trial)
     coulomb, static, viscous, speed = (
         fit.values[f"{FRICTION}.{name}"]
         for name in ("coulomb_friction", "static_friction", "viscous_friction", "stribeck_velocity")

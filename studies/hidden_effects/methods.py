@@ -37,7 +37,7 @@ class Method(enum.Enum):
 
 
 TITLES = {
-    Method.OURS: "edhas diagnose", Method.BIC: "refits by BIC", Method.SUBSET: "best subset (L0)",
+    Method.OURS: "edhas diagnose", Method.BIC: "forward selection by BIC", Method.SUBSET: "best subset (L0)",
     Method.PYSINDY: "PySINDy", Method.CLASSIFIER: "trained classifier",
     Method.CORRELATION: "residual correlation",
 }  # fmt: skip

@@ -178,8 +178,8 @@ def rates(cases: list[Answered]) -> dict[str, Rate]:
         "a wrong effect named where nothing is hidden": rate(null, names_wrong_effect),
         "`adequate` where nothing is hidden": rate(null, lambda t, a: a.verdict is Verdict.ADEQUATE),
         "effect withheld from the library reported as unknown": rate(withheld, is_unknown),
-        "right place, of those reported as unknown": rate(unknown, place_is_right),
-        "right place, of all withheld effects": rate(withheld, place_is_right),
+        "right place stated for an effect reported as unknown": rate(unknown, place_is_right),
+        "right place stated for a withheld effect": rate(withheld, place_is_right),
         "right statement whether the law is that of the library": law_flags(named),
         "parameters right": right_parameters(named),
     }

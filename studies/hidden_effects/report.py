@@ -33,7 +33,7 @@ KEYS = {
     "wrong_on_nulls": "a wrong effect named where nothing is hidden",
     "adequate_on_nulls": "`adequate` where nothing is hidden",
     "unknown": "effect withheld from the library reported as unknown",
-    "unknown_place": "right place, of those reported as unknown",
+    "unknown_place": "right place stated for an effect reported as unknown",
     "law": "right statement whether the law is that of the library",
 }  # fmt: skip
 SLOWEST = 3

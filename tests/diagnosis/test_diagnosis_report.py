@@ -20,7 +20,7 @@ from edhas_jax.diagnosis.report.residual_stages import draw_waterfall, residual_
 from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.conclusions import conclusions, fit_with_size
+from edhas_jax.diagnosis.search.conclusions import conclusions, fit_of_parameters
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Verdict
@@ -157,7 +157,7 @@ def test_the_size_of_an_effect_with_another_law_is_that_of_the_library_law_alone
     found = diagnosed(SoftDeadTime(), seed=5)
     (trial,), (deviation,) = found.named, found.laws
     name = "inverter_dead_time.dead_time_voltage"
-    alone = fit_with_size(found, trial.candidate, trial)
+    alone = fit_of_parameters(found, trial)
     assert [effect.id for effect in alone.machine.effects] == ["lugre_friction", "inverter_dead_time"]
     said = conclusions(found)
     assert format_with_error(alone.values[name], alone.standard_errors[name], "V") in said[0]

@@ -85,8 +85,8 @@ def test_withheld_effects():
     cases = [(withheld, UNKNOWN_AT_MOVER), (withheld, elsewhere), (withheld, answer("eddy_drag")), (withheld, answer())]
     found = rates(cases)
     assert found["effect withheld from the library reported as unknown"] == Rate(2, 4)
-    assert found["right place, of those reported as unknown"] == Rate(1, 2)
-    assert found["right place, of all withheld effects"] == Rate(2, 4)
+    assert found["right place stated for an effect reported as unknown"] == Rate(1, 2)
+    assert found["right place stated for a withheld effect"] == Rate(2, 4)
     assert found["truth in the set"] == Rate(2, 4) and found["right name first"] == Rate(0, 0)
 
 

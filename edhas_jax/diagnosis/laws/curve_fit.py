@@ -61,8 +61,8 @@ def estimate_law_curve(
         effect: id of the effect.
         on_progress: called with a sentence on the progress.
         deviation: id of a tabulated deviation of this law that the machine has; the curve takes its place too.
-        alone: a fit of the effect without that deviation: its law is what the curve begins with and is compared with,
-            because beside a deviation a law has no size of its own.
+        alone: a fit of the effect without that deviation. Its law is the first guess of the curve, and the law that the
+            curve is compared with; the law in `fit` is only a part of the sum of law and deviation.
 
     Returns:
         The curve and the model with it; None where the law vanishes or its slot has no variable.

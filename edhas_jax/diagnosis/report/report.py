@@ -21,8 +21,9 @@ from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions, fit_with_size, outcome
+from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions, fit_of_parameters, model_with, outcome
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_curve
+from edhas_jax.diagnosis.search.law_deviation import deviation_of
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.rig_base import Rig
@@ -187,9 +188,10 @@ def _law_curve(diagnosis: Diagnosis, fitted: Fit, candidate: Candidate) -> LawCu
         return fitted_curve(fitted, candidate)
     if isinstance(candidate, MemoryTerm):
         return None
-    deviation = next((d.id for d in diagnosis.laws if d.of == candidate.id), None)
-    alone = None if deviation is None else fit_with_size(diagnosis, candidate, None)
-    found = estimate_law_curve(fitted, candidate.id, deviation=deviation, alone=alone)
+    deviation, alone = deviation_of(candidate, diagnosis.laws), None
+    if deviation is not None:
+        alone = fit_of_parameters(diagnosis, next(t for t in diagnosis.accepted if t.candidate == candidate))
+    found = estimate_law_curve(fitted, candidate.id, deviation=None if deviation is None else deviation.id, alone=alone)
     return None if found is None else found.curve
 
 
@@ -234,11 +236,11 @@ def _candidate_table(diagnosis: Diagnosis) -> str:
     body = []
     for candidate in sorted(probability, key=order.__getitem__)[:MAX_LISTED_CANDIDATES]:
         p, trial = probability[candidate], trials.get(candidate)
-        fitted = diagnosis.after if candidate in accepted else trial.evaluated if trial is not None else None
+        fitted = None if trial is None else model_with(diagnosis, trial)
+        sized = None if trial is None else fit_of_parameters(diagnosis, trial)
         remarks = [candidate.location.replace("_", " ")]
-        sized = fit_with_size(diagnosis, candidate, trial)
         remarks += [] if sized is None else parameter_texts(candidate, sized)
-        remarks += [] if trial is None else [outcome(diagnosis, candidate)]
+        remarks += [] if trial is None else [outcome(diagnosis, candidate).value]
         remarks += [f"group {groups[candidate]}"] if candidate in groups else []
         rms = math.nan if fitted is None else fitted.rms_over_noise(Use.HOLDOUT)
         has_gain = trial is not None and math.isfinite(trial.log_evidence_gain)

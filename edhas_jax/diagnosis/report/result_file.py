@@ -12,9 +12,9 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.conclusions import fit_with_size
+from edhas_jax.diagnosis.search.conclusions import Outcome, fit_of_parameters, model_with, outcome
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
-from edhas_jax.diagnosis.search.law_deviation import LawDeviation
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_of
 from edhas_jax.diagnosis.search.memory_term import TIMES
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest
 from edhas_jax.diagnosis.search.trial import Trial
@@ -95,7 +95,7 @@ def as_json(
 
 def _law_data(member: MemberTest, mounted: Sequence[LawDeviation]) -> dict[str, Any]:
     """Whether the law of an accepted effect differs from that of the library, and the file with its deviation."""
-    deviation = next((d for d in mounted if d.of == member.candidate.id and member.candidate.signal is None), None)
+    deviation = deviation_of(member.candidate, mounted)
     law = "differs" if member.law_differs else "as in the library"
     return {
         "effect": member.candidate.id, "signal": member.candidate.signal, "law": law,
@@ -122,12 +122,11 @@ def _candidate_data(
     out: dict[str, Any] = {"effect": candidate.id}
     if candidate.signal is not None:
         out["signal"] = candidate.signal
-    accepted = candidate in [t.candidate for t in diagnosis.accepted]
-    fitted = diagnosis.after if accepted else trial.evaluated if trial is not None else None
-    sized = fit_with_size(diagnosis, candidate, trial)
+    fitted = None if trial is None else model_with(diagnosis, trial)
+    sized = None if trial is None else fit_of_parameters(diagnosis, trial)
     return out | {
         "slot": candidate.location,
-        "accepted": accepted,
+        "accepted": outcome(diagnosis, candidate) is Outcome.ACCEPTED,
         "probability": probability,
         "parameters": {} if sized is None else _own_estimates(sized, candidate),
         "holdout_error": None if fitted is None else fitted.rms_over_noise(Use.HOLDOUT),

@@ -1,5 +1,6 @@
 """The conclusions of a diagnosis as sentences, the verdict first."""
 
+import enum
 import math
 
 from edhas_jax.core.units import format_quantity, format_with_error
@@ -9,7 +10,9 @@ from edhas_jax.diagnosis.laws.curve_onset import onset
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
-from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest, Verdict
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.law_deviation import deviation_of
+from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
 
@@ -17,13 +20,21 @@ from edhas_jax.measurements.campaign import Use
 DEVIATION_UNITS = {DeviationKind.TRIGGER: "s", DeviationKind.CLOCK: "s", DeviationKind.SHIFT: "s"}
 MAX_ACCURACIES, MOST_EXCESSIVE = 3.0, 3  # of a deviation of the bench: beyond them it is no usual one; sentences
 MIN_UNPREDICTABLE = 0.02  # of the noise of a signal: less of it is not named
-MIN_PROBABLE = 0.5  # of an effect that was removed again: one that is less probable is not named
+MIN_PROBABLE = 0.5  # of an effect that was removed from the model: one that is less probable is not named
 MIN_NAMED_SHARE = 1e-4  # of a signal's rms, left unexplained, below which the signal is not named
 
 CORRECTED = (
-    "For fitted models, it is what is left after correcting the estimated deviations of the bench (triggers, settings, "
-    "sensors), which `edhas compare` does not correct."
+    "The residuals of fitted models are those after correction of the estimated deviations of the bench (triggers, "
+    "settings, sensors), which `edhas compare` does not correct."
 )
+
+
+class Outcome(enum.Enum):
+    """What the search has done with a candidate."""
+
+    ACCEPTED = "accepted"  # it is in the final model
+    REMOVED = "removed"  # it was accepted first, and the backward pass has removed it
+    TRIED = "tried"  # it was fitted and not accepted
 
 
 def conclusions(diagnosis: Diagnosis) -> list[str]:
@@ -40,7 +51,7 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
         out += _unknown_effect_sentences(diagnosis, Use(use))
     else:
         named = [t.candidate for t in diagnosis.named]
-        sizes = [f"{candidate.name} ({_parameters_text(diagnosis, candidate)})" for candidate in named]
+        sizes = [f"{t.candidate.name} ({_parameters_text(diagnosis, t)})" for t in diagnosis.named]
         out.append(f"{' and '.join(sizes)} {'is' if len(sizes) == 1 else 'are'} missing.")
         out += [
             f"{t.candidate.name} improves the model too, but may stand in for several small causes."
@@ -138,7 +149,7 @@ def _law_sentences(diagnosis: Diagnosis) -> list[str]:
     tests, out = {member.candidate: member for member in diagnosis.members}, []
     for trial in diagnosis.accepted:
         test, name = tests.get(trial.candidate), trial.candidate.name
-        has_curve = _fit_without_curve(diagnosis, trial) is not None
+        has_curve = _model_without_curve(diagnosis, trial) is not None
         if test is None or not (test.law_differs or has_curve):
             continue
         fall = f"χ² by {2.0 * test.law_gain:.3g} more"
@@ -185,54 +196,53 @@ def _unknown_effect_sentences(diagnosis: Diagnosis, use: Use) -> list[str]:
     return out
 
 
-def fit_with_size(diagnosis: Diagnosis, candidate: Candidate, trial: Trial | None) -> Fit | None:
-    """The fit that gives the parameters of a candidate; None if it was not fitted.
+def model_with(diagnosis: Diagnosis, trial: Trial) -> EvaluatedFit | None:
+    """The final model if it contains the candidate of a trial, else the model of the trial; None if that has failed."""
+    return diagnosis.after if outcome(diagnosis, trial.candidate) is Outcome.ACCEPTED else trial.evaluated
 
-    For an accepted one that of the final model. Where this model adds a curve to its law, that of its trial: the
-    measurements determine the sum of law and curve, but hardly how it is divided between the two.
+
+def fit_of_parameters(diagnosis: Diagnosis, trial: Trial) -> Fit | None:
+    """The fit from which the stated parameters of a candidate are taken; None if its trial has failed.
+
+    It is the fit of the model that `model_with` returns. Where the final model adds a curve to the law of the
+    candidate, it is the fit of the trial, which has no curve: the measurements determine the sum of law and curve, but
+    hardly how it is divided between the two.
     """
-    accepted = next((t for t in diagnosis.accepted if t.candidate == candidate), None)
-    if accepted is None:
-        return None if trial is None or trial.evaluated is None else trial.evaluated.fit
-    return _fit_without_curve(diagnosis, accepted) or diagnosis.final
+    model = _model_without_curve(diagnosis, trial) or model_with(diagnosis, trial)
+    return None if model is None else model.fit
 
 
-def removed_candidates(diagnosis: Diagnosis) -> dict[Candidate, MemberTest]:
-    """The effects that were accepted at first and are not in the final model, with the test that removed them."""
-    accepted = {t.candidate for t in diagnosis.accepted}
-    return {test.candidate: test for _, test in diagnosis.rejected if test.candidate not in accepted}
+def _model_without_curve(diagnosis: Diagnosis, trial: Trial) -> EvaluatedFit | None:
+    """The model of a trial, where the final model has a curve beside the law of its candidate that this one has not."""
+    curve = deviation_of(trial.candidate, diagnosis.laws)
+    if curve is None or trial.evaluated is None:
+        return None
+    return None if curve.id in [e.id for e in trial.evaluated.fit.machine.effects] else trial.evaluated
 
 
-def outcome(diagnosis: Diagnosis, candidate: Candidate) -> str:
+def outcome(diagnosis: Diagnosis, candidate: Candidate) -> Outcome:
     """What the search has done with a candidate that it has fitted."""
     if candidate in [t.candidate for t in diagnosis.accepted]:
-        return "accepted"
-    return "removed again" if candidate in removed_candidates(diagnosis) else "tried"
+        return Outcome.ACCEPTED
+    return Outcome.REMOVED if candidate in [test.candidate for _, test in diagnosis.rejected] else Outcome.TRIED
 
 
 def _removed_sentences(diagnosis: Diagnosis) -> list[str]:
-    """The effects that were removed again although they act more probably than not."""
+    """The effects that were removed from the model although they act more probably than not."""
+    removed = {test.candidate: test for _, test in diagnosis.rejected}
     return [
-        f"{candidate.name} was removed again (probability {p:.2f}): it explains only {test.strength:.2g} times what is "
-        "left with it, so that these runs do not decide whether it acts."
-        for candidate, test in removed_candidates(diagnosis).items()
-        if (p := diagnosis.answer.probabilities.get(candidate.name, 0.0)) > MIN_PROBABLE
+        f"{candidate.name} was removed from the model, although its probability is {p:.2f}: its gain is only "
+        f"{test.strength:.2g} times the misfit that remains with it, so that these runs do not decide whether it acts."
+        for candidate, test in removed.items()
+        if outcome(diagnosis, candidate) is Outcome.REMOVED
+        and (p := diagnosis.answer.probabilities.get(candidate.name, 0.0)) > MIN_PROBABLE
     ]
 
 
-def _fit_without_curve(diagnosis: Diagnosis, accepted: Trial) -> Fit | None:
-    """The fit of an accepted candidate with the law of the library alone; None if no curve was added to this law."""
-    curves = [law.id for law in diagnosis.laws if accepted.candidate.signal is None and law.of == accepted.candidate.id]
-    if not curves or accepted.evaluated is None:
-        return None
-    fit = accepted.evaluated.fit
-    return None if {effect.id for effect in fit.machine.effects} & set(curves) else fit
-
-
-def _parameters_text(diagnosis: Diagnosis, candidate: Candidate) -> str:
-    """The fitted parameters of an accepted candidate with their standard errors."""
-    fit = fit_with_size(diagnosis, candidate, None)
-    own = candidate.own_unknowns(fit.problem.unknowns)
+def _parameters_text(diagnosis: Diagnosis, accepted: Trial) -> str:
+    """The stated parameters of an accepted candidate, with their standard errors."""
+    fit = fit_of_parameters(diagnosis, accepted)
+    own = accepted.candidate.own_unknowns(fit.problem.unknowns)
     return ", ".join(
         f"{name} {format_with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit)}"
         for name, u in own.items()

@@ -45,6 +45,11 @@ class LawDeviation(CurveCandidate):
         return self.id.removesuffix(SUFFIX)
 
 
+def deviation_of(candidate: Candidate, laws: Sequence[LawDeviation]) -> LawDeviation | None:
+    """The one of some deviations that belongs to the law of a candidate; None for a sensor fault, and without one."""
+    return None if candidate.signal is not None else next((law for law in laws if law.of == candidate.id), None)
+
+
 def law_deviation(fit: Fit, candidate: Candidate) -> LawDeviation | None:
     """The deviation that the law of a candidate may have, over the variable that explains most of this law.
 
