@@ -1,11 +1,10 @@
-"""Import contract, size and documentation of modules, size of folders, and the cost of an import."""
+"""Import contract, documentation of modules, and the cost of an import."""
 
 import ast
 import re
 import subprocess
 import sys
 import tomllib
-from collections import Counter
 
 import pytest
 
@@ -16,8 +15,6 @@ from tests.support import ROOT
 PACKAGE = sorted((ROOT / "edhas_jax").rglob("*.py"))
 STUDIES = sorted((ROOT / "studies").rglob("*.py"))
 TESTS = sorted(p for p in (ROOT / "tests").rglob("*.py") if not p.parent.name.startswith("malformed"))
-MAX_LINES_PER_FILE = 300
-MAX_MODULES_PER_FOLDER = 30
 MAX_LAYERS = 10
 HEAVY = ("matplotlib", "pint", "rich")
 
@@ -46,25 +43,16 @@ def test_the_layers_of_the_contract_are_the_packages():
 
 
 @pytest.mark.parametrize("path", PACKAGE + STUDIES, ids=relative)
-def test_a_module_is_short_and_documented(path):
-    text = path.read_text(encoding="utf-8")
-    module = ast.parse(text)
-    assert len(text.splitlines()) <= MAX_LINES_PER_FILE
+def test_a_module_is_documented(path):
+    module = ast.parse(path.read_text(encoding="utf-8"))
     assert ast.get_docstring(module), "no docstring"
     undocumented = [name for name, node in public(module) if not ast.get_docstring(node)]
     assert not undocumented, f"without a docstring: {', '.join(undocumented)}"
 
 
 @pytest.mark.parametrize("path", [p for p in TESTS if p.stat().st_size], ids=relative)
-def test_a_test_module_is_short_and_documented(path):
-    text = path.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= MAX_LINES_PER_FILE
-    assert ast.get_docstring(ast.parse(text)), "no docstring"
-
-
-def test_no_folder_is_crowded():
-    modules = Counter(relative(path.parent) for path in PACKAGE + STUDIES + TESTS)
-    assert not {folder: n for folder, n in modules.items() if n > MAX_MODULES_PER_FOLDER}
+def test_a_test_module_is_documented(path):
+    assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), "no docstring"
 
 
 def test_studies_do_not_import_in_circles():
