@@ -3,6 +3,7 @@
 import datetime
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -167,25 +168,23 @@ def read_excel_tables(path: Path, layout: Layout, report: Report) -> list[Table]
         with path.open("rb") as file:
             with zipfile.ZipFile(file) as archive:
                 size = sum(entry.file_size for entry in archive.infolist())
-            if size > MAX_BYTES:
-                limit = f"at most {MAX_BYTES / 1e9:g} GB are read"
-                raise TableError(0, f"unpacks to {size / 1e9:.3g} GB; {limit}; save it as CSV")
+            require_size(size // 8)
             book = openpyxl.load_workbook(file, read_only=True, data_only=True)
             names = [sheet.title for sheet in book.worksheets]
             if layout.sheet and layout.sheet not in names:
                 raise TableError(0, f"has no sheet `{layout.sheet}`; its sheets: {', '.join(names)}")
-            sheets = {name: _rows(book[name]) for name in ([layout.sheet] if layout.sheet else names)}
+            errors = []
+            for name in [layout.sheet] if layout.sheet else names:
+                rows = _rows(book[name])
+                try:
+                    return [_table_of_rows(rows, layout, report)]
+                except TableError as error:
+                    errors.append(error)
+            raise errors[0]
     except (TableError, FileNotFoundError):
         raise
     except Exception:  # a damaged file raises whatever its bytes lead to
         raise TableError(0, "is damaged or not an Excel file") from None
-    errors = []
-    for rows in sheets.values():
-        try:
-            return [_table_of_rows(rows, layout, report)]
-        except TableError as error:
-            errors.append(error)
-    raise errors[0]
 
 
 def _rows(sheet: Any) -> list[Row]:
@@ -194,16 +193,19 @@ def _rows(sheet: Any) -> list[Row]:
     Raises:
         TableError: the sheet is too large.
     """
-    rows, count = [], 0
+    rows, filled, count = [], Counter(), 0
+    sheet.reset_dimensions()  # a single cell far away would make every row as long
     for line, cells in enumerate(sheet.iter_rows(values_only=True), 1):
         count += len(cells)
         require_size(count)
-        filled = [k for k, cell in enumerate(cells) if cell is not None]
-        if filled:
-            rows.append((line, [_excel_cell(cell) for cell in cells[: filled[-1] + 1]]))
-    width = max((len(cells) for _, cells in rows), default=0)
-    require_size(width * len(rows))
-    return [(line, cells + [None] * (width - len(cells))) for line, cells in rows]
+        own = [k for k, cell in enumerate(cells) if cell is not None]
+        if own:
+            filled.update(own)
+            rows.append((line, [_excel_cell(cell) for cell in cells[: own[-1] + 1]]))
+    # a column of a table has several cells; a single one beside it is a note
+    width = 1 + max((k for k, times in filled.items() if times > 1), default=0)
+    rows = [(line, cells[:width] + [None] * (width - len(cells))) for line, cells in rows]
+    return [(line, cells) for line, cells in rows if any(cell is not None for cell in cells)]
 
 
 def _table_of_rows(rows: list[Row], layout: Layout, report: Report) -> Table:

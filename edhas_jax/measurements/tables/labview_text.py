@@ -49,7 +49,8 @@ def read_labview_text(
         own = [k for k in range(end + 2, until) if re.match(r"[-+ \d.,\t]*\d", lines[k]) and k + 1 != cut]
         width = len(names)
         body = [lines[k].rstrip(delimiter) if lines[k].count(delimiter) >= width else lines[k] for k in own]
-        unique = [(f"{at} {name}", "") for at, name in enumerate(names)]  # X values occur several times
+        # X values occur several times; comments are not read
+        unique = [("" if name == COMMENT and at == width - 1 else f"{at} {name}", "") for at, name in enumerate(names)]
         values = read_lines(body, [k + 1 for k in own], unique, end + 2, delimiter, decimal[0], True, report, width - 1)
         segments.append(_segment(names, header, values))
         stamps.append(" ".join(header.get(key, [""])[0] for key in ("Date", "Time")))
@@ -76,7 +77,7 @@ def _segment(names: Sequence[str], header: Mapping[str, Sequence[str]], values: 
         cells = header.get(key, ())
         return cells[channel] if channel < len(cells) and cells[channel] else default
 
-    columns = list(values.columns.values())
+    columns = {int(name.split()[0]): column for name, column in values.columns.items()}
     at = [k for k, name in enumerate(names) if name not in ("", X_NAME) and (name, k) != (COMMENT, len(names) - 1)]
     units = [stated("Y_Unit_Label", channel, "") for channel in range(len(at))]
     tables: dict[bytes, Table] = {}

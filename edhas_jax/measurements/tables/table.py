@@ -91,9 +91,9 @@ def require_size(values: int) -> None:
     Raises:
         TableError: they do not.
     """
-    if (size := 8 * values) > MAX_BYTES:
-        limit = f"at most {MAX_BYTES / 1e9:g} GB are read; export fewer channels or a shorter time"
-        raise TableError(0, f"unpacks to {size / 1e9:.3g} GB of numbers; {limit}")
+    if 8 * values > MAX_BYTES:
+        limit = f"unpacks to more than {MAX_BYTES / 1e9:g} GB, the most that is read"
+        raise TableError(0, f"{limit}; export fewer channels or a shorter time")
 
 
 def flat_vectors(name: str, array: np.ndarray, report: Report) -> list[tuple[str, np.ndarray]]:

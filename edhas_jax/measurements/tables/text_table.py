@@ -76,7 +76,7 @@ def read_lines(
     Args:
         body: the lines.
         lines: their numbers.
-        names: name and unit of each column; a column without a name is not kept.
+        names: name and unit of each column; a column without a name is not read.
         header_line: the line with the names.
         delimiter: what separates the columns.
         decimal: decimal mark.
@@ -112,7 +112,7 @@ def read_lines(
     for at, ((name, unit), is_done) in enumerate(zip(names, is_number, strict=True)):
         if is_done:
             column = Column(unit, next(numbers))
-        else:
+        elif name:
             cells = frame[at].astype(object)
             cells = cells.where(cells.notna(), None).map(lambda cell: cell if cell is None else str(cell)).to_list()
             column = read_column(name, unit, cells, kept, decimal, is_stated, report)
