@@ -15,7 +15,7 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Use
 from edhas_jax.measurements.checks.signal_checks import true_intervals
 from edhas_jax.measurements.record_timing import RecordTiming, TimingError
-from edhas_jax.measurements.tables.table import Column, Table, TableError
+from edhas_jax.measurements.tables.table import Column, Layout, Table, TableError
 from edhas_jax.measurements.tables.table_reader import read_table
 
 MIN_SAMPLES = 10  # of a run; with fewer neither noise nor shape can be judged
@@ -53,7 +53,8 @@ class RunReader:
         self._machine, self._time, self._sources, self._recorded = machine, time, sources, recorded
 
     def read(
-        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming = RecordTiming()
+        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming = RecordTiming(),
+        layout: Layout = Layout(),
     ) -> BenchRun | None:
         """Read the file of one run.
 
@@ -63,12 +64,13 @@ class RunReader:
             use: fit or holdout.
             conditions: parameters of the machine in this run (SI).
             timing: where the time of the run is zero, and which part of the record is used.
+            layout: what the campaign states about the file.
 
         Returns:
             The run; None if no signal of it can be used.
         """
         earlier = len(self.remarks)
-        run = self._read(name, file, use, conditions, timing)
+        run = self._read(name, file, use, conditions, timing, layout)
         found = self.remarks[earlier:]
         if len(found) > MAX_REMARKS:
             more = Remark(found[-1].severity, file, 0, f"and {len(found) - MAX_REMARKS + 1} more remarks on this file")
@@ -76,11 +78,12 @@ class RunReader:
         return run
 
     def _read(
-        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming
+        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming,
+        layout: Layout,
     ) -> BenchRun | None:
         self._file, self._header_line = file, 0
         try:
-            table = read_table(file, self.remarks.append)
+            table = read_table(file, self.remarks.append, layout)
             self._header_line = table.header_line
             order, time = self._time_stamps(table)
             part, time, used, remarks = timing.apply(file, time)
@@ -113,6 +116,9 @@ class RunReader:
             except UnitError as error:
                 sentence = f"column `{source.column}`: {error}; {signal} is left out of this run"
                 self._remark(self._header_line, sentence)
+            except TableError as error:
+                self._remark(error.line, f"{error}; the run is left out")
+                return None
         drives_read = (source.column for source in self._recorded.values())
         known = {self._time.column, *drives_read, *(source.column for source in self._sources.values())}
         unused = [f"`{column[:MAX_QUOTED]}`" for column in table.columns if column not in known]
@@ -166,7 +172,14 @@ class RunReader:
         self.remarks.append(Remark(severity, self._file, line, sentence))
 
     def _in_si(self, source: ColumnSource, column: Column, unit: str) -> np.ndarray:
-        """The values of a column in SI; the unit in the header takes precedence over that in the campaign."""
+        """The values of a column in SI; the unit in the header takes precedence over that in the campaign.
+
+        Raises:
+            TableError: the column cannot be read.
+            UnitError: its unit is unknown, or that of another quantity.
+        """
+        if column.fault is not None:
+            raise column.fault
         stated = column.unit or source.unit
         zero = to_si(f"0 {stated}", unit, f"1 {display_unit(unit)}")
         if column.unit and source.unit and to_si(f"1 {column.unit}", unit) != to_si(f"1 {source.unit}", unit):
