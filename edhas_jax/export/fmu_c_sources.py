@@ -12,7 +12,7 @@ from edhas_jax.compiler.c_source import c_function, c_function_with_invariants, 
 from edhas_jax.core.literal_text import c_comment, c_string
 from edhas_jax.core.units import format_quantity
 from edhas_jax.export.fmu_program import STEP, Causality, ProgramInput, UnitProgram, Variable
-from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.machine.components.set_points import ROUNDING, Recorded
 from edhas_jax.machine.interface.signals import SIGNALS
 
 UNIT_FILE, MACHINE_FILE = "fmu_unit.c", "machine.h"
@@ -20,6 +20,19 @@ UNIT_FILE, MACHINE_FILE = "fmu_unit.c", "machine.h"
 # parameters of all generated functions; `recorded` holds _INTERVAL_FIELDS of each recorded set point
 _PARAMETERS = "const double *value, const double *y, double t, double h, double input_time, const double *recorded"
 _INTERVAL_FIELDS = ("index", "value", "slope", "quadratic", "cubic")  # of `RecordedInterval`, less its length
+_LEVEL_FUNCTION = """/* the level of a signal that steps, at time t */
+static double step_level(const double *times, const double *levels, long count, double t)
+{
+    const double late = t + %s * DBL_EPSILON * fabs(t);
+    long first = 0, end = count;
+    while (first < end) {
+        const long middle = first + (end - first) / 2;
+        if (times[middle] <= late) first = middle + 1;
+        else end = middle;
+    }
+    return levels[first];
+}
+"""
 _INTERVAL_FUNCTION = """/* index, value, slope, quadratic, cubic of the recorded interval around t; held outside */
 static void recorded_interval(const double *values, long count, double interval, double start, double t, double *out)
 {
@@ -122,8 +135,16 @@ def _recorded_set_points(recorded: dict[str, Recorded]) -> str:
         arguments = f"{len(values)}, {c_number(float(r.interval))}, {c_number(float(r.start))}"
         target = f"out + {len(_INTERVAL_FIELDS) * k}"
         calls.append(f"    recorded_interval(RECORDED_{section}, {arguments}, t, {target});\n")
+        if r.steps is not None:
+            for name, numbers in (("TIMES", r.steps.times), ("LEVELS", r.steps.levels)):
+                items = _wrap([c_number(v) for v in np.asarray(numbers, float).tolist()])
+                tables.append(f"static const double {name}_{section}[] = {{\n{items}\n}};\n")
+            arguments = f"TIMES_{section}, LEVELS_{section}, {len(r.steps.times)}, t"
+            calls.append(f"    ({target})[1] += step_level({arguments});\n")
     body = "".join(calls) or "    (void)t, (void)out;\n"
-    head = "\n".join([*([_INTERVAL_FUNCTION] if tables else []), *tables])
+    functions = [_INTERVAL_FUNCTION] if tables else []
+    functions += [_LEVEL_FUNCTION % ROUNDING] if any(r.steps is not None for r in recorded.values()) else []
+    head = "\n".join([*functions, *tables])
     return f"{head}\nstatic void machine_recorded_intervals(double t, double *out)\n{{\n{body}}}\n"
 
 

@@ -114,7 +114,7 @@ class _Arguments(NamedTuple):
     y: dict[str, Any]
 
 
-_INTERVAL_FIELDS = tuple(RecordedInterval.__dataclass_fields__)
+_INTERVAL_FIELDS = tuple(n for n in RecordedInterval.__dataclass_fields__ if n != "steps")  # `value` has the level
 
 
 def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> UnitProgram:

@@ -17,7 +17,7 @@ from edhas_jax.config.machine_config import Config, build_config
 from edhas_jax.core import structs
 from edhas_jax.export.fmu import export_fmu
 from edhas_jax.export.fmu_inputs import FmuError
-from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.machine.components.set_points import Recorded, Steps
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.simulation import time_loop
 from tests.support import CONFIGS
@@ -135,6 +135,20 @@ def test_an_external_set_point_is_extrapolated_at_its_rate(unit, tmp_path):
     assert difference(given, run.signals) < ROUNDING
     recorded = Unit(tmp_path / "recorded.fmu", Config(run.machine, run.simulation))
     assert difference(recorded.run(recorded.instance(), SAMPLES), run.signals) < ROUNDING
+
+
+def test_a_recorded_set_point_steps_as_in_a_simulation(tmp_path):
+    """At a sample and between two; a smooth part, and one that is held."""
+    levels, time = np.array([0.0, 1e-3, -2e-3, 5e-4]), np.array([0.0, 0.01, 0.0213, 0.04])
+    ramp = np.arange(SAMPLES) * (0.05 * INTERVAL)
+    ramp_with_steps = Recorded(values=ramp, interval=INTERVAL, steps=Steps(times=time[1:], levels=levels))
+    for k, recorded in enumerate((ramp_with_steps, Recorded.held(time, levels))):
+        config = build_config(ACTUATOR)
+        machine = structs.replace(config.machine, reference=recorded)
+        u = Unit(tmp_path / f"{k}.fmu", Config(machine, config.simulation))
+        run = edhas.simulate(machine, config.simulation)
+        assert np.abs(np.diff(run.signals["reference"])).max() > 2e-3
+        assert difference(u.run(u.instance(), SAMPLES), run.signals) < ROUNDING
 
 
 def test_the_reversing_valve_may_be_commanded_externally(unit):
