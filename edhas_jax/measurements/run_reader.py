@@ -23,15 +23,19 @@ MAX_SIZE = 1e30  # of a value in SI; a larger one is a fault of the file, and it
 MAX_REMARKS = 10  # on one file
 MAX_LISTED = 3  # faults of one kind in one column that are reported one by one
 MAX_NAMES, MAX_QUOTED = 8, 40  # columns that a remark names, characters of a name
+LARGE_JUMP = 0.1  # of the range of a drive; smaller jumps may be the rounding of a slow signal
 MAX_DISORDER = 0.05  # share of samples out of order above which the time axis is rejected
 
 
 class ColumnSource(NamedTuple):
-    """The name of a quantity's column in the files, its unit where the header gives none, and for a drive `between`."""
+    """The name of a quantity's column in the files, its unit where the header gives none, and for a drive `between`.
+
+    `between` is None where the campaign does not state it.
+    """
 
     column: str
     unit: str
-    between: Between = Between.LINE
+    between: Between | None = None
 
 
 class RunReader:
@@ -263,11 +267,22 @@ class RunReader:
                 values = self._in_si(source, column, si)
             rows = np.union1d(before, order)
             time = time[np.searchsorted(order, rows)]
-            return recorded_from_samples(self._file, time, values[rows], source.between)
+            if source.between is None and _looks_held(values[order], values[before]):
+                sentence = f"{what} `{name}` stays and jumps; if a computer held it from sample to sample, write "
+                sentence += "`between: hold` in the campaign, else `between: line`, which is assumed"
+                self._remark(self._header_line, sentence, Severity.WARNING)
+            return recorded_from_samples(self._file, time, values[rows], source.between or Between.LINE)
         except UnitError as error:
             raise TableError(self._header_line, f"column `{name}`: {error}") from None
         except RecordingError as error:
             raise TableError(0, f"{what} `{name}`: {str(error).removeprefix(f'{self._file}: ')}") from None
+
+
+def _looks_held(after: np.ndarray, before: np.ndarray) -> bool:
+    """Whether a drive is constant but for single, large changes from one sample to the next."""
+    change = before[1:] - after[:-1]
+    neighbours = (change[1:] != 0.0) & (change[:-1] != 0.0)
+    return bool(np.abs(change).max(initial=0.0) > LARGE_JUMP * np.ptp(after) and not neighbours.any())
 
 
 def _is_current(unit: str) -> bool:

@@ -80,6 +80,13 @@ def test_a_lag_that_is_driven_by_steps_is_identified(tmp_path, steps, two_rows, 
     assert fit.values["tau"] == pytest.approx(TAU, rel=3e-3) and fit.values["gain"] == pytest.approx(2e6, rel=1e-3)
 
 
+def test_a_drive_that_stays_and_jumps_is_asked_for(tmp_path):
+    """Without a second row and without a word, a step would be taken for a ramp of one sample interval."""
+    for more, count in (("", 1), (", between: line", 0), (", between: hold", 0)):
+        campaign = write_campaign(tmp_path, ON_SAMPLES, False, drive=f"{{column: u, unit: V{more}}}")
+        assert ["`u` stays and jumps" in r.sentence for r in campaign.remarks] == [True] * count
+
+
 def test_at_a_step_a_measured_signal_counts_as_in_the_last_row(tmp_path):
     """A flow that follows the command at once has both values at that time; the model has the later one."""
     (tmp_path / "flow.py").write_text(RIG.replace("        return", "        s.set(copy=s.command)\n        return")
@@ -105,7 +112,8 @@ def test_at_a_step_a_measured_signal_counts_as_in_the_last_row(tmp_path):
 
 
 def test_rows_at_one_time_that_are_no_step_are_left_out_as_before(tmp_path):
-    campaign = write_campaign(tmp_path, ON_SAMPLES, two_rows=False)
+    held = "{column: u, unit: V, between: hold}"
+    campaign = write_campaign(tmp_path, ON_SAMPLES, two_rows=False, drive=held)
     lines = (tmp_path / "run.csv").read_text().splitlines()
     lines.insert(30, lines[29])
     (tmp_path / "run.csv").write_text("\n".join([*lines, ""]))
