@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from edhas_jax.config.machine_reader import MachineReader
 from edhas_jax.config.problem_list import ProblemList, problem_lines
@@ -15,15 +15,22 @@ from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.machine.parameters import COMPONENT_KINDS, ParameterError, find_parameter, list_parameters
+from edhas_jax.machine.parameters import (
+    COMPONENT_KINDS,
+    ParameterError,
+    find_parameter,
+    get_parameter,
+    list_parameters,
+)
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import BenchAccuracy
 from edhas_jax.measurements.accuracy_reader import AccuracyReader
-from edhas_jax.measurements.campaign import CampaignError, Channel, Remark, Severity, Use
+from edhas_jax.measurements.campaign import CampaignError, Channel, Remark, Severity, Spread, Use
 from edhas_jax.measurements.drive_columns import read_drive_columns, recorded_placeholders
 from edhas_jax.measurements.record_timing import RecordTiming, read_run_in, read_time, read_timing
-from edhas_jax.measurements.run_reader import ColumnSource
+from edhas_jax.measurements.run_reader import ColumnSource, RunEntry
 from edhas_jax.measurements.sensor_keys import read_sensor_keys
+from edhas_jax.measurements.unknown_parameters import read_spread, share_of_nothing
 from edhas_jax.simulation.integrator import evaluate_signals
 
 CAMPAIGN_FILE = "campaign.yaml"
@@ -32,7 +39,7 @@ KEYS = (
     "name", "rig", "parameters", "effects", "without", "uncertain", "amplifier", "controller", "reference", "time",
     "signals", "drives", "accuracy", "runs",
 )  # fmt: skip
-RUN_KEYS = ("file", "use", "start", "window", "running")  # of a run, besides its conditions
+RUN_KEYS = ("file", "use", "start", "window", "running", "uncertain")  # of a run, besides its conditions
 # short names of parameters by section or kind of controller
 SHORT_NAMES = {
     "amplifier": {"gain": "amplifier_gain"},
@@ -47,16 +54,6 @@ SHORT_NAMES = {
 }
 
 
-class RunEntry(NamedTuple):
-    """An entry under `runs`: name of the run, its file, its use, its conditions by parameter (SI), its timing."""
-
-    name: str
-    file: Path
-    use: Use
-    conditions: dict[str, float]
-    timing: RecordTiming
-
-
 class CampaignDescription(ProblemList):
     """The contents of `campaign.yaml`, valid only if `problems` is empty.
 
@@ -68,7 +65,8 @@ class CampaignDescription(ProblemList):
     Attributes:
         name: name of the campaign.
         machine: the machine; None if its description has problems.
-        uncertain: relative standard deviations by parameter.
+        uncertain: how well the parameters that are common to all runs are known.
+        own_uncertain: the same of those that have another value in each run.
         channels: the measured signals by name; the noise is NaN where it is not stated.
         accuracy: what is stated about the accuracy of the bench.
         sources: the columns of these signals in the files.
@@ -89,7 +87,8 @@ class CampaignDescription(ProblemList):
         self.add_unknown_keys((), data, (*KEYS, *own))
         self.recorded = read_drive_columns(self, data, self.rig)
         self.machine = self._read_machine()
-        self.uncertain: dict[str, float] = {}
+        self.uncertain: dict[str, Spread] = {}
+        self.own_uncertain: dict[str, Spread] = {}
         self.channels: dict[str, Channel] = {}
         self.sources: dict[str, ColumnSource] = {}
         self.accuracy = BenchAccuracy()
@@ -148,34 +147,46 @@ class CampaignDescription(ProblemList):
         return p.name if is_unique else f"{path}.{p.name}"
 
     def _read_uncertain(self) -> None:
-        owners = {p.name: effect.id for effect in DEFAULT_EFFECTS for p in structs.parameters(effect)}
+        owners = {p.name: (effect.id, p) for effect in DEFAULT_EFFECTS for p in structs.parameters(effect)}
         present = {effect.id for effect in self.machine.effects}
         given: dict[str, str] = {}
-        for name, text in self._mapping(self._data.get("uncertain"), ("uncertain",), "coil_resistance: 0.02").items():
+        for name, entry in self._mapping(self._data.get("uncertain"), ("uncertain",), "coil_resistance: 0.02").items():
             key = ("uncertain", name)
-            spread = self._positive_number(key, text, "-", "0.1")
-            if spread is None:
-                continue
-            if name in owners and owners[name] not in present:
-                self.uncertain[name] = spread
-                sentence = f"belongs to {owners[name]}, which the model lacks; it is used once that effect is added"
+            of_run = isinstance(entry, Mapping) and "per" in entry
+            if of_run and entry["per"] != "run":
+                self.add((*key, "per"), f"only `per: run` is possible here; got {entry['per']}")
+            if of_run:
+                entry = {k: v for k, v in entry.items() if k != "per"}
+            if name in owners and owners[name][0] not in present:
+                owner, p = owners[name]
+                if (spread := read_spread(self, key, entry, p)) is not None:
+                    self.uncertain[name] = spread
+                if of_run:
+                    self.add(key, f"belongs to {owner}, which the model lacks, so that no run has a value of it")
+                sentence = f"belongs to {owner}, which the model lacks; it is used once that effect is added"
                 self.remarks.append((Severity.NOTE, key, sentence))
-            elif (canonical := self._canonical_name(key, name)) in given:
+                continue
+            canonical = self._canonical_name(key, name)
+            if canonical in given:
                 self.add(key, f"given twice, also as {given[canonical]}")
             elif canonical is not None:
-                self.uncertain[canonical], given[canonical] = spread, name
+                value = None if of_run else float(get_parameter(self.machine, canonical))
+                spread = read_spread(self, key, entry, find_parameter(self.machine, canonical)[0], value)
+                (self.own_uncertain if of_run else self.uncertain)[canonical], given[canonical] = spread, name
 
-    def _positive_number(self, key: tuple, text: Any, unit: str, example: str) -> float | None:
-        """A positive number with or without its unit, in SI; None, and a problem, for anything else."""
-        try:
-            value = to_si(str(text), unit, example)
-        except UnitError as error:
-            self.add(key, str(error))
-            return None
-        if not (value > 0.0 and math.isfinite(value)):
-            self.add(key, f"must be above 0, for example {example}; got {text}")
-            return None
-        return value
+    def _read_own_uncertain(self, key: tuple, row: Mapping[str, Any], conditions: Mapping[str, float]):
+        """The parameters whose value in a run is an unknown of its own: those of all runs, and those that it names."""
+        found = {name: (("uncertain", name), spread) for name, spread in self.own_uncertain.items()}
+        for name, entry in self._mapping(row.get("uncertain"), (*key, "uncertain"), "uncertain: {first: 0.5}").items():
+            at = (*key, "uncertain", name)
+            if (canonical := self._canonical_name(at, name)) is not None:
+                found[canonical] = at, read_spread(self, at, entry, find_parameter(self.machine, canonical)[0])
+        for name, (at, spread) in found.items():
+            value = conditions.get(name, float(get_parameter(self.machine, name)))
+            p, _ = find_parameter(self.machine, name)
+            if spread is not None and (problem := share_of_nothing(p, value, spread)):
+                self.add(at, f"in run {key[-1] + 1} {problem}")
+        return {name: spread for name, (_, spread) in found.items()}
 
     def _read_time(self) -> ColumnSource:
         section = self._mapping(self._data.get("time"), ("time",), "{column: t, unit: ms}")
@@ -257,11 +268,12 @@ class CampaignDescription(ProblemList):
                 if (size := self.read_quantity((*key, name), p, value)) is not None:
                     conditions[canonical] = size
             timing = read_run_in(self, key, row, read_timing(self, key, row, self._timing), self.machine, conditions)
+            own = self._read_own_uncertain(key, row, conditions)
             if not self.problems:
                 names = [entry.name for entry in self.run_entries]
                 stem = Path(file).stem
                 name = stem if stem not in names else f"{stem}-{k + 1}"
-                self.run_entries.append(RunEntry(name, self.folder / file, Use(use), conditions, timing))
+                self.run_entries.append(RunEntry(name, self.folder / file, Use(use), conditions, timing, own))
             elif isinstance(file, str) and not (self.folder / file).is_file():
                 self.add((*key, "file"), f"there is no file {file}")  # without other problems the run is left out
 

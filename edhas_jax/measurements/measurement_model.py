@@ -68,7 +68,7 @@ class MeasurementModel:
 
     Raises:
         ParameterError: the machine lacks an unknown or a condition, or the runs set a parameter that is unknown but not
-            listed as uncertain in the campaign.
+            uncertain in the campaign.
         CampaignError: a run cannot be driven by the input that `replay` names.
     """
 
@@ -83,9 +83,11 @@ class MeasurementModel:
         machines = [machine_with_replay(campaign, run, machine, replay) for run in self.runs]
         self._is_of_machine = [instruments.find(u.name) is None for u in self.unknowns]
         conditions = {n for run in self.runs for n in run.conditions if has_parameter(machines[0], n)}
-        varied = {u.name for u, of_machine in zip(self.unknowns, self._is_of_machine, strict=True) if of_machine}
-        for name in sorted(varied & conditions - set(campaign.uncertain)):
+        of_machine = [u for u, is_of_machine in zip(self.unknowns, self._is_of_machine, strict=True) if is_of_machine]
+        varied = {u.parameter for u in of_machine}
+        for name in sorted({u.name for u in of_machine if not u.run} & conditions - set(campaign.uncertain)):
             raise ParameterError(f"{name}: is set by the runs, so it cannot be sought; name it as uncertain")
+        self._acting = [[j for j, u in enumerate(self.unknowns) if self._acts(j, u, run)] for run in self.runs]
         self._lane_parameters = tuple(sorted(varied | conditions)) or (placeholder_parameter(machine),)
         self._nominal = {n: float(get_parameter(machine, n)) for n in varied}
         self._run_values = [{n: float(get_parameter(m, n)) for n in self._lane_parameters} for m in machines]
@@ -132,32 +134,32 @@ class MeasurementModel:
             jobs = [(p, r) for p, point in enumerate(points) for r in point.runs if r in group.runs]
             if not jobs:
                 continue
-            # with sensitivities every run has one lane per unknown, each carrying the tangent of that unknown
-            lanes_per_job = len(self.unknowns) if with_sensitivities else 1
+            # with sensitivities a run has one lane for each unknown that acts in it, carrying its tangent
+            lanes = [max(len(self._acting[r]), 1) if with_sensitivities else 1 for _, r in jobs]
+            firsts = np.cumsum([0, *lanes])
             lane_rows = [self._lane(points[p].x, r) for p, r in jobs]
-            columns = {
-                n: np.repeat([values[n] for values, _ in lane_rows], lanes_per_job) for n in self._lane_parameters
-            }
+            columns = {n: np.repeat([values[n] for values, _ in lane_rows], lanes) for n in self._lane_parameters}
             tangents = None
             if with_sensitivities:
-                tangents = {n: np.zeros(len(jobs) * lanes_per_job) for n in self._lane_parameters}
-                for j, u in enumerate(self.unknowns):
-                    if self._is_of_machine[j]:
-                        tangents[u.name][j::lanes_per_job] = [derivatives[j] for _, derivatives in lane_rows]
+                tangents = {n: np.zeros(firsts[-1]) for n in self._lane_parameters}
+                for (_, r), first, (_, derivatives) in zip(jobs, firsts, lane_rows, strict=False):
+                    for lane, j in enumerate(self._acting[r], first):
+                        if self._is_of_machine[j]:
+                            tangents[self.unknowns[j].parameter][lane] = derivatives[j]
             points_per_sample = group.points_per_sample(steps_per_sample)
             grid_interval = group.interval / points_per_sample
             counts = [points_per_sample * (self._sample_count(r, group) - 1) + 1 for _, r in jobs]
-            sample_counts = np.repeat(counts, lanes_per_job)
+            sample_counts = np.repeat(counts, lanes)
             grid = grid_interval * np.arange(sample_counts.max())
             traces = simulate_batch(
                 group.machine, columns, tangents, group.interval / steps_per_sample,
                 steps_per_sample // points_per_sample, sample_counts, self.signals,
             )  # fmt: skip
             for k, (p, r) in enumerate(jobs):
-                lanes = slice(k * lanes_per_job, (k + 1) * lanes_per_job)
-                n = sample_counts[k * lanes_per_job]
-                values = {s: trace[:n, k * lanes_per_job] for s, trace in traces.values.items()}
-                slopes = {s: trace[:n, lanes] for s, trace in traces.slopes.items()} if with_sensitivities else None
+                n, slopes = counts[k], None
+                values = {s: trace[:n, firsts[k]] for s, trace in traces.values.items()}
+                if with_sensitivities:
+                    slopes = {s: self._slopes(trace[:n], firsts[k], r) for s, trace in traces.slopes.items()}
                 values, slopes = self.instruments.record(grid[:n], values, slopes, self.unknowns, points[p].x)
                 values = {s: self._at_time_stamps(r, grid_interval, v) for s, v in values.items()}
                 inside = {s: self._within_limits(s, v) for s, v in values.items()}
@@ -168,18 +170,44 @@ class MeasurementModel:
                 results[p][r] = PredictedSignals(values, slopes)
         return results
 
-    def _lane(self, x: np.ndarray, r: int) -> tuple[dict[str, float], list[float]]:
+    def acting(self, r: int) -> np.ndarray:
+        """Which unknowns act in run `r` (unknowns,): all but the own ones of other runs, and those that it replaces."""
+        return np.isin(np.arange(len(self.unknowns)), self._acting[r])
+
+    def _acts(self, j: int, u: UnknownParameter, run: BenchRun) -> bool:
+        return u.run == run.whole if u.run else not (self._is_of_machine[j] and u.name in run.uncertain)
+
+    def _slopes(self, lanes: np.ndarray, first: int, r: int) -> np.ndarray:
+        """The sensitivities (points, unknowns) of run `r` from the lanes (points, lanes) that begin at `first`."""
+        acting = self._acting[r]
+        if len(acting) == len(self.unknowns):
+            return lanes[:, first : first + len(acting)]
+        slopes = np.zeros((len(lanes), len(self.unknowns)))
+        slopes[:, acting] = lanes[:, first : first + len(acting)]
+        return slopes
+
+    def _lane(self, x: np.ndarray, r: int) -> tuple[dict[str, float], np.ndarray]:
         """The parameter values of run `r` at `x`, and the derivative of each unknown's value by its coordinate."""
-        values, derivatives = dict(self._run_values[r]), []
-        for u, of_machine, coordinate in zip(self.unknowns, self._is_of_machine, x, strict=True):
-            if not of_machine:
-                derivatives.append(0.0)
-                continue
-            # where the run sets the parameter itself, the unknown is a factor common to all runs
-            factor = values[u.name] / nominal if (nominal := self._nominal[u.name]) else 1.0
-            values[u.name], derivative = u.value(coordinate) * factor, u.derivative(coordinate) * factor
-            derivatives.append(float(derivative))
+        values, derivatives = dict(self._run_values[r]), np.zeros(len(self.unknowns))
+        for j in self._acting[r]:
+            u = self.unknowns[j]
+            if self._is_of_machine[j]:
+                values[u.parameter] = self.run_value(r, u, x[j])
+                derivatives[j] = float(u.derivative(x[j])) * self._in_run(r, u)[0]
         return values, derivatives
+
+    def run_value(self, r: int, u: UnknownParameter, x: float) -> float:
+        """The value (SI) in run `r` of an unknown of the machine that acts there, at coordinate `x`."""
+        factor, difference = self._in_run(r, u)
+        return float(u.value(x)) * factor + difference
+
+    def _in_run(self, r: int, u: UnknownParameter) -> tuple[float, float]:
+        """Factor and difference (SI) between an unknown and the value in run `r`, as of `Spread.carried_over`."""
+        given, known, spread = self._run_values[r][u.parameter], self._nominal[u.parameter], self.campaign.uncertain
+        if u.run:
+            return 1.0, 0.0
+        is_absolute = u.name in spread and spread[u.name].is_absolute
+        return (1.0, given - known) if is_absolute or known == 0.0 else (given / known, 0.0)
 
     def _within_limits(self, signal: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """What a sensor that ends at its limits shows, and where it still moves (1 or 0); None for one without."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from edhas_jax.core.units import UnitError, display_unit, to_si
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Use
+from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Spread, Use
 from edhas_jax.measurements.checks.signal_checks import true_intervals
 from edhas_jax.measurements.record_timing import RecordTiming, TimingError
 from edhas_jax.measurements.tables.table import Column, Table, TableError
@@ -31,6 +32,26 @@ class ColumnSource(NamedTuple):
 
     column: str
     unit: str
+
+
+class RunEntry(NamedTuple):
+    """An entry under `runs`.
+
+    Args:
+        name: unique name of the run.
+        file: a file of any format that `read_table` reads.
+        use: fit or holdout.
+        conditions: parameters of the machine in this run (SI).
+        timing: where the time of the run is zero, and which part of the record is used.
+        uncertain: the parameters whose value in this run is an unknown of its own.
+    """
+
+    name: str
+    file: Path
+    use: Use
+    conditions: dict[str, float]
+    timing: RecordTiming = RecordTiming()
+    uncertain: Mapping[str, Spread] = MappingProxyType({})
 
 
 class RunReader:
@@ -52,38 +73,29 @@ class RunReader:
         self._planned = planned
         self._machine, self._time, self._sources, self._recorded = machine, time, sources, recorded
 
-    def read(
-        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming = RecordTiming()
-    ) -> BenchRun | None:
+    def read(self, entry: RunEntry) -> BenchRun | None:
         """Read the file of one run.
-
-        Args:
-            name: name of the run.
-            file: a file of any format that `read_table` reads.
-            use: fit or holdout.
-            conditions: parameters of the machine in this run (SI).
-            timing: where the time of the run is zero, and which part of the record is used.
 
         Returns:
             The run; None if no signal of it can be used.
         """
         earlier = len(self.remarks)
-        run = self._read(name, file, use, conditions, timing)
+        run = self._read(entry)
         found = self.remarks[earlier:]
         if len(found) > MAX_REMARKS:
-            more = Remark(found[-1].severity, file, 0, f"and {len(found) - MAX_REMARKS + 1} more remarks on this file")
+            sentence = f"and {len(found) - MAX_REMARKS + 1} more remarks on this file"
+            more = Remark(found[-1].severity, entry.file, 0, sentence)
             self.remarks[earlier:] = [*found[: MAX_REMARKS - 1], more]
         return run
 
-    def _read(
-        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming
-    ) -> BenchRun | None:
+    def _read(self, entry: RunEntry) -> BenchRun | None:
+        file = entry.file
         self._file, self._header_line = file, 0
         try:
             table = read_table(file, self.remarks.append)
             self._header_line = table.header_line
             order, time = self._time_stamps(table)
-            part, time, used, remarks = timing.apply(file, time)
+            part, time, used, remarks = entry.timing.apply(file, time)
             self.remarks += remarks
             order = order[part]
             drives = {name: self._recorded_drive(name, table, order, time) for name in self._recorded}
@@ -130,7 +142,10 @@ class RunReader:
             self._remark(0, f"at least {MIN_SAMPLES} samples are needed; there are {len(time)}; the run is left out")
             return None
         reference = drives.pop("reference", None) if not self._machine.is_own else None
-        return BenchRun(name, file, use, conditions, time, signals, table.lines[order], reference, drives)
+        return BenchRun(
+            entry.name, file, entry.use, entry.conditions, time, signals, table.lines[order], reference, drives,
+            entry.uncertain,
+        )  # fmt: skip
 
     def _without_missing_values(self, signals: dict[str, np.ndarray], lines: np.ndarray) -> dict[str, np.ndarray]:
         """The signals that have values, with NaN for impossible ones; missing samples are reported."""

@@ -16,7 +16,7 @@ from edhas_jax.diagnosis.chosen_effects import ChosenModel, fit_with_effects, sa
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
-from edhas_jax.measurements.campaign_reader import as_campaign
+from edhas_jax.measurements.campaign_reader import OF_RUNS, as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.tasks.result import Result, save_figure
 
@@ -98,7 +98,8 @@ class AddResult(Result):
     def write_files(self, folder: Path) -> Sequence[str]:
         """See `Result.write_files`."""
         self.save_model(folder / CONFIG_FILE)
-        write_json(folder / DATA_FILE, {"models": [model.as_json() for model in self.models]})
+        rows = [model.as_json() for model in self.models]
+        write_json(folder / DATA_FILE, {"models": rows, OF_RUNS: rows[-1][OF_RUNS]})
         save_figure(self.plot(), folder / FIGURE_FILE)
         return ()
 

@@ -27,6 +27,8 @@ class Drift:
         std: their standard errors in coordinates, shape (runs, n).
         score: distance from the common estimate in standard deviations of that distance, shape (runs, n). Of the order
             of 1 for a correct model; large where a parameter compensates for physics that the model lacks.
+
+    All are NaN for an unknown that does not act in a run.
     """
 
     runs: tuple[str, ...]
@@ -94,7 +96,9 @@ def fit_each_run(fit: Fit, on_progress: Callable[[str], None] | None = None) -> 
     difference_variance = np.maximum(variance - np.diag(fit.covariance), MIN_DIFFERENCE_VARIANCE * variance)
     score = (found.x[fitted] - fit.uncorrected) / np.sqrt(difference_variance)
     names = tuple(run.name for run, is_fitted in zip(model.runs, fitted, strict=True) if is_fitted)
-    return Drift(names, found.x[fitted], np.sqrt(variance), score)
+    acting = np.array([model.acting(r) for r in np.flatnonzero(fitted)]).reshape(-1, n)
+    rows = (np.where(acting, values, np.nan) for values in (found.x[fitted], np.sqrt(variance), score))
+    return Drift(names, *rows)
 
 
 def profile_likelihood(fit: Fit, name: str, on_progress: Callable[[str], None] | None = None) -> ProfileLikelihood:
