@@ -5,14 +5,22 @@ from pathlib import Path
 
 import numpy as np
 
-from edhas_jax.measurements.tables.channel_files import read_hdf5_table
+from edhas_jax.measurements.tables.channel_files import read_hdf5_tables
 from edhas_jax.measurements.tables.row_table import Cell, table_from_rows
-from edhas_jax.measurements.tables.table import Column, Report, Table, TableError, names_and_units, table_of_vectors
+from edhas_jax.measurements.tables.table import (
+    Column,
+    Report,
+    Table,
+    TableError,
+    Vector,
+    names_and_units,
+    tables_of_vectors,
+)
 
 MAX_UNPACKED_SIZE = 1 << 30  # bytes of an Excel file
 
 
-def read_parquet_table(path: Path, report: Report) -> Table:
+def read_parquet_tables(path: Path, report: Report) -> list[Table]:
     """Read the columns of a Parquet file; the metadata of a column may state its unit.
 
     Raises:
@@ -35,7 +43,7 @@ def read_parquet_table(path: Path, report: Report) -> Table:
             report(0, f"column `{field.name}` does not hold numbers; it is left out")
             continue
         columns[name] = Column(unit, data.column(field.name).to_numpy().astype(float))
-    return Table(columns, np.arange(1, data.num_rows + 1))
+    return [Table(columns, np.arange(1, data.num_rows + 1))]
 
 
 def _text(data: bytes) -> str:
@@ -46,7 +54,7 @@ def _text(data: bytes) -> str:
         return data.decode("cp1252", errors="replace")
 
 
-def read_mat_table(path: Path, report: Report) -> Table:
+def read_mat_tables(path: Path, report: Report) -> list[Table]:
     """Read one vector per signal, named as the signal; a struct `units` may give their units as texts.
 
     Raises:
@@ -57,22 +65,22 @@ def read_mat_table(path: Path, report: Report) -> Table:
     try:
         data = loadmat(path, simplify_cells=True)
     except NotImplementedError:  # version 7.3
-        return read_hdf5_table(path, report)
+        return read_hdf5_tables(path, report)
     except FileNotFoundError:
         raise
     except Exception:  # a damaged file raises whatever its bytes lead to
         raise TableError(0, "is damaged or not a MATLAB file") from None
     units = data.pop("units", {})
     units = units if isinstance(units, dict) else {}
-    vectors = {
-        name: (str(units.get(name, "")), np.ravel(value).astype(float))
+    vectors = [
+        Vector("", name, str(units.get(name, "")), np.ravel(value).astype(float))
         for name, value in data.items()
         if not name.startswith("__") and isinstance(value, np.ndarray) and value.dtype.kind in "fiu"
-    }
-    return table_of_vectors(vectors, report)
+    ]
+    return tables_of_vectors(vectors)
 
 
-def read_excel_table(path: Path, report: Report) -> Table:
+def read_excel_tables(path: Path, report: Report) -> list[Table]:
     """Read the table on the first sheet of an Excel file.
 
     Raises:
@@ -97,7 +105,7 @@ def read_excel_table(path: Path, report: Report) -> Table:
         raise TableError(0, "is damaged or not an Excel file") from None
     width = max((k + 1 for row in sheet for k, cell in enumerate(row) if cell is not None), default=0)
     rows = [(line, row[:width]) for line, row in enumerate(sheet, 1) if any(cell is not None for cell in row)]
-    return table_from_rows(rows, "cells", report)
+    return [table_from_rows(rows, "cells", report)]
 
 
 def _excel_cell(value: object) -> Cell:

@@ -15,7 +15,7 @@ NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
 STATED_DELIMITER = re.compile(r"sep=(.)", re.IGNORECASE)  # a first line that spreadsheets understand
 
 
-def read_text_table(path: Path, report: Report) -> Table:
+def read_text_tables(path: Path, report: Report) -> list[Table]:
     """Read a table from a text file.
 
     Args:
@@ -51,7 +51,7 @@ def read_text_table(path: Path, report: Report) -> Table:
         found = f"{len(last[1])} values where the header has {len(rows[-1][1])}"
         report(last[0], f"{found}; the file seems to be truncated; line left out")
     _report_unreadable(unreadable, report)
-    return table
+    return [table]
 
 
 def _decode(data: bytes) -> str:
