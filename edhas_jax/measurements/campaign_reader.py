@@ -33,8 +33,8 @@ def read_campaign(path: Path | str, trust: Trust = (), planned: bool = False) ->
     path = Path(path)
     path = path / CAMPAIGN_FILE if path.is_dir() else path
     description, remarks = read_description(path, trust=trust)
-    reader = RunReader(description.machine, description.time, description.sources, description.recorded, planned)
-    runs = [run for entry in description.run_entries if (run := reader.read(entry)) is not None]
+    reader = RunReader(description.machine, description.sources, description.recorded, planned)
+    runs = [run for entry in description.run_entries for run in reader.read(entry)]
     remarks = (*remarks, *reader.remarks)
     if not runs:
         raise CampaignError("\n".join([*brief_lines(remarks), f"{path}: no run can be used"]))

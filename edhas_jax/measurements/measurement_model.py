@@ -39,7 +39,8 @@ class PredictedSignals(NamedTuple):
 class _RunGroup:
     """Runs simulated in one batch: the same sample interval [s] and set point, different parameter values.
 
-    Runs with irregular time stamps are interpolated from a grid that is finer than the sample interval (`is_finer`).
+    Of the parts of a run only the one with the highest sampling rate is simulated, for all of them. Runs with
+    irregular time stamps are interpolated from a grid that is finer than the sample interval (`is_finer`).
     """
 
     machine: Rig
@@ -91,7 +92,8 @@ class MeasurementModel:
         self._lane_parameters = tuple(sorted(varied | conditions)) or (placeholder_parameter(machine),)
         self._nominal = {n: float(get_parameter(machine, n)) for n in varied}
         self._run_values = [{n: float(get_parameter(m, n)) for n in self._lane_parameters} for m in machines]
-        self._groups = _group_runs(self.runs, machines)
+        self._hosts = _hosts(self.runs) if replay is Replay.SET_POINT else list(range(len(self.runs)))
+        self._groups = _group_runs(self.runs, machines, self._hosts)
 
     def min_steps_per_sample(self) -> int:
         """The smallest number of time steps per sample that keeps to the integrator's largest step in every run."""
@@ -131,9 +133,13 @@ class MeasurementModel:
         """
         results: list[dict[int, PredictedSignals]] = [{} for _ in points]
         for group in self._groups:
-            jobs = [(p, r) for p, point in enumerate(points) for r in point.runs if r in group.runs]
-            if not jobs:
+            members: dict[tuple[int, int], list[int]] = {}  # runs by point and the run that is simulated for them
+            for p, point in enumerate(points):
+                for r in (r for r in point.runs if self._hosts[r] in group.runs):
+                    members.setdefault((p, self._hosts[r]), []).append(r)
+            if not members:
                 continue
+            jobs = list(members)
             # with sensitivities a run has one lane for each unknown that acts in it, carrying its tangent
             lanes = [max(len(self._acting[r]), 1) if with_sensitivities else 1 for _, r in jobs]
             firsts = np.cumsum([0, *lanes])
@@ -148,7 +154,8 @@ class MeasurementModel:
                             tangents[self.unknowns[j].parameter][lane] = derivatives[j]
             points_per_sample = group.points_per_sample(steps_per_sample)
             grid_interval = group.interval / points_per_sample
-            counts = [points_per_sample * (self._sample_count(r, group) - 1) + 1 for _, r in jobs]
+            samples = (max(self._sample_count(r, group) for r in of) for of in members.values())
+            counts = [points_per_sample * (count - 1) + 1 for count in samples]
             sample_counts = np.repeat(counts, lanes)
             grid = grid_interval * np.arange(sample_counts.max())
             traces = simulate_batch(
@@ -161,14 +168,20 @@ class MeasurementModel:
                 if with_sensitivities:
                     slopes = {s: self._slopes(trace[:n], firsts[k], r) for s, trace in traces.slopes.items()}
                 values, slopes = self.instruments.record(grid[:n], values, slopes, self.unknowns, points[p].x)
-                values = {s: self._at_time_stamps(r, grid_interval, v) for s, v in values.items()}
-                inside = {s: self._within_limits(s, v) for s, v in values.items()}
-                if with_sensitivities:
-                    slopes = {s: self._at_time_stamps(r, grid_interval, v) for s, v in slopes.items()}
-                    slopes = {s: v if inside[s] is None else v * inside[s][1][:, None] for s, v in slopes.items()}
-                values = {s: v if inside[s] is None else inside[s][0] for s, v in values.items()}
-                results[p][r] = PredictedSignals(values, slopes)
+                for member in members[p, r]:
+                    results[p][member] = self._at_samples(member, grid_interval, values, slopes)
         return results
+
+    def _at_samples(
+        self, r: int, interval: float, values: dict[str, np.ndarray], slopes: dict[str, np.ndarray] | None
+    ) -> PredictedSignals:
+        """Signals and sensitivities on a grid of an interval [s], at the time stamps of run `r`."""
+        values = {s: self._at_time_stamps(r, interval, v) for s, v in values.items()}
+        inside = {s: self._within_limits(s, v) for s, v in values.items()}
+        if slopes is not None:
+            slopes = {s: self._at_time_stamps(r, interval, v) for s, v in slopes.items()}
+            slopes = {s: v if inside[s] is None else v * inside[s][1][:, None] for s, v in slopes.items()}
+        return PredictedSignals({s: v if inside[s] is None else inside[s][0] for s, v in values.items()}, slopes)
 
     def acting(self, r: int) -> np.ndarray:
         """Which unknowns act in run `r` (unknowns,): all but the own ones of other runs, and those that it replaces."""
@@ -243,14 +256,26 @@ def _grid_indices(time: np.ndarray, interval: float) -> np.ndarray | None:
     return indices.astype(int) if np.abs(time / interval - indices).max() <= MAX_TIMESTAMP_ERROR else None
 
 
-def _group_runs(runs: Sequence[BenchRun], machines: Sequence[Rig]) -> list[_RunGroup]:
+def _hosts(runs: Sequence[BenchRun]) -> list[int]:
+    """For each run the index of the one that is simulated for it: the fastest of the parts of the same run."""
+    keys = [(run.whole, id(run.drives), id(run.reference), *sorted(run.conditions.items())) for run in runs]
+    fastest: dict[tuple, int] = {}
+    for r, key in enumerate(keys):
+        if key not in fastest or runs[r].interval < runs[fastest[key]].interval:
+            fastest[key] = r
+    return [fastest[key] for key in keys]
+
+
+def _group_runs(runs: Sequence[BenchRun], machines: Sequence[Rig], hosts: Sequence[int]) -> list[_RunGroup]:
     groups: dict[tuple, list[int]] = {}
-    for r, (run, machine) in enumerate(zip(runs, machines, strict=True)):
+    for r in dict.fromkeys(hosts):
+        run, machine = runs[r], machines[r]
+        members = [member for member, host in zip(runs, hosts, strict=True) if host == r]
         # a recorded set point is an array of its own, so its run cannot share a batch
         has_recording = any(np.ndim(leaf) for leaf in jax.tree.leaves(machine))
         interval = float(f"{run.interval:.6g}")
         # a recorded drive is looked up once per sample; on a finer grid every time step would have to, which is slow
-        is_finer = not has_recording and _grid_indices(run.time, interval) is None
+        is_finer = not has_recording and any(_grid_indices(member.time, interval) is None for member in members)
         groups.setdefault((interval, is_finer, r if has_recording else -1), []).append(r)
     return [
         _RunGroup(machines[members[0]], interval, is_finer, tuple(members))

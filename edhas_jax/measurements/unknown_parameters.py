@@ -3,7 +3,7 @@
 import dataclasses
 import enum
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -91,16 +91,18 @@ def uncertain_unknowns(campaign: Campaign, machine: Rig | None = None) -> tuple[
     """
     machine = campaign.machine if machine is None else machine
     common = [unknown_around(machine, name, spread) for name, spread in campaign.uncertain_in(machine).items()]
-    return (*common, *(u for run in campaign.runs_for(Use.FIT) for u in own_unknowns(campaign, run)))
+    return (*common, *own_unknowns(campaign, campaign.runs_for(Use.FIT)))
 
 
-def own_unknowns(campaign: Campaign, run: BenchRun) -> list[UnknownParameter]:
-    """The unknowns that a run has of its own."""
-    found = []
-    for name, spread in run.uncertain.items():
-        u = unknown_around(campaign.machine, name, spread, run.conditions.get(name))
-        found.append(dataclasses.replace(u, name=f"{name} in {run.whole}", run=run.whole))
-    return found
+def own_unknowns(campaign: Campaign, runs: Sequence[BenchRun]) -> tuple[UnknownParameter, ...]:
+    """The unknowns that single runs have of their own; the parts of a run have them together."""
+    found: dict[str, UnknownParameter] = {}
+    for run in runs:
+        for name, spread in run.uncertain.items():
+            u = unknown_around(campaign.machine, name, spread, run.conditions.get(name))
+            own = f"{name} in {run.whole}"
+            found[own] = dataclasses.replace(u, name=own, run=run.whole)
+    return tuple(found.values())
 
 
 def unknown_around(machine: Rig, name: str, spread: Spread, value: float | None = None) -> UnknownParameter:

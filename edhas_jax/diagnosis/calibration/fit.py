@@ -130,7 +130,7 @@ class Fit:
         """
         fitted = {run.whole for run in self.problem.model().runs}
         runs = tuple(run for run in self.problem.campaign.runs if run.whole not in fitted and run.uncertain)
-        unknowns = tuple(u for run in runs for u in own_unknowns(self.problem.campaign, run))
+        unknowns = own_unknowns(self.problem.campaign, runs)
         if not unknowns:
             return None
         of_runs = tuple(d for d in self.problem.bench.of_runs if d.kind is not DeviationKind.SETTING)

@@ -146,7 +146,7 @@ class Calibration:
     def values_of_runs(self) -> dict[str, dict[str, float]]:
         """By unknown, its values (SI) in the runs that were fitted alone and in which it acts."""
         model, drift = self.fit.problem.model(), self.drift
-        places = {run.name: r for r, run in enumerate(model.runs)}
+        places = {run.whole: r for r, run in enumerate(model.runs)}
         of_chain = [self.fit.problem.instruments.find(u.name) is not None for u in model.unknowns]
         return {
             u.name: {

@@ -77,14 +77,14 @@ def read_planned_campaign(
     file = path / CAMPAIGN_FILE if path.is_dir() else path
     description, _ = read_description(file, PlannedCampaignDescription, trust)
     own_drives = description.recorded and description.rig.is_own
-    if own_drives and all(entry.file.exists() for entry in description.run_entries):
+    if own_drives and all(file.path.exists() for entry in description.run_entries for file in entry.files):
         return read_campaign(path, trust, planned=True)
     planned = description.planned_runs(rate)
-    measured, remarks = {}, ()
+    measured, remarks = (), ()
     if all(run.file.exists() for run in planned):
         campaign = read_campaign(path, trust)
-        measured, remarks = {run.name: run for run in campaign.runs}, campaign.remarks
-    runs = tuple(measured.get(run.name, run) for run in planned)
+        measured, remarks = campaign.runs, campaign.remarks
+    runs = tuple(r for run in planned for r in [m for m in measured if m.whole == run.name] or [run])
     return Campaign(
         description.name, file.parent, description.machine, description.uncertain, description.channels, runs, remarks,
         stated_accuracy=description.accuracy,

@@ -53,7 +53,7 @@ def _parts(run: BenchRun) -> list[BenchRun]:
     parts = (Use.FIT, slice(None, cut), FITTED_NAME), (Use.HOLDOUT, slice(cut, None), HELD_OUT_NAME)
     return [
         dataclasses.replace(
-            run, name=run.name + words, part_of=run.name, use=use, time=run.time[samples], lines=run.lines[samples],
+            run, name=run.name + words, part_of=run.whole, use=use, time=run.time[samples], lines=run.lines[samples],
             signals={name: values[samples] for name, values in run.signals.items()},
         )
         for use, samples, words in parts
