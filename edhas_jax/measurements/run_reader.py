@@ -302,7 +302,7 @@ class RunReader:
         self._at(record)
         order, time = record.order, record.time
         column = record.table.columns.get(record.drives[name].column)
-        if column is not None and (rows := _sparse_rows(column.values[order])) is not None:
+        if column is not None and (rows := _sparse_rows(column.values[order], len(order))) is not None:
             order, time = order[rows], time[rows]
         return self._recorded_drive(name, record.drives[name], record.table, order, time)
 
@@ -326,7 +326,10 @@ class RunReader:
         self._remark_unused(record, known | {source.column for source in record.drives.values()})
         used = np.flatnonzero(record.used)
         signals = {name: values[used] for name, values in signals.items()}
-        slow = {name: rows for name, values in signals.items() if (rows := _sparse_rows(values)) is not None}
+        drives = [record.table.columns[source.column].values[record.order][used] for source in record.drives.values()]
+        recorded = np.isfinite([*signals.values(), *drives]).reshape(-1, len(used))
+        filled = int(recorded.any(axis=0).sum())
+        slow = {name: rows for name, values in signals.items() if (rows := _sparse_rows(values, filled)) is not None}
         rates: dict[bytes, list[str]] = {}
         for name, rows in slow.items():
             rates.setdefault(rows.tobytes(), []).append(name)
@@ -461,10 +464,10 @@ class RunReader:
             raise TableError(0, f"{what} `{name}`: {str(error).removeprefix(f'{self._file}: ')}") from None
 
 
-def _sparse_rows(values: np.ndarray) -> np.ndarray | None:
-    """The rows (k,) that hold a value, where these are regular and most others blank; else None."""
+def _sparse_rows(values: np.ndarray, filled: int) -> np.ndarray | None:
+    """The rows (k,) that hold a value, where they are regular and few of those in which anything was recorded."""
     rows = np.flatnonzero(np.isfinite(values))
-    if not MIN_SAMPLES <= len(rows) <= MAX_SPARSE_SHARE * len(values):
+    if not MIN_SAMPLES <= len(rows) <= MAX_SPARSE_SHARE * filled:
         return None
     steps = np.diff(rows)
     is_regular = np.mean(np.abs(steps - np.median(steps)) <= 1) > MIN_REGULAR_SHARE
