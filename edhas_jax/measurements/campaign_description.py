@@ -31,6 +31,7 @@ from edhas_jax.measurements.drive_columns import read_drive_columns, recorded_pl
 from edhas_jax.measurements.record_timing import RecordTiming, read_run_in, read_time, read_timing
 from edhas_jax.measurements.run_reader import ColumnSource, RecordFile, RunEntry, TimeSource
 from edhas_jax.measurements.sensor_keys import read_sensor_keys
+from edhas_jax.measurements.tables.table import Layout
 from edhas_jax.measurements.unknown_parameters import read_spread, share_of_nothing
 from edhas_jax.simulation.integrator import evaluate_signals
 
@@ -38,10 +39,11 @@ CAMPAIGN_FILE = "campaign.yaml"
 DEFAULT_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)  # in the machine unless listed without
 KEYS = (
     "name", "rig", "parameters", "effects", "without", "uncertain", "amplifier", "controller", "reference", "time",
-    "signals", "drives", "accuracy", "runs",
+    "signals", "drives", "accuracy", "runs", "decimal", "sheet",
 )  # fmt: skip
 RUN_KEYS = (
-    "file", "files", "use", "start", "window", "running", "uncertain", "time", "columns", "conditions"
+    "file", "files", "use", "start", "window", "running", "uncertain", "time", "columns", "conditions", "decimal",
+    "sheet",
 )  # fmt: skip  # of a run, besides its conditions
 # short names of parameters by section or kind of controller
 SHORT_NAMES = {
@@ -96,6 +98,7 @@ class CampaignDescription(ProblemList):
         self.sources: dict[str, ColumnSource] = {}
         self.accuracy = BenchAccuracy()
         self.time = self._read_time()
+        self._layout = read_layout(self, (), data)
         self.run_entries: list[RunEntry] = []
         if self.machine is not None:
             self._read_uncertain()
@@ -223,13 +226,15 @@ class CampaignDescription(ProblemList):
             return None
         return value
 
-    def _read_files(self, key: tuple, row: Mapping[str, Any], time: TimeSource) -> tuple[RecordFile, ...]:
+    def _read_files(
+        self, key: tuple, row: Mapping[str, Any], time: TimeSource, layout: Layout
+    ) -> tuple[RecordFile, ...]:
         """The files of a run: `file: a.csv`, or `files: [a.csv, {file: b.csv, start: 3 s, time: {interval: 1 ms}}]`."""
         if "files" not in row:
             if not isinstance(row.get("file"), str):
                 self.add((*key, "file"), "missing; write for example `file: run1.csv`")
                 return ()
-            return (RecordFile(self.folder / row["file"], time),)
+            return (RecordFile(self.folder / row["file"], time, layout=layout),)
         entries = row["files"]
         if "file" in row or not isinstance(entries, list) or not entries:
             self.add((*key, "files"), "a list belongs here in place of `file`, such as `files: [daq.csv, plc.csv]`")
@@ -238,13 +243,14 @@ class CampaignDescription(ProblemList):
         for k, entry in enumerate(entries):
             at = (*key, "files", k)
             entry = {"file": entry} if isinstance(entry, str) else self._mapping(entry, at, "{file: plc.csv}")
-            self.add_unknown_keys(at, entry, ("file", "start", "time"))
+            self.add_unknown_keys(at, entry, ("file", "start", "time", "decimal", "sheet"))
             if not isinstance(entry.get("file"), str):
                 self.add(at, "the name of a file belongs here, such as `plc.csv` or `{file: plc.csv, start: 3 s}`")
                 continue
             of_file, start = self._read_time_section((*at, "time"), entry.get("time"), time)
             start = read_time(self, (*at, "start"), entry["start"]) if "start" in entry else start
-            found.append(RecordFile(self.folder / entry["file"], of_file, start))
+            of_layout = read_layout(self, at, entry, layout)
+            found.append(RecordFile(self.folder / entry["file"], of_file, start, of_layout))
         return tuple(found)
 
     def _read_columns(self, key: tuple, section: Any) -> dict[str, ColumnSource]:
@@ -320,7 +326,8 @@ class CampaignDescription(ProblemList):
             row = self._mapping(row, key, "{file: run1.csv, use: fit, frequency: 10 Hz}")
             use = row.get("use")
             time, start = self._read_time_section((*key, "time"), row.get("time"), self.time)
-            files = self._read_files(key, row, time)
+            layout = read_layout(self, key, row, self._layout)
+            files = self._read_files(key, row, time, layout)
             if use not in [u.value for u in Use]:
                 self.add((*key, "use"), f"one of fit, holdout belongs here; got {use or 'nothing'}")
             conditions, given = {}, {}
@@ -354,6 +361,21 @@ class CampaignDescription(ProblemList):
             for file in files:  # without other problems the run is left out
                 if not file.path.is_file():
                     self.add((*key, "file"), f"there is no file {file.path.relative_to(self.folder)}")
+
+
+def read_layout(problems: ProblemList, key: tuple, row: Mapping[str, Any], default: Layout = Layout()) -> Layout:
+    """Read `decimal` and `sheet` of an entry under `runs`, or of the campaign.
+
+    Args:
+        problems: collects what is wrong.
+        key: the key of the entry.
+        row: the entry.
+        default: what holds where it does not state its own.
+    """
+    decimal = row.get("decimal", default.decimal)
+    if decimal not in ("", ".", ","):
+        problems.add((*key, "decimal"), f'what stands before the decimals belongs here, "." or ","; got {decimal}')
+    return Layout(str(decimal), str(row.get("sheet", default.sheet)))
 
 
 def read_description(

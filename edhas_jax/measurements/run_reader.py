@@ -17,7 +17,7 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Spread, Use
 from edhas_jax.measurements.checks.signal_checks import true_intervals
 from edhas_jax.measurements.record_timing import RecordTiming, TimingError
-from edhas_jax.measurements.tables.table import Column, Table, TableError
+from edhas_jax.measurements.tables.table import Column, Layout, Table, TableError
 from edhas_jax.measurements.tables.table_reader import read_tables
 
 MIN_SAMPLES = 10  # of a run; with fewer neither noise nor shape can be judged
@@ -45,11 +45,19 @@ class TimeSource(NamedTuple):
 
 
 class RecordFile(NamedTuple):
-    """A file of a run; `start` is the time stamp [s] in it at which the run begins, None for that of the run."""
+    """A file of a run.
+
+    Args:
+        path: where it is.
+        time: where its time stamps come from.
+        start: the time stamp [s] in it at which the run begins; None for that of the run.
+        layout: what the campaign states about the file.
+    """
 
     path: Path
     time: TimeSource = TimeSource()
     start: float | None = None
+    layout: Layout = Layout()
 
 
 class RunEntry(NamedTuple):
@@ -159,6 +167,7 @@ class RunReader:
                 self._remark_unused(record, {self._time.column})
             self._find_times(entry, needed, records)
             drives = {n: self._drive(n, record) for record in needed for n in record.drives}
+            parts = [(record, *part) for record in needed for part in self._signals_by_rate(record)]
         except TableError as error:
             self._remark(error.line, f"{error}; the run is left out")
             return []
@@ -167,22 +176,21 @@ class RunReader:
             return []
         reference = drives.pop("reference", None) if not self._machine.is_own else None
         runs, too_short = [], False
-        for record in needed:
+        for record, signals, rows in parts:
             self._at(record)
-            for signals, rows in self._signals_by_rate(record):
-                time, lines = record.time[rows], record.table.lines[record.order[rows]]
-                signals = self._without_missing_values(signals, lines)
-                if not signals and not (self._planned and not runs):
-                    continue
-                if len(time) < MIN_SAMPLES:
-                    too_short = True
-                    what = "the run is left out" if len(needed) == 1 else f"{', '.join(signals)} left out"
-                    self._remark(0, f"at least {MIN_SAMPLES} samples are needed; there are {len(time)}; {what}")
-                    continue
-                runs.append(BenchRun(
-                    entry.name, record.file.path, entry.use, entry.conditions, time, signals, lines, reference, drives,
-                    entry.uncertain,
-                ))  # fmt: skip
+            time, lines = record.time[rows], record.table.lines[record.order[rows]]
+            signals = self._without_missing_values(signals, lines)
+            if not signals and not (self._planned and not runs):
+                continue
+            if len(time) < MIN_SAMPLES:
+                too_short = True
+                what = "the run is left out" if len(parts) == 1 else f"{', '.join(signals)} left out"
+                self._remark(0, f"at least {MIN_SAMPLES} samples are needed; there are {len(time)}; {what}")
+                continue
+            runs.append(BenchRun(
+                entry.name, record.file.path, entry.use, entry.conditions, time, signals, lines, reference, drives,
+                entry.uncertain,
+            ))  # fmt: skip
         if not runs and not too_short:
             self._remark(0, "none of its columns can be used; the run is left out")
         return _named_parts(entry.name, runs)
@@ -196,7 +204,8 @@ class RunReader:
         records = []
         for file in entry.files:
             self._file, self._header_line = file.path, 0
-            records += [_Record(file, table, {}, {}) for table in read_tables(file.path, self.remarks.append)]
+            tables = read_tables(file.path, self.remarks.append, file.layout)
+            records += [_Record(file, table, {}, {}) for table in tables]
         self._at(records[0])
         return records
 
@@ -310,7 +319,11 @@ class RunReader:
         """The signals of a record with the places (samples,) of their samples in its time axis.
 
         A signal with a value in every tenth row, for example, has a time axis of its own.
+
+        Raises:
+            TableError: a column cannot be read.
         """
+        self._at(record)
         signals, known = {}, {self._time.column}
         for name, source in record.sources.items():
             column, known = record.table.columns[source.column], known | {source.column}
@@ -387,7 +400,14 @@ class RunReader:
         self.remarks.append(Remark(severity, self._file, line, sentence))
 
     def _in_si(self, source: ColumnSource, column: Column, unit: str) -> np.ndarray:
-        """The values of a column in SI; the unit in the header takes precedence over that in the campaign."""
+        """The values of a column in SI; the unit in the header takes precedence over that in the campaign.
+
+        Raises:
+            TableError: the column cannot be read.
+            UnitError: its unit is unknown, or that of another quantity.
+        """
+        if column.fault is not None:
+            raise column.fault
         stated = column.unit or source.unit
         zero = to_si(f"0 {stated}", unit, f"1 {display_unit(unit)}")
         if column.unit and source.unit and to_si(f"1 {column.unit}", unit) != to_si(f"1 {source.unit}", unit):

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 TIME = "time"  # the name of the time stamps that a file keeps apart from its channels
+# bytes of a file, and of its numbers in memory, where several copies of them must fit
+MAX_BYTES = 1_000_000_000
 MAX_NAMES = 8  # columns that a message names
 Report = Callable[[int, str], None]  # called with the line, 0 for the file as a whole, and a sentence
 
@@ -22,10 +24,17 @@ class TableError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class Column:
-    """The values (samples,) of a column as in the file, and the unit stated there ("" without one)."""
+    """A column.
+
+    Args:
+        unit: the unit stated in the file, "" without one.
+        values: the values (samples,) as in the file.
+        fault: why the column cannot be used; to be raised where it is needed.
+    """
 
     unit: str
     values: np.ndarray
+    fault: TableError | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +68,67 @@ class Vector(NamedTuple):
     name: str
     unit: str
     values: np.ndarray
+
+
+class Layout(NamedTuple):
+    """What a campaign states about a file, "" where it does not.
+
+    Attributes:
+        decimal: what stands before the decimals in a text: "." or ",".
+        sheet: the sheet of an Excel file.
+    """
+
+    decimal: str = ""
+    sheet: str = ""
+
+
+def require_size(values: int) -> None:
+    """Check that the numbers of a file fit into the memory, before they are read.
+
+    Args:
+        values: their count.
+
+    Raises:
+        TableError: they do not.
+    """
+    if 8 * values > MAX_BYTES:
+        limit = f"unpacks to more than {MAX_BYTES / 1e9:g} GB, the most that is read"
+        raise TableError(0, f"{limit}; export fewer channels or a shorter time")
+
+
+def flat_vectors(name: str, array: np.ndarray, report: Report) -> list[tuple[str, np.ndarray]]:
+    """The columns of an array of numbers, by name: `name`, or `name.1`, `name.2`, … of a matrix.
+
+    Args:
+        name: the name of the array.
+        array: its values; the samples are along the longest dimension.
+        report: called where it holds no numbers, or has more than two dimensions.
+    """
+    if array.dtype.names:
+        return [entry for key in array.dtype.names for entry in flat_vectors(f"{name}.{key}", array[key], report)]
+    if array.dtype.kind not in "fiuM":
+        return []
+    array = array.squeeze()
+    if array.ndim < 2:
+        values = np.atleast_1d(array)
+        return [(name, seconds_since_first(values) if array.dtype.kind == "M" else values.astype(float))]
+    if array.ndim > 2:
+        report(0, f"`{name}` has {array.ndim} dimensions; it is left out")
+        return []
+    columns = array if array.shape[0] < array.shape[1] else array.T
+    return [(f"{name}.{k}", column.astype(float)) for k, column in enumerate(columns, 1)]
+
+
+def seconds_since_first(stamps: np.ndarray) -> np.ndarray:
+    """Seconds since the first of dates with their times (samples,); NaN where there is none."""
+    valid = stamps[~np.isnat(stamps)]
+    return (stamps - valid[0]) / np.timedelta64(1, "s") if len(valid) else np.full(len(stamps), np.nan)
+
+
+def matlab_object(name: str) -> str:
+    """What to say of an object of MATLAB."""
+    remedy = f"save its numbers, such as `t = {name}.Time; x = {name}.Data; save('run.mat', 't', 'x')`"
+    return f"`{name}` is an object of MATLAB (timeseries, table), which only MATLAB reads; {remedy}"
 
 
 def tables_of_vectors(vectors: Sequence[Vector]) -> list[Table]:

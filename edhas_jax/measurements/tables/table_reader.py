@@ -1,6 +1,7 @@
 """Read the table of a run from a file of any format that data loggers write; its content says which one it is.
 
-Nothing is repaired: unreadable lines and columns are left out, unreadable numbers are NaN, and a remark reports each.
+Nothing is repaired: unreadable lines are left out, unreadable numbers are NaN, and a remark reports each; a column that
+cannot be read says why (`Column.fault`).
 """
 
 from collections.abc import Callable
@@ -10,13 +11,12 @@ from edhas_jax.core.regular_file import FileKindError, require_regular_file
 from edhas_jax.measurements.campaign import Remark, Severity
 from edhas_jax.measurements.tables.binary_tables import read_excel_tables, read_mat_tables, read_parquet_tables
 from edhas_jax.measurements.tables.channel_files import read_hdf5_tables, read_mdf_tables, read_tdms_tables
-from edhas_jax.measurements.tables.table import Report, Table, TableError, joined
+from edhas_jax.measurements.tables.table import MAX_BYTES, Layout, Report, Table, TableError, joined
 from edhas_jax.measurements.tables.text_table import read_text_tables
 
-MAX_BYTES = 1_000_000_000  # of a run file
 MIN_SAMPLES = 2  # of a table; a single value is a setting of the logger
 # first bytes of a file, and its reader, or what to do with it
-FORMATS: tuple[tuple[bytes, Callable[[Path, Report], list[Table]] | str], ...] = (
+FORMATS: tuple[tuple[bytes, Callable[[Path, Layout, Report], list[Table]] | str], ...] = (
     (b"PAR1", read_parquet_tables),
     (b"MATLAB", read_mat_tables),
     (b"PK\x03\x04", read_excel_tables),
@@ -35,12 +35,13 @@ SUFFIXES = {
 }  # fmt: skip
 
 
-def read_tables(path: Path, remark: Callable[[Remark], None]) -> list[Table]:
+def read_tables(path: Path, remark: Callable[[Remark], None], layout: Layout = Layout()) -> list[Table]:
     """Read the tables in a file: one for each group of channels and number of samples, each with its own time.
 
     Args:
         path: a text file with separated values, a Parquet, MATLAB, Excel, HDF5, TDMS or MDF file.
         remark: called with a remark on everything that is left out.
+        layout: what the campaign states about the file.
 
     Returns:
         The columns that hold numbers; at least one table, each of at least two samples.
@@ -51,7 +52,7 @@ def read_tables(path: Path, remark: Callable[[Remark], None]) -> list[Table]:
     try:
         if (size := require_regular_file(path)) > MAX_BYTES:
             raise TableError(0, f"has {size / 1e6:.4g} MB; at most {MAX_BYTES / 1e6:.4g} MB are read")
-        tables = _reader(path)(path, _report(path, remark))
+        tables = _reader(path)(path, layout, _report(path, remark))
     except FileNotFoundError:
         raise TableError(0, "no such file") from None
     except FileKindError as error:
@@ -64,19 +65,19 @@ def read_tables(path: Path, remark: Callable[[Remark], None]) -> list[Table]:
     return [table for table in tables if len(table.lines) >= MIN_SAMPLES]
 
 
-def read_table(path: Path, remark: Callable[[Remark], None]) -> Table:
+def read_table(path: Path, remark: Callable[[Remark], None], layout: Layout = Layout()) -> Table:
     """Read the table in a file; of several tables those with the same time as most columns, as one.
 
     Args, returns and raises as of `read_tables`.
     """
-    return joined(read_tables(path, remark), _report(path, remark))
+    return joined(read_tables(path, remark, layout), _report(path, remark))
 
 
 def _report(path: Path, remark: Callable[[Remark], None]) -> Report:
     return lambda line, sentence: remark(Remark(Severity.ERROR, path, line, sentence))
 
 
-def _reader(path: Path) -> Callable[[Path, Report], list[Table]]:
+def _reader(path: Path) -> Callable[[Path, Layout, Report], list[Table]]:
     """The reader for the format of a file.
 
     Raises:
