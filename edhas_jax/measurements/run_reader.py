@@ -466,8 +466,9 @@ class RunReader:
             raise TableError(self._header_line, sentence)
         column = table.columns[name]
         if not column.unit and not source.unit:
-            usual = display_unit(machine.drive_unit(drive))
-            remedy = f"write for example `{name} [{usual}]` there, or `{drive}: {{column: {name}, unit: {usual}}}`"
+            usual = display_unit(machine.drive_unit(drive)) or "-"
+            quoted = '"-"' if usual == "-" else usual
+            remedy = f"write for example `{name} [{usual}]` there, or `{drive}: {{column: {name}, unit: {quoted}}}`"
             sentence = f"column `{name}`: a unit is missing; {remedy}"
             raise TableError(self._header_line, sentence)
         si, unit = machine.drive_unit(drive), column.unit or source.unit
