@@ -4,7 +4,7 @@ import dataclasses
 import enum
 import functools
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -248,6 +248,11 @@ class Campaign:
     def runs_for(self, use: Use) -> tuple[BenchRun, ...]:
         """The runs of one use, in the order of the campaign."""
         return tuple(run for run in self.runs if run.use is use)
+
+
+def count_runs(runs: Iterable[BenchRun]) -> int:
+    """The number of runs; the parts of one count once."""
+    return len({run.whole for run in runs})
 
 
 def has_parameter(machine: Rig, name: str) -> bool:

@@ -112,8 +112,12 @@ def campaign_text(campaign: Campaign) -> str:
         lines.append(f"  {name}: {{unit: {channel.unit}{stated}}}")
     lines += accuracy_lines(campaign.stated_accuracy, machine.signals)
     lines.append("runs:")
+    files: dict[str, list[str]] = {}
     for run in campaign.runs:
-        words = [f"file: {yaml_text(run.name + '.csv')}", f"use: {run.use.value}"]
+        files.setdefault(run.whole, []).append(yaml_text(run.name + ".csv"))
+    for run in (run for run in campaign.runs if not run.part_of):
+        of_run = files[run.name]
+        words = [f"file: {of_run[0]}" if len(of_run) == 1 else f"files: [{', '.join(of_run)}]", f"use: {run.use.value}"]
         words += ["start: 0 s"] if run.time[0] > START_TOLERANCE * run.interval else []
         for name, value in run.conditions.items():
             words.append(f"{name}: {exact_quantity(value, find_parameter(machine, name)[0].unit)}")

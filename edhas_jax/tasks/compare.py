@@ -10,7 +10,7 @@ from edhas_jax.config.machine_config import Config, as_config
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Campaign
+from edhas_jax.measurements.campaign import Campaign, count_runs
 from edhas_jax.measurements.campaign_reader import as_campaign, with_values_of_runs
 from edhas_jax.measurements.comparison import Comparison
 from edhas_jax.measurements.comparison import compare as simulate_and_compare
@@ -45,7 +45,8 @@ class ComparisonResult(Result, Comparison):
         """See `Result.summary`."""
         found = sentences(self.patterns)
         numbered = [f"{number}. {sentence}" for number, sentence in enumerate(found, 1)]
-        title = f"{self.campaign.name}: model and measurements, {len(self.runs)} runs, {len(self.signals)} signals"
+        count = count_runs(compared.run for compared in self.runs)
+        title = f"{self.campaign.name}: model and measurements, {count} runs, {len(self.signals)} signals"
         nothing = ["The residuals hold nothing but the noise of the sensors."]
         return Summary(title, (self._residuals(), *(numbered or nothing)))
 

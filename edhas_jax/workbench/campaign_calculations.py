@@ -26,6 +26,7 @@ from edhas_jax.measurements.comparison_report import sentences
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_matrix import run_descriptions
 from edhas_jax.measurements.residual_patterns import Pattern, find_patterns
+from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 from edhas_jax.workbench.thinning import thinned
 from edhas_jax.workbench.workspace import RESULTS, TRIED, Workspace, WorkspaceError
 
@@ -65,7 +66,7 @@ class CampaignCalculations:
             "noise_table": noise_as_json(campaign),
             "runs": {run.name: {"use": run.use.value, "samples": len(run.time)} for run in campaign.runs},
             "conditions": run_descriptions(campaign),
-            "uncertain": list(campaign.uncertain),
+            "uncertain": [u.name for u in uncertain_unknowns(campaign)],
             "sentences": data_sentences(campaign),
             "remarks": [(r.severity.value, r.file.name, r.line, r.sentence) for r in remarks],
         }
