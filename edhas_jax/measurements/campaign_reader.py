@@ -58,7 +58,8 @@ def with_values_of_runs(campaign: Campaign, model: Path | str) -> Campaign:
         The campaign; itself where there is no such result, or the runs have nothing of their own.
     """
     path = Path(model)
-    for file in (path.with_suffix(".json"), *(path.with_name(name) for name in RESULT_FILES)):
+    for name in RESULT_FILES if path.name == "config.yaml" else (f"{path.stem}.json", f"{path.stem}.runs.json"):
+        file = path.with_name(name)
         try:
             found = json.loads(file.read_text(encoding="utf-8"))[OF_RUNS]
             own = {run: {n: float(row["value"]) for n, row in rows.items()} for run, rows in found.items()}

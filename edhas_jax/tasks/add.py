@@ -90,14 +90,18 @@ class AddResult(Result):
     def save_model(self, path: Path | str) -> None:
         """Write the machine with all effects as a configuration.
 
+        What runs have of their own is written beside it, `model.runs.json` beside `model.yaml`.
+
         Raises:
             OSError: the file cannot be written.
         """
         save_model(self.models[-1], Path(path))
+        if own := self.models[-1].as_json()[OF_RUNS]:
+            write_json(Path(path).with_suffix(".runs.json"), {OF_RUNS: own})
 
     def write_files(self, folder: Path) -> Sequence[str]:
         """See `Result.write_files`."""
-        self.save_model(folder / CONFIG_FILE)
+        save_model(self.models[-1], folder / CONFIG_FILE)
         rows = [model.as_json() for model in self.models]
         write_json(folder / DATA_FILE, {"models": rows, OF_RUNS: rows[-1][OF_RUNS]})
         save_figure(self.plot(), folder / FIGURE_FILE)

@@ -140,6 +140,16 @@ def test_a_diagnosis_finds_nothing_missing_and_its_stages_are_kept(campaign_of):
     assert again.fit.values == evaluated.fit.values and again.fit.campaign.runs[0].conditions["first"] < 1.1e5
 
 
+def test_a_model_that_is_written_alone_has_the_values_of_the_runs_beside_it(campaign_of, tmp_path):
+    folder = campaign_of(uses=("fit", "fit", "holdout"))
+    found = edhas.add(folder, [], trust=[folder / "lag.py"])
+    found.save_model(tmp_path / "model.yaml")
+    compared = edhas.compare(folder, tmp_path / "model.yaml", trust=[folder / "lag.py"])
+    assert [row["pressure"] for row in compared.rms_over_noise().values()] == pytest.approx([1.0] * 3, abs=0.15)
+    (note,) = [r for r in compared.campaign.remarks if "estimated with the model (model.runs.json)" in r.sentence]
+    assert note.sentence.startswith("first: ")
+
+
 def test_the_parts_of_a_divided_run_share_its_start(campaign_of):
     campaign, _ = split_for_holdout(checked_campaign(read(campaign_of())))
     names = [u.name for u in uncertain_unknowns(campaign) if u.run]
