@@ -34,7 +34,7 @@ def add_parser(commands) -> None:
 def run_check(options) -> int:
     """Read a campaign and list the errors and warnings in its files; the status is 1 when there are any."""
     from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
-    from edhas_jax.measurements.campaign import Severity
+    from edhas_jax.measurements.campaign import Severity, count_runs
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
     from edhas_jax.measurements.checks.noise_measurement import noise_sentence
@@ -48,7 +48,7 @@ def run_check(options) -> int:
     remarks, noise = checked.remarks, noise_sentence(checked)
     seconds = time.perf_counter() - began
     samples = sum(len(run.time) for run in campaign.runs)
-    counted = f"{len(campaign.runs)} runs, {len(campaign.channels)} signals, {samples:,} samples"
+    counted = f"{count_runs(campaign.runs)} runs, {len(campaign.channels)} signals, {samples:,} samples"
     tones = {Severity.ERROR: Tone.BAD, Severity.WARNING: Tone.CAUTION}
     rows = [
         (Toned(r.severity.value, tones[r.severity]) if r.severity in tones else r.severity.value, r.file.name,

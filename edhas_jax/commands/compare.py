@@ -33,12 +33,15 @@ def run(options) -> None:
     """Simulate the runs of a campaign, write a report, print the residuals and their patterns."""
     from edhas_jax.config.machine_config import read_config
     from edhas_jax.config.run_folder import unused_folder
-    from edhas_jax.measurements.campaign_reader import read_campaign
+    from edhas_jax.measurements.campaign_reader import read_campaign, with_values_of_runs
     from edhas_jax.measurements.replay import Replay
     from edhas_jax.tasks.compare import ComparisonResult, compare
 
     campaign = read_campaign(options.campaign, own_code(options))
-    machine = None if options.model is None else read_config(options.model, trust=own_code(options)).machine
+    machine = None
+    if options.model is not None:
+        machine = read_config(options.model, trust=own_code(options)).machine
+        campaign = with_values_of_runs(campaign, options.model)
     require_own_code(options, campaign.machine, *([] if machine is None else [machine]))
     folder = options.out or unused_folder(Path("comparisons"), campaign.name)
     ComparisonResult.reserve(folder, options.overwrite)

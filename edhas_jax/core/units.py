@@ -158,6 +158,13 @@ def to_si(text: str, unit: str, example: str = "") -> float:
     return value
 
 
+def difference_to_si(text: str, unit: str, example: str = "") -> float:
+    """The SI value of a difference or standard deviation, such as "2 °C", which is 2 K; arguments as of `to_si`."""
+    value = to_si(text, unit, example)
+    given = _NUMBER.fullmatch(str(text).translate(_CHARACTER_VARIANTS).strip())[2].strip()
+    return value - _conversion(given or "-", unit)[1]
+
+
 def from_si(value, unit: str, shown: str):
     """Convert a value (or array) in the SI unit `unit` to the unit `shown`.
 

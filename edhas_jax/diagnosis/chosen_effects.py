@@ -9,6 +9,7 @@ from typing import Any
 from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
+from edhas_jax.diagnosis.calibration.result import values_of_runs_as_json
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
 from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
@@ -17,6 +18,7 @@ from edhas_jax.diagnosis.search.settled_fit import settle
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, try_candidate
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign, Use
+from edhas_jax.measurements.campaign_reader import OF_RUNS
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.time_resolution import TimeResolution
@@ -61,6 +63,7 @@ class ChosenModel:
                 for candidate in self.effects
                 for u in candidate.own_unknowns(fit.problem.unknowns).values()
             },
+            OF_RUNS: values_of_runs_as_json(fit),
             "error": {use: value if math.isfinite(value) else None for use, value in errors.items()},
             "error_by_run": self.rms_over_noise(),
         }

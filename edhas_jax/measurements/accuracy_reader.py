@@ -8,7 +8,7 @@ from typing import Any
 from edhas_jax.config.problem_list import ProblemList
 from edhas_jax.config.yaml_with_lines import yaml_type
 from edhas_jax.core.name_suggestion import suggest
-from edhas_jax.core.units import UnitError, to_si
+from edhas_jax.core.units import UnitError, difference_to_si
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.measurements.accuracy import BenchAccuracy, RecorderClock, SensorAccuracy
 from edhas_jax.measurements.campaign import Channel
@@ -127,7 +127,7 @@ class AccuracyReader:
     def _size(self, key: tuple, value: Any, unit: str, example: str) -> float:
         """A standard deviation in SI; 0, and a problem, for anything else."""
         try:
-            size = to_si(str(value), unit, example)
+            size = difference_to_si(str(value), unit, example)
         except UnitError as error:
             self._problems.add(key, str(error))
             return 0.0

@@ -4,12 +4,13 @@ import dataclasses
 import enum
 import functools
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from edhas_jax.core.structs import replace
+from edhas_jax.core.units import exact_quantity
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, set_parameters
 from edhas_jax.machine.rigs import Rig
@@ -77,6 +78,34 @@ class Channel:
 
 
 @dataclasses.dataclass(frozen=True)
+class Spread:
+    """How well the value of a parameter is known: the standard deviation of its true value.
+
+    Args:
+        size: of the value (SI) if it is absolute, true = known + size n with n standard normal; else relative,
+            true = known · exp(size n).
+        is_absolute: whether it is absolute.
+    """
+
+    size: float
+    is_absolute: bool = False
+
+    def carried_over(self, value, present, known):
+        """What a run sets (`value`), when the parameter is estimated as `present` where `known` was stated (all SI).
+
+        The common error of all runs is a factor, or a difference where the spread is absolute.
+        """
+        return value + (present - known) if self.is_absolute or known == 0.0 else value * (present / known)
+
+
+def spread_entry(spread: Spread, unit: str) -> str:
+    """A spread as an entry of `uncertain`, without its braces: "relative: 0.1", "absolute: 5 mV"."""
+    if not spread.is_absolute:
+        return f"relative: {spread.size:g}"
+    return f"absolute: {exact_quantity(spread.size, unit)}"
+
+
+@dataclasses.dataclass(frozen=True)
 class BenchRun:
     """A run of the test bench in SI units, starting from rest at time 0.
 
@@ -90,6 +119,9 @@ class BenchRun:
         lines: line (or row) of the file for each sample (samples,).
         reference: the recorded set point, where the campaign has one.
         drives: the recorded drives of a rig of one's own, by name.
+        uncertain: the parameters whose value in this run is an unknown of its own, around its condition or, where it
+            sets none, the value of the campaign's machine.
+        part_of: name of the run of which this is a part, which has the same unknowns; empty for a whole run.
     """
 
     name: str
@@ -101,6 +133,13 @@ class BenchRun:
     lines: np.ndarray
     reference: Recorded | None = None
     drives: Mapping[str, Recorded] = dataclasses.field(default_factory=dict)
+    uncertain: Mapping[str, Spread] = dataclasses.field(default_factory=dict)
+    part_of: str = ""
+
+    @property
+    def whole(self) -> str:
+        """The name of the run, or of the one of which it is a part."""
+        return self.part_of or self.name
 
     @property
     def recordings(self) -> dict[str, Recorded]:
@@ -130,8 +169,8 @@ class Campaign:
         name: name of the campaign.
         folder: the folder that it was read from.
         machine: the present model, before the conditions of a run are set.
-        uncertain: relative standard deviation σ of the true value by parameter: true = known · exp(σ n), n standard
-            normal; it may name parameters of effects that `machine` lacks.
+        uncertain: how well the parameters that are the same in all runs are known; a number is a relative standard
+            deviation. It may name parameters of effects that `machine` lacks.
         channels: the measured signals by name.
         runs: the runs that can be used.
         remarks: what the reader and the checks noticed in the files, and what they left out.
@@ -145,7 +184,7 @@ class Campaign:
     name: str
     folder: Path
     machine: Rig
-    uncertain: dict[str, float]
+    uncertain: Mapping[str, Spread | float]
     channels: dict[str, Channel]
     runs: tuple[BenchRun, ...]
     remarks: tuple[Remark, ...]
@@ -153,6 +192,10 @@ class Campaign:
     stated_accuracy: BenchAccuracy = dataclasses.field(default_factory=BenchAccuracy)
     tightening: float = 1.0
     unpredictable: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self):
+        spreads = {n: s if isinstance(s, Spread) else Spread(s) for n, s in self.uncertain.items()}
+        object.__setattr__(self, "uncertain", spreads)
 
     @functools.cached_property
     def accuracy(self) -> BenchAccuracy:
@@ -174,8 +217,8 @@ class Campaign:
     def machine_of(self, run: BenchRun, machine: Rig | None = None) -> Rig:
         """A machine under the conditions of a run.
 
-        Where a run sets an uncertain parameter itself, the deviation of `machine` from the campaign's machine is taken
-        as a factor common to all runs: value = condition × machine's value / campaign's value. Traced values pass.
+        Where a run sets a parameter that is uncertain in all runs, the deviation of `machine` from the campaign's
+        machine is common to them, see `Spread.carried_over`. Traced values pass.
 
         Args:
             run: gives the conditions and the recorded set point.
@@ -185,17 +228,16 @@ class Campaign:
             ParameterError: the machine lacks a parameter that the run sets, or a value lies outside its span.
         """
         machine = self.machine if machine is None else machine
-        values = {}
-        for name, value in run.conditions.items():
-            if name in self.uncertain:
-                value = value * (get_parameter(machine, name) / get_parameter(self.machine, name))
-            values[name] = value
+        values = {name: get_parameter(self.machine, name) for name in run.uncertain} | run.conditions
+        for name in run.conditions.keys() & self.uncertain.keys() - run.uncertain.keys():
+            known = get_parameter(self.machine, name)
+            values[name] = self.uncertain[name].carried_over(values[name], get_parameter(machine, name), known)
         if run.recordings:
             machine = replace(machine, **run.recordings)
         return set_parameters(machine, values)
 
-    def uncertain_in(self, machine: Rig) -> dict[str, float]:
-        """Relative standard deviations of the uncertain parameters that a machine has, by name."""
+    def uncertain_in(self, machine: Rig) -> dict[str, Spread]:
+        """How well the uncertain parameters that a machine has are known, by name."""
         return {name: spread for name, spread in self.uncertain.items() if has_parameter(machine, name)}
 
     def matching(self, runs: tuple[BenchRun, ...] | None) -> tuple[BenchRun, ...] | None:
@@ -206,6 +248,11 @@ class Campaign:
     def runs_for(self, use: Use) -> tuple[BenchRun, ...]:
         """The runs of one use, in the order of the campaign."""
         return tuple(run for run in self.runs if run.use is use)
+
+
+def count_runs(runs: Iterable[BenchRun]) -> int:
+    """The number of runs; the parts of one count once."""
+    return len({run.whole for run in runs})
 
 
 def has_parameter(machine: Rig, name: str) -> bool:

@@ -1,9 +1,10 @@
 """Parse `campaign.yaml`: the machine, its uncertain parameters, the measured signals and the entries of the runs."""
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from edhas_jax.config.machine_reader import MachineReader
 from edhas_jax.config.problem_list import ProblemList, problem_lines
@@ -15,16 +16,23 @@ from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.machine.parameters import COMPONENT_KINDS, ParameterError, find_parameter, list_parameters
+from edhas_jax.machine.parameters import (
+    COMPONENT_KINDS,
+    ParameterError,
+    find_parameter,
+    get_parameter,
+    list_parameters,
+)
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import BenchAccuracy
 from edhas_jax.measurements.accuracy_reader import AccuracyReader
-from edhas_jax.measurements.campaign import CampaignError, Channel, Remark, Severity, Use
+from edhas_jax.measurements.campaign import CampaignError, Channel, Remark, Severity, Spread, Use, has_parameter
 from edhas_jax.measurements.drive_columns import read_drive_columns, recorded_placeholders
 from edhas_jax.measurements.record_timing import RecordTiming, read_run_in, read_time, read_timing
-from edhas_jax.measurements.run_reader import ColumnSource
+from edhas_jax.measurements.run_reader import ColumnSource, RecordFile, RunEntry, TimeSource
 from edhas_jax.measurements.sensor_keys import read_sensor_keys
 from edhas_jax.measurements.tables.table import Layout
+from edhas_jax.measurements.unknown_parameters import read_spread, share_of_nothing
 from edhas_jax.simulation.integrator import evaluate_signals
 
 CAMPAIGN_FILE = "campaign.yaml"
@@ -33,7 +41,10 @@ KEYS = (
     "name", "rig", "parameters", "effects", "without", "uncertain", "amplifier", "controller", "reference", "time",
     "signals", "drives", "accuracy", "runs", "decimal", "sheet",
 )  # fmt: skip
-RUN_KEYS = ("file", "use", "start", "window", "running", "decimal", "sheet")  # of a run, besides its conditions
+RUN_KEYS = (
+    "file", "files", "use", "start", "window", "running", "uncertain", "time", "columns", "conditions", "decimal",
+    "sheet",
+)  # fmt: skip  # of a run, besides its conditions
 # short names of parameters by section or kind of controller
 SHORT_NAMES = {
     "amplifier": {"gain": "amplifier_gain"},
@@ -48,17 +59,6 @@ SHORT_NAMES = {
 }
 
 
-class RunEntry(NamedTuple):
-    """An entry under `runs`: name of the run, its file, its use, its conditions by parameter (SI), timing, layout."""
-
-    name: str
-    file: Path
-    use: Use
-    conditions: dict[str, float]
-    timing: RecordTiming
-    layout: Layout = Layout()
-
-
 class CampaignDescription(ProblemList):
     """The contents of `campaign.yaml`, valid only if `problems` is empty.
 
@@ -70,11 +70,12 @@ class CampaignDescription(ProblemList):
     Attributes:
         name: name of the campaign.
         machine: the machine; None if its description has problems.
-        uncertain: relative standard deviations by parameter.
+        uncertain: how well the parameters that are common to all runs are known.
+        own_uncertain: the same of those that have another value in each run.
         channels: the measured signals by name; the noise is NaN where it is not stated.
         accuracy: what is stated about the accuracy of the bench.
         sources: the columns of these signals in the files.
-        time: the column of the time stamps.
+        time: where the time stamps of the files come from.
         recorded: the columns with recorded drives, by drive; the set point of the piston is `reference`.
         run_entries: the entries of the runs.
         remarks: severity, key and sentence of everything that is left out or worth knowing.
@@ -91,7 +92,8 @@ class CampaignDescription(ProblemList):
         self.add_unknown_keys((), data, (*KEYS, *own))
         self.recorded = read_drive_columns(self, data, self.rig)
         self.machine = self._read_machine()
-        self.uncertain: dict[str, float] = {}
+        self.uncertain: dict[str, Spread] = {}
+        self.own_uncertain: dict[str, Spread] = {}
         self.channels: dict[str, Channel] = {}
         self.sources: dict[str, ColumnSource] = {}
         self.accuracy = BenchAccuracy()
@@ -151,41 +153,119 @@ class CampaignDescription(ProblemList):
         return p.name if is_unique else f"{path}.{p.name}"
 
     def _read_uncertain(self) -> None:
-        owners = {p.name: effect.id for effect in DEFAULT_EFFECTS for p in structs.parameters(effect)}
+        owners = {p.name: (effect.id, p) for effect in DEFAULT_EFFECTS for p in structs.parameters(effect)}
         present = {effect.id for effect in self.machine.effects}
         given: dict[str, str] = {}
-        for name, text in self._mapping(self._data.get("uncertain"), ("uncertain",), "coil_resistance: 0.02").items():
+        for name, entry in self._mapping(self._data.get("uncertain"), ("uncertain",), "coil_resistance: 0.02").items():
             key = ("uncertain", name)
-            spread = self._positive_number(key, text, "-", "0.1")
-            if spread is None:
-                continue
-            if name in owners and owners[name] not in present:
-                self.uncertain[name] = spread
-                sentence = f"belongs to {owners[name]}, which the model lacks; it is used once that effect is added"
+            of_run = isinstance(entry, Mapping) and "per" in entry
+            if of_run and entry["per"] != "run":
+                self.add((*key, "per"), f"only `per: run` is possible here; got {entry['per']}")
+            if of_run:
+                entry = {k: v for k, v in entry.items() if k != "per"}
+            if name in owners and owners[name][0] not in present:
+                owner, p = owners[name]
+                if (spread := read_spread(self, key, entry, p)) is not None:
+                    self.uncertain[name] = spread
+                if of_run:
+                    self.add(key, f"belongs to {owner}, which the model lacks, so that no run has a value of it")
+                sentence = f"belongs to {owner}, which the model lacks; it is used once that effect is added"
                 self.remarks.append((Severity.NOTE, key, sentence))
-            elif (canonical := self._canonical_name(key, name)) in given:
+                continue
+            canonical = self._canonical_name(key, name)
+            if canonical in given:
                 self.add(key, f"given twice, also as {given[canonical]}")
             elif canonical is not None:
-                self.uncertain[canonical], given[canonical] = spread, name
+                value = None if of_run else float(get_parameter(self.machine, canonical))
+                spread = read_spread(self, key, entry, find_parameter(self.machine, canonical)[0], value)
+                (self.own_uncertain if of_run else self.uncertain)[canonical], given[canonical] = spread, name
+
+    def _read_own_uncertain(self, key: tuple, row: Mapping[str, Any], conditions: Mapping[str, float]):
+        """The parameters whose value in a run is an unknown of its own: those of all runs, and those that it names."""
+        found = {name: (("uncertain", name), spread) for name, spread in self.own_uncertain.items()}
+        for name, entry in self._mapping(row.get("uncertain"), (*key, "uncertain"), "uncertain: {first: 0.5}").items():
+            at = (*key, "uncertain", name)
+            if (canonical := self._canonical_name(at, name)) is not None:
+                found[canonical] = at, read_spread(self, at, entry, find_parameter(self.machine, canonical)[0])
+        for name, (at, spread) in found.items():
+            value = conditions.get(name, float(get_parameter(self.machine, name)))
+            p, _ = find_parameter(self.machine, name)
+            if spread is not None and (problem := share_of_nothing(p, value, spread)):
+                self.add(at, f"in run {key[-1] + 1} {problem}")
+        return {name: spread for name, (_, spread) in found.items()}
+
+    def _read_time(self) -> TimeSource:
+        time, start = self._read_time_section(("time",), self._data.get("time"), TimeSource())
+        self._timing = RecordTiming(start)
+        return time
+
+    def _read_time_section(self, key: tuple, section: Any, usual: TimeSource) -> tuple[TimeSource, float | None]:
+        """Where time stamps come from, and the start of the run, of a section `time`; what it lacks is as `usual`."""
+        section = self._mapping(section, key, "{column: t, unit: ms}")
+        self.add_unknown_keys(key, section, ("column", "unit", "start", "interval", "rate"))
+        start = read_time(self, (*key, "start"), section["start"]) if "start" in section else None
+        if len({"column", "interval", "rate"} & section.keys()) > 1:
+            self.add(key, "either the column of the time stamps, or the interval or rate of the samples belongs here")
+        for name, unit, example in (("interval", "s", "50 ms"), ("rate", "Hz", "20 Hz")):
+            if name in section:
+                size = self._positive_number((*key, name), section[name], unit, example)
+                return usual._replace(interval=size if size is None or unit == "s" else 1.0 / size), start
+        if not {"column", "unit"} & section.keys():
+            return usual, start
+        return TimeSource(str(section.get("column", usual.column)), str(section.get("unit", usual.unit))), start
 
     def _positive_number(self, key: tuple, text: Any, unit: str, example: str) -> float | None:
-        """A positive number with or without its unit, in SI; None, and a problem, for anything else."""
+        """A positive number with its unit, in SI; None, and a problem, for anything else."""
         try:
             value = to_si(str(text), unit, example)
         except UnitError as error:
             self.add(key, str(error))
             return None
-        if not (value > 0.0 and math.isfinite(value)):
+        if not value > 0.0:
             self.add(key, f"must be above 0, for example {example}; got {text}")
             return None
         return value
 
-    def _read_time(self) -> ColumnSource:
-        section = self._mapping(self._data.get("time"), ("time",), "{column: t, unit: ms}")
-        self.add_unknown_keys(("time",), section, ("column", "unit", "start"))
-        at = "time", "start"
-        self._timing = RecordTiming(read_time(self, at, section["start"]) if "start" in section else None)
-        return ColumnSource(str(section.get("column", "time")), str(section.get("unit", "")))
+    def _read_files(
+        self, key: tuple, row: Mapping[str, Any], time: TimeSource, layout: Layout
+    ) -> tuple[RecordFile, ...]:
+        """The files of a run: `file: a.csv`, or `files: [a.csv, {file: b.csv, start: 3 s, time: {interval: 1 ms}}]`."""
+        if "files" not in row:
+            if not isinstance(row.get("file"), str):
+                self.add((*key, "file"), "missing; write for example `file: run1.csv`")
+                return ()
+            return (RecordFile(self.folder / row["file"], time, layout=layout),)
+        entries = row["files"]
+        if "file" in row or not isinstance(entries, list) or not entries:
+            self.add((*key, "files"), "a list belongs here in place of `file`, such as `files: [daq.csv, plc.csv]`")
+            return ()
+        found = []
+        for k, entry in enumerate(entries):
+            at = (*key, "files", k)
+            entry = {"file": entry} if isinstance(entry, str) else self._mapping(entry, at, "{file: plc.csv}")
+            self.add_unknown_keys(at, entry, ("file", "start", "time", "decimal", "sheet"))
+            if not isinstance(entry.get("file"), str):
+                self.add(at, "the name of a file belongs here, such as `plc.csv` or `{file: plc.csv, start: 3 s}`")
+                continue
+            of_file, start = self._read_time_section((*at, "time"), entry.get("time"), time)
+            start = read_time(self, (*at, "start"), entry["start"]) if "start" in entry else start
+            of_layout = read_layout(self, at, entry, layout)
+            found.append(RecordFile(self.folder / entry["file"], of_file, start, of_layout))
+        return tuple(found)
+
+    def _read_columns(self, key: tuple, section: Any) -> dict[str, ColumnSource]:
+        """The columns of signals and drives that have another name in a run, `columns: {pressure: p_2}`."""
+        found, usual = {}, self.recorded | self.sources
+        for name, entry in self._mapping(section, key, "columns: {pressure: p_2}").items():
+            if name not in usual:
+                self.add((*key, name), f"is neither a signal nor a recorded drive of the campaign; "
+                                       f"{suggest(str(name), usual)}")  # fmt: skip
+                continue
+            entry = {"column": entry} if isinstance(entry, str) else self._mapping(entry, (*key, name), "{column: p_2}")
+            self.add_unknown_keys((*key, name), entry, ("column", "unit"))
+            column, unit = entry.get("column", usual[name].column), entry.get("unit", usual[name].unit)
+            found[name] = ColumnSource(str(column), str(unit))
+        return found
 
     def _read_signals(self) -> None:
         section = self._mapping(self._data.get("signals"), ("signals",), "current: {unit: A, noise: 0.02}")
@@ -244,30 +324,43 @@ class CampaignDescription(ProblemList):
         for k, row in enumerate(section):
             key = ("runs", k)
             row = self._mapping(row, key, "{file: run1.csv, use: fit, frequency: 10 Hz}")
-            file, use = row.get("file"), row.get("use")
-            if not isinstance(file, str):
-                self.add((*key, "file"), "missing; write for example `file: run1.csv`")
+            use = row.get("use")
+            time, start = self._read_time_section((*key, "time"), row.get("time"), self.time)
+            layout = read_layout(self, key, row, self._layout)
+            files = self._read_files(key, row, time, layout)
             if use not in [u.value for u in Use]:
                 self.add((*key, "use"), f"one of fit, holdout belongs here; got {use or 'nothing'}")
             conditions, given = {}, {}
-            for name, value in row.items():
-                if name in RUN_KEYS or (canonical := self._canonical_name((*key, name), name)) is None:
+            of_section = self._mapping(row.get("conditions"), (*key, "conditions"), "conditions: {frequency: 10 Hz}")
+            rows = [((*key, name), name, value) for name, value in row.items() if name not in RUN_KEYS]
+            rows += [((*key, "conditions", name), name, value) for name, value in of_section.items()]
+            for at, name, value in rows:
+                if (canonical := self._canonical_name(at, name)) is None:
                     continue
                 if canonical in given:
-                    self.add((*key, name), f"given twice, also as {given[canonical]}")
+                    self.add(at, f"given twice, also as {given[canonical]}")
                 given[canonical] = name
                 p, _ = find_parameter(self.machine, canonical)
-                if (size := self.read_quantity((*key, name), p, value)) is not None:
+                if (size := self.read_quantity(at, p, value)) is not None:
                     conditions[canonical] = size
-            layout = read_layout(self, key, row, self._layout)
-            timing = read_run_in(self, key, row, read_timing(self, key, row, self._timing), self.machine, conditions)
+            for name in ("start", "window", "running"):
+                if name in row and has_parameter(self.machine, name):
+                    other = "; for the time at which the run begins `time: {start: …}`" if name == "start" else ""
+                    self.add((*key, name), f"is a parameter of {self.machine.name} and a key of a run; for the "
+                                           f"parameter write `conditions: {{{name}: …}}`{other}")  # fmt: skip
+            usual = self._timing if start is None else dataclasses.replace(self._timing, start=start)
+            timing = read_run_in(self, key, row, read_timing(self, key, row, usual), self.machine, conditions)
+            columns = self._read_columns((*key, "columns"), row.get("columns"))
+            own = self._read_own_uncertain(key, row, conditions)
             if not self.problems:
                 names = [entry.name for entry in self.run_entries]
-                stem = Path(file).stem
+                stem = files[0].path.stem
                 name = stem if stem not in names else f"{stem}-{k + 1}"
-                self.run_entries.append(RunEntry(name, self.folder / file, Use(use), conditions, timing, layout))
-            elif isinstance(file, str) and not (self.folder / file).is_file():
-                self.add((*key, "file"), f"there is no file {file}")  # without other problems the run is left out
+                self.run_entries.append(RunEntry(name, files, Use(use), conditions, timing, own, columns))
+                continue
+            for file in files:  # without other problems the run is left out
+                if not file.path.is_file():
+                    self.add((*key, "file"), f"there is no file {file.path.relative_to(self.folder)}")
 
 
 def read_layout(problems: ProblemList, key: tuple, row: Mapping[str, Any], default: Layout = Layout()) -> Layout:

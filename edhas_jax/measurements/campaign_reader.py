@@ -1,13 +1,18 @@
 """Read a campaign: a folder with `campaign.yaml` and one file per run."""
 
+import dataclasses
+import json
 from pathlib import Path
 
 from edhas_jax.core import structs
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.measurements.campaign import Campaign, CampaignError
+from edhas_jax.measurements.campaign import Campaign, CampaignError, Remark, Severity
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, read_description
 from edhas_jax.measurements.remark_list import brief_lines
 from edhas_jax.measurements.run_reader import RunReader
+
+OF_RUNS = "of_runs"  # key of a result: by run and parameter, what was estimated of the run alone
+RESULT_FILES = "fit.json", "diagnosis.json", "result.json"  # beside the `config.yaml` of a fitted model
 
 
 def read_campaign(path: Path | str, trust: Trust = (), planned: bool = False) -> Campaign:
@@ -28,8 +33,8 @@ def read_campaign(path: Path | str, trust: Trust = (), planned: bool = False) ->
     path = Path(path)
     path = path / CAMPAIGN_FILE if path.is_dir() else path
     description, remarks = read_description(path, trust=trust)
-    reader = RunReader(description.machine, description.time, description.sources, description.recorded, planned)
-    runs = [run for entry in description.run_entries if (run := reader.read(*entry)) is not None]
+    reader = RunReader(description.machine, description.sources, description.recorded, planned)
+    runs = [run for entry in description.run_entries for run in reader.read(entry)]
     remarks = (*remarks, *reader.remarks)
     if not runs:
         raise CampaignError("\n".join([*brief_lines(remarks), f"{path}: no run can be used"]))
@@ -40,6 +45,36 @@ def read_campaign(path: Path | str, trust: Trust = (), planned: bool = False) ->
         description.name, path.parent, machine, description.uncertain, description.channels, tuple(runs), remarks,
         stated_accuracy=description.accuracy,
     )  # fmt: skip
+
+
+def with_values_of_runs(campaign: Campaign, model: Path | str) -> Campaign:
+    """A campaign whose runs have, as conditions, what was estimated of them together with a model.
+
+    Args:
+        campaign: the campaign.
+        model: file of the configuration of the model; the result of its fit lies beside it.
+
+    Returns:
+        The campaign; itself where there is no such result, or the runs have nothing of their own.
+    """
+    path = Path(model)
+    for name in RESULT_FILES if path.name == "config.yaml" else (f"{path.stem}.json", f"{path.stem}.runs.json"):
+        file = path.with_name(name)
+        try:
+            found = json.loads(file.read_text(encoding="utf-8"))[OF_RUNS]
+            own = {run: {n: float(row["value"]) for n, row in rows.items()} for run, rows in found.items()}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            continue
+        known = {run.whole: own.get(run.whole, {}).keys() & run.uncertain.keys() for run in campaign.runs}
+        if not any(known.values()):
+            return campaign
+        conditions = [r.conditions | {n: own[r.whole][n] for n in known[r.whole]} for r in campaign.runs]
+        runs = (dataclasses.replace(r, conditions=c) for r, c in zip(campaign.runs, conditions, strict=True))
+        names = ", ".join(sorted(set().union(*known.values())))
+        sentence = f"{names}: the values of the runs are those that were estimated with the model ({file.name})"
+        remark = Remark(Severity.NOTE, campaign.folder / CAMPAIGN_FILE, 0, sentence)
+        return dataclasses.replace(campaign, runs=tuple(runs), remarks=(*campaign.remarks, remark))
+    return campaign
 
 
 def as_campaign(source: Campaign | Path | str, trust: Trust = ()) -> Campaign:

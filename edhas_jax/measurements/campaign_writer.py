@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.core import structs
 from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity, from_si
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters, short_names
+from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import BenchAccuracy
-from edhas_jax.measurements.campaign import Campaign, CampaignError
+from edhas_jax.measurements.campaign import Campaign, CampaignError, Spread, has_parameter, spread_entry
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, DEFAULT_EFFECTS
 from edhas_jax.measurements.record_timing import START_TOLERANCE
 
@@ -56,6 +58,15 @@ def write_campaign(campaign: Campaign, folder: Path) -> list[Path]:
     return paths
 
 
+def _spread_text(machine: Rig, name: str, spread: Spread) -> str:
+    """A spread as the value of an entry of `uncertain`."""
+    if not spread.is_absolute:
+        return f"{spread.size:g}"
+    of_effects = {p.name: p for effect in DEFAULT_EFFECTS for p in structs.parameters(effect)}
+    p = find_parameter(machine, name)[0] if has_parameter(machine, name) else of_effects[name]
+    return f"{{{spread_entry(spread, p.unit)}}}"
+
+
 def accuracy_lines(accuracy: BenchAccuracy, signals: Mapping[str, Signal]) -> list[str]:
     """The section `accuracy:` of a campaign; nothing for the defaults."""
     if accuracy == BenchAccuracy():
@@ -92,8 +103,8 @@ def campaign_text(campaign: Campaign) -> str:
     lines += ["parameters:"] if changed else []
     for p, value, path in changed:
         lines.append(f"  {names[path, p.name]}: {exact_quantity(value, p.unit)}")
-    lines += ["uncertain:   # relative standard deviation"] if campaign.uncertain else []
-    lines += [f"  {name}: {spread:g}" for name, spread in campaign.uncertain.items()]
+    lines += ["uncertain:   # standard deviation, relative or with a unit"] if campaign.uncertain else []
+    lines += [f"  {name}: {_spread_text(machine, name, spread)}" for name, spread in campaign.uncertain.items()]
     lines.append("signals:   # unit in the files, standard deviation of the noise in that unit")
     for name, channel in campaign.channels.items():
         noise = from_si(channel.noise, campaign.machine.signals[name].unit, channel.unit)
@@ -101,10 +112,16 @@ def campaign_text(campaign: Campaign) -> str:
         lines.append(f"  {name}: {{unit: {channel.unit}{stated}}}")
     lines += accuracy_lines(campaign.stated_accuracy, machine.signals)
     lines.append("runs:")
+    files: dict[str, list[str]] = {}
     for run in campaign.runs:
-        words = [f"file: {yaml_text(run.name + '.csv')}", f"use: {run.use.value}"]
+        files.setdefault(run.whole, []).append(yaml_text(run.name + ".csv"))
+    for run in (run for run in campaign.runs if not run.part_of):
+        of_run = files[run.name]
+        words = [f"file: {of_run[0]}" if len(of_run) == 1 else f"files: [{', '.join(of_run)}]", f"use: {run.use.value}"]
         words += ["start: 0 s"] if run.time[0] > START_TOLERANCE * run.interval else []
         for name, value in run.conditions.items():
             words.append(f"{name}: {exact_quantity(value, find_parameter(machine, name)[0].unit)}")
+        own = [f"{name}: {_spread_text(machine, name, spread)}" for name, spread in run.uncertain.items()]
+        words += [f"uncertain: {{{', '.join(own)}}}"] if own else []
         lines.append(f"  - {{{', '.join(words)}}}")
     return "\n".join([*lines, ""])

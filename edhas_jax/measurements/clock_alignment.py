@@ -7,7 +7,7 @@ shift is Σ ½ N ln(1 − ρ²).
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
@@ -25,7 +25,8 @@ SWEEPS = 2  # over the clocks, each aligned with the others as they are
 MIN_SAMPLES = 10  # of a signal that counts
 MIN_FALL = 10.0  # of the cost, from which a shift counts as found
 
-Cost = Callable[[BenchRun], float]
+Parts = tuple[BenchRun, ...]  # of one run, one for each time axis
+Cost = Callable[[Parts], float]
 
 
 def with_aligned_clocks(campaign: Campaign, steps_per_sample: int) -> Campaign:
@@ -41,56 +42,62 @@ def with_aligned_clocks(campaign: Campaign, steps_per_sample: int) -> Campaign:
     clocks = campaign.stated_accuracy.clocks
     if not clocks:
         return campaign
-    runs, remarks = [], []
+    parts, runs, remarks = {}, {}, []
     for run in campaign.runs:
-        shifts = find_clock_shifts(campaign, run, steps_per_sample) if run.signals else {}
+        parts.setdefault(run.whole, []).append(run)
+    for of_run in map(tuple, parts.values()):
+        measured = any(run.signals for run in of_run)
+        shifts = find_clock_shifts(campaign, of_run, steps_per_sample) if measured else {}
         for name, shift in shifts.items():
             recorded, size = ", ".join(clocks[name].names), format_quantity(abs(shift), "s")
             late = "late" if shift > 0.0 else "early"
             sentence = f"the clock of {name} ({recorded}) is {size} {late} in this run; corrected"
-            remarks.append(Remark(Severity.NOTE, run.file, 0, sentence))
-            run = shifted(run, clocks[name], shift)
-        runs.append(run)
-    return dataclasses.replace(campaign, runs=tuple(runs), remarks=(*campaign.remarks, *remarks))
+            remarks.append(Remark(Severity.NOTE, of_run[0].file, 0, sentence))
+            of_run = shifted(of_run, clocks[name], shift)
+        runs |= {run.name: run for run in of_run}
+    aligned = tuple(runs[run.name] for run in campaign.runs)
+    return dataclasses.replace(campaign, runs=aligned, remarks=(*campaign.remarks, *remarks))
 
 
-def find_clock_shifts(campaign: Campaign, run: BenchRun, steps_per_sample: int) -> dict[str, float]:
+def find_clock_shifts(campaign: Campaign, parts: Parts, steps_per_sample: int) -> dict[str, float]:
     """The time [s] by which each clock of a campaign is late in a run; without the clocks that agree.
 
     Args:
         campaign: its stated accuracy names the clocks; its machine is simulated.
-        run: the run.
+        parts: the parts of the run, one for each time axis.
         steps_per_sample: time steps per sample of the simulations.
     """
 
-    def cost(moved: BenchRun) -> float:
+    def cost(moved: Parts) -> float:
         return _misfit(campaign, moved, steps_per_sample)
 
     clocks = campaign.stated_accuracy.clocks
     found: dict[str, float] = dict.fromkeys(clocks, 0.0)
     for _ in range(SWEEPS if len(clocks) > 1 else 1):
         for name, clock in clocks.items():
-            moved = run
+            moved = parts
             for other in (o for o in clocks if o != name):
                 moved = shifted(moved, clocks[other], found[other])
             found[name] = _best_shift(moved, clock, cost)
     return {name: shift for name, shift in found.items() if shift}
 
 
-def shifted(run: BenchRun, clock: RecorderClock, late: float) -> BenchRun:
+def shifted(parts: Parts, clock: RecorderClock, late: float) -> Parts:
     """A run with what a recorder has written earlier by the time `late` [s]; what it has not recorded is missing (NaN).
 
-    Recorded drives keep their first or last value there.
+    Recorded drives, which all parts of a run have, keep their first or last value there.
     """
     if not late:
-        return run
-    signals, drives = dict(run.signals), dict(run.drives)
-    for name in clock.names:
-        if name in signals:
-            signals[name] = np.interp(run.time + late, run.time, signals[name], left=np.nan, right=np.nan)
-        elif name in drives:
-            drives[name] = _shifted_record(drives[name], late)
-    return dataclasses.replace(run, signals=signals, drives=drives)
+        return parts
+    recorded = parts[0].drives
+    drives = {n: _shifted_record(record, late) if n in clock.names else record for n, record in recorded.items()}
+    return tuple(
+        dataclasses.replace(run, drives=drives, signals={
+            n: np.interp(run.time + late, run.time, v, left=np.nan, right=np.nan) if n in clock.names else v
+            for n, v in run.signals.items()
+        })
+        for run in parts
+    )  # fmt: skip
 
 
 def _shifted_record(record: Recorded, late: float) -> Recorded:
@@ -101,32 +108,31 @@ def _shifted_record(record: Recorded, late: float) -> Recorded:
     return replace(record, values=np.interp(index + late / float(record.interval), index, values), steps=steps)
 
 
-def _best_shift(run: BenchRun, clock: RecorderClock, cost: Cost) -> float:
+def _best_shift(parts: Parts, clock: RecorderClock, cost: Cost) -> float:
     """The shift [s] of one clock with the smallest cost; 0 where that is hardly smaller."""
-    at_zero = cost(run)
+    at_zero = cost(parts)
     best, centre, half = at_zero, 0.0, SIGMAS * clock.shift
-    while half > FINEST * run.interval:
+    while half > FINEST * min(run.interval for run in parts):
         shifts = centre + np.linspace(-half, half, SHIFTS_PER_SCAN)
-        costs = [cost(shifted(run, clock, float(shift))) for shift in shifts]
+        costs = [cost(shifted(parts, clock, float(shift))) for shift in shifts]
         if min(costs) < best:
             best, centre = min(costs), float(shifts[int(np.argmin(costs))])
         half *= 2.0 / (SHIFTS_PER_SCAN - 1)
     return centre if at_zero - best > MIN_FALL else 0.0
 
 
-def _misfit(campaign: Campaign, run: BenchRun, steps_per_sample: int) -> float:
+def _misfit(campaign: Campaign, parts: Parts, steps_per_sample: int) -> float:
     """Σ ½ N ln(1 − ρ²) over the signals of a run; infinite where the model fails."""
-    model = MeasurementModel(campaign, campaign.machine, (), (run,))
-    values: Mapping[str, np.ndarray] = model.predict_all_runs(np.zeros(0), steps_per_sample)[0].values
+    found = MeasurementModel(campaign, campaign.machine, (), parts).predict_all_runs(np.zeros(0), steps_per_sample)
     total = 0.0
-    for name, measured in run.signals.items():
+    for r, name, measured in ((r, *signal) for r, run in enumerate(parts) for signal in run.signals.items()):
         used = np.isfinite(measured)
-        x, y = values[name][used], measured[used]
+        x, y = found[r].values[name][used], measured[used]
         if not np.isfinite(x).all():
             return np.inf
         if len(x) < MIN_SAMPLES or not np.ptp(x) > 0.0 or not np.ptp(y) > 0.0:
             continue
         x, y = x - x.mean(), y - y.mean()
         left = max(1.0 - np.square(x @ y) / ((x @ x) * (y @ y)), np.square(campaign.channels[name].noise) / np.var(y))
-        total += 0.5 * len(run.time) * np.log(left)
+        total += 0.5 * len(measured) * np.log(left)
     return float(total)

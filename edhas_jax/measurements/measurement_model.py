@@ -40,7 +40,8 @@ class PredictedSignals(NamedTuple):
 class _RunGroup:
     """Runs simulated in one batch: the same sample interval [s] and set point, different parameter values.
 
-    Runs with irregular time stamps are interpolated from a grid that is finer than the sample interval (`is_finer`).
+    Of the parts of a run only the one with the highest sampling rate is simulated, for all of them. Runs with
+    irregular time stamps are interpolated from a grid that is finer than the sample interval (`is_finer`).
     """
 
     machine: Rig
@@ -69,7 +70,7 @@ class MeasurementModel:
 
     Raises:
         ParameterError: the machine lacks an unknown or a condition, or the runs set a parameter that is unknown but not
-            listed as uncertain in the campaign.
+            uncertain in the campaign.
         CampaignError: a run cannot be driven by the input that `replay` names.
     """
 
@@ -84,14 +85,17 @@ class MeasurementModel:
         machines = [machine_with_replay(campaign, run, machine, replay) for run in self.runs]
         self._is_of_machine = [instruments.find(u.name) is None for u in self.unknowns]
         conditions = {n for run in self.runs for n in run.conditions if has_parameter(machines[0], n)}
-        varied = {u.name for u, of_machine in zip(self.unknowns, self._is_of_machine, strict=True) if of_machine}
-        for name in sorted(varied & conditions - set(campaign.uncertain)):
+        of_machine = [u for u, is_of_machine in zip(self.unknowns, self._is_of_machine, strict=True) if is_of_machine]
+        varied = {u.parameter for u in of_machine}
+        for name in sorted({u.name for u in of_machine if not u.run} & conditions - set(campaign.uncertain)):
             raise ParameterError(f"{name}: is set by the runs, so it cannot be sought; name it as uncertain")
+        self._acting = [[j for j, u in enumerate(self.unknowns) if self._acts(j, u, run)] for run in self.runs]
         self._lane_parameters = tuple(sorted(varied | conditions)) or (placeholder_parameter(machine),)
         self._nominal = {n: float(get_parameter(machine, n)) for n in varied}
         self._run_values = [{n: float(get_parameter(m, n)) for n in self._lane_parameters} for m in machines]
         self._step_times = [_step_times(m) for m in machines]
-        self._groups = _group_runs(self.runs, machines)
+        self._hosts = _hosts(self.runs) if replay is Replay.SET_POINT else list(range(len(self.runs)))
+        self._groups = _group_runs(self.runs, machines, self._hosts)
 
     def min_steps_per_sample(self) -> int:
         """The smallest number of time steps per sample that keeps to the integrator's largest step in every run."""
@@ -131,57 +135,94 @@ class MeasurementModel:
         """
         results: list[dict[int, PredictedSignals]] = [{} for _ in points]
         for group in self._groups:
-            jobs = [(p, r) for p, point in enumerate(points) for r in point.runs if r in group.runs]
-            if not jobs:
+            members: dict[tuple[int, int], list[int]] = {}  # runs by point and the run that is simulated for them
+            for p, point in enumerate(points):
+                for r in (r for r in point.runs if self._hosts[r] in group.runs):
+                    members.setdefault((p, self._hosts[r]), []).append(r)
+            if not members:
                 continue
-            # with sensitivities every run has one lane per unknown, each carrying the tangent of that unknown
-            lanes_per_job = len(self.unknowns) if with_sensitivities else 1
+            jobs = list(members)
+            # with sensitivities a run has one lane for each unknown that acts in it, carrying its tangent
+            lanes = [max(len(self._acting[r]), 1) if with_sensitivities else 1 for _, r in jobs]
+            firsts = np.cumsum([0, *lanes])
             lane_rows = [self._lane(points[p].x, r) for p, r in jobs]
-            columns = {
-                n: np.repeat([values[n] for values, _ in lane_rows], lanes_per_job) for n in self._lane_parameters
-            }
+            columns = {n: np.repeat([values[n] for values, _ in lane_rows], lanes) for n in self._lane_parameters}
             tangents = None
             if with_sensitivities:
-                tangents = {n: np.zeros(len(jobs) * lanes_per_job) for n in self._lane_parameters}
-                for j, u in enumerate(self.unknowns):
-                    if self._is_of_machine[j]:
-                        tangents[u.name][j::lanes_per_job] = [derivatives[j] for _, derivatives in lane_rows]
+                tangents = {n: np.zeros(firsts[-1]) for n in self._lane_parameters}
+                for (_, r), first, (_, derivatives) in zip(jobs, firsts, lane_rows, strict=False):
+                    for lane, j in enumerate(self._acting[r], first):
+                        if self._is_of_machine[j]:
+                            tangents[self.unknowns[j].parameter][lane] = derivatives[j]
             points_per_sample = group.points_per_sample(steps_per_sample)
             grid_interval = group.interval / points_per_sample
-            counts = [points_per_sample * (self._sample_count(r, group) - 1) + 1 for _, r in jobs]
-            sample_counts = np.repeat(counts, lanes_per_job)
+            samples = (max(self._sample_count(r, group) for r in of) for of in members.values())
+            counts = [points_per_sample * (count - 1) + 1 for count in samples]
+            sample_counts = np.repeat(counts, lanes)
             grid = grid_interval * np.arange(sample_counts.max())
             traces = simulate_batch(
                 group.machine, columns, tangents, group.interval / steps_per_sample,
                 steps_per_sample // points_per_sample, sample_counts, self.signals,
             )  # fmt: skip
             for k, (p, r) in enumerate(jobs):
-                lanes = slice(k * lanes_per_job, (k + 1) * lanes_per_job)
-                n = sample_counts[k * lanes_per_job]
-                values = {s: trace[:n, k * lanes_per_job] for s, trace in traces.values.items()}
-                slopes = {s: trace[:n, lanes] for s, trace in traces.slopes.items()} if with_sensitivities else None
-                values, slopes = self.instruments.record(grid[:n], values, slopes, self.unknowns, points[p].x)
-                values = {s: self._at_time_stamps(r, grid_interval, v) for s, v in values.items()}
-                inside = {s: self._within_limits(s, v) for s, v in values.items()}
+                n, slopes = counts[k], None
+                values = {s: trace[:n, firsts[k]] for s, trace in traces.values.items()}
                 if with_sensitivities:
-                    slopes = {s: self._at_time_stamps(r, grid_interval, v) for s, v in slopes.items()}
-                    slopes = {s: v if inside[s] is None else v * inside[s][1][:, None] for s, v in slopes.items()}
-                values = {s: v if inside[s] is None else inside[s][0] for s, v in values.items()}
-                results[p][r] = PredictedSignals(values, slopes)
+                    slopes = {s: self._slopes(trace[:n], firsts[k], r) for s, trace in traces.slopes.items()}
+                values, slopes = self.instruments.record(grid[:n], values, slopes, self.unknowns, points[p].x)
+                for member in members[p, r]:
+                    results[p][member] = self._at_samples(member, grid_interval, values, slopes)
         return results
 
-    def _lane(self, x: np.ndarray, r: int) -> tuple[dict[str, float], list[float]]:
+    def _at_samples(
+        self, r: int, interval: float, values: dict[str, np.ndarray], slopes: dict[str, np.ndarray] | None
+    ) -> PredictedSignals:
+        """Signals and sensitivities on a grid of an interval [s], at the time stamps of run `r`."""
+        values = {s: self._at_time_stamps(r, interval, v) for s, v in values.items()}
+        inside = {s: self._within_limits(s, v) for s, v in values.items()}
+        if slopes is not None:
+            slopes = {s: self._at_time_stamps(r, interval, v) for s, v in slopes.items()}
+            slopes = {s: v if inside[s] is None else v * inside[s][1][:, None] for s, v in slopes.items()}
+        return PredictedSignals({s: v if inside[s] is None else inside[s][0] for s, v in values.items()}, slopes)
+
+    def acting(self, r: int) -> np.ndarray:
+        """Which unknowns act in run `r` (unknowns,): all but the own ones of other runs, and those that it replaces."""
+        return np.isin(np.arange(len(self.unknowns)), self._acting[r])
+
+    def _acts(self, j: int, u: UnknownParameter, run: BenchRun) -> bool:
+        return u.run == run.whole if u.run else not (self._is_of_machine[j] and u.name in run.uncertain)
+
+    def _slopes(self, lanes: np.ndarray, first: int, r: int) -> np.ndarray:
+        """The sensitivities (points, unknowns) of run `r` from the lanes (points, lanes) that begin at `first`."""
+        acting = self._acting[r]
+        if len(acting) == len(self.unknowns):
+            return lanes[:, first : first + len(acting)]
+        slopes = np.zeros((len(lanes), len(self.unknowns)))
+        slopes[:, acting] = lanes[:, first : first + len(acting)]
+        return slopes
+
+    def _lane(self, x: np.ndarray, r: int) -> tuple[dict[str, float], np.ndarray]:
         """The parameter values of run `r` at `x`, and the derivative of each unknown's value by its coordinate."""
-        values, derivatives = dict(self._run_values[r]), []
-        for u, of_machine, coordinate in zip(self.unknowns, self._is_of_machine, x, strict=True):
-            if not of_machine:
-                derivatives.append(0.0)
-                continue
-            # where the run sets the parameter itself, the unknown is a factor common to all runs
-            factor = values[u.name] / nominal if (nominal := self._nominal[u.name]) else 1.0
-            values[u.name], derivative = u.value(coordinate) * factor, u.derivative(coordinate) * factor
-            derivatives.append(float(derivative))
+        values, derivatives = dict(self._run_values[r]), np.zeros(len(self.unknowns))
+        for j in self._acting[r]:
+            u = self.unknowns[j]
+            if self._is_of_machine[j]:
+                values[u.parameter] = self.run_value(r, u, x[j])
+                derivatives[j] = float(u.derivative(x[j])) * self._in_run(r, u)[0]
         return values, derivatives
+
+    def run_value(self, r: int, u: UnknownParameter, x: float) -> float:
+        """The value (SI) in run `r` of an unknown of the machine that acts there, at coordinate `x`."""
+        factor, difference = self._in_run(r, u)
+        return float(u.value(x)) * factor + difference
+
+    def _in_run(self, r: int, u: UnknownParameter) -> tuple[float, float]:
+        """Factor and difference (SI) between an unknown and the value in run `r`, as of `Spread.carried_over`."""
+        given, known, spread = self._run_values[r][u.parameter], self._nominal[u.parameter], self.campaign.uncertain
+        if u.run:
+            return 1.0, 0.0
+        is_absolute = u.name in spread and spread[u.name].is_absolute
+        return (1.0, given - known) if is_absolute or known == 0.0 else (given / known, 0.0)
 
     def _within_limits(self, signal: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """What a sensor that ends at its limits shows, and where it still moves (1 or 0); None for one without."""
@@ -237,13 +278,25 @@ def _step_times(machine: Rig) -> np.ndarray:
     return np.unique(np.concatenate([[], *(part.times for part in parts if isinstance(part, Steps))]))
 
 
-def _group_runs(runs: Sequence[BenchRun], machines: Sequence[Rig]) -> list[_RunGroup]:
+def _hosts(runs: Sequence[BenchRun]) -> list[int]:
+    """For each run the index of the one that is simulated for it: the fastest of the parts of the same run."""
+    keys = [(run.whole, id(run.drives), id(run.reference), *sorted(run.conditions.items())) for run in runs]
+    fastest: dict[tuple, int] = {}
+    for r, key in enumerate(keys):
+        if key not in fastest or runs[r].interval < runs[fastest[key]].interval:
+            fastest[key] = r
+    return [fastest[key] for key in keys]
+
+
+def _group_runs(runs: Sequence[BenchRun], machines: Sequence[Rig], hosts: Sequence[int]) -> list[_RunGroup]:
     groups: dict[tuple, list[int]] = {}
-    for r, (run, machine) in enumerate(zip(runs, machines, strict=True)):
+    for r in dict.fromkeys(hosts):
+        run, machine = runs[r], machines[r]
+        members = [member for member, host in zip(runs, hosts, strict=True) if host == r]
         # a recorded set point is an array of its own, so its run cannot share a batch
         has_recording = any(np.ndim(leaf) for leaf in jax.tree.leaves(machine))
         interval = float(f"{run.interval:.6g}")
-        is_finer = _grid_indices(run.time, interval) is None
+        is_finer = any(_grid_indices(member.time, interval) is None for member in members)
         groups.setdefault((interval, is_finer, r if has_recording else -1), []).append(r)
     return [
         _RunGroup(machines[members[0]], interval, is_finer, tuple(members))

@@ -39,12 +39,30 @@ class RecordTiming:
     window: tuple[float, float] = (0.0, math.inf)
     run_in: float = 0.0
 
-    def apply(self, file: Path, time: np.ndarray) -> tuple[slice, np.ndarray, np.ndarray, list[Remark]]:
+    def zero(self, time: np.ndarray) -> float:
+        """The time stamp [s] from which the times of a record are counted, from its increasing time stamps (samples,).
+
+        Raises:
+            TimingError: there are fewer than `MIN_SAMPLES`.
+        """
+        if len(time) < MIN_SAMPLES:
+            raise TimingError(f"it has {len(time)} samples with a valid time; at least {MIN_SAMPLES} are needed")
+        if self.start is not None:
+            return self.start
+        interval = float(np.median(np.diff(time)))
+        part, _ = _longest_part(time, MAX_GAP_IN_RECORDS * len(time) * interval)
+        first = float(time[part][0])
+        return 0.0 if abs(first) <= START_TOLERANCE * interval else first
+
+    def apply(
+        self, file: Path, time: np.ndarray, zero: float | None = None
+    ) -> tuple[slice, np.ndarray, np.ndarray, list[Remark]]:
         """Count time from the start of the run.
 
         Args:
             file: the file of the record, for messages.
             time: increasing time stamps (samples,) [s].
+            zero: the time stamp [s] from which to count, where another record of the run has told it.
 
         Returns:
             The longest part of the record without a jump of its clock; its times (samples,) [s] from rest, below
@@ -53,8 +71,7 @@ class RecordTiming:
         Raises:
             TimingError: fewer than `MIN_SAMPLES` samples are used.
         """
-        if len(time) < MIN_SAMPLES:
-            raise TimingError(f"it has {len(time)} samples with a valid time; at least {MIN_SAMPLES} are needed")
+        start = self.zero(time) if zero is None else zero
         remarks, seconds = [], lambda value: format_quantity(value, "s")
         interval = float(np.median(np.diff(time)))
         part, jumps = _longest_part(time, MAX_GAP_IN_RECORDS * len(time) * interval)
@@ -62,15 +79,13 @@ class RecordTiming:
             sentence = f"time jumps from {seconds(time[k])} to {seconds(time[k + 1])}; only the longest part is used"
             remarks.append(Remark(Severity.ERROR, file, 0, sentence))
         first, tolerance = float(time[part][0]), START_TOLERANCE * interval
-        start = self.start
-        if start is None:
-            start = 0.0 if abs(first) <= tolerance else first
+        if zero is None and self.start is None:
             if start:
                 sentence = f"its clock starts at {seconds(first)}; time is counted from there"
                 if first < 0.0 < time[part][-1]:
                     sentence += "; if the run begins at 0 s, write `start: 0 s` in its entry"
                 remarks.append(Remark(Severity.NOTE, file, 0, sentence))
-        elif first > start + tolerance:
+        elif zero is None and first > start + tolerance:
             sentence = f"the first sample comes {seconds(first - start)} after the stated start of the run"
             remarks.append(Remark(Severity.WARNING, file, 0, sentence))
         relative = _without_rounding(time[part] - start, float(np.spacing(np.abs(time[part]).max())), interval)

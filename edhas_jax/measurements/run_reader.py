@@ -1,7 +1,9 @@
 """Read one run of a campaign: the columns of its file become signals in SI units over increasing time stamps."""
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +14,11 @@ from edhas_jax.core.units import UnitError, display_unit, to_si
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Use
+from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Spread, Use
 from edhas_jax.measurements.checks.signal_checks import true_intervals
 from edhas_jax.measurements.record_timing import RecordTiming, TimingError
 from edhas_jax.measurements.tables.table import Column, Layout, Table, TableError
-from edhas_jax.measurements.tables.table_reader import read_table
+from edhas_jax.measurements.tables.table_reader import read_tables
 
 MIN_SAMPLES = 10  # of a run; with fewer neither noise nor shape can be judged
 MAX_SIZE = 1e30  # of a value in SI; a larger one is a fault of the file, and its square may overflow
@@ -24,6 +26,7 @@ MAX_REMARKS = 10  # on one file
 MAX_LISTED = 3  # faults of one kind in one column that are reported one by one
 MAX_NAMES, MAX_QUOTED = 8, 40  # columns that a remark names, characters of a name
 LARGE_JUMP = 0.1  # of the range of a drive; smaller jumps may be the rounding of a slow signal
+MAX_SPARSE_SHARE, MIN_REGULAR_SHARE = 0.5, 0.9  # of rows with a value, of equal steps between them: a slow signal
 MAX_DISORDER = 0.05  # share of samples out of order above which the time axis is rejected
 
 
@@ -38,110 +41,337 @@ class ColumnSource(NamedTuple):
     between: Between | None = None
 
 
+class TimeSource(NamedTuple):
+    """Where the time stamps of a file come from: a column, or a stated interval [s] from sample to sample."""
+
+    column: str = "time"
+    unit: str = ""
+    interval: float | None = None
+
+
+class RecordFile(NamedTuple):
+    """A file of a run.
+
+    Args:
+        path: where it is.
+        time: where its time stamps come from.
+        start: the time stamp [s] in it at which the run begins; None for that of the run.
+        layout: what the campaign states about the file.
+    """
+
+    path: Path
+    time: TimeSource = TimeSource()
+    start: float | None = None
+    layout: Layout = Layout()
+
+
+class RunEntry(NamedTuple):
+    """An entry under `runs`.
+
+    Args:
+        name: unique name of the run.
+        files: files of any format that `read_tables` reads.
+        use: fit or holdout.
+        conditions: parameters of the machine in this run (SI).
+        timing: where the time of the run is zero, and which part of the record is used.
+        uncertain: the parameters whose value in this run is an unknown of its own.
+        columns: the columns of signals and drives that have another name in this run.
+    """
+
+    name: str
+    files: tuple[RecordFile, ...]
+    use: Use
+    conditions: dict[str, float]
+    timing: RecordTiming = RecordTiming()
+    uncertain: Mapping[str, Spread] = MappingProxyType({})
+    columns: Mapping[str, ColumnSource] = MappingProxyType({})
+
+    @property
+    def file(self) -> Path:
+        """The first file."""
+        return self.files[0].path
+
+
+@dataclasses.dataclass
+class _Record:
+    """A table of a run with its own time axis.
+
+    Args:
+        file: the file that holds it.
+        table: its columns.
+        sources: the columns of its signals, by signal.
+        drives: the columns of its drives, by drive.
+        order: rows (samples,) of the table whose time stamps increase, the last one where several have the same.
+        before: the first ones (samples,) of these.
+        time: their time stamps (samples,) [s], counted from the start of the run once that is known.
+        used: which of them are used (samples,).
+    """
+
+    file: RecordFile
+    table: Table
+    sources: dict[str, ColumnSource]
+    drives: dict[str, ColumnSource]
+    order: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    before: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    time: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    used: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
+
+    def own_name(self, name: str) -> str | None:
+        """The name of the column that `name`, `group/name` or `file/name` means; None if it is not here."""
+        own = self.table.own_name(name)
+        return self.table.own_name(name.removeprefix(f"{self.file.path.stem}/")) if own is None else own
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether anything of it is read."""
+        return bool(self.sources or self.drives)
+
+
 class RunReader:
     """Reads the files of the runs of a campaign; `remarks` lists what it left out, and why.
 
     Args:
         machine: the machine of the campaign.
-        time: the column of the time stamps.
         sources: the columns of the measured signals, by signal.
         recorded: the columns of the recorded drives, by drive; that of the set point is `reference`.
         planned: whether the runs are planned: their files need not hold any measured signal.
     """
 
     def __init__(
-        self, machine: Rig, time: ColumnSource, sources: Mapping[str, ColumnSource],
-        recorded: Mapping[str, ColumnSource], planned: bool = False,
+        self, machine: Rig, sources: Mapping[str, ColumnSource], recorded: Mapping[str, ColumnSource],
+        planned: bool = False,
     ):  # fmt: skip
         self.remarks: list[Remark] = []
         self._planned = planned
-        self._machine, self._time, self._sources, self._recorded = machine, time, sources, recorded
+        self._machine, self._sources, self._recorded = machine, sources, recorded
+        self._file, self._header_line, self._time = Path(), 0, TimeSource()
 
-    def read(
-        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming = RecordTiming(),
-        layout: Layout = Layout(),
-    ) -> BenchRun | None:
-        """Read the file of one run.
-
-        Args:
-            name: name of the run.
-            file: a file of any format that `read_table` reads.
-            use: fit or holdout.
-            conditions: parameters of the machine in this run (SI).
-            timing: where the time of the run is zero, and which part of the record is used.
-            layout: what the campaign states about the file.
+    def read(self, entry: RunEntry) -> list[BenchRun]:
+        """Read the files of one run.
 
         Returns:
-            The run; None if no signal of it can be used.
+            The run, or its parts: one for each time axis, the first with the name of the run. Empty if no signal of it
+            can be used.
         """
         earlier = len(self.remarks)
-        run = self._read(name, file, use, conditions, timing, layout)
+        runs = self._read(entry)
         found = self.remarks[earlier:]
         if len(found) > MAX_REMARKS:
-            more = Remark(found[-1].severity, file, 0, f"and {len(found) - MAX_REMARKS + 1} more remarks on this file")
+            what = "file" if len(entry.files) == 1 else "run"
+            sentence = f"and {len(found) - MAX_REMARKS + 1} more remarks on this {what}"
+            more = Remark(found[-1].severity, entry.file, 0, sentence)
             self.remarks[earlier:] = [*found[: MAX_REMARKS - 1], more]
-        return run
+        return runs
 
-    def _read(
-        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming,
-        layout: Layout,
-    ) -> BenchRun | None:
-        self._file, self._header_line = file, 0
+    def _read(self, entry: RunEntry) -> list[BenchRun]:
+        self._file, self._header_line = entry.file, 0
         try:
-            table = read_table(file, self.remarks.append, layout)
-            self._header_line = table.header_line
-            order, before, time = self._time_stamps(table)
-            part, time, used, remarks = timing.apply(file, time)
-            self.remarks += remarks
-            order, before = order[part], before[part]
-            drives = {name: self._recorded_drive(name, table, order, before, time) for name in self._recorded}
+            records = self._tables(entry)
+            self._find_columns(entry, records)
+            needed = [record for record in records if record.is_needed] or records[:1]
+            for record in (r for r in records if not any(r is of for of in needed)):
+                self._at(record)
+                self._remark_unused(record, {self._time.column})
+            self._find_times(entry, needed, records)
+            drives = {n: self._drive(n, record) for record in needed for n in record.drives}
+            parts = [(record, *part) for record in needed for part in self._signals_by_rate(record)]
         except TableError as error:
             self._remark(error.line, f"{error}; the run is left out")
-            return None
+            return []
         except TimingError as error:
             self._remark(0, f"{error}; the run is left out")
-            return None
-        order, time = order[used], time[used]
-        signals = {}
-        for signal, source in self._sources.items():
-            column = table.columns.get(source.column)
-            if column is None and self._planned:
+            return []
+        reference = drives.pop("reference", None) if not self._machine.is_own else None
+        runs, too_short = [], False
+        for record, signals, rows in parts:
+            self._at(record)
+            time, lines = record.time[rows], record.table.lines[record.order[rows]]
+            signals = self._without_missing_values(signals, lines)
+            if not signals and not (self._planned and not runs):
                 continue
-            if column is None:
-                others = [other for other in table.columns if other != self._time.column]
+            if len(time) < MIN_SAMPLES:
+                too_short = True
+                what = "the run is left out" if len(parts) == 1 else f"{', '.join(signals)} left out"
+                self._remark(0, f"at least {MIN_SAMPLES} samples are needed; there are {len(time)}; {what}")
+                continue
+            runs.append(BenchRun(
+                entry.name, record.file.path, entry.use, entry.conditions, time, signals, lines, reference, drives,
+                entry.uncertain,
+            ))  # fmt: skip
+        if not runs and not too_short:
+            self._remark(0, "none of its columns can be used; the run is left out")
+        return _named_parts(entry.name, runs)
+
+    def _tables(self, entry: RunEntry) -> list[_Record]:
+        """The tables of the files of a run.
+
+        Raises:
+            TableError: a file cannot be read.
+        """
+        records = []
+        for file in entry.files:
+            self._file, self._header_line = file.path, 0
+            tables = read_tables(file.path, self.remarks.append, file.layout)
+            records += [_Record(file, table, {}, {}) for table in tables]
+        self._at(records[0])
+        return records
+
+    def _at(self, record: _Record) -> None:
+        """Let remarks refer to a record."""
+        self._file, self._header_line, self._time = record.file.path, record.table.header_line, record.file.time
+
+    def _find_columns(self, entry: RunEntry, records: Sequence[_Record]) -> None:
+        """Find the record of every signal and drive.
+
+        Raises:
+            TableError: that of a drive is missing, or several records have it.
+        """
+        for name, source in (self._recorded | {n: s for n, s in entry.columns.items() if n in self._recorded}).items():
+            holders = [(record, own) for record in records if (own := record.own_name(source.column)) is not None]
+            if len(holders) > 1:
+                raise TableError(0, self._several(name, source, holders))
+            record, own = holders[0] if holders else (records[0], source.column)
+            record.drives[name] = source._replace(column=own)
+        for name, source in (self._sources | {n: s for n, s in entry.columns.items() if n in self._sources}).items():
+            holders = [(record, own) for record in records if (own := record.own_name(source.column)) is not None]
+            if len(holders) == 1:
+                record, own = holders[0]
+                record.sources[name] = source._replace(column=own)
+            elif holders:
+                problem = self._several(name, source, holders)
+                self._remark(self._header_line, f"{problem}; {name} is missing in this run")
+            elif not self._planned:
+                others = [n for record in records for n in record.table.columns if n != record.file.time.column]
                 problem = f"no column `{source.column}` ({suggest(source.column, others)})"
-                self._remark(self._header_line, f"{problem}; {signal} is missing in this run")
+                self._remark(self._header_line, f"{problem}; {name} is missing in this run")
+
+    @staticmethod
+    def _several(name: str, source: ColumnSource, holders: Sequence[tuple[_Record, str]]) -> str:
+        names = [f"{record.table.name or record.file.path.stem}/{own}" for record, own in holders]
+        return f"several columns `{source.column}`; write `{name}: {{column: {names[0]}}}`, or {', '.join(names[1:])}"
+
+    def _find_times(self, entry: RunEntry, needed: list[_Record], records: Sequence[_Record]) -> None:
+        """The time axis of every needed record, counted from the start of the run; those without one are left out.
+
+        Records whose time stamps overlap, and those of one file, have the same clock: time is counted from the first
+        stamp of any of them.
+
+        Raises:
+            TableError: no record has time stamps.
+            TimingError: no record has samples at the stated times.
+        """
+        stamps, problems = {}, []
+        for record in needed:
+            self._at(record)
+            try:
+                stamps[id(record)] = self._time_stamps(self._with_time(record, records), record.drives.values())
+            except TableError as error:
+                problems.append((record, error))
+        zeros = {}
+        for record in (r for r in needed if id(r) in stamps):
+            timing, (*_, time) = self._timing(entry, record), stamps[id(record)]
+            alike = [
+                of for other in needed
+                if (of := stamps.get(id(other), (time[:0],))[-1]).size and len(time)
+                and (other.file is record.file or of[0] <= time[-1] and time[0] <= of[-1])
+            ]  # fmt: skip
+            earliest = min(alike, key=lambda of: of[0], default=time)
+            zeros[id(record)] = None if earliest is time else timing.zero(earliest)
+        for record in (r for r in needed if id(r) in stamps):
+            self._at(record)
+            order, before, time = stamps[id(record)]
+            try:
+                part, record.time, record.used, remarks = self._timing(entry, record).apply(
+                    record.file.path, time, zeros[id(record)]
+                )
+            except TimingError as error:
+                problems.append((record, error))
                 continue
-            other_units = [c.unit for n, c in table.columns.items() if n != self._time.column]
-            if not column.unit and source.column == signal and any(other_units):
+            record.order, record.before = order[part], before[part]
+            self.remarks += remarks
+        if len(problems) == len(needed) or any(record.drives for record, _ in problems):
+            self._at(problems[0][0])
+            raise problems[0][1]
+        for record, error in problems:
+            needed.remove(record)
+            self._at(record)
+            self._remark(getattr(error, "line", 0), f"{error}; {', '.join(record.sources)} left out of this run")
+
+    @staticmethod
+    def _timing(entry: RunEntry, record: _Record) -> RecordTiming:
+        start = record.file.start
+        return entry.timing if start is None else dataclasses.replace(entry.timing, start=start)
+
+    def _with_time(self, record: _Record, records: Sequence[_Record]) -> Table:
+        """The table of a record, with the time stamps of another table of its file where it has none of its own."""
+        table, name = record.table, self._time.column
+        if (own := table.own_name(name)) is not None:
+            self._time = self._time._replace(column=own)
+            return table
+        for other in (r.table for r in records if r.file is record.file and len(r.table.lines) == len(table.lines)):
+            if (own := other.own_name(name)) is not None:
+                return dataclasses.replace(table, columns=table.columns | {name: other.columns[own]})
+        return table
+
+    def _drive(self, name: str, record: _Record) -> Recorded:
+        """A recorded drive, without the blank rows between its samples if it is slower than its table."""
+        self._at(record)
+        order, before, time = record.order, record.before, record.time
+        column = record.table.columns.get(record.drives[name].column)
+        if column is not None and (rows := _sparse_rows(column.values[order], len(order))) is not None:
+            order, before, time = order[rows], before[rows], time[rows]
+        return self._recorded_drive(name, record.drives[name], record.table, order, before, time)
+
+    def _signals_by_rate(self, record: _Record) -> list[tuple[dict[str, np.ndarray], np.ndarray]]:
+        """The signals of a record with the places (samples,) of their samples in its time axis.
+
+        A signal with a value in every tenth row, for example, has a time axis of its own.
+
+        Raises:
+            TableError: a column cannot be read.
+        """
+        self._at(record)
+        signals, known = {}, {self._time.column}
+        for name, source in record.sources.items():
+            column, known = record.table.columns[source.column], known | {source.column}
+            other_units = [c.unit for n, c in record.table.columns.items() if n != self._time.column]
+            if not column.unit and source.column == name and any(other_units):
                 sentence = f"column `{source.column}` has no unit; {source.unit} is assumed, as stated in the campaign"
                 self._remark(self._header_line, sentence, Severity.WARNING)
             try:
-                signals[signal] = self._in_si(source, column, self._machine.signals[signal].unit)[order]
+                signals[name] = self._in_si(source, column, self._machine.signals[name].unit)[record.order]
             except UnitError as error:
-                sentence = f"column `{source.column}`: {error}; {signal} is left out of this run"
+                sentence = f"column `{source.column}`: {error}; {name} is left out of this run"
                 self._remark(self._header_line, sentence)
-            except TableError as error:
-                self._remark(error.line, f"{error}; the run is left out")
-                return None
-        drives_read = (source.column for source in self._recorded.values())
-        known = {self._time.column, *drives_read, *(source.column for source in self._sources.values())}
-        unused = [f"`{column[:MAX_QUOTED]}`" for column in table.columns if column not in known]
+        self._remark_unused(record, known | {source.column for source in record.drives.values()})
+        used = np.flatnonzero(record.used)
+        signals = {name: values[used] for name, values in signals.items()}
+        drives = [record.table.columns[source.column].values[record.order][used] for source in record.drives.values()]
+        recorded = np.isfinite([*signals.values(), *drives]).reshape(-1, len(used))
+        filled = int(recorded.any(axis=0).sum())
+        slow = {name: rows for name, values in signals.items() if (rows := _sparse_rows(values, filled)) is not None}
+        rates: dict[bytes, list[str]] = {}
+        for name, rows in slow.items():
+            rates.setdefault(rows.tobytes(), []).append(name)
+        fast = {name: values for name, values in signals.items() if name not in slow}
+        # rows in which only the slow signals were recorded are no samples of the others
+        rows = np.isfinite(list(fast.values())).any(axis=0) if slow and fast else np.ones(len(used), bool)
+        found = [({name: values[rows] for name, values in fast.items()}, used[rows])] if fast or not slow else []
+        for names in rates.values():
+            rows = slow[names[0]]
+            self._remark(0, f"{', '.join(names)}: a value in every {round(len(used) / len(rows))}th row; the rows "
+                            "between are no samples", Severity.NOTE)  # fmt: skip
+            found.append(({name: signals[name][rows] for name in names}, used[rows]))
+        return found
+
+    def _remark_unused(self, record: _Record, known: Collection[str]) -> None:
+        unused = [f"`{column[:MAX_QUOTED]}`" for column in record.table.columns if column not in known]
         if unused:
             more = f" and {len(unused) - MAX_NAMES} more" if len(unused) > MAX_NAMES else ""
             names, is_one = ", ".join(unused[:MAX_NAMES]) + more, len(unused) == 1
             subject, verb = (f"column {names} is", "it is") if is_one else (f"columns {names} are", "they are")
             sentence = f"{subject} not named in the campaign; {verb} not used"
             self._remark(self._header_line, sentence, Severity.NOTE)
-        signals = self._without_missing_values(signals, table.lines[order])
-        if not signals and not self._planned:
-            self._remark(0, "none of its columns can be used; the run is left out")
-            return None
-        if len(time) < MIN_SAMPLES:
-            self._remark(0, f"at least {MIN_SAMPLES} samples are needed; there are {len(time)}; the run is left out")
-            return None
-        reference = drives.pop("reference", None) if not self._machine.is_own else None
-        return BenchRun(name, file, use, conditions, time, signals, table.lines[order], reference, drives)
 
     def _without_missing_values(self, signals: dict[str, np.ndarray], lines: np.ndarray) -> dict[str, np.ndarray]:
         """The signals that have values, with NaN for impossible ones; missing samples are reported."""
@@ -194,18 +424,23 @@ class RunReader:
         with np.errstate(over="ignore"):
             return zero + size * column.values
 
-    def _time_stamps(self, table: Table) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _time_stamps(
+        self, table: Table, drives: Iterable[ColumnSource]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The samples whose time stamp is later than all before it.
 
-        Where recorded drives step, which is several rows at one time, the last row is the sample.
+        Where the recorded drives in the table step, which is several rows at one time, the last row is the sample.
 
         Returns:
             For each sample the index of its row, that of the first row at its time, and its time stamp [s].
         """
+        if self._time.interval is not None:
+            rows = np.arange(len(table.lines))
+            return rows, rows, self._time.interval * rows
         column = table.columns.get(self._time.column)
         if column is None:
             names = ", ".join(column[:MAX_QUOTED] for column in table.columns)
-            remedy = "name it in the campaign, such as `time: {column: t, unit: ms}`"
+            remedy = "name it in the campaign, such as `time: {column: t, unit: ms}`, or state `time: {interval: 1 ms}`"
             sentence = f"no column `{self._time.column}` with the time; {remedy}; the columns: {names}"
             raise TableError(self._header_line, sentence)
         if not column.unit and not self._time.unit:
@@ -217,7 +452,7 @@ class RunReader:
             raise TableError(self._header_line, f"column `{self._time.column}`: {error}") from None
         finite = np.abs(time) <= MAX_SIZE
         latest = np.maximum.accumulate(np.where(finite, time, -np.inf))
-        goes_on = self._steps(table, time)
+        goes_on = _steps(table, drives, time)
         first = np.maximum.accumulate(np.where(goes_on, 0, np.arange(len(time))))
         increasing = (finite & (time > np.concatenate([[-np.inf], latest[:-1]])))[first]
         kept = np.flatnonzero(increasing & ~np.append(goes_on[1:], False))
@@ -243,23 +478,14 @@ class RunReader:
             self._remark(int(table.lines[k]), f"{problem}; {left_out}")
         return kept, first[kept], time[kept]
 
-    def _steps(self, table: Table, time: np.ndarray) -> np.ndarray:
-        """Whether each row has the time of the row before it, but another value of a recorded drive."""
-        found = np.zeros(len(time), bool)
-        for source in self._recorded.values():
-            if source.column in table.columns:
-                change = np.abs(np.diff(table.columns[source.column].values))
-                found[1:] |= (np.diff(time) == 0.0) & (change > 0.0) & np.isfinite(change)
-        return found
-
     def _recorded_drive(
-        self, drive: str, table: Table, order: np.ndarray, before: np.ndarray, time: np.ndarray
+        self, drive: str, source: ColumnSource, table: Table, order: np.ndarray, before: np.ndarray, time: np.ndarray
     ) -> Recorded:
         """A recorded drive in its SI unit: the set point in metres, or in volts as the command of an open loop.
 
         The rows `order` and `before` of the samples differ where a drive steps, see `_time_stamps`.
         """
-        source, machine = self._recorded[drive], self._machine
+        machine = self._machine
         what = "set point" if drive == "reference" else drive.replace("_", " ")
         name = source.column
         if name not in table.columns:
@@ -291,11 +517,39 @@ class RunReader:
             raise TableError(0, f"{what} `{name}`: {str(error).removeprefix(f'{self._file}: ')}") from None
 
 
+def _steps(table: Table, drives: Iterable[ColumnSource], time: np.ndarray) -> np.ndarray:
+    """Whether each row has the time of the row before it, but another value of a recorded drive."""
+    found = np.zeros(len(time), bool)
+    for source in drives:
+        if source.column in table.columns:
+            change = np.abs(np.diff(table.columns[source.column].values))
+            found[1:] |= (np.diff(time) == 0.0) & (change > 0.0) & np.isfinite(change)
+    return found
+
+
 def _looks_held(after: np.ndarray, before: np.ndarray) -> bool:
     """Whether a drive is constant but for single, large changes from one sample to the next."""
     change = before[1:] - after[:-1]
     neighbours = (change[1:] != 0.0) & (change[:-1] != 0.0)
     return bool(np.abs(change).max(initial=0.0) > LARGE_JUMP * np.ptp(after) and not neighbours.any())
+
+
+def _sparse_rows(values: np.ndarray, filled: int) -> np.ndarray | None:
+    """The rows (k,) that hold a value, where they are regular and few of those in which anything was recorded."""
+    rows = np.flatnonzero(np.isfinite(values))
+    if not MIN_SAMPLES <= len(rows) <= MAX_SPARSE_SHARE * filled:
+        return None
+    steps = np.diff(rows)
+    is_regular = np.mean(np.abs(steps - np.median(steps)) <= 1) > MIN_REGULAR_SHARE
+    return rows if is_regular else None
+
+
+def _named_parts(name: str, runs: Sequence[BenchRun]) -> list[BenchRun]:
+    """The parts of a run with their names: that of the run, and those with what they measure after it."""
+    return [
+        dataclasses.replace(run, name=f"{name}, {', '.join(run.signals)}", part_of=name) if k else run
+        for k, run in enumerate(runs)
+    ]
 
 
 def _is_current(unit: str) -> bool:

@@ -14,8 +14,9 @@ import numpy as np
 from edhas_jax.core import runtime
 from edhas_jax.machine.parameters import get_parameter, list_parameters, set_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Use
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Spread, Use
 from edhas_jax.measurements.sensor_models import SensorModel, record
+from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 from edhas_jax.simulation.rk4_reference import trajectories
 
 GRID_REFINEMENT = 5  # grid intervals per sample interval, on which the front ends act
@@ -35,7 +36,7 @@ class PlannedRun:
 
 
 def planned_campaign(
-    name: str, machine: Rig, uncertain: Mapping[str, float], channels: Mapping[str, Channel],
+    name: str, machine: Rig, uncertain: Mapping[str, Spread | float], channels: Mapping[str, Channel],
     runs: Sequence[PlannedRun], interval: float,
 ) -> Campaign:  # fmt: skip
     """A campaign whose runs have time stamps but no signals yet.
@@ -43,7 +44,7 @@ def planned_campaign(
     Args:
         name: name of the campaign.
         machine: the engineer's model.
-        uncertain: relative standard deviations by parameter.
+        uncertain: how well parameters are known, by name; a number is a relative standard deviation.
         channels: the signals to be measured.
         runs: the runs to be made.
         interval: sample interval [s].
@@ -58,24 +59,21 @@ def planned_campaign(
 
 
 def draw_parameters(campaign: Campaign, machine: Rig, rng: np.random.Generator) -> Rig:
-    """Draw the uncertain parameters of a machine: known · exp(σ n), n standard normal, clipped to ±2.
+    """Draw the uncertain parameters of a machine from their priors, clipped to ±2 standard deviations.
 
     Friction at break-away, for example, is at least that while sliding: a value drawn below such a limit takes it.
 
     Args:
-        campaign: gives the relative standard deviations σ.
+        campaign: says how well they are known.
         machine: gives the known values.
         rng: the random generator.
 
     Returns:
         The machine with the drawn values.
     """
-    spreads = campaign.uncertain_in(machine)
-    n = np.clip(rng.standard_normal(len(spreads)), -MAX_DEVIATION, MAX_DEVIATION)
-    values = {
-        name: float(get_parameter(machine, name)) * float(np.exp(spread * deviation))
-        for (name, spread), deviation in zip(spreads.items(), n, strict=True)
-    }
+    unknowns = [u for u in uncertain_unknowns(campaign, machine) if not u.run]
+    n = np.clip(rng.standard_normal(len(unknowns)), -MAX_DEVIATION, MAX_DEVIATION)
+    values = {u.name: float(u.value(deviation)) for u, deviation in zip(unknowns, n, strict=True)}
     return set_parameters(machine, _in_order(machine, values))
 
 

@@ -16,7 +16,7 @@ from edhas_jax.diagnosis.chosen_effects import ChosenModel, fit_with_effects, sa
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
-from edhas_jax.measurements.campaign_reader import as_campaign
+from edhas_jax.measurements.campaign_reader import OF_RUNS, as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.tasks.result import Result, save_figure
 
@@ -90,15 +90,20 @@ class AddResult(Result):
     def save_model(self, path: Path | str) -> None:
         """Write the machine with all effects as a configuration.
 
+        What runs have of their own is written beside it, `model.runs.json` beside `model.yaml`.
+
         Raises:
             OSError: the file cannot be written.
         """
         save_model(self.models[-1], Path(path))
+        if own := self.models[-1].as_json()[OF_RUNS]:
+            write_json(Path(path).with_suffix(".runs.json"), {OF_RUNS: own})
 
     def write_files(self, folder: Path) -> Sequence[str]:
         """See `Result.write_files`."""
-        self.save_model(folder / CONFIG_FILE)
-        write_json(folder / DATA_FILE, {"models": [model.as_json() for model in self.models]})
+        save_model(self.models[-1], folder / CONFIG_FILE)
+        rows = [model.as_json() for model in self.models]
+        write_json(folder / DATA_FILE, {"models": rows, OF_RUNS: rows[-1][OF_RUNS]})
         save_figure(self.plot(), folder / FIGURE_FILE)
         return ()
 

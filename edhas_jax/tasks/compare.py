@@ -10,8 +10,8 @@ from edhas_jax.config.machine_config import Config, as_config
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Campaign
-from edhas_jax.measurements.campaign_reader import as_campaign
+from edhas_jax.measurements.campaign import Campaign, count_runs
+from edhas_jax.measurements.campaign_reader import as_campaign, with_values_of_runs
 from edhas_jax.measurements.comparison import Comparison
 from edhas_jax.measurements.comparison import compare as simulate_and_compare
 from edhas_jax.measurements.comparison_figures import draw_traces
@@ -45,7 +45,8 @@ class ComparisonResult(Result, Comparison):
         """See `Result.summary`."""
         found = sentences(self.patterns)
         numbered = [f"{number}. {sentence}" for number, sentence in enumerate(found, 1)]
-        title = f"{self.campaign.name}: model and measurements, {len(self.runs)} runs, {len(self.signals)} signals"
+        count = count_runs(compared.run for compared in self.runs)
+        title = f"{self.campaign.name}: model and measurements, {count} runs, {len(self.signals)} signals"
         nothing = ["The residuals hold nothing but the noise of the sensors."]
         return Summary(title, (self._residuals(), *(numbered or nothing)))
 
@@ -102,7 +103,8 @@ def compare(
 
     Args:
         campaign: a campaign or its folder.
-        machine: the model, a machine, a configuration or its file; None: the campaign's own.
+        machine: the model, a machine, a configuration or its file; None: the campaign's own. Beside the file of a
+            fitted model lies what the runs have of their own, which is used too.
         instruments: measurement chains that record the signals of the model.
         replay: the input that drives the model.
         trust: Python files of your own that may run if a file names them.
@@ -117,5 +119,7 @@ def compare(
     """
     model = None if machine is None else as_config(machine, trust).machine
     campaign = as_campaign(campaign, trust)
+    if isinstance(machine, Path | str):
+        campaign = with_values_of_runs(campaign, machine)
     found = simulate_and_compare(campaign, model, instruments, replay, on_progress)
     return with_methods(ComparisonResult, found)

@@ -153,7 +153,7 @@ def fit(
     report("residuals of all runs")
     fine = found.resolution.fine
     before = campaign_residuals(campaign, campaign.machine, Instruments(), fine)
-    after = campaign_residuals(campaign, found.machine, found.instruments, fine)
+    after = campaign_residuals(found.campaign, found.machine, found.instruments, fine)
     result = Calibration(found, None, (), before, after, time.perf_counter() - began)
     if keep is not None:
         keep(with_methods(FitResult, result))

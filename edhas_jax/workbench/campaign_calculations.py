@@ -17,7 +17,7 @@ from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.interface.slots import Rule
 from edhas_jax.measurements.campaign import Campaign, Severity
-from edhas_jax.measurements.campaign_reader import read_campaign
+from edhas_jax.measurements.campaign_reader import read_campaign, with_values_of_runs
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.data_summary import data_sentences
 from edhas_jax.measurements.checks.noise_measurement import noise_as_json
@@ -26,6 +26,7 @@ from edhas_jax.measurements.comparison_report import sentences
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_matrix import run_descriptions
 from edhas_jax.measurements.residual_patterns import Pattern, find_patterns
+from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 from edhas_jax.workbench.thinning import thinned
 from edhas_jax.workbench.workspace import RESULTS, TRIED, Workspace, WorkspaceError
 
@@ -65,7 +66,7 @@ class CampaignCalculations:
             "noise_table": noise_as_json(campaign),
             "runs": {run.name: {"use": run.use.value, "samples": len(run.time)} for run in campaign.runs},
             "conditions": run_descriptions(campaign),
-            "uncertain": list(campaign.uncertain),
+            "uncertain": [u.name for u in uncertain_unknowns(campaign)],
             "sentences": data_sentences(campaign),
             "remarks": [(r.severity.value, r.file.name, r.line, r.sentence) for r in remarks],
         }
@@ -223,6 +224,7 @@ class CampaignCalculations:
         key = model, replay, None if path is None else path.stat().st_mtime_ns
         if key not in self._comparisons:
             machine = None if path is None else read_config(path, trust=trust).machine
+            campaign = campaign if path is None else with_values_of_runs(campaign, path)
             comparison = compare(campaign, machine, replay=Replay(replay), on_progress=self._say)
             while len(self._comparisons) >= KEPT_COMPARISONS:
                 self._comparisons.pop(next(iter(self._comparisons)))

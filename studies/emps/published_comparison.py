@@ -28,13 +28,13 @@ from edhas_jax.diagnosis.calibration.fit import Fit, fit
 from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.parameters import find_parameter, get_parameter
-from edhas_jax.measurements.campaign import Campaign
+from edhas_jax.measurements.campaign import Campaign, Spread
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.unknown_parameters import (
     ParameterScale,
     UnknownParameter,
-    relative_unknown,
     uncertain_unknowns,
+    unknown_around,
 )
 
 EVALUATION_START = 0.1  # s; the record starts in motion, the model at rest
@@ -121,7 +121,7 @@ def fit_loop(campaign: Campaign, names: tuple[str, ...], gains: tuple[str, ...] 
         p, _ = find_parameter(machine, name)
         scale = ParameterScale.LINEAR if name in PRIOR_STD else ParameterScale.LOGARITHMIC
         unknowns.append(UnknownParameter(name, p.default, PRIOR_STD.get(name, PRIOR_LOG_STD), p.unit, p.span, scale))
-    unknowns += [relative_unknown(machine, name, GAIN_STD) for name in gains]
+    unknowns += [unknown_around(machine, name, Spread(GAIN_STD)) for name in gains]
     return fit(FitProblem(campaign, machine, tuple(unknowns)), starts=1)
 
 

@@ -19,7 +19,8 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.diagnosis.search.candidates import limit_to_prior_bound
 from edhas_jax.machine.rigs import PumpBench
-from edhas_jax.measurements.unknown_parameters import relative_unknown
+from edhas_jax.measurements.campaign import Spread
+from edhas_jax.measurements.unknown_parameters import unknown_around
 from edhas_jax.simulation.batch_trajectories import simulate_batch
 from studies.flow_drop.causes import SizedCause
 from studies.paper.readings import RUN_IN, STEP
@@ -68,8 +69,8 @@ class CauseModel:
     def __init__(self, base: PumpBench, sized: SizedCause):
         self.title, self.machine = sized.cause.title, sized.cause.machine(base)
         name = sized.cause.name
-        size = dataclasses.replace(relative_unknown(self.machine, name, SIZE_SPREAD), centre=sized.size)
-        known = [relative_unknown(self.machine, n, spread) for n, spread in UNCERTAIN.items() if n != name]
+        size = dataclasses.replace(unknown_around(self.machine, name, Spread(SIZE_SPREAD)), centre=sized.size)
+        known = [unknown_around(self.machine, n, Spread(spread)) for n, spread in UNCERTAIN.items() if n != name]
         self.unknowns = [limit_to_prior_bound(u) for u in (size, *known)]
 
     def read(self, x: np.ndarray, runs: Sequence[Run], derive: bool) -> Readings:

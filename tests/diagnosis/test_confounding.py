@@ -12,7 +12,8 @@ from edhas_jax.diagnosis.calibration.fit import fit
 from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.calibration.result import Calibration, save_calibration
 from edhas_jax.machine.effects import LugreFriction
-from edhas_jax.measurements.unknown_parameters import relative_unknown
+from edhas_jax.measurements.campaign import Spread
+from edhas_jax.measurements.unknown_parameters import unknown_around
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 
@@ -27,7 +28,7 @@ def campaign():
 
 
 def fitted(campaign, *names):
-    unknowns = tuple(relative_unknown(campaign.machine, name, 0.1) for name in names)
+    unknowns = tuple(unknown_around(campaign.machine, name, Spread(0.1)) for name in names)
     return fit(FitProblem(campaign, campaign.machine, unknowns), starts=1)
 
 

@@ -15,7 +15,7 @@ from edhas_jax.diagnosis.calibration.report import fit_report
 from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
 from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
 from edhas_jax.machine.parameters import ParameterError, get_parameter
-from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.campaign import Spread, Use
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
 from edhas_jax.measurements.residuals import rms_by_signal, rms_over_noise
@@ -24,8 +24,8 @@ from edhas_jax.measurements.time_resolution import choose_time_resolution
 from edhas_jax.measurements.unknown_parameters import (
     ParameterScale,
     UnknownParameter,
-    relative_unknown,
     uncertain_unknowns,
+    unknown_around,
 )
 from tests.support.synthetic_campaign import CONDITIONS, PER_SAMPLE, bench, empty_campaign, measured
 
@@ -82,7 +82,7 @@ def test_derivatives_of_the_signals_match_finite_differences(campaign):
 
 def test_an_uninformed_unknown_keeps_its_prior(campaign):
     problem = problem_of(campaign)
-    uninformed = relative_unknown(campaign.machine, "stop_stiffness", 0.2)
+    uninformed = unknown_around(campaign.machine, "stop_stiffness", Spread(0.2))
     result = fit(dataclasses.replace(problem, unknowns=(*problem.unknowns, uninformed)), starts=1)
     assert result.std[-1] == pytest.approx(1.0, abs=1e-6) and result.x[-1] == pytest.approx(0.0, abs=1e-6)
     assert Calibration(result, None, (), {}, {}, 0.0).unidentified() == ["stop_stiffness"]
@@ -100,7 +100,7 @@ def test_an_uncertain_condition_is_scaled_by_a_common_factor():
     conditions = tuple(given | {"coil_resistance": value} for given, value in zip(CONDITIONS, set_to, strict=True))
     campaign = empty_campaign(conditions=conditions)
     campaign = measured(campaign, edhas.change(bench(), coil_resistance=1.41 * 1.03))
-    factor = relative_unknown(campaign.machine, "coil_resistance", 0.02)
+    factor = unknown_around(campaign.machine, "coil_resistance", Spread(0.02))
     result = fit(FitProblem(campaign, campaign.machine, (factor,)), starts=1)
     low, high = result.interval("coil_resistance", 3.0)
     assert low < 1.41 * 1.03 < high and high - low < 0.02
@@ -108,14 +108,14 @@ def test_an_uncertain_condition_is_scaled_by_a_common_factor():
 
 def test_a_certain_condition_cannot_be_estimated(campaign):
     with pytest.raises(ParameterError, match="frequency: is set by the runs"):
-        fit(FitProblem(campaign, campaign.machine, (relative_unknown(campaign.machine, "frequency", 0.1),)))
+        fit(FitProblem(campaign, campaign.machine, (unknown_around(campaign.machine, "frequency", Spread(0.1)),)))
 
 
 def test_the_lag_of_a_sensor_is_estimated():
     chain = Instruments({"current": (SensorLag(lag_time=1.5e-3),)})
     campaign = measured(empty_campaign(), bench(), chain)
     unknowns = (
-        relative_unknown(campaign.machine, "coil_resistance", 0.02),
+        unknown_around(campaign.machine, "coil_resistance", Spread(0.02)),
         UnknownParameter("current.sensor_lag.lag_time", 3e-3, 1.0, "s", (1e-5, 0.05), has_prior=False),
     )
     guess = Instruments({"current": (SensorLag(lag_time=3e-3),)})
@@ -225,7 +225,7 @@ def write(campaign, folder):
     """The campaign as files."""
     folder.mkdir()
     lines = ["rig: actuator_bench", "reference: {kind: sine, ramp_time: 50 ms}", "uncertain:"]
-    lines += [f"  {n}: {spread}" for n, spread in campaign.uncertain.items()]
+    lines += [f"  {n}: {spread.size}" for n, spread in campaign.uncertain.items()]
     lines += ["signals:", "  voltage: {unit: V, noise: 0.02}", "  current: {unit: A, noise: 0.02}",
               "  piston_position: {unit: m, noise: 5e-6}", "runs:"]  # fmt: skip
     for run in campaign.runs:

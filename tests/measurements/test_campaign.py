@@ -11,7 +11,7 @@ from scipy.io import savemat
 import edhas_jax as edhas
 from edhas_jax.machine.components.controllers import CascadeController
 from edhas_jax.machine.parameters import set_parameters
-from edhas_jax.measurements.campaign import CampaignError, Severity, Use
+from edhas_jax.measurements.campaign import CampaignError, Severity, Spread, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from tests.support.faulty_campaign import VALID_CAMPAIGN, copy_campaign, modify_table, replace_in_yaml
 
@@ -36,7 +36,7 @@ def test_a_valid_campaign():
     assert [e.id for e in campaign.machine.effects] == ["lugre_friction", "piston_leakage", "entrained_air"]
     assert campaign.channels["outlet_pressure"].noise == pytest.approx(1500.0)
     assert campaign.channels["outlet_flow"].noise == pytest.approx(0.012 / 6e4)
-    assert campaign.uncertain["coil_resistance"] == 0.02
+    assert campaign.uncertain["coil_resistance"] == Spread(0.02)
     run = campaign.runs[0]
     assert run.conditions == {"frequency": 20.0, "amplitude": 3.5e-3, "load_orifice_area": pytest.approx(4.2e-6)}
     frame = pd.read_csv(VALID_CAMPAIGN / "run3.csv")
@@ -122,7 +122,7 @@ runs:
     at, rate = machine.reference.value_and_rate(0.1)
     assert at == pytest.approx(5e-3 * np.sin(0.6 * np.pi), rel=1e-4) and rate < 0.0
     # an uncertain parameter of an effect that the model lacks is kept for when the effect is added
-    assert campaign.uncertain_in(machine) == {"mover_mass": 0.1} and set(campaign.uncertain) == {
+    assert campaign.uncertain_in(machine) == {"mover_mass": Spread(0.1)} and set(campaign.uncertain) == {
         "mover_mass", "coulomb_friction"
     }  # fmt: skip
     assert [r.severity for r in campaign.remarks] == [Severity.NOTE]

@@ -57,7 +57,8 @@ def true_run(late, name="run", count=COUNT):
     found = MeasurementModel(campaign, plant, (), (run,), signals=names).predict_all_runs(np.zeros(0), 4)[0].values
     rng = np.random.default_rng(3)
     run = dataclasses.replace(run, signals={n: found[n] + 0.02 * rng.normal(size=count) for n in names})
-    return shifted(run, TWO_CLOCKS["load"], -late)
+    (run,) = shifted((run,), TWO_CLOCKS["load"], -late)
+    return run
 
 
 def campaign_with(*runs, clocks=TWO_CLOCKS):
@@ -70,13 +71,13 @@ def campaign_with(*runs, clocks=TWO_CLOCKS):
 @pytest.mark.parametrize("late", [0.35, -0.11])
 def test_a_late_clock_is_found_with_a_model_that_is_not_calibrated(late):
     run = true_run(late)
-    found = find_clock_shifts(campaign_with(run), run, 2)
+    found = find_clock_shifts(campaign_with(run), (run,), 2)
     assert found["load"] == pytest.approx(late, abs=0.02), "a part of a response time of the shaft, 0.17 s"
 
 
 def test_the_shift_moves_signals_and_drives_of_that_recorder_only():
     run = true_run(0.36)  # 18 samples: nothing is interpolated
-    back = shifted(run, TWO_CLOCKS["load"], 0.36)
+    (back,) = shifted((run,), TWO_CLOCKS["load"], 0.36)
     reference = true_run(0.0)
     inside = slice(18, -18)
     assert np.allclose(back.signals["speed"][inside], reference.signals["speed"][inside], rtol=0.0, atol=1e-12)
@@ -91,7 +92,7 @@ def test_checking_the_data_aligns_the_clocks_and_says_so():
     notes = [r for r in checked.remarks if "clock of load" in r.sentence]
     assert [str(r.file) for r in notes if "late in this run; corrected" in r.sentence][:1] == ["late.csv"]
     assert notes[0].severity is Severity.NOTE
-    delays = {run.name: find_clock_shifts(checked, run, 2).get("load", 0.0) for run in checked.runs}
+    delays = {run.name: find_clock_shifts(checked, (run,), 2).get("load", 0.0) for run in checked.runs}
     assert max(map(abs, delays.values())) < 0.01, "nothing is left to align"
     without = campaign_with(*runs, clocks={})
     assert with_aligned_clocks(without, 2) is without

@@ -131,7 +131,7 @@ def assumed_parameters(fit: Fit, on_progress: Callable[[str], None] | None = Non
         `MIN_SHIFT_OVER_ERROR` standard errors; the largest shift first, at most `MAX_LISTED`.
     """
     campaign, machine, unknowns = fit.problem.campaign, fit.machine, fit.problem.unknowns
-    runs = fit.problem.model().runs
+    runs = fit.runs
     steps = fit.resolution.coarse
     skipped = {u.name for u in unknowns} | {name for run in runs for name in run.conditions}
 

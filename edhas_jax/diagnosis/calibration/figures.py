@@ -103,7 +103,7 @@ def _annotated_matrix(
     axes.imshow(values, cmap="RdBu_r", vmin=-limit, vmax=limit, aspect="auto")
     for (row, column), value in np.ndenumerate(values):
         strong = abs(value) > 0.6 * limit
-        text = number.format(value).replace("-0.00", "0.00")
+        text = number.format(value).replace("-0.00", "0.00") if np.isfinite(value) else ""
         axes.text(column, row, text, ha="center", va="center", fontsize=8, color="white" if strong else INK)
     turned = max(map(len, columns)) > 8
     axes.set_xticks(range(len(columns)), [figure_text(c.replace("_", " ")) for c in columns], fontsize=8, color=INK,

@@ -1,6 +1,7 @@
 """Maximum a posteriori estimation of unknown parameters from all runs of a campaign, with several starts."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -11,13 +12,16 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem, ga
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.diagnosis.calibration.starts import sample_starts
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
+from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
+from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel, PredictedSignals
 from edhas_jax.measurements.residuals import normalised_residuals
 from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
+from edhas_jax.measurements.unknown_parameters import own_unknowns
 
 CORRECTION_REFINEMENT = 4  # steps of the final corrections per fine step
 MAX_CORRECTIONS = 2
@@ -75,10 +79,10 @@ class Fit:
         return {u.name: float(u.derivative(x) * std) for u, x, std in rows}
 
     def interval(self, name: str, sigmas: float = 1.96) -> tuple[float, float]:
-        """Confidence interval (SI) of an unknown: `sigmas` standard errors to either side, symmetric in coordinates."""
+        """Confidence interval (SI) of an unknown: `sigmas` standard errors to either side, within its span."""
         k = [u.name for u in self.problem.unknowns].index(name)
         u, half = self.problem.unknowns[k], sigmas * self.std[k]
-        return float(u.value(self.x[k] - half)), float(u.value(self.x[k] + half))
+        return tuple(float(np.clip(u.value(self.x[k] + side), *u.span)) for side in (-half, half))
 
     @property
     def prior_distances(self) -> np.ndarray:
@@ -93,8 +97,55 @@ class Fit:
     @property
     def machine(self) -> Rig:
         """The machine with the estimated parameters, without the conditions of any run."""
-        parameters = {n: v for n, v in self.values.items() if self.problem.instruments.find(n) is None}
+        common, values = [u.name for u in self.problem.unknowns if not u.run], self.values
+        parameters = {n: values[n] for n in common if self.problem.instruments.find(n) is None}
         return set_parameters(self.problem.machine, parameters)
+
+    @property
+    def campaign(self) -> Campaign:
+        """The campaign with the estimates of what each run has of its own as conditions of that run."""
+        campaign = self.problem.campaign
+        runs = self._with_own_values(campaign.runs)
+        return campaign if runs is campaign.runs else dataclasses.replace(campaign, runs=runs)
+
+    @property
+    def runs(self) -> tuple[BenchRun, ...]:
+        """The fitted runs, each with the estimates of what it has of its own among its conditions."""
+        return self._with_own_values(self.problem.model().runs)
+
+    def _with_own_values(self, runs: tuple[BenchRun, ...]) -> tuple[BenchRun, ...]:
+        if not any(run.uncertain for run in runs):
+            return runs
+        own: dict[str, dict[str, float]] = {}
+        for fit in (self, self.of_other_runs):
+            for u in (u for u in (() if fit is None else fit.problem.unknowns) if u.run):
+                own.setdefault(u.run, {})[u.parameter] = fit.values[u.name]
+        return tuple(dataclasses.replace(r, conditions=r.conditions | own.get(r.whole, {})) for r in runs)
+
+    @functools.cached_property
+    def of_other_runs(self) -> "Fit | None":
+        """What each run that was not fitted has of its own, estimated from its samples; None where that is nothing.
+
+        All other unknowns are held at this fit.
+        """
+        fitted = {run.whole for run in self.problem.model().runs}
+        runs = tuple(run for run in self.problem.campaign.runs if run.whole not in fitted and run.uncertain)
+        unknowns = own_unknowns(self.problem.campaign, runs)
+        if not unknowns:
+            return None
+        of_runs = tuple(d for d in self.problem.bench.of_runs if d.kind is not DeviationKind.SETTING)
+        problem = dataclasses.replace(
+            self.problem, machine=self.machine, instruments=self.instruments, unknowns=unknowns, runs=runs,
+            bench=dataclasses.replace(self.problem.bench, of_runs=of_runs),
+        )  # fmt: skip
+        steps, low_high = self.resolution.fine, np.array([u.bounds() for u in unknowns]).T
+        found = levenberg_marquardt(_evaluator(problem, steps), np.zeros((1, len(unknowns))), *low_high)
+        (outcomes,) = problem.predict(found.x, steps, with_sensitivities=True)
+        covariance = regularised_inverse(found.model.curvature[0])
+        cost, converged = float(found.model.cost[0]), bool(found.converged[0])
+        return Fit(
+            problem, found.x[0], found.x[0], covariance, cost, outcomes, self.resolution, converged, np.zeros(0)
+        )  # fmt: skip
 
     @property
     def instruments(self) -> Instruments:

@@ -49,7 +49,7 @@ def order_constraints(machine: Rig, unknowns: Sequence[UnknownParameter]) -> Lin
     index: dict[tuple[str, str], int] = {}
     for k, u in enumerate(unknowns):
         try:
-            p, path = find_parameter(machine, u.name)
+            p, path = find_parameter(machine, u.name)  # the own value of a single run is not constrained
         except ParameterError:
             continue
         index[path, p.name] = k

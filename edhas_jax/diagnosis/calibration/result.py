@@ -18,7 +18,8 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.uncertainty import Drift, ProfileLikelihood
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Campaign, Use
+from edhas_jax.measurements.campaign import Campaign, Use, spread_entry
+from edhas_jax.measurements.campaign_reader import OF_RUNS
 from edhas_jax.measurements.checks.data_summary import data_as_json, data_sentences
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel, PredictedSignals
@@ -29,6 +30,7 @@ UNIDENTIFIED_STD = 0.8  # share of the prior's standard deviation above which th
 CONFOUNDED_CORRELATION = 0.95  # correlation above which two unknowns cannot be separated
 IMPLAUSIBLE_DISTANCE = 2.5  # distance from the prior mean, in prior standard deviations
 DRIFT_SCORE = 3.5  # score of a run's own estimate that chance rarely reaches among some hundred
+MAX_LISTED_RUNS = 4  # in a sentence on drift, those furthest from the common value
 NOT_CONVERGED = "The fit has not converged: the values are those of its last step."
 CONFIG_FILE, RESULT_FILE = "config.yaml", "fit.json"
 
@@ -84,9 +86,12 @@ class Calibration:
         """The unknowns whose estimates differ from run to run, the largest difference first."""
         if self.drift is None or not self.drift.runs:
             return []
-        worst = np.abs(self.drift.score).max(axis=0)
-        order = [int(k) for k in np.argsort(-worst) if worst[k] > DRIFT_SCORE]
-        return [self.fit.problem.unknowns[k].name for k in order]
+        drift = self.drift
+        worst = np.nan_to_num(np.abs(drift.score)).max(axis=0)
+        # where all runs agree with each other but not with the common value, that is wrong because of another unknown
+        apart = np.abs(drift.x[:, None] - drift.x) / np.sqrt(np.square(drift.std[:, None]) + np.square(drift.std))
+        worst = np.minimum(worst, np.nan_to_num(apart).max(axis=(0, 1)))
+        return [self.fit.problem.unknowns[k].name for k in np.argsort(-worst) if worst[k] > DRIFT_SCORE]
 
     def findings(self) -> list[str]:
         """Conclusions on the fit as sentences, the most important first."""
@@ -99,6 +104,7 @@ class Calibration:
         if not self.fit.converged:
             sentences.append(NOT_CONVERGED)
         sentences.append(f"Residual over noise on the {runs}: {overall:.2f}; {signal}.")
+        sentences += own_values_sentences(self.fit)
         if (larger := model_error_sentence(rms[Use.FIT.value]["overall"])) is not None:
             sentences.append(larger)
         if implausible := self.implausible():
@@ -123,16 +129,45 @@ class Calibration:
 
     def _drift_sentence(self, name: str) -> str:
         k = [u.name for u in self.fit.problem.unknowns].index(name)
-        u, drift = self.fit.problem.unknowns[k], self.drift
-        low, high = int(np.argmin(drift.score[:, k])), int(np.argmax(drift.score[:, k]))
-        first, last = (
-            f"{format_quantity(float(u.value(drift.x[r, k])), u.unit)} in {drift.runs[r]}" for r in (low, high)
+        u, drift, values = self.fit.problem.unknowns[k], self.drift, self.values_of_runs()[name]
+        scores = np.nan_to_num(np.abs(drift.score[:, k]))
+        worst = sorted(r for r in np.argsort(-scores)[:MAX_LISTED_RUNS] if scores[r] > DRIFT_SCORE)
+        listed = ", ".join(f"{format_quantity(values[drift.runs[r]], u.unit)} in {drift.runs[r]}" for r in worst)
+        sentence = (
+            f"{name} drifts from run to run when each is fitted alone: {listed} "
+            f"({scores.max():.0f} standard deviations from the common value): a sign of missing physics"
         )
-        score = np.abs(drift.score[:, k]).max()
-        return (
-            f"{name} drifts from run to run when each is fitted alone: {first}, {last} "
-            f"({score:.0f} standard deviations from the common value): a sign of missing physics."
-        )
+        spread = self.fit.problem.campaign.uncertain.get(name)
+        if spread is None:
+            return f"{sentence}."
+        remedy = f"{name}: {{{spread_entry(spread, u.unit)}, per: run}}"
+        return f"{sentence}, or each run has a value of its own; then write `{remedy}` under `uncertain`."
+
+    def values_of_runs(self) -> dict[str, dict[str, float]]:
+        """By unknown, its values (SI) in the runs that were fitted alone and in which it acts."""
+        model, drift = self.fit.problem.model(), self.drift
+        places = {run.whole: r for r, run in enumerate(model.runs)}
+        of_chain = [self.fit.problem.instruments.find(u.name) is not None for u in model.unknowns]
+        return {
+            u.name: {
+                run: float(u.value(x)) if of_chain[k] else model.run_value(places[run], u, x)
+                for run, x in zip(drift.runs, drift.x[:, k], strict=True)
+                if np.isfinite(x)
+            }
+            for k, u in enumerate(model.unknowns)
+        }
+
+
+def own_values_sentences(fit: Fit) -> list[str]:
+    """That held-out runs have told the values that they have of their own themselves; empty where none has any."""
+    if fit.of_other_runs is None:
+        return []
+    listed = ", ".join(
+        f"{u.name} {format_quantity(fit.of_other_runs.values[u.name], u.unit)}"
+        for u in fit.of_other_runs.problem.unknowns[:MAX_LISTED_RUNS]
+    )
+    more = ", …" if len(fit.of_other_runs.problem.unknowns) > MAX_LISTED_RUNS else ""
+    return [f"What held-out runs have of their own is estimated from their own samples, all else held: {listed}{more}."]
 
 
 def campaign_residuals(
@@ -191,6 +226,16 @@ def estimates_as_json(fit: Fit) -> dict[str, dict]:
     return {n: {"value": v, "std": fit.standard_errors[n], "unit": units[n]} for n, v in fit.values.items()}
 
 
+def values_of_runs_as_json(fit: Fit) -> dict[str, dict[str, dict]]:
+    """What each run has of its own, by run and parameter; of a held-out run estimated from its samples."""
+    found: dict[str, dict[str, dict]] = {}
+    for part in (fit, fit.of_other_runs):
+        estimates = {} if part is None else estimates_as_json(part)
+        for u in (u for u in (() if part is None else part.problem.unknowns) if u.run):
+            found.setdefault(u.run, {})[u.parameter] = estimates[u.name]
+    return found
+
+
 def calibration_as_json(calibration: Calibration) -> dict:
     """The content of `fit.json`: estimates and standard errors in SI, diagnostics, findings."""
     fit = calibration.fit
@@ -199,6 +244,7 @@ def calibration_as_json(calibration: Calibration) -> dict:
         "campaign": fit.problem.campaign.name,
         "data": data_as_json(fit.problem.campaign),
         "calibrated": estimates_as_json(fit),
+        OF_RUNS: values_of_runs_as_json(fit),
         "error": calibration.rms_residuals(),
         "converged": fit.converged,
         "half_chi_square": fit.cost,
@@ -218,11 +264,7 @@ def calibration_as_json(calibration: Calibration) -> dict:
         "seconds": calibration.seconds,
     }
     if calibration.drift is not None:
-        drift = calibration.drift
-        out["each_run"] = {
-            name: {run: float(u.value(x)) for run, x in zip(drift.runs, drift.x[:, k], strict=True)}
-            for k, (name, u) in enumerate(zip(names, fit.problem.unknowns, strict=True))
-        }
+        out["each_run"] = calibration.values_of_runs()
     out["profile"] = {
         p.name: {"values": p.values.tolist(), "rise": p.chi2_increase.tolist(), "interval_95": p.interval()}
         for p in calibration.profiles

@@ -5,8 +5,9 @@ sensitivities S, a step d to a point where the signals have changed by Δy gives
 
     S + (Δy − S d) dᵀ/(dᵀd)
 
-which are right along the step and unchanged across it. The sums of squares there follow from the old products of the
-columns and two more of them. The columns of the bench deviations stay as they are until derivatives are computed again.
+which are right along the step and unchanged across it. d holds the steps of the unknowns that act in a run. The sums
+of squares there follow from the old products of the columns and two more of them. The columns of the bench deviations
+stay as they are until derivatives are computed again.
 
 Source: Broyden, Math. Comp. 19 (1965) 577; for least squares Dennis, Schnabel, Numerical Methods for Unconstrained
 Optimization (1983), ch. 8.
@@ -43,7 +44,7 @@ class _Step:
     x: np.ndarray
     residuals: list[np.ndarray]
     corrections: list[np.ndarray]
-    direction: np.ndarray
+    directions: list[np.ndarray]
     grams: list[np.ndarray]
 
 
@@ -119,10 +120,11 @@ class SecantModel:
 
     def _step(self, state: _Start, x: np.ndarray, predicted: Sequence[PredictedSignals]) -> _Step:
         moved = x - state.x
-        direction = moved / max(float(moved @ moved), np.finfo(float).tiny)
         unknowns = slice(self._own, self._own + self._count)
-        residuals, corrections, grams = [], [], []
-        for run, outcome, known in zip(self._runs, predicted, state.runs, strict=True):
+        residuals, corrections, directions, grams = [], [], [], []
+        for r, (run, outcome, known) in enumerate(zip(self._runs, predicted, state.runs, strict=True)):
+            acting = moved * self._problem.model().acting(r)
+            direction = acting / max(float(acting @ acting), np.finfo(float).tiny)
             rows = self._residuals(run, outcome)
             residual = np.concatenate([rows[n][valid] for n, valid in known.valid.items()])
             change = residual - known.columns[:, -1]
@@ -134,13 +136,14 @@ class SecantModel:
             grams.append(known.gram + cross + cross.T + place @ (added.T @ added) @ place.T)
             residuals.append(residual)
             corrections.append(correction)
-        return _Step(np.array(x), residuals, corrections, direction, grams)
+            directions.append(direction)
+        return _Step(np.array(x), residuals, corrections, directions, grams)
 
     def _go_to_step(self, state: _Start) -> None:
         step, unknowns = state.step, slice(self._own, self._own + self._count)
-        parts = zip(state.runs, step.residuals, step.corrections, step.grams, strict=True)
-        for known, residual, correction, gram in parts:
-            known.columns[:, unknowns] += correction[:, None] * step.direction
+        parts = zip(state.runs, step.residuals, step.corrections, step.directions, step.grams, strict=True)
+        for known, residual, correction, direction, gram in parts:
+            known.columns[:, unknowns] += correction[:, None] * direction
             known.columns[:, -1], known.gram = residual, gram
         state.x, state.outcomes, state.step = step.x, None, None
 

@@ -27,6 +27,8 @@ class Drift:
         std: their standard errors in coordinates, shape (runs, n).
         score: distance from the common estimate in standard deviations of that distance, shape (runs, n). Of the order
             of 1 for a correct model; large where a parameter compensates for physics that the model lacks.
+
+    All are NaN for an unknown that does not act in a run.
     """
 
     runs: tuple[str, ...]
@@ -61,7 +63,7 @@ class ProfileLikelihood:
 
 
 def fit_each_run(fit: Fit, on_progress: Callable[[str], None] | None = None) -> Drift:
-    """Fit each run alone, starting from the common estimate; all runs in one batch.
+    """Fit each run alone, all its parts together, starting from the common estimate; all runs in one batch.
 
     A run's estimate and the common one share data and prior, and the common one is the efficient one of the two, so
     that var(x_run − x) = var(x_run) − var(x).
@@ -76,10 +78,13 @@ def fit_each_run(fit: Fit, on_progress: Callable[[str], None] | None = None) -> 
     Source: Hausman, Econometrica 46 (1978) 1251, for the variance of the difference.
     """
     model = fit.problem.model()
-    count, n = len(model.runs), len(model.unknowns)
+    parts: dict[str, list[int]] = {}
+    for r, run in enumerate(model.runs):
+        parts.setdefault(run.whole, []).append(r)
+    wholes, count, n = list(parts), len(parts), len(model.unknowns)
 
     def evaluate(x, runs):
-        cases = [EvaluationPoint(row, (int(r),)) for row, r in zip(x, runs, strict=True)]
+        cases = [EvaluationPoint(row, tuple(parts[wholes[int(r)]])) for row, r in zip(x, runs, strict=True)]
         return gauss_newton_model(fit.problem, cases, fit.resolution.fine)
 
     low, high = np.array([u.bounds() for u in model.unknowns]).T
@@ -93,8 +98,10 @@ def fit_each_run(fit: Fit, on_progress: Callable[[str], None] | None = None) -> 
     variance = np.einsum("rkk->rk", covariance)
     difference_variance = np.maximum(variance - np.diag(fit.covariance), MIN_DIFFERENCE_VARIANCE * variance)
     score = (found.x[fitted] - fit.uncorrected) / np.sqrt(difference_variance)
-    names = tuple(run.name for run, is_fitted in zip(model.runs, fitted, strict=True) if is_fitted)
-    return Drift(names, found.x[fitted], np.sqrt(variance), score)
+    names = tuple(name for name, is_fitted in zip(wholes, fitted, strict=True) if is_fitted)
+    acting = np.array([model.acting(parts[name][0]) for name in names]).reshape(-1, n)
+    rows = (np.where(acting, values, np.nan) for values in (found.x[fitted], np.sqrt(variance), score))
+    return Drift(names, *rows)
 
 
 def profile_likelihood(fit: Fit, name: str, on_progress: Callable[[str], None] | None = None) -> ProfileLikelihood:

@@ -67,12 +67,11 @@ def added_slopes(fit: Fit, terms: Sequence[AddedTerm]) -> list[Columns]:
     Returns:
         For each term, by fitted run and signal (samples, n), in the unit of the signal per unit coordinate.
     """
-    base = fit.problem.model()
     machine = structs.replace(fit.machine, effects=(*fit.machine.effects, *(term.effect for term in terms)))
     unknowns = tuple(u for term in terms for u in term.unknowns)
-    model = MeasurementModel(base.campaign, machine, unknowns, base.runs, fit.instruments)
+    model = MeasurementModel(fit.problem.campaign, machine, unknowns, fit.runs, fit.instruments)
     found = model.predict_all_runs(np.zeros(len(unknowns)), fit.resolution.coarse, with_sensitivities=True)
-    slopes, out, first = [found[r].sensitivities for r in range(len(base.runs))], [], 0
+    slopes, out, first = [found[r].sensitivities for r in range(len(model.runs))], [], 0
     for term in terms:
         own = slice(first, first + len(term.unknowns))
         out.append(tuple({n: values[:, own] for n, values in run.items()} for run in slopes))

@@ -86,9 +86,10 @@ def law_samples(fit: Fit, places: Sequence[LawPlace], effect: str | None = None)
 def samples_at_slots(fit: Fit, places: Sequence[LawPlace], effect: str | None = None) -> dict[str, LawSamples]:
     """The same for places at several slots, recorded together, by slot; the effect is one at the slot of the first."""
     names = tuple(dict.fromkeys((place.slot, name) for place in places for name in (place.variable, *place.factors)))
+    if not names:  # a machine without slots
+        return {}
     observer = _Probe(names, effect)
-    runs = fit.problem.model().runs
-    by_run = [along_runs(fit.problem.campaign, fit.machine, [run], fit.resolution.coarse, observer) for run in runs]
+    by_run = [along_runs(fit.campaign, fit.machine, [run], fit.resolution.coarse, observer) for run in fit.runs]
     columns: dict[str, list[np.ndarray]] = {}
     for key, values in (item for found in by_run for item in found.items()):
         columns.setdefault(key.rpartition(".")[0], []).append(values)

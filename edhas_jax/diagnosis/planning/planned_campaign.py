@@ -13,6 +13,7 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, CampaignDescription, read_description
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.run_reader import RunEntry
 
 APERIODIC_DURATION = 0.6  # s, of a run whose set point is not periodic
 MIN_SAMPLES, MAX_SAMPLES = 100, 200_000  # of a run
@@ -34,11 +35,11 @@ class PlannedCampaignDescription(CampaignDescription):
                 f"{self.folder / CAMPAIGN_FILE}: `{drive}: {source.column}` is recorded with the runs, "
                 f"so they cannot be planned before they are made; {instead} instead"
             )
-        return tuple(self._planned_run(*row, rate) for row in self.run_entries)
+        return tuple(self._planned_run(entry, rate) for entry in self.run_entries)
 
-    def _planned_run(self, name, file, use, conditions, timing, layout, rate: float) -> BenchRun:
-        duration = periodic_duration(self.machine, conditions) or APERIODIC_DURATION
-        low, high = timing.window
+    def _planned_run(self, entry: RunEntry, rate: float) -> BenchRun:
+        duration, file = periodic_duration(self.machine, entry.conditions) or APERIODIC_DURATION, entry.file
+        low, high = entry.timing.window
         duration = high if math.isfinite(high) else max(duration, low + duration)
         if duration * rate < MIN_SAMPLES:
             raise CampaignError(f"{file}: has {duration * rate:.0f} samples at {format_quantity(rate, 'Hz')}, at least "
@@ -48,7 +49,8 @@ class PlannedCampaignDescription(CampaignDescription):
             raise CampaignError(f"{file}: has {count}, at most {MAX_SAMPLES:,} can be planned; lower the sampling rate")
         time = np.arange(round(duration * rate) + 1) / rate
         time = time[time >= low - 0.5 / rate]
-        return BenchRun(name, file, use, conditions, time, {}, np.arange(len(time)) + 2)
+        lines = np.arange(len(time)) + 2
+        return BenchRun(entry.name, file, entry.use, entry.conditions, time, {}, lines, uncertain=entry.uncertain)
 
 
 def read_planned_campaign(
@@ -75,14 +77,14 @@ def read_planned_campaign(
     file = path / CAMPAIGN_FILE if path.is_dir() else path
     description, _ = read_description(file, PlannedCampaignDescription, trust)
     own_drives = description.recorded and description.rig.is_own
-    if own_drives and all(entry.file.exists() for entry in description.run_entries):
+    if own_drives and all(file.path.exists() for entry in description.run_entries for file in entry.files):
         return read_campaign(path, trust, planned=True)
     planned = description.planned_runs(rate)
-    measured, remarks = {}, ()
+    measured, remarks = (), ()
     if all(run.file.exists() for run in planned):
         campaign = read_campaign(path, trust)
-        measured, remarks = {run.name: run for run in campaign.runs}, campaign.remarks
-    runs = tuple(measured.get(run.name, run) for run in planned)
+        measured, remarks = campaign.runs, campaign.remarks
+    runs = tuple(r for run in planned for r in [m for m in measured if m.whole == run.name] or [run])
     return Campaign(
         description.name, file.parent, description.machine, description.uncertain, description.channels, runs, remarks,
         stated_accuracy=description.accuracy,

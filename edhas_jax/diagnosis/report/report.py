@@ -27,7 +27,7 @@ from edhas_jax.diagnosis.search.law_deviation import deviation_of
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.rig_base import Rig
-from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.campaign import Use, count_runs
 from edhas_jax.measurements.checks.data_summary import data_sentences
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
@@ -86,7 +86,7 @@ def diagnosis_report(
         STYLE,
         html_page.heading(f"{campaign.name}: diagnosis", 1),
         html_page.paragraph(
-            f"{campaign.machine.name}; {len(campaign.runs_for(Use.FIT))} runs fitted, "
+            f"{campaign.machine.name}; {count_runs(campaign.runs_for(Use.FIT))} runs fitted, "
             f"{len(campaign.runs_for(Use.HOLDOUT))} held out; {len(diagnosis.ranked_candidates())} candidates; "
             f"{diagnosis.seconds:.0f} s."
         ),

@@ -10,7 +10,7 @@ from edhas_jax.core.literal_text import file_name
 from edhas_jax.diagnosis.calibration.confounding import confounding_as_json, weak_combinations
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
-from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json
+from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json, values_of_runs_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.conclusions import Outcome, fit_of_parameters, model_with, outcome
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
@@ -19,6 +19,7 @@ from edhas_jax.diagnosis.search.memory_term import TIMES
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.campaign_reader import OF_RUNS
 from edhas_jax.measurements.checks.data_summary import data_as_json
 from edhas_jax.measurements.residuals import rms_by_signal
 
@@ -60,7 +61,7 @@ def as_json(
 ) -> dict[str, Any]:
     """The diagnosis as plain data, values in SI; schema in docs/diagnosis.md."""
     final = diagnosis.final
-    uncertain = [u.name for u in final.problem.unknowns if "." not in u.name]
+    uncertain = {u.name for u in diagnosis.calibrated.fit.problem.unknowns}
     return {
         "version": VERSION,
         "campaign": diagnosis.campaign.name,
@@ -84,6 +85,7 @@ def as_json(
         "where": [{"slot": name, "probability": p} for name, p in diagnosis.location_probabilities().items()],
         "form": _form_data(diagnosis),
         "calibrated": {n: v for n, v in estimates_as_json(final).items() if n in uncertain},
+        OF_RUNS: values_of_runs_as_json(final),
         **confounding_as_json(weak_combinations(final), diagnosis.assumed),
         "error": diagnosis.errors(),
         "next_experiment": next_experiment,

@@ -47,7 +47,7 @@ def estimate_sensor_error(fitted: Fit, candidate: Candidate) -> SensorError:
     signal, base = candidate.signal, fitted.problem.model()
     chain = tuple(link for link in fitted.instruments.chains[signal] if not isinstance(link, candidate.kind))
     instruments = Instruments({**fitted.instruments.chains, signal: chain})
-    model = MeasurementModel(base.campaign, fitted.machine, (), base.runs, instruments)
+    model = MeasurementModel(base.campaign, fitted.machine, (), fitted.runs, instruments)
     found = model.predict_all_runs(np.zeros(0), fitted.resolution.fine)
     over_rate = candidate.kind not in (SensorGain, SensorOffset)
     rows = []

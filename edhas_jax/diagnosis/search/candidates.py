@@ -21,7 +21,7 @@ from edhas_jax.machine.rig_base import KindOfMachine, Rig
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.sensor_models import SensorDelay, SensorGain, SensorLag, SensorModel, SensorOffset
-from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter, relative_unknown
+from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter, uncertain_unknowns, with_prior
 
 SENSOR_FAULTS: tuple[type[SensorModel], ...] = (SensorLag, SensorDelay, SensorGain, SensorOffset)
 SENSOR_LOCATION = "sensor"
@@ -104,7 +104,7 @@ class Candidate:
         for p in self.free_parameters():
             name = self.prefix + p.name
             if self.signal is None and p.name in campaign.uncertain:
-                u = UnknownParameter(name, p.default, campaign.uncertain[p.name], p.unit, p.span)
+                u = with_prior(p, name, p.default, campaign.uncertain[p.name])
             elif p.plausible is None:
                 measured = [run.signals[self.signal] for run in campaign.runs if self.signal in run.signals]
                 spread = OFFSET_STD_SHARE * float(np.ptp(np.concatenate([v[np.isfinite(v)] for v in measured])))
@@ -194,11 +194,7 @@ def build_problem(
     of_effects = {
         u.name.removeprefix(c.prefix) for c in accepted if c.signal is None for u in c.unknowns(campaign)
     }
-    uncertain = [
-        limit_to_prior_bound(relative_unknown(machine, name, spread))
-        for name, spread in campaign.uncertain_in(machine).items()
-        if name not in of_effects
-    ]
+    uncertain = [limit_to_prior_bound(u) for u in uncertain_unknowns(campaign, machine) if u.name not in of_effects]
     unknowns = (*uncertain, *own)
     bench = bench_deviations(campaign, unknowns)
     return FitProblem(

@@ -24,7 +24,7 @@ from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.design.sweep.identity import effect_code, versions
 from edhas_jax.diagnosis.search.stage_encoding import StageDecoder, StageEncoder
 from edhas_jax.machine.effects import Effect
-from edhas_jax.measurements.campaign import Campaign
+from edhas_jax.measurements.campaign import Campaign, Spread
 from edhas_jax.simulation.run import Simulation
 
 CHECKPOINT_FOLDER = "unfinished"  # within the output folder
@@ -147,9 +147,12 @@ def diagnosis_identity(
     """
     machine = [dump_config(campaign.machine, Simulation()), *sorted(effect_code(campaign.machine).items())]
     description = [
-        campaign.name, sorted(campaign.uncertain.items()),
+        campaign.name, _plain_spreads(campaign.uncertain),
         [(name, channel.unit, channel.noise) for name, channel in campaign.channels.items()],
-        [(run.name, run.use.value, sorted(run.conditions.items())) for run in campaign.runs],
+        [
+            (run.name, run.use.value, sorted(run.conditions.items()), _plain_spreads(run.uncertain))
+            for run in campaign.runs
+        ],
     ]  # fmt: skip
     samples = hashlib.sha256()
     for run in campaign.runs:
@@ -173,6 +176,10 @@ def diagnosis_identity(
 def program_versions() -> dict[str, str]:
     """The versions that determine the result of a diagnosis, with a hash of the code that it runs."""
     return versions() | {"diagnosis code": runtime.code_hash(CODE_PACKAGES)[:12]}
+
+
+def _plain_spreads(spreads: Mapping[str, Spread]) -> list[tuple[str, float, bool]]:
+    return [(name, spread.size, spread.is_absolute) for name, spread in sorted(spreads.items())]
 
 
 def _hash(value: Any) -> str:

@@ -211,6 +211,8 @@ def evaluate_fit(fitted: Fit) -> EvaluatedFit:
     predicted = dict(zip((run.name for run in fitted_runs), fitted.outcomes, strict=True))
     others = tuple(run for run in campaign.runs if run.name not in predicted)
     if others:
+        own = {run.name: run for run in fitted.campaign.runs}
+        others = tuple(own[run.name] for run in others)
         found = dataclasses.replace(problem, runs=others).model().predict_all_runs(
             fitted.x, fitted.resolution.coarse, with_sensitivities=True
         )  # fmt: skip

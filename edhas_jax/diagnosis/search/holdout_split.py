@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Use, count_runs
 
 FITTED_SHARE = 2.0 / 3.0  # of the measured samples of a run, its first part
 FITTED_NAME, HELD_OUT_NAME = ", first part", ", last part"  # added to the name of the run
@@ -34,7 +34,7 @@ def split_for_holdout(campaign: Campaign) -> HoldoutSplit:
     if len(runs) == len(campaign.runs):
         return HoldoutSplit(campaign, "")
     ends = [f"{run.name} at {format_quantity(float(run.time[0]), 's')}" for run in runs if run.use is Use.HOLDOUT]
-    divided = "The run was divided" if len(campaign.runs) == 1 else "Each run was divided"
+    divided = "The run was divided" if count_runs(campaign.runs) == 1 else "Each run was divided"
     sentence = (
         f"No run of the campaign is held out. {divided} by time: its first two thirds are fitted, the rest is held out "
         f"({', '.join(end.replace(HELD_OUT_NAME, '') for end in ends)}). A run of its own with `use: holdout` is a "
@@ -53,7 +53,7 @@ def _parts(run: BenchRun) -> list[BenchRun]:
     parts = (Use.FIT, slice(None, cut), FITTED_NAME), (Use.HOLDOUT, slice(cut, None), HELD_OUT_NAME)
     return [
         dataclasses.replace(
-            run, name=run.name + words, use=use, time=run.time[samples], lines=run.lines[samples],
+            run, name=run.name + words, part_of=run.whole, use=use, time=run.time[samples], lines=run.lines[samples],
             signals={name: values[samples] for name, values in run.signals.items()},
         )
         for use, samples, words in parts

@@ -96,7 +96,8 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
     if campaign.stated_accuracy.clocks:
         interval, step = _simulated_interval(campaign, runs)
         before = campaign.remarks
-        campaign = with_aligned_clocks(campaign, max(1, math.ceil(max(r.interval for r in runs) / step - 1e-9)))
+        fastest = {run.whole: run.interval for run in sorted(runs, key=lambda run: -run.interval)}
+        campaign = with_aligned_clocks(campaign, max(1, math.ceil(max(fastest.values()) / step - 1e-9)))
         remarks += campaign.remarks[len(before):]
     for name in campaign.channels:
         remarks += check_saturation(campaign, name, models)
@@ -205,6 +206,7 @@ def _check_sampling_and_files(runs: list[BenchRun]) -> list[Remark]:
     """Notes on runs with another sampling rate than most, and warnings on files that several runs name."""
     if not runs:
         return []
+    runs = list({run.whole: run for run in reversed(runs)}.values())[::-1]  # the first part of each
     rates = {run.name: round(1.0 / run.interval, 3) for run in runs}
     common, _ = Counter(rates.values()).most_common(1)[0]
     notes = [

@@ -144,7 +144,7 @@ class VisibilityTest:
         parts = [slice(*ends[r : r + 2]) for r in range(len(self.runs))]
         for name, spread in (("coil_resistance", WARM_UP), *((n, SETTING) for n in settings)):
             if name in names:
-                whole = sensitivities[:, names.index(name)] * spread / self.plan.uncertain[name]
+                whole = sensitivities[:, names.index(name)] * spread / self.plan.uncertain[name].size
             else:
                 whole = self.change_to(self._signals(self.machine, self._with_setting(name, 1.0 + spread)))
             for part in parts:
