@@ -3,7 +3,7 @@
     python -m studies.real_machines FOLDER [--machines NAME …] [--out FOLDER]
 
 FOLDER holds the records, those of each machine in a folder of its name (silverbox, crane, emps, tanks, mbari; a machine
-without one is left out), with the file names that `machines.py` gives. Steps, as an engineer takes them: the plain model
+without one is left out), with the file names of `machines.py`. Steps, as an engineer takes them: the plain model
 beside the records, its uncertain numbers fitted (`fit`), the diagnosis with nothing but the library (`diagnose`), and
 one effect after the other, written for what the diagnosis has shown (`add`).
 

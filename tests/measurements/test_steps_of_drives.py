@@ -124,7 +124,7 @@ def test_rows_at_one_time_that_are_no_step_are_left_out_as_before(tmp_path):
 
 def test_the_steps_of_a_late_recorder_are_shifted_as_steps(tmp_path):
     campaign = write_campaign(tmp_path, ON_SAMPLES, two_rows=True)
-    run = shifted(campaign.runs[0], RecorderClock(("command",), 0.1), 0.03)
+    (run,) = shifted((campaign.runs[0],), RecorderClock(("command",), 0.1), 0.03)
     np.testing.assert_allclose(run.drives["command"].steps.times, ON_SAMPLES - 0.03)
     assert run.drives["command"].value_and_rate(1.18)[0] == pytest.approx(0.8)
 
