@@ -30,9 +30,9 @@ CAMPAIGN_FILE = "campaign.yaml"
 DEFAULT_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)  # in the machine unless listed without
 KEYS = (
     "name", "rig", "parameters", "effects", "without", "uncertain", "amplifier", "controller", "reference", "time",
-    "signals", "drives", "accuracy", "runs",
+    "signals", "drives", "accuracy", "keep", "runs",
 )  # fmt: skip
-RUN_KEYS = ("file", "use", "start", "window", "running")  # of a run, besides its conditions
+RUN_KEYS = ("file", "use", "start", "window", "running", "keep")  # of a run, besides its conditions
 # short names of parameters by section or kind of controller
 SHORT_NAMES = {
     "amplifier": {"gain": "amplifier_gain"},
@@ -75,6 +75,7 @@ class CampaignDescription(ProblemList):
         time: the column of the time stamps.
         recorded: the columns with recorded drives, by drive; the set point of the piston is `reference`.
         run_entries: the entries of the runs.
+        keep: by name of a run, the signals of which no sample is left out by the checks.
         remarks: severity, key and sentence of everything that is left out or worth knowing.
     """
 
@@ -95,6 +96,7 @@ class CampaignDescription(ProblemList):
         self.accuracy = BenchAccuracy()
         self.time = self._read_time()
         self.run_entries: list[RunEntry] = []
+        self.keep: dict[str, frozenset[str]] = {}
         if self.machine is not None:
             self._read_uncertain()
             self._read_signals()
@@ -232,12 +234,23 @@ class CampaignDescription(ProblemList):
     def _leave_out(self, key: tuple, problem: str) -> None:
         self.remarks.append((Severity.ERROR, key, f"{problem}; the signal is left out"))
 
+    def _read_keep(self, key: tuple, section: Mapping[str, Any]) -> frozenset[str]:
+        """The signals of `keep: [pressure]` or `keep: all`."""
+        names = section.get("keep", [])
+        if names == "all":
+            return frozenset(self.channels)
+        if not isinstance(names, list) or not set(map(str, names)) <= self.channels.keys():
+            self.add(key, f"`all` or a list of signals ({', '.join(self.channels)}) belongs here; got {names}")
+            return frozenset()
+        return frozenset(names)
+
     def _read_runs(self) -> None:
         section = self._data.get("runs")
         if not isinstance(section, list) or not section:
             found = f", not {yaml_type(section)}" if section is not None else ""
             self.add(("runs",), f"a list belongs here, for example `- {{file: run1.csv, use: fit}}`{found}")
             return
+        in_all = self._read_keep(("keep",), self._data)
         for k, row in enumerate(section):
             key = ("runs", k)
             row = self._mapping(row, key, "{file: run1.csv, use: fit, frequency: 10 Hz}")
@@ -256,11 +269,13 @@ class CampaignDescription(ProblemList):
                 p, _ = find_parameter(self.machine, canonical)
                 if (size := self.read_quantity((*key, name), p, value)) is not None:
                     conditions[canonical] = size
+            keep = in_all | self._read_keep((*key, "keep"), row)
             timing = read_run_in(self, key, row, read_timing(self, key, row, self._timing), self.machine, conditions)
             if not self.problems:
                 names = [entry.name for entry in self.run_entries]
                 stem = Path(file).stem
                 name = stem if stem not in names else f"{stem}-{k + 1}"
+                self.keep[name] = keep
                 self.run_entries.append(RunEntry(name, self.folder / file, Use(use), conditions, timing))
             elif isinstance(file, str) and not (self.folder / file).is_file():
                 self.add((*key, "file"), f"there is no file {file}")  # without other problems the run is left out

@@ -1,5 +1,6 @@
 """Read a campaign: a folder with `campaign.yaml` and one file per run."""
 
+import dataclasses
 from pathlib import Path
 
 from edhas_jax.core import structs
@@ -30,6 +31,7 @@ def read_campaign(path: Path | str, trust: Trust = (), planned: bool = False) ->
     description, remarks = read_description(path, trust=trust)
     reader = RunReader(description.machine, description.time, description.sources, description.recorded, planned)
     runs = [run for entry in description.run_entries if (run := reader.read(*entry)) is not None]
+    runs = [dataclasses.replace(run, keep=description.keep[run.name]) for run in runs]
     remarks = (*remarks, *reader.remarks)
     if not runs:
         raise CampaignError("\n".join([*brief_lines(remarks), f"{path}: no run can be used"]))

@@ -104,6 +104,7 @@ def campaign_text(campaign: Campaign) -> str:
     for run in campaign.runs:
         words = [f"file: {yaml_text(run.name + '.csv')}", f"use: {run.use.value}"]
         words += ["start: 0 s"] if run.time[0] > START_TOLERANCE * run.interval else []
+        words += [f"keep: [{', '.join(sorted(run.keep))}]"] if run.keep else []
         for name, value in run.conditions.items():
             words.append(f"{name}: {exact_quantity(value, find_parameter(machine, name)[0].unit)}")
         lines.append(f"  - {{{', '.join(words)}}}")

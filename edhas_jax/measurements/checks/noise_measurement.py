@@ -3,8 +3,10 @@
 In runs that repeat their cycles the differences between cycles give the level and the correlation of the noise. In
 other runs only its fast part can be told from the signal, by short local polynomials. Whether the noise is white there
 shows in the quietest parts of the records, from which longer polynomials remove the signal too: white noise leaves the
-same level in both. Otherwise the fast part is a lower bound, and an autoregressive model of first order gives an upper
-one. The rounding of the recorder is part of the noise.
+same level in both. Where it is less there, the rest of the fast part is signal. Where it is more, the fast part is a
+lower bound, and an autoregressive model of first order gives an upper one; where that cannot explain it, the signal is
+nowhere quiet, its own content is in the fast part, and nothing is known of the noise. The rounding of the recorder is
+part of the noise.
 
 The noise of a signal is the mean over the runs near the median, so that single disturbed runs do not matter.
 """
@@ -43,7 +45,7 @@ MAX_RUN_DEVIATION = 0.2  # of the noise of a run from the median over the runs, 
 MAX_CYCLES_OVER_LOCAL = 1.3  # noise between cycles over its local upper bound; above it the cycles do not repeat
 QUIET_SHARE = 0.2  # of the blocks, the quietest
 QUIET_MEAN_SQUARE = 0.78  # largest mean square of those of white noise over that of all, from simulated noise
-MAX_WHITE_RATIO = 1.12  # mean square of slow over fast deviations of white noise, with its scatter
+MIN_WHITE_RATIO, MAX_WHITE_RATIO = 0.7, 1.12  # mean square of slow over fast deviations of white noise, with scatter
 WIDTHS = (FAST_HALF_WIDTH, SLOW_HALF_WIDTH)  # samples on either side of the local polynomials
 STANDARD_ERROR_LAGS = 200  # sample intervals of correlation that count in the standard error of a measured noise
 FIRST_ORDER = np.linspace(0.0, 0.95, 96)  # coefficients of an autoregressive model of first order
@@ -98,13 +100,14 @@ def with_measured_noise(campaign: Campaign) -> Campaign:
             used, shown, correlation = stated or math.nan, None, ()
         else:
             used = _used_noise(campaign, name, measured, stated)
-            # a lower bound alone is shown, though it does not contradict a larger stated noise
-            shown = measured.nearest(stated) if math.isfinite(measured.high) else measured.low
+            shown = measured.nearest(stated)
+            if not math.isfinite(measured.high):  # white noise is not above the fast part, which may be signal
+                shown = measured.low if stated is not None and stated > measured.low else None
             is_measured = abs(used / measured.nearest(stated) - 1.0) < MAX_NOISE_DEVIATION
             correlation = measured.correlation_at(used) if is_measured else ()
         channels[name] = dataclasses.replace(
             channel, noise=used, stated_noise=stated, measured_noise=shown, correlation=correlation,
-            resolution=resolution,
+            resolution=resolution, is_noise_seen=measured is not None and measured.low == measured.high,
         )  # fmt: skip
     return dataclasses.replace(campaign, channels=channels)
 
@@ -115,6 +118,8 @@ def _used_noise(campaign: Campaign, name: str, measured: MeasuredNoise, stated: 
     smallest = MIN_NOISE_OVER_SIGNAL * max(np.nanstd(run.signals[name]) for run in campaign.runs if name in run.signals)
     if stated is None:
         return max(nearest, float(smallest))
+    if not math.isfinite(measured.high):
+        return stated
     correlation = autocorrelation_of(measured.correlation, STANDARD_ERROR_LAGS)[1:]
     # Bartlett: the variance of a sum of squares grows with the squares of the correlation
     standard_error = math.sqrt((1.0 + 2.0 * float(np.sum(np.square(correlation)))) / (2.0 * measured.samples))
@@ -177,7 +182,10 @@ def _local_noise(runs: list[BenchRun], name: str) -> MeasuredNoise | None:
     if sum(samples) < MIN_SAMPLES:
         return None
     level = _weighted_median(levels, samples)
-    ratio = float(np.quantile(np.concatenate(quiet), QUIET_SHARE)) / QUIET_MEAN_SQUARE
+    quiet = np.concatenate(quiet)
+    ratio = float(np.quantile(quiet, QUIET_SHARE)) / QUIET_MEAN_SQUARE if len(quiet) else 1.0
+    if ratio < MIN_WHITE_RATIO:
+        return MeasuredNoise(math.sqrt(ratio) * level, level, level, (), sum(samples))
     if ratio < MAX_WHITE_RATIO:
         return MeasuredNoise(level, level, level, (), sum(samples))
     ratios = [_mean_square_ratio(a, SLOW_HALF_WIDTH) / _mean_square_ratio(a, FAST_HALF_WIDTH) for a in FIRST_ORDER]
