@@ -68,6 +68,8 @@ class Channel:
         noise: standard deviation of its noise as used (SI).
         stated_noise: the one that the campaign states (SI); None before the data are checked.
         measured_noise: the one measured in the records (SI); None if not measured.
+        fitted_noise: the one that a fit leaves (SI), where that refutes a larger one; else None.
+        sensor_noise: the part of `noise` that is the sensor's (SI): stated, measured or fitted; None before the check.
         is_noise_seen: whether it was measured in full, from repeated cycles or where the signal rests.
         correlation: coefficients a_1 … a_p of the autoregressive model of the noise from sample to sample,
             e_t = Σ a_k e_{t−k} + innovation; empty for white noise. `noise` is the standard deviation of e.
@@ -81,6 +83,8 @@ class Channel:
     noise: float
     stated_noise: float | None = None
     measured_noise: float | None = None
+    fitted_noise: float | None = None
+    sensor_noise: float | None = None
     is_noise_seen: bool = False
     correlation: tuple[float, ...] = ()
     resolution: float = 0.0

@@ -1,4 +1,4 @@
-"""Only what the records themselves prove to be wrong is left out: peaks, overshoots and rests of a real machine stay."""
+"""Only what the records prove to be wrong is left out: peaks, overshoots and rests of a real machine stay."""
 
 from pathlib import Path
 

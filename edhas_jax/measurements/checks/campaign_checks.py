@@ -15,7 +15,7 @@ from edhas_jax.measurements.checks.impossible_samples import (
     find_signal_outliers,
     removal_of,
 )
-from edhas_jax.measurements.checks.noise_measurement import noise_sentence, with_measured_noise
+from edhas_jax.measurements.checks.noise_measurement import noise_remarks, with_measured_noise
 from edhas_jax.measurements.checks.signal_checks import check_quality, noise_ratios
 from edhas_jax.measurements.checks.time_axis_checks import check_time_axis
 from edhas_jax.measurements.checks.unit_checks import check_units
@@ -75,8 +75,7 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
     if not campaign.channels:
         raise CampaignError("\n".join([*map(str, remarks), f"{campaign.folder}: no signal of any run can be used"]))
     runs = [run for run in campaign.runs if run.signals]
-    if (sentence := noise_sentence(campaign)) is not None:
-        remarks.insert(0, Remark(Severity.WARNING, campaign.folder / CAMPAIGN_FILE, 0, sentence))
+    remarks = [*noise_remarks(campaign), *remarks]
     outliers = {name: find_signal_outliers(campaign, name, models) for name in campaign.channels}
     ratios = {name: noise_ratios(campaign, name) for name in campaign.channels}
     usual = {n: float(np.median([r for r in of.values() if r > 0.0] or [0.0])) for n, of in ratios.items()}
