@@ -46,7 +46,8 @@ class UnknownParameter:
     def value(self, x):
         """The value (SI) at coordinate `x`."""
         if self.scale is ParameterScale.LOGARITHMIC:
-            return self.centre * np.exp(self.spread * x)
+            with np.errstate(over="ignore"):  # infinity lies outside every span
+                return self.centre * np.exp(self.spread * x)
         return self.centre + self.spread * x
 
     def derivative(self, x):
