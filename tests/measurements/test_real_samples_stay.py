@@ -26,7 +26,7 @@ class Valve(Rig):
 
     command = drive("V", "command", 0.0)
     lag: float = par(0.05, "s", (0.01, 1.0), "lag of the spool")
-    gain: float = par(1.0, "MPa/V", (0.1, 10.0), "pressure over spool")
+    gain: float = par(1e6, "Pa/V", (1e5, 1e7), "pressure over spool")
 
     spool = state("V", "position of the spool")
     pressure = state("Pa", "pressure behind the valve")
