@@ -46,8 +46,7 @@ class UnknownParameter:
     def value(self, x):
         """The value (SI) at coordinate `x`."""
         if self.scale is ParameterScale.LOGARITHMIC:
-            with np.errstate(over="ignore"):  # infinity lies outside every span
-                return self.centre * np.exp(self.spread * x)
+            return self.centre * np.exp(self.spread * x)
         return self.centre + self.spread * x
 
     def derivative(self, x):

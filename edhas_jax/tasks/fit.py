@@ -153,7 +153,7 @@ def fit(
         if quieter is not campaign:
             campaign, problem = quieter, FitProblem(quieter, quieter.machine, unknowns)
             report("once more, with the noise that the fit leaves")
-            found = calibrate(problem, found.x, resolution=found.resolution, search=False, on_progress=report)
+            found = calibrate(problem, found.x, search=False, on_progress=report)
     except FitError as error:
         raise CampaignError(str(error)) from None
     report("residuals of all runs")
