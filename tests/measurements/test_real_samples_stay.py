@@ -92,11 +92,21 @@ def test_a_broadband_record_has_no_spikes(seed):
     assert not len(found_in(np.round(oscillator(seed), 4), 1e-3))
 
 
+def test_steep_edges_and_a_chatter_are_no_bursts():
+    """A pressure that collapses within three samples, and a ripple that comes up and dies away."""
+    rng = np.random.default_rng(8)
+    values = 5.0 - 0.002 * np.arange(SAMPLES)
+    values[800:] = np.maximum(values[800:] - np.array([1.2, 4.3, 5.3, *[5.4] * (SAMPLES - 803)]), 0.04)
+    values[1500:] += 3.0 * (1.0 - np.exp(-np.arange(500) / 1.5))
+    values[400:412] += 0.3 * np.hanning(14)[1:-1] * (-1.0) ** np.arange(12)
+    assert not len(found_in(values + 3e-3 * rng.standard_normal(SAMPLES), 3e-3))
+
+
 @pytest.mark.parametrize("record", [overshoot(25), peaks(15), oscillator()])
 def test_what_jumps_away_and_back_is_found_in_such_records(record):
     wrong = record + 1e-3 * np.random.default_rng(2).standard_normal(SAMPLES)
     truth = [400, 405, 1200, 1201, 1700, 1701, 1702]
-    wrong[truth] += 8.0, -9.0, 8.0, 8.0, 5.0, -7.0, 6.0
+    wrong[truth] += 8.0, -9.0, 8.0, 8.0, 6.0, 6.5, 6.0
     assert found_in(wrong, 1e-3).tolist() == truth
 
 
@@ -154,6 +164,25 @@ def test_a_rest_in_the_dead_band_stays_though_the_model_moves():
     assert np.isfinite(checked.runs[0].signals["spool"]).all() and not checked.removed
     (remark,) = [r for r in checked.remarks if "stuck" in r.sentence]
     assert remark.severity is Severity.WARNING and remark.sentence.endswith("used, as the records prove no fault")
+
+
+def test_many_rests_are_one_remark():
+    """A speed sensor shows exactly zero at every reversal, amid noise elsewhere."""
+    signals = records(noise=0.02, resolution=1e-4)
+    for first in range(200, 1800, 200):
+        signals["spool"][first : first + 60] = 0.0
+    checked = checked_campaign(valve_campaign(signals, {"spool": 0.02, "pressure": 5e3}))
+    assert not checked.removed
+    (remark,) = [r for r in checked.remarks if "stuck" in r.sentence]
+    assert "for 60 samples" in remark.sentence and "more such places; used, as the records" in remark.sentence
+
+
+def test_other_cycles_are_named_only_where_there_are_some():
+    signals = records(noise=0.02, resolution=1e-4)
+    signals["spool"][900] += 3.0
+    checked = checked_campaign(valve_campaign(signals, {"spool": 0.02, "pressure": 5e3}))
+    (remark,) = [r for r in checked.remarks if "outlier" in r.sentence]
+    assert remark.sentence.endswith("(1 sample), far from its neighbours; 0.05 % of the record; left out")
 
 
 def stuck_records():

@@ -90,7 +90,7 @@ def find_impossible_samples(
     values = run.signals[name]
     resolution = max(channel.resolution, _resolution(values))
     is_noisy = channel.is_noise_seen and noise_ratio * channel.noise >= MIN_NOISE_OVER_RESOLUTION * resolution
-    found, remarks = np.zeros(len(values), bool), []
+    found, remarks, unproven = np.zeros(len(values), bool), [], []
 
     def leave_out(mask: np.ndarray, sentence: str) -> None:
         nonlocal found
@@ -103,8 +103,7 @@ def find_impossible_samples(
         if is_proven:
             leave_out(mask, sentence)
         elif run.name not in models or _model_moves(channel, run, mask, models[run.name][name], resolution):
-            line, why = int(run.lines[int(np.argmax(mask))]), "used, as the records prove no fault"
-            remarks.append(Remark(Severity.WARNING, run.file, line, f"{name}: {sentence}; {why}"))
+            unproven.append((int(run.lines[int(np.argmax(mask))]), sentence))
 
     if not np.isfinite(values).any():
         return found, remarks
@@ -137,6 +136,10 @@ def find_impossible_samples(
         if spikes.any():
             has_cycles = cycle_length(campaign.machine_of(run)) is not None
             leave_out(spikes, _spike_text(run, values, spikes, unit, has_cycles))
+    if unproven:
+        more = f", and {len(unproven) - 1} more such places" if len(unproven) > 1 else ""
+        sentence = f"{name}: {unproven[0][1]}{more}; used, as the records prove no fault"
+        remarks.append(Remark(Severity.WARNING, run.file, unproven[0][0], sentence))
     return (np.zeros(len(values), bool) if name in run.keep else found), remarks
 
 

@@ -2,8 +2,8 @@
 
 Large excursions (`find_excursions`) leave and return within one sample: the straight lines through the two samples
 before and after them miss their ends by far more than anything around bends. A peak of several samples that rises and
-falls step by step is no such excursion, however high. One of more than three samples is wrong only where it zigzags, or
-where the recorder has written one value, to the last digit, in place of a moving one.
+falls step by step is no such excursion, however high. One of more than three samples is wrong only where the recorder
+has written one value, to the last digit, in place of a moving one, or where it zigzags as no other cycle does.
 
 Moderate ones, a few standard deviations of the noise, are tested where the signal is smooth, so that its neighbours
 predict a sample. How many samples are called wrong is decided for all of a signal together: the expected share of
@@ -167,15 +167,18 @@ def _excursions(record: Record, noise: float, length: int) -> np.ndarray:
     for place, size in zip(first[jump > MIN_EXCESS * around], jump[jump > MIN_EXCESS * around], strict=True):
         inside, ends = slice(place, place + length), values[[place - 1, place + length]]
         height = np.abs(values[inside] - np.interp(np.arange(1, length + 1), [0, length + 1], ends))
-        is_away = np.min(height) > 0.5 * size
+        (reached,), (repeats,) = _at_other_cycles(record, bends, np.array([place - 1]))
+        if size < max(MIN_EXCESS * reached, (MIN_JUMP if repeats else MIN_JUMP_WITHOUT_CYCLES) * noise):
+            continue
+        is_away, displacement = np.min(height) > 0.5 * size, abs(ends[1] - ends[0])
         if length <= MAX_SMOOTH:
-            returns = abs(ends[1] - ends[0]) < MAX_DISPLACEMENT * size
-            is_spike = is_away and returns and size > MIN_JUMP_OF_HEIGHT * np.max(height)
+            returns = displacement < MAX_DISPLACEMENT * size
+            is_wrong = is_away and returns and size > MIN_JUMP_OF_HEIGHT * np.max(height)
         else:
-            is_spike = is_away and np.ptp(values[inside]) == 0.0 and _moves(values, place, place + length)
-        is_spike |= length > 1 and np.mean(np.abs(bends[inside])) > MIN_ZIGZAG * np.mean(height)
-        if is_spike and size > _limit(record, bends, place - 1, noise):
-            found[inside] = True
+            is_wrong = is_away and np.ptp(values[inside]) == 0.0 and _moves(values, place, place + length)
+        # a step is as steep, but far from returning
+        zigzags = np.mean(np.abs(bends[inside])) > max(MIN_ZIGZAG * np.mean(height), displacement)
+        found[inside] |= is_wrong or (length > 1 and zigzags and repeats)
     return found
 
 
@@ -197,9 +200,3 @@ def _moves(values: np.ndarray, first: int, end: int) -> bool:
     """Whether most samples around some differ from the next one."""
     steps = np.append(np.diff(values[max(0, first - REACH) : first]), np.diff(values[end : end + REACH]))
     return bool(np.count_nonzero(steps) > 0.5 * len(steps))
-
-
-def _limit(record: Record, bends: np.ndarray, place: int, noise: float) -> float:
-    """The smallest jump that counts at a place, from the noise and from the same phase of other cycles."""
-    (reached,), (repeats,) = _at_other_cycles(record, bends, np.array([place]))
-    return max(MIN_EXCESS * reached, (MIN_JUMP if repeats else MIN_JUMP_WITHOUT_CYCLES) * noise)
