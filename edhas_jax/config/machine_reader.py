@@ -10,7 +10,14 @@ from edhas_jax.config.code_not_run import controller_not_run, effect_not_run
 from edhas_jax.config.effects_reader import read_effect
 from edhas_jax.config.law_reader import LawError
 from edhas_jax.config.machine_checks import check_machine
-from edhas_jax.config.recorded_signal import RECORDING_KEYS, RecordingError, decode_samples, read_recording
+from edhas_jax.config.recorded_signal import (
+    RECORDING_KEYS,
+    Between,
+    RecordingError,
+    decode_samples,
+    read_between,
+    read_recording,
+)
 from edhas_jax.config.rig_reader import own_keys, read_rig
 from edhas_jax.config.run_settings import SETTING_NAMES, quantity_text, read_settings
 from edhas_jax.config.writer import config_kind
@@ -38,6 +45,7 @@ from edhas_jax.machine.parameters import (
 from edhas_jax.machine.rig_base import Rig
 from edhas_jax.machine.user_controller import check_controller, load_controller
 
+SHORT_KEYS = {"from": "step_from"}  # keys of a section that no parameter can have: a keyword of Python
 TOP_LEVEL_KEYS = ("name", "rig", "effects", "parameters", *COMPONENT_KINDS, "simulation")
 
 
@@ -159,6 +167,7 @@ class MachineReader:
             if name == "kind":
                 continue
             key = keys.get(name, (section, name))
+            name = SHORT_KEYS.get(name, name)
             if name in valid:
                 m = self._set(m, key, section, valid[name], quantity)
             else:
@@ -272,12 +281,13 @@ class MachineReader:
         return m
 
     def _recording_file(self, m: Rig, section: str) -> Recorded:
-        """The recording in the file that a section names: a set point [m], or a command [V] in open loop."""
+        """The recording in the file that a section names, in the unit of the drive."""
         keys = self.recordings[section]
         unit = m.drive_unit(section)
         is_command = section == "reference" and unit == "V" and not m.is_own
         gain = m.amplifier.amplifier_gain if is_command and isinstance(m.amplifier, CurrentAmplifier) else None
         path = self._base_dir / keys["file"]
-        recorded = read_recording(path, keys.get("column"), keys.get("unit"), unit, gain)
+        between = read_between(keys["between"]) if "between" in keys else Between.LINE
+        recorded = read_recording(path, keys.get("column"), keys.get("unit"), unit, gain, between)
         self.recordings[section] = {**keys, "file": str(path.resolve())}
         return recorded

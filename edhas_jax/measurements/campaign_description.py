@@ -24,15 +24,16 @@ from edhas_jax.measurements.drive_columns import read_drive_columns, recorded_pl
 from edhas_jax.measurements.record_timing import RecordTiming, read_run_in, read_time, read_timing
 from edhas_jax.measurements.run_reader import ColumnSource
 from edhas_jax.measurements.sensor_keys import read_sensor_keys
+from edhas_jax.measurements.tables.table import Layout
 from edhas_jax.simulation.integrator import evaluate_signals
 
 CAMPAIGN_FILE = "campaign.yaml"
 DEFAULT_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)  # in the machine unless listed without
 KEYS = (
     "name", "rig", "parameters", "effects", "without", "uncertain", "amplifier", "controller", "reference", "time",
-    "signals", "drives", "accuracy", "keep", "runs",
+    "signals", "drives", "accuracy", "keep", "runs", "decimal", "sheet",
 )  # fmt: skip
-RUN_KEYS = ("file", "use", "start", "window", "running", "keep")  # of a run, besides its conditions
+RUN_KEYS = ("file", "use", "start", "window", "running", "keep", "decimal", "sheet")  # of a run, besides its conditions
 # short names of parameters by section or kind of controller
 SHORT_NAMES = {
     "amplifier": {"gain": "amplifier_gain"},
@@ -48,13 +49,14 @@ SHORT_NAMES = {
 
 
 class RunEntry(NamedTuple):
-    """An entry under `runs`: name of the run, its file, its use, its conditions by parameter (SI), its timing."""
+    """An entry under `runs`: name of the run, its file, its use, its conditions by parameter (SI), timing, layout."""
 
     name: str
     file: Path
     use: Use
     conditions: dict[str, float]
     timing: RecordTiming
+    layout: Layout = Layout()
 
 
 class CampaignDescription(ProblemList):
@@ -95,6 +97,7 @@ class CampaignDescription(ProblemList):
         self.sources: dict[str, ColumnSource] = {}
         self.accuracy = BenchAccuracy()
         self.time = self._read_time()
+        self._layout = read_layout(self, (), data)
         self.run_entries: list[RunEntry] = []
         self.keep: dict[str, frozenset[str]] = {}
         if self.machine is not None:
@@ -270,15 +273,31 @@ class CampaignDescription(ProblemList):
                 if (size := self.read_quantity((*key, name), p, value)) is not None:
                     conditions[canonical] = size
             keep = in_all | self._read_keep((*key, "keep"), row)
+            layout = read_layout(self, key, row, self._layout)
             timing = read_run_in(self, key, row, read_timing(self, key, row, self._timing), self.machine, conditions)
             if not self.problems:
                 names = [entry.name for entry in self.run_entries]
                 stem = Path(file).stem
                 name = stem if stem not in names else f"{stem}-{k + 1}"
                 self.keep[name] = keep
-                self.run_entries.append(RunEntry(name, self.folder / file, Use(use), conditions, timing))
+                self.run_entries.append(RunEntry(name, self.folder / file, Use(use), conditions, timing, layout))
             elif isinstance(file, str) and not (self.folder / file).is_file():
                 self.add((*key, "file"), f"there is no file {file}")  # without other problems the run is left out
+
+
+def read_layout(problems: ProblemList, key: tuple, row: Mapping[str, Any], default: Layout = Layout()) -> Layout:
+    """Read `decimal` and `sheet` of an entry under `runs`, or of the campaign.
+
+    Args:
+        problems: collects what is wrong.
+        key: the key of the entry.
+        row: the entry.
+        default: what holds where it does not state its own.
+    """
+    decimal = row.get("decimal", default.decimal)
+    if decimal not in ("", ".", ","):
+        problems.add((*key, "decimal"), f'what stands before the decimals belongs here, "." or ","; got {decimal}')
+    return Layout(str(decimal), str(row.get("sheet", default.sheet)))
 
 
 def read_description(

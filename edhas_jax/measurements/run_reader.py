@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.config.recorded_signal import RecordingError, resample_uniformly
+from edhas_jax.config.recorded_signal import Between, RecordingError, recorded_from_samples
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, display_unit, to_si
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
@@ -15,7 +15,7 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Use
 from edhas_jax.measurements.checks.signal_checks import true_intervals
 from edhas_jax.measurements.record_timing import RecordTiming, TimingError
-from edhas_jax.measurements.tables.table import Column, Table, TableError
+from edhas_jax.measurements.tables.table import Column, Layout, Table, TableError
 from edhas_jax.measurements.tables.table_reader import read_table
 
 MIN_SAMPLES = 10  # of a run; with fewer neither noise nor shape can be judged
@@ -23,14 +23,19 @@ MAX_SIZE = 1e30  # of a value in SI; a larger one is a fault of the file, and it
 MAX_REMARKS = 10  # on one file
 MAX_LISTED = 3  # faults of one kind in one column that are reported one by one
 MAX_NAMES, MAX_QUOTED = 8, 40  # columns that a remark names, characters of a name
+LARGE_JUMP = 0.1  # of the range of a drive; smaller jumps may be the rounding of a slow signal
 MAX_DISORDER = 0.05  # share of samples out of order above which the time axis is rejected
 
 
 class ColumnSource(NamedTuple):
-    """The name of a quantity's column in the files, and its unit where the header gives none."""
+    """The name of a quantity's column in the files, its unit where the header gives none, and for a drive `between`.
+
+    `between` is None where the campaign does not state it.
+    """
 
     column: str
     unit: str
+    between: Between | None = None
 
 
 class RunReader:
@@ -53,7 +58,8 @@ class RunReader:
         self._machine, self._time, self._sources, self._recorded = machine, time, sources, recorded
 
     def read(
-        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming = RecordTiming()
+        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming = RecordTiming(),
+        layout: Layout = Layout(),
     ) -> BenchRun | None:
         """Read the file of one run.
 
@@ -63,12 +69,13 @@ class RunReader:
             use: fit or holdout.
             conditions: parameters of the machine in this run (SI).
             timing: where the time of the run is zero, and which part of the record is used.
+            layout: what the campaign states about the file.
 
         Returns:
             The run; None if no signal of it can be used.
         """
         earlier = len(self.remarks)
-        run = self._read(name, file, use, conditions, timing)
+        run = self._read(name, file, use, conditions, timing, layout)
         found = self.remarks[earlier:]
         if len(found) > MAX_REMARKS:
             more = Remark(found[-1].severity, file, 0, f"and {len(found) - MAX_REMARKS + 1} more remarks on this file")
@@ -76,17 +83,18 @@ class RunReader:
         return run
 
     def _read(
-        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming
+        self, name: str, file: Path, use: Use, conditions: dict[str, float], timing: RecordTiming,
+        layout: Layout,
     ) -> BenchRun | None:
         self._file, self._header_line = file, 0
         try:
-            table = read_table(file, self.remarks.append)
+            table = read_table(file, self.remarks.append, layout)
             self._header_line = table.header_line
-            order, time = self._time_stamps(table)
+            order, before, time = self._time_stamps(table)
             part, time, used, remarks = timing.apply(file, time)
             self.remarks += remarks
-            order = order[part]
-            drives = {name: self._recorded_drive(name, table, order, time) for name in self._recorded}
+            order, before = order[part], before[part]
+            drives = {name: self._recorded_drive(name, table, order, before, time) for name in self._recorded}
         except TableError as error:
             self._remark(error.line, f"{error}; the run is left out")
             return None
@@ -113,6 +121,9 @@ class RunReader:
             except UnitError as error:
                 sentence = f"column `{source.column}`: {error}; {signal} is left out of this run"
                 self._remark(self._header_line, sentence)
+            except TableError as error:
+                self._remark(error.line, f"{error}; the run is left out")
+                return None
         drives_read = (source.column for source in self._recorded.values())
         known = {self._time.column, *drives_read, *(source.column for source in self._sources.values())}
         unused = [f"`{column[:MAX_QUOTED]}`" for column in table.columns if column not in known]
@@ -166,7 +177,14 @@ class RunReader:
         self.remarks.append(Remark(severity, self._file, line, sentence))
 
     def _in_si(self, source: ColumnSource, column: Column, unit: str) -> np.ndarray:
-        """The values of a column in SI; the unit in the header takes precedence over that in the campaign."""
+        """The values of a column in SI; the unit in the header takes precedence over that in the campaign.
+
+        Raises:
+            TableError: the column cannot be read.
+            UnitError: its unit is unknown, or that of another quantity.
+        """
+        if column.fault is not None:
+            raise column.fault
         stated = column.unit or source.unit
         zero = to_si(f"0 {stated}", unit, f"1 {display_unit(unit)}")
         if column.unit and source.unit and to_si(f"1 {column.unit}", unit) != to_si(f"1 {source.unit}", unit):
@@ -176,8 +194,14 @@ class RunReader:
         with np.errstate(over="ignore"):
             return zero + size * column.values
 
-    def _time_stamps(self, table: Table) -> tuple[np.ndarray, np.ndarray]:
-        """Indices of the samples whose time stamp is later than all before it, and their time stamps [s]."""
+    def _time_stamps(self, table: Table) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The samples whose time stamp is later than all before it.
+
+        Where recorded drives step, which is several rows at one time, the last row is the sample.
+
+        Returns:
+            For each sample the index of its row, that of the first row at its time, and its time stamp [s].
+        """
         column = table.columns.get(self._time.column)
         if column is None:
             names = ", ".join(column[:MAX_QUOTED] for column in table.columns)
@@ -193,7 +217,15 @@ class RunReader:
             raise TableError(self._header_line, f"column `{self._time.column}`: {error}") from None
         finite = np.abs(time) <= MAX_SIZE
         latest = np.maximum.accumulate(np.where(finite, time, -np.inf))
-        increasing = finite & (time > np.concatenate([[-np.inf], latest[:-1]]))
+        goes_on = self._steps(table, time)
+        first = np.maximum.accumulate(np.where(goes_on, 0, np.arange(len(time))))
+        increasing = (finite & (time > np.concatenate([[-np.inf], latest[:-1]])))[first]
+        kept = np.flatnonzero(increasing & ~np.append(goes_on[1:], False))
+        if goes_on.any():
+            k, count = int(np.argmax(goes_on)), int(np.sum(first[kept] < kept))
+            places = "1 place" if count == 1 else f"{count} places"
+            sentence = f"the drives step in {places}, with rows at one time; measured signals count as in the last row"
+            self._remark(int(table.lines[k]), sentence, Severity.NOTE)
         dropped = np.flatnonzero(~increasing)
         if len(dropped) > MAX_DISORDER * len(time):
             sentence = f"time does not increase in {len(dropped)} of {len(time)} samples"
@@ -209,10 +241,24 @@ class RunReader:
             problem = f"time {time[k]:.6g} s does not come after {latest[k]:.6g} s" if finite[k] else "no time"
             left_out = "the sample is left out" if len(rows) == 1 else f"left out up to line {until}"
             self._remark(int(table.lines[k]), f"{problem}; {left_out}")
-        return np.flatnonzero(increasing), time[increasing]
+        return kept, first[kept], time[kept]
 
-    def _recorded_drive(self, drive: str, table: Table, order: np.ndarray, time: np.ndarray) -> Recorded:
-        """A recorded drive in its SI unit: the set point in metres, or in volts as the command of an open loop."""
+    def _steps(self, table: Table, time: np.ndarray) -> np.ndarray:
+        """Whether each row has the time of the row before it, but another value of a recorded drive."""
+        found = np.zeros(len(time), bool)
+        for source in self._recorded.values():
+            if source.column in table.columns:
+                change = np.abs(np.diff(table.columns[source.column].values))
+                found[1:] |= (np.diff(time) == 0.0) & (change > 0.0) & np.isfinite(change)
+        return found
+
+    def _recorded_drive(
+        self, drive: str, table: Table, order: np.ndarray, before: np.ndarray, time: np.ndarray
+    ) -> Recorded:
+        """A recorded drive in its SI unit: the set point in metres, or in volts as the command of an open loop.
+
+        The rows `order` and `before` of the samples differ where a drive steps, see `_time_stamps`.
+        """
         source, machine = self._recorded[drive], self._machine
         what = "set point" if drive == "reference" else drive.replace("_", " ")
         name = source.column
@@ -220,7 +266,7 @@ class RunReader:
             sentence = f"no column `{name}` with the {what} ({suggest(name, table.columns)})"
             raise TableError(self._header_line, sentence)
         column = table.columns[name]
-        if not column.unit and not source.unit:
+        if not column.unit and not source.unit and machine.drive_unit(drive) != "-":
             usual = display_unit(machine.drive_unit(drive))
             remedy = f"write for example `{name} [{usual}]` there, or `{drive}: {{column: {name}, unit: {usual}}}`"
             sentence = f"column `{name}`: a unit is missing; {remedy}"
@@ -232,11 +278,24 @@ class RunReader:
                 values = self._in_si(source, column, "A") / float(machine.amplifier.amplifier_gain)
             else:
                 values = self._in_si(source, column, si)
-            return resample_uniformly(self._file, time, values[order])
+            rows = np.union1d(before, order)
+            time = time[np.searchsorted(order, rows)]
+            if source.between is None and _looks_held(values[order], values[before]):
+                sentence = f"{what} `{name}` stays and jumps; if a computer held it from sample to sample, write "
+                sentence += "`between: hold` in the campaign, else `between: line`, which is assumed"
+                self._remark(self._header_line, sentence, Severity.WARNING)
+            return recorded_from_samples(self._file, time, values[rows], source.between or Between.LINE)
         except UnitError as error:
             raise TableError(self._header_line, f"column `{name}`: {error}") from None
         except RecordingError as error:
             raise TableError(0, f"{what} `{name}`: {str(error).removeprefix(f'{self._file}: ')}") from None
+
+
+def _looks_held(after: np.ndarray, before: np.ndarray) -> bool:
+    """Whether a drive is constant but for single, large changes from one sample to the next."""
+    change = before[1:] - after[:-1]
+    neighbours = (change[1:] != 0.0) & (change[:-1] != 0.0)
+    return bool(np.abs(change).max(initial=0.0) > LARGE_JUMP * np.ptp(after) and not neighbours.any())
 
 
 def _is_current(unit: str) -> bool:

@@ -64,7 +64,8 @@ class DataCalculations:
             )
         return {
             "columns": columns, "samples": len(table.lines), "curves": curves,
-            "remarks": [(r.line, r.sentence) for r in remarks],
+            "remarks": [(r.line, r.sentence) for r in remarks]
+            + [(c.fault.line, str(c.fault)) for c in table.columns.values() if c.fault],
         }  # fmt: skip
 
     def record(self, run: str, signal: str, width: int) -> dict[str, Any]:

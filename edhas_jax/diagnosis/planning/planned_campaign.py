@@ -36,7 +36,7 @@ class PlannedCampaignDescription(CampaignDescription):
             )
         return tuple(self._planned_run(*row, rate) for row in self.run_entries)
 
-    def _planned_run(self, name, file, use, conditions, timing, rate: float) -> BenchRun:
+    def _planned_run(self, name, file, use, conditions, timing, layout, rate: float) -> BenchRun:
         duration = periodic_duration(self.machine, conditions) or APERIODIC_DURATION
         low, high = timing.window
         duration = high if math.isfinite(high) else max(duration, low + duration)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+import jax
 import numpy as np
 
 from edhas_jax.config.run_folder import write_json
@@ -154,7 +155,7 @@ def diagnosis_identity(
     for run in campaign.runs:
         tables = {"time": run.time, **run.signals}
         for drive, recorded in run.recordings.items():
-            tables[f"drive {drive}"] = np.append(np.asarray(recorded.values), [recorded.interval, recorded.start])
+            tables[f"drive {drive}"] = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(recorded)])
         for name, values in tables.items():
             samples.update(f"{run.name} {name} {len(values)} ".encode())
             samples.update(np.ascontiguousarray(values, "<f8").tobytes())

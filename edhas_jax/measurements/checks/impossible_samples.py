@@ -179,10 +179,7 @@ def _is_driven(run: BenchRun, mask: np.ndarray) -> bool:
     """Whether a recorded drive moves during some samples, true without any; else a model may swing, a machine rest."""
     times = run.time[mask]
     for record in run.drives.values():
-        index = (times - float(record.start)) / float(record.interval)
-        values = np.asarray(record.values, float)
-        moves = np.ptp(np.interp(index, np.arange(len(values)), values))
-        if moves > MIN_DRIVE_MOTION * np.ptp(values):
+        if np.ptp(record.sampled(times)) > MIN_DRIVE_MOTION * np.ptp(record.sampled(run.time)):
             return True
     return not run.drives
 

@@ -7,87 +7,153 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.measurements.tables.table import Report, Table, TableError, table_of_vectors
+from edhas_jax.measurements.tables.table import (
+    TIME,
+    Layout,
+    Report,
+    Table,
+    TableError,
+    Vector,
+    flat_vectors,
+    matlab_object,
+    require_size,
+    tables_of_vectors,
+)
 
-TIME = "time"  # the name of the time stamps that a file keeps apart from its channels
 UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units")  # of a dataset of HDF5
+MAX_UNIT = 100  # characters of a unit
 TDMS_UNITS = ("unit_string", "NI_UnitDescription", "unit")  # properties of a channel of TDMS
 
 
-def read_hdf5_table(path: Path, report: Report) -> Table:
-    """Read one vector per signal from an HDF5 or MATLAB 7.3 file; as units attributes, or a struct `units` of texts.
+def read_hdf5_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
+    """Read vectors and matrices from an HDF5 or MATLAB 7.3 file; as units attributes, or a struct `units` of texts.
 
     Raises:
-        TableError: h5py is not installed, or the file is damaged.
+        TableError: h5py is not installed, the file is damaged, unpacks to more than is read, or refers to other files.
     """
     h5py = _reader("h5py", "an HDF5 or MATLAB 7.3 file", "hdf5", "`save(name, '-v7')` from MATLAB, or CSV")
     try:
         with h5py.File(path, "r") as file:
-            units = file["units"] if "units" in file and isinstance(file["units"], h5py.Group) else {}
-            vectors = {}
-            for name, item in file.items():
-                if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu":
+            is_matlab = file.userblock_size > 0
+            items: list[tuple[tuple[str, ...], Any]] = []
+            links: list[tuple[tuple[str, ...], Any]] = []
+            _collect(h5py, file, (), {h5py.h5o.get_info(file.id).addr}, items, links)
+            # no link leads out of the file, or that would have been found
+            targets = [(place, group.get(place[-1])) for place, group in links]
+            items += [(place, target) for place, target in targets if isinstance(target, h5py.Dataset)]
+            data = [(place, item) for place, item in items if item.dtype.kind in "fiuV" and "units" not in place]
+            require_size(sum(item.size * max(1, len(item.dtype.names or ())) for _, item in data))
+            texts = {place: item for place, item in items if "units" in place and item.size <= MAX_UNIT}
+            vectors = []
+            for place, item in data:
+                name = ".".join(place) if is_matlab else place[-1]
+                kind = _text(item.attrs.get("MATLAB_class"))
+                if "MATLAB_object_decode" in item.attrs:
+                    report(0, matlab_object(name))
+                if "MATLAB_object_decode" in item.attrs or kind in ("char", "cell"):
                     continue
+                group = "" if is_matlab else "/".join(place[:-1])
+                beside = texts.get(("units", *place) if is_matlab else (*place[:-1], "units", place[-1]))
                 stated = next((item.attrs[a] for a in UNIT_ATTRIBUTES if a in item.attrs), None)
-                unit = _text(units[name][()] if name in units else stated)
-                vectors[name] = unit, np.ravel(item[()]).astype(float)
-    except FileNotFoundError:
+                unit = _text(stated if beside is None else beside[()])
+                for own, values in flat_vectors(name, item[()], report):
+                    vectors.append(Vector(group, own, unit, values))
+    except (FileNotFoundError, TableError):
         raise
     except Exception:  # a damaged file raises whatever its bytes lead to
         raise TableError(0, "is damaged or not an HDF5 file") from None
-    return table_of_vectors(vectors, report)
+    return tables_of_vectors(vectors)
 
 
-def read_tdms_table(path: Path, report: Report) -> Table:
-    """Read the channels of a TDMS file; time stamps that its channels imply become the column `time [s]`.
+def _collect(h5py: ModuleType, group: Any, place: tuple[str, ...], seen: set[int], items: list, links: list) -> None:
+    """Collect the datasets below a group with their places, and the links inside the file.
 
     Raises:
-        TableError: nptdms is not installed, or the file is damaged.
+        TableError: something is kept in another file.
+    """
+    for name in group:
+        own, link = (*place, name), group.get(name, getlink=True)
+        if isinstance(link, h5py.ExternalLink):
+            raise _elsewhere(own, f"is a link to {link.filename}")
+        if isinstance(link, h5py.SoftLink):
+            links.append((own, group))
+            continue
+        item = group[name]
+        if isinstance(item, h5py.Dataset):
+            if item.is_virtual:
+                raise _elsewhere(own, "is a virtual dataset")
+            if item.external:
+                raise _elsewhere(own, f"is kept in {item.external[0][0]}")
+            items.append((own, item))
+        elif isinstance(item, h5py.Group) and not name.startswith("#"):  # where MATLAB keeps what others refer to
+            address = h5py.h5o.get_info(item.id).addr
+            if address not in seen:
+                seen.add(address)
+                _collect(h5py, item, own, seen, items, links)
+
+
+def _elsewhere(place: tuple[str, ...], what: str) -> TableError:
+    return TableError(0, f"`{'/'.join(place)}` {what}; no other file is read: store the numbers in this one (h5repack)")
+
+
+def read_tdms_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
+    """Read the channels of a TDMS file; time stamps that the channels of a group imply become its column `time [s]`.
+
+    Raises:
+        TableError: nptdms is not installed, the file is damaged, or unpacks to more than is read.
     """
     nptdms = _reader("nptdms", "a TDMS file of LabVIEW", "tdms", "CSV")
+    vectors: list[Vector] = []
     try:
-        vectors: dict[str, tuple[str, np.ndarray]] = {}
-        file = nptdms.TdmsFile.read(path)
-        channels = [(group.name, channel) for group in file.groups() for channel in group.channels()]
-        names = [channel.name for _, channel in channels]
-        for group, channel in channels:
-            if channel.data_type is None or np.asarray(channel[:]).dtype.kind not in "fiu":
-                continue
-            name = channel.name if names.count(channel.name) == 1 else f"{group}/{channel.name}"
-            unit = next((channel.properties[p] for p in TDMS_UNITS if channel.properties.get(p)), "")
-            vectors[name] = _text(unit), np.asarray(channel[:], float)
-            if TIME not in names and TIME not in vectors and channel.properties.get("wf_increment"):
-                vectors[TIME] = "s", np.asarray(channel.time_track(), float)
+        with nptdms.TdmsFile.open(path) as file:
+            require_size(sum(len(channel) for group in file.groups() for channel in group.channels()))
+            for group in file.groups():
+                channels = [(c, c[:]) for c in group.channels() if c.data_type is not None]
+                stamped = {len(channel) for channel, _ in channels if channel.name == TIME}
+                for channel, data in channels:
+                    unit = next((channel.properties[p] for p in TDMS_UNITS if channel.properties.get(p)), "")
+                    for name, values in flat_vectors(channel.name, data, report):
+                        unit = "s" if data.dtype.kind == "M" else _text(unit)
+                        vectors.append(Vector(group.name, name, unit, values))
+                    step = channel.properties.get("wf_increment")
+                    if len(channel) not in stamped and step and data.dtype.kind in "fiu":
+                        first = float(channel.properties.get("wf_start_offset", 0.0))
+                        vectors.append(Vector(group.name, TIME, "s", first + float(step) * np.arange(len(channel))))
+                        stamped.add(len(channel))
+    except TableError:
+        raise
     except Exception:  # a damaged file raises whatever its bytes lead to
         raise TableError(0, "is damaged or not a TDMS file") from None
-    return table_of_vectors(vectors, report)
+    return tables_of_vectors(vectors)
 
 
-def read_mdf_table(path: Path, report: Report) -> Table:
-    """Read the channels of an MDF file (`.mf4`) that have the most frequent time stamps, with these as `time [s]`.
+def read_mdf_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
+    """Read the channels of an MDF file (`.mf4`): a table for all with the same time stamps, with these as `time [s]`.
 
     Raises:
-        TableError: asammdf is not installed, or the file is damaged.
+        TableError: asammdf is not installed, the file is damaged, or unpacks to more than is read.
     """
     asammdf = _reader("asammdf", "an MDF file", "mdf", "CSV")
     try:
         with asammdf.MDF(path) as file:
+            require_size(sum(group.channel_group.cycles_nr * len(group.channels) for group in file.groups))
             signals = [signal for signal in file.iter_channels() if np.asarray(signal.samples).dtype.kind in "fiu"]
+    except TableError:
+        raise
     except Exception:  # a damaged file raises whatever its bytes lead to
         raise TableError(0, "is damaged or not an MDF file") from None
-    stamps = [np.asarray(signal.timestamps, float) for signal in signals]
-    keys = [stamp.tobytes() for stamp in stamps]
-    common = max(keys, key=keys.count, default=b"")
-    vectors: dict[str, tuple[str, np.ndarray]] = {}
-    for signal, stamp, key in zip(signals, stamps, keys, strict=True):
-        if key != common:
-            report(0, f"`{signal.name}` has other time stamps than most channels; it is left out")
-        elif signal.name in vectors:
+    vectors: dict[tuple[str, str], Vector] = {}
+    clocks: dict[bytes, str] = {}
+    for signal in signals:
+        stamps = np.asarray(signal.timestamps, float)
+        clock = clocks.setdefault(stamps.tobytes(), str(len(clocks) + 1))
+        vectors.setdefault((clock, TIME), Vector(clock, TIME, "s", stamps))
+        if (clock, signal.name) in vectors:
             report(0, f"there is another channel `{signal.name}`; it is left out")
         else:
-            vectors.setdefault(TIME, ("s", stamp))
-            vectors[signal.name] = _text(signal.unit), np.asarray(signal.samples, float)
-    return table_of_vectors(vectors, report)
+            values = np.asarray(signal.samples, float)
+            vectors[clock, signal.name] = Vector(clock, signal.name, _text(signal.unit), values)
+    return tables_of_vectors(list(vectors.values()))
 
 
 def _reader(module: str, what: str, extra: str, otherwise: str) -> ModuleType:

@@ -1,6 +1,7 @@
 """Read the table of a run from a file of any format that data loggers write; its content says which one it is.
 
-Nothing is repaired: unreadable lines and columns are left out, unreadable numbers are NaN, and a remark reports each.
+Nothing is repaired: unreadable lines are left out, unreadable numbers are NaN, and a remark reports each; a column that
+cannot be read says why (`Column.fault`).
 """
 
 from collections.abc import Callable
@@ -8,65 +9,75 @@ from pathlib import Path
 
 from edhas_jax.core.regular_file import FileKindError, require_regular_file
 from edhas_jax.measurements.campaign import Remark, Severity
-from edhas_jax.measurements.tables.binary_tables import read_excel_table, read_mat_table, read_parquet_table
-from edhas_jax.measurements.tables.channel_files import read_hdf5_table, read_mdf_table, read_tdms_table
-from edhas_jax.measurements.tables.table import Report, Table, TableError
-from edhas_jax.measurements.tables.text_table import read_text_table
+from edhas_jax.measurements.tables.binary_tables import read_excel_tables, read_mat_tables, read_parquet_tables
+from edhas_jax.measurements.tables.channel_files import read_hdf5_tables, read_mdf_tables, read_tdms_tables
+from edhas_jax.measurements.tables.table import MAX_BYTES, Layout, Report, Table, TableError, joined
+from edhas_jax.measurements.tables.text_table import read_text_tables
 
-MAX_BYTES = 1_000_000_000  # of a run file
+MIN_SAMPLES = 2  # of a table; a single value is a setting of the logger
 # first bytes of a file, and its reader, or what to do with it
-FORMATS: tuple[tuple[bytes, Callable[[Path, Report], Table] | str], ...] = (
-    (b"PAR1", read_parquet_table),
-    (b"MATLAB", read_mat_table),
-    (b"PK\x03\x04", read_excel_table),
+FORMATS: tuple[tuple[bytes, Callable[[Path, Layout, Report], list[Table]] | str], ...] = (
+    (b"PAR1", read_parquet_tables),
+    (b"MATLAB", read_mat_tables),
+    (b"PK\x03\x04", read_excel_tables),
     (b"\xd0\xcf\x11\xe0", "is a file of Excel 97; save it as CSV or .xlsx"),
     (b"\x1f\x8b", "is compressed with gzip; unpack it"),
-    (b"TDSm", read_tdms_table),
-    (b"\x89HDF", read_hdf5_table),
-    (b"MDF ", read_mdf_table),
+    (b"TDSm", read_tdms_tables),
+    (b"\x89HDF", read_hdf5_tables),
+    (b"MDF ", read_mdf_tables),
     (b"UnFinMF ", "is an MDF file that was not finished; finish it with the program that wrote it"),
     (b"%PDF", "is a PDF file; export the table as CSV"),
 )
 # formats that an empty or damaged file is meant to have
 SUFFIXES = {
-    ".parquet": read_parquet_table, ".mat": read_mat_table, ".xlsx": read_excel_table, ".tdms": read_tdms_table,
-    ".h5": read_hdf5_table, ".hdf5": read_hdf5_table, ".mf4": read_mdf_table, ".mdf": read_mdf_table,
+    ".parquet": read_parquet_tables, ".mat": read_mat_tables, ".xlsx": read_excel_tables, ".tdms": read_tdms_tables,
+    ".h5": read_hdf5_tables, ".hdf5": read_hdf5_tables, ".mf4": read_mdf_tables, ".mdf": read_mdf_tables,
 }  # fmt: skip
 
 
-def read_table(path: Path, remark: Callable[[Remark], None]) -> Table:
-    """Read the table in a file.
+def read_tables(path: Path, remark: Callable[[Remark], None], layout: Layout = Layout()) -> list[Table]:
+    """Read the tables in a file: one for each group of channels and number of samples, each with its own time.
 
     Args:
         path: a text file with separated values, a Parquet, MATLAB, Excel, HDF5, TDMS or MDF file.
         remark: called with a remark on everything that is left out.
+        layout: what the campaign states about the file.
 
     Returns:
-        The columns that hold numbers.
+        The columns that hold numbers; at least one table, each of at least two samples.
 
     Raises:
         TableError: the file does not exist, has another format, is damaged, or has fewer than two samples.
     """
-
-    def report(line: int, sentence: str) -> None:
-        remark(Remark(Severity.ERROR, path, line, sentence))
-
     try:
         if (size := require_regular_file(path)) > MAX_BYTES:
             raise TableError(0, f"has {size / 1e6:.4g} MB; at most {MAX_BYTES / 1e6:.4g} MB are read")
-        table = _reader(path)(path, report)
+        tables = _reader(path)(path, layout, _report(path, remark))
     except FileNotFoundError:
         raise TableError(0, "no such file") from None
     except FileKindError as error:
         raise TableError(0, str(error.strerror)) from None
     except OSError as error:
         raise TableError(0, f"cannot be read: {error.strerror or error}") from None
-    if len(table.lines) < 2:
-        raise TableError(0, f"at least 2 samples are needed; there are {len(table.lines)}")
-    return table
+    count = max((len(table.lines) for table in tables), default=0)
+    if count < MIN_SAMPLES:
+        raise TableError(0, f"at least {MIN_SAMPLES} samples are needed; there are {count}")
+    return [table for table in tables if len(table.lines) >= MIN_SAMPLES]
 
 
-def _reader(path: Path) -> Callable[[Path, Report], Table]:
+def read_table(path: Path, remark: Callable[[Remark], None], layout: Layout = Layout()) -> Table:
+    """Read the table in a file; of several tables those with the same time as most columns, as one.
+
+    Args, returns and raises as of `read_tables`.
+    """
+    return joined(read_tables(path, remark, layout), _report(path, remark))
+
+
+def _report(path: Path, remark: Callable[[Remark], None]) -> Report:
+    return lambda line, sentence: remark(Remark(Severity.ERROR, path, line, sentence))
+
+
+def _reader(path: Path) -> Callable[[Path, Layout, Report], list[Table]]:
     """The reader for the format of a file.
 
     Raises:
@@ -79,4 +90,4 @@ def _reader(path: Path) -> Callable[[Path, Report], Table]:
             if isinstance(reader, str):
                 raise TableError(0, reader)
             return reader
-    return SUFFIXES.get(path.suffix.lower(), read_text_table)
+    return SUFFIXES.get(path.suffix.lower(), read_text_tables)

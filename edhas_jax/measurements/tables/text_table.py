@@ -1,25 +1,36 @@
-"""Read a table from text: values separated by commas, semicolons, tabs or spaces, as data loggers write them."""
+"""Read a table from text: values separated by commas, semicolons, tabs or spaces, as data loggers write them.
+
+A row that does not fit is left out; one sentence reports all of a kind.
+"""
 
 import csv
 import io
 import re
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
-from edhas_jax.measurements.tables.row_table import EXPECTED, MAX_LISTED, Cell, table_from_rows
-from edhas_jax.measurements.tables.table import Report, Table, TableError
+import numpy as np
 
-SAMPLED_LINES = 400  # from which the delimiter is found
+from edhas_jax.measurements.tables.cell_values import decimal_mark, read_column
+from edhas_jax.measurements.tables.labview_text import is_labview_text, read_labview_text
+from edhas_jax.measurements.tables.row_table import EXPECTED, find_header
+from edhas_jax.measurements.tables.table import Column, Layout, Report, Table, TableError, require_size
+
+SAMPLED_LINES = 400  # from which the delimiter, the decimal mark and the number of columns are found
+MAX_LISTED = 3  # lines of one kind that are reported one by one
 SPACES = re.compile(r"\s+(?!\[)")  # between columns; `time [ms]` is one name
 NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
 STATED_DELIMITER = re.compile(r"sep=(.)", re.IGNORECASE)  # a first line that spreadsheets understand
+MISSING = ["", "nan", "NaN", "NAN", "-nan"]  # cells that state that there is no value
 
 
-def read_text_table(path: Path, report: Report) -> Table:
+def read_text_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
     """Read a table from a text file.
 
     Args:
         path: the file.
+        layout: its decimal mark, where that is stated.
         report: called for what is left out.
 
     Raises:
@@ -27,31 +38,87 @@ def read_text_table(path: Path, report: Report) -> Table:
     """
     text = _decode(path.read_bytes())
     lines = io.StringIO(text, newline=None).read().split("\n")
+    is_cut = text[-1:] not in ("\r", "\n", "")
+    del text
+    if is_labview_text(lines[0]):
+        return read_labview_text(lines, layout, report, read_lines)
     stated = STATED_DELIMITER.fullmatch(lines[0].strip())
     if stated:
         lines[0] = ""
-    filled = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    numbers = [number for number, line in enumerate(lines, 1) if line and not line.isspace()]
+    filled = [lines[number - 1] for number in numbers]
     if not filled:
         raise TableError(0, f"is empty; {EXPECTED}")
-    delimiter = stated[1] if stated else _delimiter([line for _, line in filled])
-    rows, unreadable = [], []
-    for number, line in filled:
-        cells = _cells(line, delimiter)
-        if cells is None:
-            unreadable.append(number)
-        else:
-            rows.append((number, cells))
-    is_cut = text[-1] not in "\r\n" and rows and rows[-1][0] == len(lines)
-    last = rows.pop() if is_cut and len(rows) > 1 else None
-    table = table_from_rows(rows, delimiter, report)
-    if last is not None and len(last[1]) == len(rows[-1][1]):
-        # "0.0123" truncated to "0.0" would pass as a number
-        report(last[0], "the last line has no line end; the file seems to be truncated; line left out")
-    elif last is not None:
-        found = f"{len(last[1])} values where the header has {len(rows[-1][1])}"
+    sampled = filled[:: max(1, len(filled) // SAMPLED_LINES)]
+    delimiter = stated[1] if stated else _delimiter(sampled)
+    sample = [cells for line in sampled if (cells := _cells(line, delimiter)) is not None]
+    rows = zip(numbers, (_cells(line, delimiter) or [] for line in filled), strict=True)
+    header = find_header(rows, sample, delimiter)
+    mark = layout.decimal or decimal_mark(cell for cells in sample for cell in cells)
+    del lines
+    body, own = filled[header.first :], numbers[header.first :]
+    # "0.0123" truncated to "0.0" would pass as a number
+    last = (own.pop(), body.pop()) if is_cut and len(body) > 1 else None
+    table = read_lines(body, own, header.names, header.line, delimiter, mark, bool(layout.decimal), report)
+    if last is not None:
+        width, count = len(header.names), len(_cells(last[1], delimiter) or [])
+        found = "the last line has no line end" if count == width else f"{count} values where the header has {width}"
         report(last[0], f"{found}; the file seems to be truncated; line left out")
-    _report_unreadable(unreadable, report)
-    return table
+    return [table]
+
+
+def read_lines(
+    body: Sequence[str], lines: Sequence[int], names: Sequence[tuple[str, str]], header_line: int, delimiter: str,
+    decimal: str, is_stated: bool, report: Report, optional: int = 0,
+) -> Table:  # fmt: skip
+    """Read the lines with the values of a table.
+
+    Args:
+        body: the lines.
+        lines: their numbers.
+        names: name and unit of each column; a column without a name is not read.
+        header_line: the line with the names.
+        delimiter: what separates the columns.
+        decimal: decimal mark.
+        is_stated: whether the user has stated it.
+        report: called for what is left out.
+        optional: how many cells may be missing at the end of a line.
+    """
+    import pandas as pd
+
+    width = len(names)
+    require_size(width * len(body))
+    if delimiter == " ":
+        body, delimiter = [re.sub(r"\s+", "\t", line.strip()) for line in body], "\t"
+    counts = np.array([_count(line, delimiter) for line in body])
+    fits = (counts <= width) & (counts >= width - optional)
+    _report_unreadable([lines[k] for k in np.flatnonzero(counts == 0)], report)
+    unfitting = [(lines[k], int(counts[k])) for k in np.flatnonzero(~fits & (counts > 0))]
+    _report_unfitting(unfitting, width, lines[-1] if lines else 0, report)
+    kept = np.array(lines, int)[fits]
+    text = "\n".join(body if fits.all() else [body[k] for k in np.flatnonzero(fits)])
+    try:
+        frame = pd.read_csv(
+            io.StringIO(text), sep=delimiter, header=None, names=range(width), index_col=False, skip_blank_lines=False,
+            skipinitialspace=True, keep_default_na=False, na_values=MISSING, low_memory=False,
+            decimal="." if decimal == delimiter else decimal,
+        ) if len(kept) else pd.DataFrame(columns=range(width), dtype=float)  # fmt: skip
+    except pd.errors.ParserError as error:
+        raise TableError(0, f"cannot be read as a table: {error}") from None
+    del text
+    is_number = [dtype.kind in "fiu" for dtype in frame.dtypes]
+    numbers = iter(frame.loc[:, is_number].to_numpy(float).T.copy())
+    columns = {}
+    for at, ((name, unit), is_done) in enumerate(zip(names, is_number, strict=True)):
+        if is_done:
+            column = Column(unit, next(numbers))
+        elif name:
+            cells = frame[at].astype(object)
+            cells = cells.where(cells.notna(), None).map(lambda cell: cell if cell is None else str(cell)).to_list()
+            column = read_column(name, unit, cells, kept, decimal, is_stated, report)
+        if name:
+            columns[name] = column
+    return Table(columns, kept, header_line)
 
 
 def _decode(data: bytes) -> str:
@@ -71,9 +138,8 @@ def _decode(data: bytes) -> str:
     raise TableError(0, "is not a text file; a table is needed, as CSV, Parquet, MATLAB or Excel file")
 
 
-def _delimiter(lines: list[str]) -> str:
+def _delimiter(sample: list[str]) -> str:
     """What separates the columns: a tab, a semicolon, spaces between numbers, otherwise a comma."""
-    sample = lines[:: max(1, len(lines) // SAMPLED_LINES)]
     for delimiter in "\t;":
         count, times = Counter(line.count(delimiter) for line in sample).most_common(1)[0]
         if count > 0 and 2 * times > len(sample):
@@ -86,7 +152,7 @@ def _are_numbers(line: str) -> bool:
     return all(NUMBER.fullmatch(cell) for cell in SPACES.split(line.strip()))
 
 
-def _cells(line: str, delimiter: str) -> list[Cell] | None:
+def _cells(line: str, delimiter: str) -> list[str] | None:
     """The cells of a line; None where a quotation mark is not closed."""
     if delimiter == " ":
         return SPACES.split(line.strip())
@@ -99,6 +165,11 @@ def _cells(line: str, delimiter: str) -> list[Cell] | None:
         return None
 
 
+def _count(line: str, delimiter: str) -> int:
+    """The number of cells of a line; 0 where a quotation mark is not closed."""
+    return line.count(delimiter) + 1 if '"' not in line else len(_cells(line, delimiter) or [])
+
+
 def _report_unreadable(unreadable: list[int], report: Report) -> None:
     """Report the lines with a quotation mark that is not closed."""
     if len(unreadable) > MAX_LISTED:
@@ -107,3 +178,15 @@ def _report_unreadable(unreadable: list[int], report: Report) -> None:
         return
     for line in unreadable:
         report(line, "a quotation mark is not closed; line left out")
+
+
+def _report_unfitting(unfitting: list[tuple[int, int]], width: int, last: int, report: Report) -> None:
+    """Report the rows with another number of values than the header."""
+    if len(unfitting) > MAX_LISTED:
+        (line, count), (until, _) = unfitting[0], unfitting[-1]
+        others = f"so have {len(unfitting) - 1} more lines up to line {until}"
+        report(line, f"{count} values where the header has {width}; {others}; these lines are left out")
+        return
+    for line, count in unfitting:
+        truncated = "; the file seems to be truncated" if line == last else ""
+        report(line, f"{count} values where the header has {width}{truncated}; line left out")

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import file_name
-from edhas_jax.measurements.tables.table_reader import MAX_BYTES
+from edhas_jax.measurements.tables.table import MAX_BYTES
 from edhas_jax.workbench.calculator import CalculationError
 from edhas_jax.workbench.figures import record_figure
 from edhas_jax.workbench.views.mapper import Mapper

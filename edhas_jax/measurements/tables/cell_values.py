@@ -1,0 +1,208 @@
+"""Cells of a text or a sheet become numbers: decimal marks, separators of thousands, dates and clock times."""
+
+import datetime
+import re
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from edhas_jax.measurements.tables.table import Column, Report, TableError
+
+Cell = str | float | datetime.datetime | datetime.time | datetime.timedelta | None
+MAX_QUOTED = 40  # characters of a cell in a message
+MAX_FAILING = 0.05  # share of the cells of a column; where more fail, the way in which it is read is wrong
+SPACES = " '’\u00a0\u2009\u202f"  # that separate thousands, whatever the decimal mark is
+OTHER = {".": ",", ",": "."}
+NUMERIC = re.compile(rf"[+-]?(?:\d[\d.,{SPACES}]*|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
+GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")  # a number that may have decimals or thousands
+WITH_UNIT = re.compile(rf"{NUMERIC.pattern.partition('|[+-]?(?:nan')[0]}\s*[^\W\d].*")
+# a date, a clock time with seconds, half of the day, difference to universal time
+STAMP = re.compile(
+    r"(?:(\d{1,4}[-./ ]\w{1,9}[-./ ]\d{1,4})[ T,]+)?(\d{1,2}):(\d{2})(?::(\d{2}))?(?:[.,:](\d*))?"
+    r"\s*(?:([AP])\.?M\.?)?\s*(Z|[+-]\d{2}:?\d{2})?",
+    re.IGNORECASE,
+)
+DAY = 86400.0  # s
+
+
+def looks_numeric(cell: Cell) -> bool:
+    """Whether a cell holds a number, a date with its time, or a clock time."""
+    if isinstance(cell, str):
+        text = cell.strip()
+        return bool(NUMERIC.fullmatch(text) or STAMP.fullmatch(text))
+    return cell is not None
+
+
+def decimal_mark(cells: Iterable[Cell]) -> str:
+    """The decimal mark of a file: a comma where more cells have one that cannot separate thousands than a point."""
+    marks = {",": 0, ".": 0}
+    for cell in cells:
+        text = cell.strip() if isinstance(cell, str) else ""
+        for mark, other in OTHER.items():
+            if mark in text and other not in text and NUMERIC.fullmatch(text) and not GROUPED.fullmatch(text):
+                marks[mark] += text.count(mark) == 1
+    return "," if marks[","] > marks["."] else "."
+
+
+def read_column(
+    name: str, unit: str, cells: Sequence[Cell], lines: np.ndarray, decimal: str, is_stated: bool, report: Report
+) -> Column:
+    """Read the cells of a column.
+
+    Args:
+        name: its name, for messages.
+        unit: its unit; dates and clock times become seconds since the first.
+        cells: its cells (samples,).
+        lines: their lines (samples,).
+        decimal: decimal mark of the file.
+        is_stated: whether the user has stated it.
+        report: called for single cells that hold no number and are taken as missing.
+    """
+    texts = [cell.strip() if isinstance(cell, str) else cell for cell in cells]
+    if any(isinstance(cell, datetime.datetime | datetime.time | datetime.timedelta) for cell in texts):
+        unit, values = "s", _seconds_of_cells(texts)
+    elif 2 * sum(isinstance(t, str) and STAMP.fullmatch(t) is not None for t in texts) > sum(map(_is_filled, texts)):
+        unit, values = "s", _seconds_of_texts(texts)
+    else:
+        try:
+            values = _numbers(texts, decimal, is_stated)
+        except _Ambiguous as error:
+            k, one, two = error.args
+            sentence = (
+                f'`{name[:MAX_QUOTED]}`: "{texts[k][:MAX_QUOTED]}" is {one!r} or {two!r}; say what stands before the '
+                'decimals in this file: `decimal: "."` or `decimal: ","` in campaign.yaml'
+            )
+            return Column(unit, np.full(len(texts), np.nan), TableError(int(lines[k]), sentence))
+    missing = np.isnan(values)
+    failing = [k for k in np.flatnonzero(missing) if _is_filled(texts[k])]
+    if not failing:
+        return Column(unit, values)
+    # a word says that there is no value; what has digits was meant as one
+    numbers = [k for k in failing if re.search(r"\d", str(texts[k]))]
+    is_fault = len(numbers) > MAX_FAILING * (len(numbers) + int((~missing).sum()))
+    first = numbers[0] if is_fault else failing[0]
+    text, more = str(texts[first]), f" (and {len(failing) - 1} more in this column)" if len(failing) > 1 else ""
+    sentence = f'`{name[:MAX_QUOTED]}`: "{text[:MAX_QUOTED]}" is not a number{more}; '
+    if is_fault:
+        return Column(unit, values, TableError(int(lines[first]), sentence + _remedy(text, decimal)))
+    report(int(lines[first]), sentence + "taken as missing")
+    return Column(unit, values)
+
+
+class _Ambiguous(Exception):
+    """Index of a cell that may have thousands or decimals, and both numbers."""
+
+
+def _is_filled(cell: Cell) -> bool:
+    return cell is not None and cell == cell and not (isinstance(cell, str) and cell.lower().strip("+-") in ("", "nan"))
+
+
+def _numbers(texts: Sequence[Cell], decimal: str, is_stated: bool) -> np.ndarray:
+    """The numbers in cells (samples,), NaN where there is none.
+
+    The other mark separates thousands, or is the decimal mark of this column after all: what more cells allow.
+
+    Raises:
+        _Ambiguous: both are possible.
+    """
+    other = OTHER[decimal]
+    values = _with_mark(texts, decimal)
+    strings = [text for text in texts if isinstance(text, str)]
+    if is_stated or not any(other in text or text.count(decimal) > 1 for text in strings):
+        return values
+    others = _with_mark(texts, other)
+    count, other_count = int(np.isnan(values).sum()), int(np.isnan(others).sum())
+    if count == other_count and any(other in text for text in strings):
+        differing = np.flatnonzero((values != others) & ~np.isnan(values))
+        if len(differing):
+            k = int(differing[0])
+            raise _Ambiguous(k, float(values[k]), float(others[k]))
+    return others if other_count < count else values
+
+
+def _with_mark(texts: Sequence[Cell], decimal: str) -> np.ndarray:
+    """The numbers in cells (samples,), NaN where there is none, read with a decimal mark and groups of thousands."""
+    group = OTHER[decimal] + SPACES
+    pattern = re.compile(
+        rf"[+-]?(?=[{decimal}]?\d)(?:[1-9]\d{{0,2}}([{group}])\d{{3}}(?:\1\d{{3}})*|\d*)(?:[{decimal}]\d*)?"
+        r"(?:[eE][+-]?\d+)?|[+-]?(?i:inf|infinity)"
+    )  # fmt: skip
+    plain = str.maketrans({decimal: "."} | dict.fromkeys(group, ""))
+
+    def number(cell: Cell) -> float:
+        if isinstance(cell, str):
+            return float(cell.translate(plain)) if pattern.fullmatch(cell) else np.nan
+        return np.nan if cell is None else float(cell)
+
+    return np.array([number(cell) for cell in texts], float)
+
+
+def _remedy(text: str, decimal: str) -> str:
+    """What to do about a cell that holds no number."""
+    if WITH_UNIT.fullmatch(text):
+        return "write numbers without their unit"
+    if text.count(",") + text.count(".") > 1 or OTHER[decimal] in text:
+        remedy = f'in a file with `{OTHER[decimal]}` write `decimal: "{OTHER[decimal]}"` in campaign.yaml'
+        return f"`{decimal}` is taken for what stands before the decimals; {remedy}"
+    return "write numbers only"
+
+
+def _seconds_of_cells(cells: Sequence[Cell]) -> np.ndarray:
+    """Seconds since the first of dates with times, times of day or durations (samples,); NaN for other cells."""
+    zero = next(cell for cell in cells if isinstance(cell, datetime.datetime | datetime.time | datetime.timedelta))
+
+    def seconds(cell: Cell) -> float:
+        if type(cell) is not type(zero):
+            return np.nan
+        if isinstance(cell, datetime.time):
+            return 3600.0 * cell.hour + 60.0 * cell.minute + cell.second + 1e-6 * cell.microsecond
+        return (cell - zero).total_seconds()
+
+    values = np.array([seconds(cell) for cell in cells])
+    return _since_first(values, isinstance(zero, datetime.time))
+
+
+def _seconds_of_texts(texts: Sequence[Cell]) -> np.ndarray:
+    """Seconds since the first of dates with times, or of times of day (samples,); NaN for other cells."""
+    found = [STAMP.fullmatch(text) if isinstance(text, str) else None for text in texts]
+    days = _days({match[1] for match in found if match and match[1]})
+
+    def seconds(match: re.Match | None) -> float:
+        if match is None or (days and match[1] not in days):
+            return np.nan
+        day, hours, minutes, whole, fraction, half, zone = match.groups()
+        if whole is None and fraction is not None:  # minutes and seconds
+            hours, minutes, whole = "0", hours, minutes
+        hour = int(hours) % 12 + 12 * (half in "pP") if half else int(hours)
+        offset = 0.0
+        if zone and zone not in "zZ":
+            offset = float(f"{zone[0]}1") * (60.0 * int(zone[1:3]) + int(zone[-2:]))
+        clock = 3600.0 * hour + 60.0 * (int(minutes) - offset) + float(f"{whole or 0}.{fraction or 0}")
+        return days.get(day, 0.0) * DAY + clock
+
+    return _since_first(np.array([seconds(match) for match in found]), not days)
+
+
+def _days(dates: set[str]) -> dict[str, float]:
+    """Days since the first of dates by their text; day or month first, whichever makes the record shorter."""
+    import pandas as pd
+
+    results = []
+    for day_first in (True, False):
+        try:
+            stamps = {d: pd.to_datetime(d, dayfirst=day_first and not re.match(r"\d{4}", d)) for d in dates}
+        except ValueError:
+            continue
+        zero = min(stamps.values(), default=None)
+        results.append({date: (stamp - zero).total_seconds() / DAY for date, stamp in stamps.items()})
+    return min(results, key=lambda days: max(days.values(), default=0.0), default={})
+
+
+def _since_first(seconds: np.ndarray, is_time_of_day: bool) -> np.ndarray:
+    """Seconds (samples,) since the first; a time of day that falls by more than half a day has passed midnight."""
+    valid = np.flatnonzero(~np.isnan(seconds))
+    values = seconds - seconds[valid[0]] if len(valid) else seconds
+    if is_time_of_day:
+        midnights = np.cumsum(np.diff(values[valid], prepend=0.0) < -0.5 * DAY)
+        values[valid] += DAY * midnights
+    return values
