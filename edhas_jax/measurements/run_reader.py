@@ -76,6 +76,7 @@ class RunEntry(NamedTuple):
         timing: where the time of the run is zero, and which part of the record is used.
         uncertain: the parameters whose value in this run is an unknown of its own.
         columns: the columns of signals and drives that have another name in this run.
+        keep: the signals of which the checks leave out no sample.
     """
 
     name: str
@@ -85,6 +86,7 @@ class RunEntry(NamedTuple):
     timing: RecordTiming = RecordTiming()
     uncertain: Mapping[str, Spread] = MappingProxyType({})
     columns: Mapping[str, ColumnSource] = MappingProxyType({})
+    keep: frozenset[str] = frozenset()
 
     @property
     def file(self) -> Path:
@@ -196,7 +198,7 @@ class RunReader:
                 continue
             runs.append(BenchRun(
                 entry.name, record.file.path, entry.use, entry.conditions, time, signals, lines, reference, drives,
-                entry.uncertain,
+                entry.uncertain, keep=entry.keep,
             ))  # fmt: skip
         if not runs and not too_short:
             self._remark(0, "none of its columns can be used; the run is left out")

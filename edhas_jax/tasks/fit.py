@@ -19,6 +19,7 @@ from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_li
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_reader import as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.checks.noise_measurement import without_refuted_noise
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 from edhas_jax.tasks.compare import toned_residual
@@ -148,6 +149,11 @@ def fit(
     report("reading")
     try:
         found = calibrate(FitProblem(campaign, campaign.machine, unknowns), starts=starts, on_progress=report)
+        quieter = without_refuted_noise(campaign, found.residuals, len(unknowns))
+        if quieter is not campaign:
+            campaign, problem = quieter, FitProblem(quieter, quieter.machine, unknowns)
+            report("once more, with the noise that the fit leaves")
+            found = calibrate(problem, found.x, search=False, on_progress=report)
     except FitError as error:
         raise CampaignError(str(error)) from None
     report("residuals of all runs")

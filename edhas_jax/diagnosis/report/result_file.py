@@ -113,6 +113,7 @@ def _bench_data(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         {
             "kind": row.deviation.kind.value, "name": row.deviation.name or None, "run": row.run or None,
             "value": row.value * row.deviation.std, "std": row.std * row.deviation.std, "accuracy": row.deviation.std,
+            "possible": row.is_possible,
         }
         for row in diagnosis.bench_deviations()
     ]  # fmt: skip

@@ -8,6 +8,7 @@ from edhas_jax.diagnosis.calibration.confounding import model_error_sentence, we
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.curve_onset import onset
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
+from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
@@ -77,9 +78,22 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
 
 
 def excessive_deviations(diagnosis: Diagnosis) -> list[str]:
-    """A sentence on each of the largest deviations of the bench that are larger than their accuracy allows."""
-    rows = zip(bench_rows(diagnosis), diagnosis.bench_deviations(), strict=True)
-    return [
+    """A sentence on each of the largest deviations of the bench that are larger than their accuracy allows.
+
+    One sentence says what no bench does at all.
+    """
+    deviations = diagnosis.bench_deviations()
+    rows = zip(bench_rows(diagnosis), (row for row in deviations if row.is_possible), strict=True)
+    names = [
+        f"{_deviation_name(row)} ({100.0 * row.value * row.deviation.std:+.2g} %)"
+        for row in deviations
+        if not row.is_possible
+    ]
+    impossible = [
+        f"Part of what the model leaves is taken up by corrections that no bench needs: {', '.join(names)}. They are "
+        "no deviations of the bench, but stand in for something that the model lacks."
+    ] if names else []  # fmt: skip
+    return impossible + [
         f"{what}{'' if run == 'all' else f' of {run}'}: {size}, more than {MAX_ACCURACIES:.0f} times its accuracy of "
         f"{accuracy}. Either the bench is less accurate than that (`accuracy:` of the campaign), or this stands in for "
         "something that the model lacks."
@@ -117,19 +131,27 @@ def _unpredictable_sentences(diagnosis: Diagnosis) -> list[str]:
 
 
 def bench_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:
-    """What the bench did: the clear deviations as texts of what, run, size with standard error, and accuracy."""
+    """What the bench did: the clear deviations as texts of what, run, size with standard error, and accuracy.
+
+    Those that no bench has are not among them.
+    """
     rows, signals = [], diagnosis.campaign.machine.signals
     for row in diagnosis.bench_deviations():
         deviation = row.deviation
+        if not row.is_possible:
+            continue
         unit = DEVIATION_UNITS.get(deviation.kind, "-")
         unit = signals[deviation.name].unit if deviation.kind is DeviationKind.OFFSET else unit
-        what = " ".join(part for part in (deviation.kind.value, deviation.name.replace("_", " ")) if part)
         size, error = row.value * deviation.std, row.std * deviation.std
         texts = format_with_error(size, error, unit), format_quantity(deviation.std, unit)
-        if unit == "-":
+        if unit == "-" and deviation.kind is not DeviationKind.OFFSET:
             texts = f"{100.0 * size:+.2g} ± {100.0 * error:.1g} %", f"{100.0 * deviation.std:.2g} %"
-        rows.append((what, row.run or "all", *texts))
+        rows.append((_deviation_name(row), row.run or "all", *texts))
     return rows
+
+
+def _deviation_name(row: EstimatedDeviation) -> str:
+    return " ".join(part for part in (row.deviation.kind.value, row.deviation.name.replace("_", " ")) if part)
 
 
 def _adequate_sentence(diagnosis: Diagnosis) -> str:
