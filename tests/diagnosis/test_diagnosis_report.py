@@ -160,7 +160,7 @@ def test_the_size_of_an_effect_with_another_law_is_that_of_the_library_law_alone
     alone = fit_of_parameters(found, trial)
     assert [effect.id for effect in alone.machine.effects] == ["lugre_friction", "inverter_dead_time"]
     said = conclusions(found)
-    assert format_with_error(alone.values[name], alone.standard_errors[name], "V") in said[0]
+    assert f"dead_time_voltage {alone.text(name)}" in said[0]
     assert said[1].endswith("inverter_dead_time are those of a fit with the library's law alone.")
     assert found.after.bench.has_deviations and said[2].endswith("which `edhas compare` does not correct.")
     curve = estimate_law_curve(found.final, "inverter_dead_time", deviation=deviation.id, alone=alone).curve

@@ -8,7 +8,6 @@ from pathlib import Path
 from edhas_jax.core import html_page
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.optional_parts import OptionalParts
-from edhas_jax.core.units import format_with_error
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
@@ -263,8 +262,7 @@ def parameter_texts(candidate: Candidate, fitted: Fit) -> list[str]:
     """The parameters of a candidate in a fit as text, with standard errors and units."""
     own, machine = candidate.own_unknowns(fitted.problem.unknowns), fitted.problem.machine
     return [
-        f"{name.replace('_', ' ')} "
-        + format_with_error(fitted.values[u.name], fitted.standard_errors[u.name], _unit(candidate, u, machine))
+        f"{name.replace('_', ' ')} {fitted.text(u.name, _unit(candidate, u, machine))}"
         for name, u in own.items()
     ]
 

@@ -243,7 +243,4 @@ def _parameters_text(diagnosis: Diagnosis, accepted: Trial) -> str:
     """The stated parameters of an accepted candidate, with their standard errors."""
     fit = fit_of_parameters(diagnosis, accepted)
     own = accepted.candidate.own_unknowns(fit.problem.unknowns)
-    return ", ".join(
-        f"{name} {format_with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit)}"
-        for name, u in own.items()
-    )
+    return ", ".join(f"{name} {fit.text(u.name)}" for name, u in own.items())
