@@ -126,13 +126,14 @@ class SavedResult:
         """The machine of the result, such as the calibrated one.
 
         Raises:
-            ResultFileError: the result has none.
+            ResultFileError: the result has none, or its files were changed.
         """
         from edhas_jax.config.machine_config import read_config
 
         name = next((n for n in MODEL_FILES if (self.folder / n).is_file()), None)
         if name is None:
             raise ResultFileError(f"{self.folder}: holds no machine")
+        check_files(self.folder)
         return read_config(self.folder / name, is_result=True).machine
 
     @property
@@ -197,7 +198,7 @@ def open_result(path: Path | str):
     if not (path / SUMMARY_FILE).is_file():
         missing = "there is no such folder" if not path.exists() else "holds no result: summary.json is missing"
         raise ResultFileError(f"{path}: {missing}")
-    check_files(path, (SUMMARY_FILE, *DATA_FILES))
+    check_files(path)
     try:
         made = json.loads((path / SUMMARY_FILE).read_text(encoding="utf-8"))
         name = next((n for n in DATA_FILES if (path / n).is_file()), None)
