@@ -86,6 +86,10 @@ class Candidate:
         """The parameters that a fit has to estimate: those with a plausible range, and offsets."""
         return [p for p in structs.parameters(self.kind) if p.plausible is not None or p.name == "offset"]
 
+    def unit(self, unknown: UnknownParameter, machine: Rig) -> str:
+        """The SI unit of one of its unknowns; a sensor offset has the unit of its signal."""
+        return machine.signals[self.signal].unit if self.signal and unknown.name.endswith(".offset") else unknown.unit
+
     def sizes(self) -> list[Parameter]:
         """The parameters that vanish together where the effect is absent.
 
