@@ -48,7 +48,8 @@ class UnknownParameter:
     def value(self, x):
         """The value (SI) at coordinate `x`."""
         if self.scale is ParameterScale.LOGARITHMIC:
-            return self.centre * np.exp(self.spread * x)
+            with np.errstate(over="ignore"):  # at a bound of a prior that is far too wide
+                return self.centre * np.exp(self.spread * x)
         if self.scale is ParameterScale.RECIPROCAL:
             return 1.0 / (self.spread * x)
         return self.centre + self.spread * x

@@ -88,12 +88,28 @@ def with_methods(kind: type, inner: Any, **more: Any):
     return kind(**fields, **more)
 
 
+def require_picture_name(path: Path) -> None:
+    """Refuse a path that no picture can be written to; call it before a long computation.
+
+    Raises:
+        ResultFileError: it is a folder, or its suffix names no format of pictures.
+    """
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    formats = FigureCanvasBase.get_supported_filetypes()
+    if path.is_dir():
+        raise ResultFileError(f"{path}: is a folder; name the file of the picture, such as {path / 'picture.png'}")
+    if path.suffix.removeprefix(".").lower() not in formats:
+        raise ResultFileError(f"{path}: ends in no format of pictures; known: {', '.join(sorted(formats))}")
+
+
 def save_figure(figure, path: Path) -> None:
     """Write a matplotlib figure in the format that the suffix of `path` names.
 
     Raises:
         ResultFileError: the file cannot be written, or the format is unknown.
     """
+    require_picture_name(path)
     try:
         figure.savefig(path, dpi=FIGURE_DPI)
     except (OSError, ValueError) as error:

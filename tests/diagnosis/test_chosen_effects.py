@@ -1,5 +1,6 @@
 """Effects chosen by hand: those that are absent come to nothing and are said so, weak ones get their size."""
 
+import dataclasses
 import math
 
 import pytest
@@ -130,3 +131,11 @@ def test_sizes_vanish_together():
 def test_texts_of_estimates():
     assert estimate_text(0.8002, 3.8e-4, "V") == "0.80020 ± 0.00038 V"
     assert estimate_text(0.0, None, "V", "lower") == "0 V, its lower limit"
+
+
+def test_a_wide_prior_does_not_make_an_estimate_lie_at_a_limit(calibrated):
+    """Its bounds are close together in coordinates."""
+    fit = calibrated[1].evaluated.fit
+    unknowns = tuple(dataclasses.replace(u, spread=1e9 * u.spread) for u in fit.problem.unknowns)
+    wide = dataclasses.replace(fit, problem=dataclasses.replace(fit.problem, unknowns=unknowns), x=1e-9 * fit.x)
+    assert wide.at_limit == {} and wide.values == pytest.approx(fit.values)

@@ -86,8 +86,9 @@ class Fit:
         """
         found = {}
         for u, x, value in zip(self.problem.unknowns, self.x, self.values.values(), strict=True):
-            if any(abs(x - bound) <= LIMIT_TOLERANCE for bound in u.bounds()):
-                ends = [float(u.value(bound)) for bound in u.bounds()]
+            low, high = u.bounds()
+            if min(x - low, high - x) <= LIMIT_TOLERANCE * min(high - low, 1.0):
+                ends = [float(u.value(bound)) for bound in (low, high)]
                 found[u.name] = "lower" if abs(value - min(ends)) < abs(value - max(ends)) else "upper"
         return found
 
