@@ -101,7 +101,10 @@ def _shortened(text: str) -> str:
 
 
 def _prepare_process() -> None:
-    """Keep compiled XLA programs from one command to the next; print warnings about engines as plain sentences."""
+    """Keep compiled XLA programs from one command to the next; print warnings about engines as plain sentences.
+
+    A RuntimeWarning of NumPy on a number that is not finite is not shown: the command says what such a number means.
+    """
     from edhas_jax.compiler.engines import EngineFallback
     from edhas_jax.core.runtime import drop_damaged_program, keep_xla_programs
 
@@ -113,7 +116,7 @@ def _prepare_process() -> None:
     def show_sentence(message, category, *where, **options):
         if issubclass(category, EngineFallback):
             print(f"edhas: {message}", file=sys.stderr)
-        elif not drop_damaged_program(str(message)):
+        elif not drop_damaged_program(str(message)) and not issubclass(category, RuntimeWarning):
             show(message, category, *where, **options)
 
     warnings.showwarning = show_sentence

@@ -201,7 +201,7 @@ def open_run(folder: str | Path, trust: Iterable[str | Path] = ()) -> Run:
     for name in (MANIFEST_FILE, SIGNALS_FILE, LEDGER_FILE, CONFIG_FILE):
         if not (folder / name).is_file():
             raise ResultFileError(f"{folder}: not a run folder: {name} is missing")
-    check_files(folder, RUN_FILES)
+    check_files(folder)
     try:
         manifest = json.loads((folder / MANIFEST_FILE).read_text(encoding="utf-8"))
         if manifest["format"] > FORMAT_VERSION:

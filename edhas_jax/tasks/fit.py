@@ -65,9 +65,8 @@ class FitResult(Result, Calibration):
         fit, rows, records = self.fit, [], []
         for u, x, std in zip(fit.problem.unknowns, fit.x, fit.std, strict=True):
             interval, value = fit.interval(u.name), fit.values[u.name]
-            low, high = (format_quantity(v, u.unit) for v in interval)
             rows.append((u.name, format_quantity(u.centre, u.unit), format_quantity(value, u.unit),
-                         f"{low} … {high}", f"{x:+.2f}", f"{std:.3f}"))  # fmt: skip
+                         fit.interval_text(u.name), f"{x:+.2f}", f"{std:.3f}"))  # fmt: skip
             records.append({"name": u.name, "unit": u.unit, "prior_mean": u.centre, "value": value,
                             "interval_95": list(interval), "pull": float(x), "error": float(std)})  # fmt: skip
         columns = "name", "prior mean", "value", "95 % interval", "pull, prior σ", "error, prior σ"

@@ -55,6 +55,7 @@ class Checkpoint:
         self.restored, self.saved, self.earlier_seconds = 0, 0, 0.0
         self.failures: list[str] = []
         self._usable = folder is not None and stored_identity(folder) == self._identity
+        self._keeps = folder is not None
         self._began = time.perf_counter()
 
     def stage(
@@ -79,14 +80,15 @@ class Checkpoint:
             self._began = time.perf_counter()
             return value
         value = compute()
-        if self.folder is not None:
+        if self._keeps:
             encoder = StageEncoder()
             plain = {"value": encode(encoder, value), "seconds": self.seconds}
             try:
                 self._write(name, plain, encoder.arrays)
             except OSError as error:  # a full disk, for example, ends the keeping but not the diagnosis
-                self.failures.append(f"Finished rounds could not be kept: {error}.")
-                self.folder = None
+                reason = error.strerror or error
+                self.failures.append(f"Stage {name} and later ones of the search could not be kept: {reason}.")
+                self._keeps = False
         return value
 
     @property

@@ -248,7 +248,8 @@ def _select_again(
 ) -> list[Round]:
     """A search that begins with another round; empty where that one leaves more than the first of the known search."""
     end = search.round("again_1", [], lambda: _finish_round(search, forward[0].baseline, [], resolution, first, other))
-    if end.baseline is None or _left_after(end.round, end.baseline) > _left_after(forward[0], forward[1].baseline):
+    known = _left_after(forward[0], forward[1].baseline)
+    if end.baseline is None or not _left_after(end.round, end.baseline) <= known:
         return []
     search.report(f"found: {other.accepted.candidate.name}")
     return _select_forward(search, end.baseline, resolution, first, [end.round], "again")
