@@ -1,7 +1,6 @@
 """The command `edhas diagnose`."""
 
 import re
-import sys
 from pathlib import Path
 
 from edhas_jax.commands.arguments import (
@@ -15,7 +14,6 @@ from edhas_jax.commands.arguments import (
     require_own_code,
 )
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
-from edhas_jax.commands.interruption import STATUS_INTERRUPTED, interruptible
 from edhas_jax.commands.progress import WorkProgress
 
 DEFAULT_PARENT = Path("diagnoses")
@@ -33,15 +31,12 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
-@interruptible
-def run(options) -> int:
+def run(options) -> None:
     """Find the effects that a campaign's model lacks, write a folder, print the verdict.
-
-    Returns:
-        The exit status: 0, or 130 of an interrupted command.
 
     Raises:
         CampaignError: the fit fails.
+        KeyboardInterrupt: the user has interrupted it; the text says what is finished.
         ResultFileError: the folder exists or cannot be written.
     """
     from edhas_jax.config.result_files import ResultFiles
@@ -74,9 +69,10 @@ def run(options) -> int:
         except KeyboardInterrupt:
             if not checkpoint.kept:
                 raise
-            print(f"edhas: interrupted; finished stages of the search ({checkpoint.kept}) are kept in {folder}; "
-                  "the same command goes on from them", file=sys.stderr)  # fmt: skip
-            return STATUS_INTERRUPTED
+            raise KeyboardInterrupt(
+                f"edhas: interrupted; finished stages of the search ({checkpoint.kept}) are kept in {folder}; the same "
+                "command goes on from them"
+            ) from None
         with report_write_errors(folder):
             files.begin()
             experiment, failures, interrupted = result.write_all(folder, checkpoint.failures, progress)
@@ -86,7 +82,6 @@ def run(options) -> int:
             files.finish()
     summary = result.summary_with(experiment, failures)
     finish(options, out, summary, folder, _next_command(result, options.campaign, folder))
-    return STATUS_INTERRUPTED if interrupted else 0
 
 
 def _next_command(result, campaign: Path, folder: Path) -> str:
