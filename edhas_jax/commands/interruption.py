@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import threading
+from importlib.machinery import ExtensionFileLoader
 
 STATUS_INTERRUPTED = 130  # exit status of a command that its user has interrupted
 REPEAT_AFTER = 0.1  # s, until an interruption that something has swallowed is raised again
@@ -73,14 +74,16 @@ class Interruption:
 
     def _interrupt(self, number, frame) -> None:
         self.asked = True
-        self._raise()
+        self._raise(frame)
 
-    def _raise(self) -> None:
+    def _raise(self, frame) -> None:
         if self._settled:
             return
-        self._raised = KeyboardInterrupt()
         if CAN_REPEAT:
             signal.setitimer(signal.ITIMER_REAL, REPEAT_AFTER)
+            if _starts_a_library(frame):
+                return
+        self._raised = KeyboardInterrupt()
         raise self._raised
 
     def _repeat(self, number, frame) -> None:
@@ -92,7 +95,7 @@ class Interruption:
                 return
             handled = handled.__context__
         if not self._is_caught_here():
-            self._raise()
+            self._raise(frame)
 
     def _is_caught_here(self) -> bool:
         """Whether code of this package has caught the exception: the outermost function that it has reached."""
@@ -106,3 +109,13 @@ class Interruption:
         if error is self._raised:
             self._raised = None
         return self.asked
+
+
+def _starts_a_library(frame) -> bool:
+    """Whether a library in C is being imported, which may end the whole process where an exception is raised in it."""
+    while frame is not None:
+        is_import = frame.f_code.co_filename.startswith("<frozen importlib")
+        if is_import and isinstance(frame.f_locals.get("self"), ExtensionFileLoader):
+            return True
+        frame = frame.f_back
+    return False

@@ -83,10 +83,12 @@ def interrupted(command: str, folder: Path, moment: float | None, second: float 
         interrupt was sent; the seconds it ran.
     """
     shutil.rmtree(folder / "out", ignore_errors=True)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of a shell; processes would inherit it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     began = time.monotonic()
     process = subprocess.Popen(
         [sys.executable, "-m", "edhas_jax.commands.cli", *COMMANDS[command]], cwd=folder, stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, preexec_fn=_heed_interrupts,
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     deadline = began + PATIENCE
     while moment is not None and process.poll() is None and not _is_ready(process) and time.monotonic() < deadline:
@@ -106,11 +108,6 @@ def interrupted(command: str, folder: Path, moment: float | None, second: float 
         _, message = process.communicate()
         return None, message, True, time.monotonic() - began
     return process.returncode, message, sent, time.monotonic() - began
-
-
-def _heed_interrupts() -> None:
-    """What starts this program may ignore interrupts, as a shell does for what runs in its background."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _is_ready(process) -> bool:
