@@ -5,6 +5,7 @@ import gc
 import signal
 import threading
 import time
+from importlib.machinery import ExtensionFileLoader
 
 import pytest
 
@@ -99,6 +100,17 @@ def test_a_command_that_keeps_what_is_finished_is_left_in_peace():
         caught_in("edhas_jax.design.sizing.optimiser")
         time.sleep(3 * REPEAT_AFTER)  # writes what is finished
         assert interruption.asked
+
+
+def test_the_import_of_a_library_in_c_is_not_interrupted():
+    """An exception within one may end the process with a message of C++."""
+    names = {"signal": signal, "ended": []}
+    text = "def exec_module(self):\n signal.raise_signal(signal.SIGINT)\n ended.append(True)\n"
+    exec(compile(text, "<frozen importlib._bootstrap_external>", "exec"), names)
+    with pytest.raises(KeyboardInterrupt), Interruption(is_whole_process=False):
+        names["exec_module"](ExtensionFileLoader("library", "library.so"))
+        assert names["ended"]
+        go_on()
 
 
 def test_a_signal_that_the_process_ignores_stays_ignored():

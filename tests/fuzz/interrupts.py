@@ -146,7 +146,7 @@ def attack(count: int, seed: int, names=USUAL, longest: float | None = None) -> 
         usual = dict.fromkeys(names, longest)
         for command in names if longest is None else ():
             status, message, _, usual[command] = interrupted(command, folder, None)
-            assert status in (0, 4), message
+            assert status in (0, 4), f"{command}: status {status} {message}"
         for k in range(count):
             command = names[k % len(names)]
             moment = chance.uniform(0.0, usual[command])
