@@ -1,7 +1,6 @@
 """The command `edhas diagnose`."""
 
 import re
-import sys
 from pathlib import Path
 
 from edhas_jax.commands.arguments import (
@@ -15,7 +14,6 @@ from edhas_jax.commands.arguments import (
     require_own_code,
 )
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
-from edhas_jax.commands.interruption import STATUS_INTERRUPTED, interruptible
 from edhas_jax.commands.progress import WorkProgress
 
 DEFAULT_PARENT = Path("diagnoses")
@@ -33,15 +31,12 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
-@interruptible
-def run(options) -> int:
+def run(options) -> None:
     """Find the effects that a campaign's model lacks, write a folder, print the verdict.
-
-    Returns:
-        The exit status: 0, or 130 of an interrupted command.
 
     Raises:
         CampaignError: the fit fails.
+        KeyboardInterrupt: the user has interrupted it; the text says what is finished.
         ResultFileError: the folder exists or cannot be written.
     """
     from edhas_jax.config.result_files import ResultFiles, locked_folder
@@ -83,6 +78,7 @@ def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
         except KeyboardInterrupt:
             if not checkpoint.kept:
                 raise
+<<<<<<< HEAD
             print(f"edhas: interrupted; {kept.format(checkpoint.kept, folder)}", file=sys.stderr)
             return STATUS_INTERRUPTED
         try:
@@ -97,9 +93,21 @@ def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
             if not checkpoint.kept:
                 raise
             raise ResultFileError(f"{error}; {kept.format(checkpoint.kept, folder)}") from None
+=======
+            raise KeyboardInterrupt(
+                f"edhas: interrupted; finished stages of the search ({checkpoint.kept}) are kept in {folder}; the same "
+                "command goes on from them"
+            ) from None
+        with report_write_errors(folder):
+            files.begin()
+            experiment, failures, interrupted = result.write_all(folder, checkpoint.failures, progress)
+            if not interrupted:
+                checkpoint.remove()
+            result.write_summary(folder)
+            files.finish()
+>>>>>>> commands
     summary = result.summary_with(experiment, failures)
     finish(options, out, summary, folder, _next_command(result, options.campaign, folder))
-    return STATUS_INTERRUPTED if interrupted else 0
 
 
 def _next_command(result, campaign: Path, folder: Path) -> str:

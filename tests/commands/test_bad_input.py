@@ -78,7 +78,7 @@ COMMANDS_WITH_A_NAME = [
     ["diagnose", "NAME"], ["diagnose", CAMPAIGN, "--effect", "NAME.py:A"], ["size", "NAME"], ["sensitivity", "NAME"],
     ["export", "NAME"], ["export", CONFIG, "--sources-only", "--out", "NAME"], ["parameters", "NAME"],
     ["effects", "NAME.py:A"], ["effects", "--config", "NAME"], ["plot", "sweep", "NAME"],
-    ["add", "entrained_air", "--campaign", "NAME"],
+    ["add", "NAME", "entrained_air"],
 ]  # fmt: skip
 
 
