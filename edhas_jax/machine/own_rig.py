@@ -15,7 +15,7 @@ from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.effects.base import EffectError
 from edhas_jax.machine.effects.loading import load_user_class
-from edhas_jax.machine.effects.validation import check_number, check_parameters, code_reason
+from edhas_jax.machine.effects.validation import check_derivatives, check_number, check_parameters, code_reason
 from edhas_jax.machine.interface.signals import UnknownNameError
 from edhas_jax.machine.rig_base import Rig, RigError
 
@@ -79,6 +79,7 @@ def check_rig(cls: type[Rig]) -> None:
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
     try:
         runtime.eval_shape(_dry_run, numbers, np.float64(0.0))
+        check_derivatives(machine)
     except (RigError, EffectError) as error:
         raise RigError(str(error)) from error
 

@@ -17,7 +17,7 @@ from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.components.controller_sampling import Continuous, Sampled
 from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.loading import load_user_class
-from edhas_jax.machine.effects.validation import check_number, check_parameters, code_reason
+from edhas_jax.machine.effects.validation import check_derivatives, check_number, check_parameters, code_reason
 from edhas_jax.machine.interface.controller_base import Controller, ControllerError
 from edhas_jax.machine.interface.signals import UnknownNameError
 from edhas_jax.machine.rigs import Rig
@@ -80,6 +80,7 @@ def check_controller(machine: Rig, precision: str = "float64") -> None:
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), trial)
     try:
         runtime.eval_shape(lambda m, zero: _dry_run(m, zero, names), numbers, dtype.type(0.0))
+        check_derivatives(trial)
     except (ControllerError, EffectError) as error:
         raise ControllerError(str(error)) from error
 

@@ -120,7 +120,7 @@ def batch_equals_run(machine: Rig) -> Iterator[Finding]:
     """A lane of a batch is the single run."""
     settings = Simulation(duration=_interval(machine) * (SAMPLES - 1), step=machine.time_step)
     run, lane = simulate(machine, settings).signals, _trace(machine, 1)
-    worst = max(_rms(run[n][: len(v)] - v[: len(run[n])]) / _size(v) for n, v in lane.items())
+    worst = float(np.max([_rms(run[n][: len(v)] - v[: len(run[n])]) / _size(v) for n, v in lane.items()]))
     yield Finding("batch", worst < 1e-9, f"a lane differs from the single run by {worst:.0e} of a signal's range")
 
 

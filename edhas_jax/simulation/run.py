@@ -120,13 +120,13 @@ class Run:
         return missing / max(sum(abs(v) for n, v in total.items() if groups[n] != "stored") / 2, 1e-300)
 
     def volume_residual(self) -> float:
-        """The oil that the balance does not account for, as a share of the oil delivered; 0 without a pump."""
-        if "delivery_flow_a" not in self.volume:
+        """The oil that the balance does not account for, as a share of the oil delivered; 0 if nothing is delivered."""
+        if self.record.delivers_nothing:
             return 0.0
         total = {n: float(v[-1]) for n, v in self.volume.items()}
         stored = sum(v for n, v in total.items() if n.startswith("oil, "))
         delivered = total["delivery_flow_a"] + total["delivery_flow_b"]
-        return (stored - total["accumulator gas"]) / max(abs(delivered), 1e-300)
+        return (stored - total["accumulator gas"]) / abs(delivered)
 
     def plot(self, signals: list[str] | None = None):
         """A matplotlib figure of the run: a default choice of signals, or those named, and the energy balance.
@@ -137,6 +137,7 @@ class Run:
         return plot_run(self.machine, self.signals, self.ledger(), signals)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what is not finite is told by the status
 def simulate(
     machine: Rig, simulation: Simulation = Simulation(), on_progress: Callable[[float], None] | None = None
 ) -> Run:

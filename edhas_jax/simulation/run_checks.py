@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import operator
 
 import numpy as np
 
@@ -71,14 +72,20 @@ def step_change(coarse: Record, fine: Record) -> tuple[str, float]:
         rms = math.sqrt(np.mean((x - coarse.signals["cylinder_position"]) ** 2))
         changes["cylinder position"] = rms / max(span, 1e-9)
         changes.pop("mean flow")  # of a cylinder that has arrived it is the difference of large numbers
-    name = max(changes, key=changes.__getitem__)
-    return name, changes[name]
+    return _largest(changes)
+
+
+def _largest(changes: dict[str, float]) -> tuple[str, float]:
+    """The largest change and its name; one that is not a number exceeds all others."""
+    changes = {name: math.inf if math.isnan(change) else change for name, change in changes.items()}
+    return max(changes.items(), key=operator.itemgetter(1))
 
 
 def _changes(old: dict[str, tuple[float, float]], new: dict[str, tuple[float, float]]) -> dict[str, float]:
     return {n: abs(value - old[n][0]) / size for n, (value, size) in new.items()}
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what is not finite is what it looks for
 def check_run(record: Record, energy_residual: float, volume_residual: float) -> tuple[Status, str]:
     """The status of a run and its reason, apart from how far it depends on the step.
 
@@ -112,22 +119,26 @@ def check_run(record: Record, energy_residual: float, volume_residual: float) ->
         if len(time) > 1 and (time[1] - time[0]) * frequency * FEWEST_SAMPLES > 1.0 + 1e-9:
             status = Status.FEW_SAMPLES
             reasons[status] += f" to at least {FEWEST_SAMPLES * frequency / 1e3:.4g} kHz"
-    if record.delivers_nothing:
-        volume_residual = 0.0
-    for what, residual in (("energy", energy_residual), ("oil", volume_residual)):
-        if abs(residual) > LARGEST_RESIDUAL:
-            status = Status.STEP_TOO_LARGE
-            reasons[status] = f"the {what} balance has an error of {100 * abs(residual):.2g} %: take a smaller step"
-    return status, reasons[status]
+    wrong = _wrong_balance("oil", volume_residual) or _wrong_balance("energy", energy_residual)
+    return wrong or (status, reasons[status])
+
+
+def _wrong_balance(what: str, residual: float, remedy: str = "take a smaller step") -> tuple[Status, str] | None:
+    """The status and reason of a run whose balance of energy or oil has this error; None if it closes."""
+    if not math.isfinite(residual):
+        return Status.NOT_FINITE, f"the {what} balance is not a finite number"
+    if abs(residual) <= LARGEST_RESIDUAL:
+        return None
+    return Status.STEP_TOO_LARGE, f"the {what} balance has an error of {100 * abs(residual):.2g} %: {remedy}"
 
 
 def _check_own(record: Record, energy_residual: float) -> tuple[Status, str]:
     """The status of a run of a rig of one's own, whose energy balance counts only if it says what goes in."""
     if not all(np.isfinite(values).all() for values in record.signals.values()):
         return Status.NOT_FINITE, REASONS[Status.NOT_FINITE]
-    if abs(energy_residual) > LARGEST_RESIDUAL:
-        words = f"the energy balance has an error of {100 * abs(energy_residual):.2g} %"
-        return Status.STEP_TOO_LARGE, f"{words}: take a smaller step, or an equation takes or gives power unsaid"
+    remedy = "take a smaller step, or an equation takes or gives power unsaid"
+    if wrong := _wrong_balance("energy", energy_residual, remedy):
+        return wrong
     return Status.OK, "finite, within the ranges that the equations state"
 
 
@@ -136,10 +147,9 @@ def largest_change(machine: Rig, coarse: dict[str, np.ndarray], fine: dict[str, 
     changes, count = {"no signal": 0.0}, min(len(fine["time"]), len(coarse["time"]))
     for name, values in fine.items():
         values, span = values[:count], np.ptp(values)
-        if span > 1e-9 * (1.0 + np.abs(values).max()) or span > 0 and machine.signals[name].unit != "Pa":
+        if not span <= 1e-9 * (1.0 + np.abs(values).max()) or span > 0 and machine.signals[name].unit != "Pa":
             changes[name] = math.sqrt(np.mean((values - coarse[name][:count]) ** 2)) / span
-    name = max(changes, key=changes.__getitem__)
-    return name, changes[name]
+    return _largest(changes)
 
 
 def _change_of_last_cycles(record: Record) -> tuple[str, float]:
@@ -153,8 +163,7 @@ def _change_of_last_cycles(record: Record) -> tuple[str, float]:
         return "", 0.0
     middle = last - period
     changes = _changes(record.results(middle - period, middle), record.results(middle, last))
-    name = max(changes, key=changes.__getitem__)
-    return name, changes[name]
+    return _largest(changes)
 
 
 def _cylinder_at_stop(record: Record) -> bool:

@@ -8,13 +8,15 @@ import difflib
 import inspect
 import math
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from edhas_jax.compiler.derivative_graph import defer_partials, linearize
+from edhas_jax.compiler.sparse_elimination import jacobian
 from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.source_location import first_line, locate
@@ -95,10 +97,62 @@ def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> No
     try:
         dtype = np.dtype(precision)
         runtime.eval_shape(_dry_run, jax.tree.map(lambda leaf: np.asarray(leaf, dtype), trial), dtype.type(0.0))
+        check_derivatives(trial)
     except EffectError:
         raise
     except Exception as error:
         raise EffectError(f"{locate(cls)}: {type(error).__name__}: {first_line(error)}") from error
+
+
+def check_derivatives(machine: Any) -> None:
+    """Check that what the user's code gives has finite derivatives by the states at rest, as a time step needs them.
+
+    Args:
+        machine: the machine as it is configured; the package's own equations are not checked.
+
+    Raises:
+        EffectError: where, of what and with respect to which state a derivative is not finite.
+    """
+    package, controller = __name__.partition(".")[0], getattr(machine, "controller", None)
+    effects, controllers = (
+        [part for part in parts if part is not None and type(part).__module__.partition(".")[0] != package]
+        for parts in (machine.effects, (controller,))
+    )
+    if not (machine.is_own or effects or controllers):
+        return
+    places, h = {}, machine.time_step
+
+    def values(y):
+        s, rates = machine.evaluate(y, 0.5 * h, h, start, defer_partials)
+        terms = [term for effect in effects for term in _terms_of(effect, s, rates)]
+        for cls in map(type, controllers):
+            terms += [("the command", locate(cls, "command"), s.voltage)]
+            terms += [(f"the rate of {n}", locate(cls, "rates"), rates[n]) for n in controller.initial()]
+        if machine.is_own:
+            where = locate(type(machine), "equations")
+            terms += [(f"the rate of {n}", where, rates[n]) for n in machine.states]
+        places.update({name: where for name, where, _ in terms})
+        return {name: value for name, _, value in terms}
+
+    with runtime.double_precision():
+        start = {n: jnp.asarray(value, float) for n, value in machine.initial_state().items()}
+        slopes = jacobian(linearize(values, start))
+    for name, where in places.items():
+        for state, slope in slopes[name].items():
+            if not math.isfinite(slope):
+                raise EffectError(f"{where}: the derivative of {name} with respect to {state} at rest is not "
+                                  "finite (√|x| has an infinite slope at 0); use a law with a finite slope there, such "
+                                  "as x/(x² + ε²)^¼ for √|x|")  # fmt: skip
+
+
+def _terms_of(effect: Effect, s: Any, rates: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
+    """What an effect adds to the equations: name for a message, location, value."""
+    cls = type(effect)
+    for slot in cls.slots:
+        if effect.id in s.record.contributions.get(slot.name, {}):
+            yield slot.name, locate(cls, slot.name), s.effect_contributions(slot.name)[effect.id]
+    for name in cls.states:
+        yield f"the rate of {effect.id}.{name}", locate(cls, "rates"), rates[f"{effect.id}.{name}"]
 
 
 def _dry_run(machine, zero):
