@@ -134,8 +134,9 @@ def _wrong_balance(what: str, residual: float, remedy: str = "take a smaller ste
 
 def _check_own(record: Record, energy_residual: float) -> tuple[Status, str]:
     """The status of a run of a rig of one's own, whose energy balance counts only if it says what goes in."""
-    if not all(np.isfinite(values).all() for values in record.signals.values()):
-        return Status.NOT_FINITE, REASONS[Status.NOT_FINITE]
+    for name, values in record.signals.items():
+        if not np.isfinite(np.square(values)).all():
+            return Status.NOT_FINITE, f"{name} is not finite, or beyond 1e154, whose square is no number"
     remedy = "take a smaller step, or an equation takes or gives power unsaid"
     if wrong := _wrong_balance("energy", energy_residual, remedy):
         return wrong

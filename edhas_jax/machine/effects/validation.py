@@ -9,6 +9,7 @@ import inspect
 import math
 import types
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -19,7 +20,7 @@ from edhas_jax.compiler.derivative_graph import defer_partials, linearize
 from edhas_jax.compiler.sparse_elimination import jacobian
 from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
-from edhas_jax.core.source_location import first_line, locate
+from edhas_jax.core.source_location import display_path, first_line, locate, reraise_interrupt
 from edhas_jax.machine.effects.base import Effect, EffectError
 from edhas_jax.machine.interface.signals import SIGNALS, UnknownNameError
 from edhas_jax.machine.interface.slots import SLOTS
@@ -134,8 +135,13 @@ def check_derivatives(machine: Any) -> None:
         places.update({name: where for name, where, _ in terms})
         return {name: value for name, _, value in terms}
 
+    def everything(y):
+        s, rates = machine.evaluate(y, 0.5 * h, h, y)
+        return {n: v for n, v in s.values().items() if hasattr(v, "dtype")} | rates
+
     with runtime.double_precision():
         start = {n: jnp.asarray(value, float) for n, value in machine.initial_state().items()}
+        _check_callbacks(jax.make_jaxpr(everything)(start).jaxpr)
         slopes = jacobian(linearize(values, start))
     for name, where in places.items():
         for state, slope in slopes[name].items():
@@ -143,6 +149,24 @@ def check_derivatives(machine: Any) -> None:
                 raise EffectError(f"{where}: the derivative of {name} with respect to {state} at rest is not "
                                   "finite (√|x| has an infinite slope at 0); use a law with a finite slope there, such "
                                   "as x/(x² + ε²)^¼ for √|x|")  # fmt: skip
+
+
+def _check_callbacks(jaxpr) -> None:
+    """Nothing in a traced function calls Python while it runs, as `jax.debug.print` and `jax.pure_callback` do.
+
+    Raises:
+        EffectError: what does, with the line from which it is called.
+    """
+    for eqn in jaxpr.eqns:
+        if "callback" in eqn.primitive.name or eqn.primitive.name == "debug_print":
+            frames = eqn.source_info.traceback.frames
+            library = str(Path(jax.__file__).parent)
+            at = next(f for f in frames if not f.file_name.startswith(library))
+            raise EffectError(f"{display_path(Path(at.file_name))}:{at.line_num}: {eqn.primitive.name} calls Python in "
+                              "every time step, which machine code cannot; write it with jax.numpy")  # fmt: skip
+        for value in jax.tree.leaves(list(eqn.params.values())):
+            if hasattr(inner := getattr(value, "jaxpr", value), "eqns"):
+                _check_callbacks(inner)
 
 
 def _terms_of(effect: Effect, s: Any, rates: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
@@ -179,7 +203,8 @@ def _checked(effect: Effect, method: str, machine: Any, dtype: Any) -> Callable:
             value = inner(s, z)
         except EffectError:
             raise
-        except Exception as error:
+        except BaseException as error:  # also what ends a program, such as sys.exit
+            reraise_interrupt(error)
             raise EffectError(f"{locate(cls, method, error)}: {_reason(error, cls, machine)}") from error
         where = locate(cls, method)
         if method != "rates":
@@ -219,7 +244,7 @@ def check_number(where: str, value: Any, expected: str, dtype: Any) -> None:
         raise EffectError(f"{where}: {_PRECISION_HINT}")
 
 
-def _reason(error: Exception, cls: type[Effect], machine: Any) -> str:
+def _reason(error: BaseException, cls: type[Effect], machine: Any) -> str:
     """What is wrong in the code of an effect, and what to do instead."""
     if isinstance(error, UnknownNameError):
         name, known = getattr(error, "name", None), getattr(getattr(error, "obj", None), "_values", None)
@@ -231,7 +256,7 @@ def _reason(error: Exception, cls: type[Effect], machine: Any) -> str:
     return code_reason(error)
 
 
-def code_reason(error: Exception) -> str:
+def code_reason(error: BaseException) -> str:
     """What is wrong in code that JAX cannot trace, and what to do instead."""
     if isinstance(error, jax.errors.TracerBoolConversionError):
         return "a value decides by `if`, `and`, `or`, `not`, `min` or `max`; decide with jnp.where"
@@ -241,7 +266,7 @@ def code_reason(error: Exception) -> str:
         return "a value of the run is turned into a Python number (float, int, math); stay with jax.numpy"
     if type(error).__name__ == "TypePromotionError":
         return _PRECISION_HINT
-    return f"{type(error).__name__}: {first_line(error)}"
+    return f"{type(error).__name__}: {first_line(error)}".rstrip(": ")
 
 
 def _instead(name: str, known, machine: Any) -> str:
