@@ -1,5 +1,6 @@
 """Read a campaign: a folder with `campaign.yaml` and one file per run."""
 
+import dataclasses
 from pathlib import Path
 
 from edhas_jax.core import structs
@@ -8,6 +9,7 @@ from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, read_description
 from edhas_jax.measurements.remark_list import brief_lines
 from edhas_jax.measurements.run_reader import RunReader
+from edhas_jax.measurements.sensor_keys import limits_remarks
 
 
 def read_campaign(path: Path | str, trust: Trust = (), planned: bool = False) -> Campaign:
@@ -36,10 +38,11 @@ def read_campaign(path: Path | str, trust: Trust = (), planned: bool = False) ->
     machine = description.machine
     if runs[0].recordings:
         machine = structs.replace(machine, **runs[0].recordings)
-    return Campaign(
+    campaign = Campaign(
         description.name, path.parent, machine, description.uncertain, description.channels, tuple(runs), remarks,
         stated_accuracy=description.accuracy,
     )  # fmt: skip
+    return dataclasses.replace(campaign, remarks=(*remarks, *limits_remarks(campaign)))
 
 
 def as_campaign(source: Campaign | Path | str, trust: Trust = ()) -> Campaign:

@@ -8,7 +8,24 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from edhas_jax import Effect, Recorded, Rig, Sine, change, drive, get, par, signal, simulate, slot, state, struct
+from edhas_jax import (
+    Effect,
+    Oil,
+    OilNode,
+    Recorded,
+    Rig,
+    Sine,
+    Step,
+    change,
+    drive,
+    get,
+    par,
+    signal,
+    simulate,
+    slot,
+    state,
+    struct,
+)
 from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable
 from edhas_jax.machine.effects.validation import check_effect
@@ -18,6 +35,7 @@ from edhas_jax.machine.rig_base import RigError
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.simulation.batch_trajectories import simulate_batch
 from edhas_jax.simulation.run_settings import Simulation
+from edhas_jax.simulation.validity import Status
 
 
 @struct
@@ -237,3 +255,43 @@ def test_the_rigs_of_the_package_obey_the_same_interface():
     assert isinstance(machine, Rig) and not machine.is_own and machine.signals["current"].unit == "A"
     assert machine.cycle is machine.reference and machine.with_default_numbers().effects == ()
     assert jnp.isfinite(machine.largest_step())
+
+
+class Blast(Rig):
+    """dy/dt = r y², which is infinite at t = 1/(r y₀)."""
+
+    duration = 1.0
+    rate: float = par(1e6, "1/s", (0.0, 1e9), "rate")
+    y = state("-", "size", 0.5)
+
+    def equations(self, y, s):
+        return {"y": self.rate * y.y**2}
+
+
+def test_what_grows_faster_than_the_step_is_not_jumped_over():
+    """Without the pole after 2 µs, which steps of 20 µs and their halves do not see, it would be 0 ever after."""
+    run = simulate(Blast(), Simulation(step=20e-6))
+    assert run.status is Status.STEP_TOO_LARGE and "y grows e-fold within 1 µs at the start" in run.reason
+    slow = simulate(change(Blast(), rate=0.1), Simulation(step=20e-6, duration=1.0))
+    assert slow.valid and slow.signals["y"][-1] == pytest.approx(1.0 / (2.0 - 0.1), rel=1e-6)
+
+
+class ClosedPot(Rig):
+    """A pump delivers into a closed volume: Δp = β ΔV/V."""
+
+    time_step, duration = 1e-3, 1.0
+    oil: Oil = Oil()
+    pressure = state("Pa", "pressure", 1e5)
+    inflow = drive("m^3/s", "flow of the pump", 0.0)
+
+    def equations(self, y, s):
+        pot = OilNode(s, "pressure", self.oil, 1e-3)
+        pot.add(s.inflow)
+        return pot.rates()
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.09, False), (0.11, True)])
+def test_a_pressure_that_no_part_stands_is_said(share, said):
+    """β = 1.4 GPa: with a share of 0.09 of the volume pumped in the pressure is 126 MPa, with 0.11 154 MPa."""
+    run = simulate(ClosedPot(inflow=Step(step_size=share * 1e-3, step_time=0.0)))
+    assert run.valid and ("burst" in run.reason) is said, run.signals["pressure"][-1]

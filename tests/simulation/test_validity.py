@@ -216,3 +216,12 @@ def test_the_oil_balance_of_a_pump_that_delivers_nothing_has_no_error():
     run = edhas.simulate(edhas.PumpBench(), edhas.Simulation(duration=0.05))
     still = dataclasses.replace(run, volume=run.volume | {n: 0.0 * run.volume[n] for n in run.volume if "deliv" in n})
     assert run.volume_residual() != 0.0 and still.volume_residual() == 0.0
+
+
+@pytest.mark.parametrize(("row", "name"), [("leakage_a", "mean leakage"), ("load orifice", "delivered power")])
+def test_the_step_is_checked_by_leakage_and_delivered_power_too(row, name):
+    """What changes by 4 % while flow, electrical power and stroke stay is no longer passed over."""
+    run = edhas.simulate(PUMP, edhas.Simulation(duration=0.3))
+    other = {of: {n: v * (1.04 if n == row else 1.0) for n, v in getattr(run, of).items()} for of in ("energy", "volume")}
+    changed, share = step_change(run.record, dataclasses.replace(run.record, **other))
+    assert changed == name and 0.01 < share == pytest.approx(0.04 / 1.04, rel=0.6)

@@ -48,8 +48,8 @@ def check_units(
                 f"reads {offset} below the model from the start; is it a gauge pressure? Pressures must be absolute"
             )
         return
-    size = _unit_size(stated, unit)
-    ratios = {other: size / _unit_size(other, unit) for other in COMMON_UNITS.get(unit, ())}
+    size = unit_size(stated, unit)
+    ratios = {other: size / unit_size(other, unit) for other in COMMON_UNITS.get(unit, ())}
     candidates = [o for o, ratio in ratios.items() if _ratio_of(factor, ratio) < UNIT_TOLERANCE and o != stated]
     actual = min(candidates, key=lambda other: _ratio_of(factor, ratios[other]), default=None)
     ratio = 10.0 ** round(np.log10(factor)) if actual is None else ratios[actual]
@@ -79,7 +79,8 @@ def _is_gauge(measured: np.ndarray, modelled: np.ndarray) -> bool:
     return abs(np.nanmedian(modelled[start] - measured[start]) / ATMOSPHERE - 1.0) < 0.1
 
 
-def _unit_size(unit: str, si: str) -> float:
+def unit_size(unit: str, si: str) -> float:
+    """The size of a unit, without its zero, in an SI unit of the same dimension."""
     return to_si(f"1 {unit}", si) - to_si(f"0 {unit}", si)
 
 
