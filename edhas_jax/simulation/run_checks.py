@@ -15,6 +15,7 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import RunTooShortError, compute_metrics, mean_rate, metric_window
 from edhas_jax.simulation.validity import REASONS, Status, failed_tests
 
+ONLY_WITH_STEP = "mean leakage", "delivered power"  # results that say nothing more of the period than the others
 PERIODIC_TOLERANCE = 0.01  # change of flow, power or stroke over the last two cycles above which a run still changes
 FEWEST_SAMPLES = 16  # per cycle: a peak between two samples is missed by 2 % at most
 LARGEST_RESIDUAL = 0.01  # of the energy and the oil balance
@@ -68,7 +69,7 @@ class Record:
             swept = float(self.machine.pump.area()) * float(speed)
             sizes["mean flow"] = flow, max(abs(flow), NEGLIGIBLE * swept)
             leakage = mean_rate(t, self.volume["leakage_a"] + self.volume["leakage_b"], first, last)
-            sizes["mean leakage"] = leakage, max(abs(leakage), NEGLIGIBLE * swept)
+            sizes["mean leakage"] = leakage, max(abs(leakage), NEGLIGIBLE**2 * swept)
             load = "load orifice" if "load orifice" in self.energy else "load"
             delivered = mean_rate(t, self.energy[load], first, last)
             sizes["delivered power"] = delivered, max(abs(delivered), NEGLIGIBLE * abs(power))
@@ -205,6 +206,7 @@ def _change_of_last_cycles(record: Record) -> tuple[str, float]:
         return "", 0.0
     middle = last - period
     changes = _changes(record.results(middle - period, middle), record.results(middle, last))
+    changes = {name: change for name, change in changes.items() if name not in ONLY_WITH_STEP}
     return _largest(changes)
 
 
