@@ -120,7 +120,7 @@ def _prepare_process() -> None:
     def show_sentence(message, category, *where, **options):
         if issubclass(category, EngineFallback):
             print(f"edhas: {message}", file=sys.stderr)
-        elif not drop_damaged_program(str(message)) and not issubclass(category, RuntimeWarning):
+        elif category is not RuntimeWarning and not drop_damaged_program(str(message)):  # NumPy's: the result tells it
             show(message, category, *where, **options)
 
     warnings.showwarning = show_sentence

@@ -78,9 +78,7 @@ def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
         except KeyboardInterrupt:
             if not checkpoint.kept:
                 raise
-<<<<<<< HEAD
-            print(f"edhas: interrupted; {kept.format(checkpoint.kept, folder)}", file=sys.stderr)
-            return STATUS_INTERRUPTED
+            raise KeyboardInterrupt(f"edhas: interrupted; {kept.format(checkpoint.kept, folder)}") from None
         try:
             with report_write_errors(folder):
                 files.begin()
@@ -93,19 +91,6 @@ def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
             if not checkpoint.kept:
                 raise
             raise ResultFileError(f"{error}; {kept.format(checkpoint.kept, folder)}") from None
-=======
-            raise KeyboardInterrupt(
-                f"edhas: interrupted; finished stages of the search ({checkpoint.kept}) are kept in {folder}; the same "
-                "command goes on from them"
-            ) from None
-        with report_write_errors(folder):
-            files.begin()
-            experiment, failures, interrupted = result.write_all(folder, checkpoint.failures, progress)
-            if not interrupted:
-                checkpoint.remove()
-            result.write_summary(folder)
-            files.finish()
->>>>>>> commands
     summary = result.summary_with(experiment, failures)
     finish(options, out, summary, folder, _next_command(result, options.campaign, folder))
 

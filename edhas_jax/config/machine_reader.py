@@ -18,7 +18,7 @@ from edhas_jax.config.recorded_signal import (
     read_between,
     read_recording,
 )
-from edhas_jax.config.rig_reader import own_keys, read_rig
+from edhas_jax.config.rig_reader import names_own_rig, own_keys, read_rig
 from edhas_jax.config.run_settings import SETTING_NAMES, quantity_text, read_settings
 from edhas_jax.config.writer import config_kind
 from edhas_jax.config.yaml_with_lines import KeyPath, key_text, yaml_type
@@ -81,8 +81,9 @@ class MachineReader:
         settings, self._overrides = self._split_overrides(overrides)
         self._rig = read_rig(data.get("rig"), base_dir, self._trust, self._add)
         known = TOP_LEVEL_KEYS if self._rig is None or not self._rig.is_own else own_keys(self._rig)
+        is_unread = self._rig is None and names_own_rig(data.get("rig"))  # its drives are not known
         for key in data:
-            if key not in known:
+            if key not in known and not is_unread:
                 self._add((key,), f"unknown key; {suggest(str(key), known)}")
         self.name = "" if data.get("name") is None else data["name"]
         if not isinstance(self.name, str):

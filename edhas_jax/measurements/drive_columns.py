@@ -25,6 +25,9 @@ def read_drive_columns(
     """
     if rig is not None and rig.is_own:
         return _own_drives(problems, data.get("drives"), rig)
+    if rig is not None and data.get("drives") is not None:
+        hint = f"the recorded set point of {rig.name} is `reference: COLUMN`"
+        problems.add(("drives",), f"belongs to a rig of one's own; {hint}")
     return _set_point(problems, data.get("reference"))
 
 

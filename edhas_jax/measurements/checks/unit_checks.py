@@ -62,8 +62,8 @@ def check_units(
         return
     if abs(math.log(factor)) < MAX_PRIOR_DISTANCE * _spread(campaign):
         return
-    size = _unit_size(stated, unit)
-    ratios = {other: size / _unit_size(other, unit) for other in COMMON_UNITS.get(unit, ())}
+    size = unit_size(stated, unit)
+    ratios = {other: size / unit_size(other, unit) for other in COMMON_UNITS.get(unit, ())}
     candidates = [o for o, ratio in ratios.items() if _ratio_of(factor, ratio) < UNIT_TOLERANCE and o != stated]
     actual = min(candidates, key=lambda other: _ratio_of(factor, ratios[other]), default=None)
     ratio = 10.0 ** round(np.log10(factor)) if actual is None else ratios[actual]
@@ -107,7 +107,8 @@ def _spread(campaign: Campaign) -> float:
     return math.hypot(*spreads)
 
 
-def _unit_size(unit: str, si: str) -> float:
+def unit_size(unit: str, si: str) -> float:
+    """The size of a unit, without its zero, in an SI unit of the same dimension."""
     return to_si(f"1 {unit}", si) - to_si(f"0 {unit}", si)
 
 
