@@ -75,7 +75,7 @@ def test_groups_of_channels_are_tables_with_their_own_time(tmp_path):
     assert slow.columns["time"].unit == "s" and slow.columns["time"].values == pytest.approx(0.1 * np.arange(5))
     remarks = []
     assert len(read_table(tmp_path / "a.h5", remarks.append).lines) == 100
-    assert [r.sentence for r in remarks] == ["`p`, `time` have 5 samples where others have 100; they are left out"]
+    assert [r.sentence for r in remarks] == ["`p` has 5 samples where others have 100; it is left out"]
 
 
 def test_groups_of_a_tdms_file_with_other_rates(tmp_path):
