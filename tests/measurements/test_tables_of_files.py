@@ -9,6 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
+from edhas_jax.measurements.campaign import CampaignError
+from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.tables import table as table_module
 from edhas_jax.measurements.tables.table import Layout, TableError
 from edhas_jax.measurements.tables.table_reader import read_table, read_tables
@@ -73,7 +75,7 @@ def test_groups_of_channels_are_tables_with_their_own_time(tmp_path):
     assert slow.columns["time"].unit == "s" and slow.columns["time"].values == pytest.approx(0.1 * np.arange(5))
     remarks = []
     assert len(read_table(tmp_path / "a.h5", remarks.append).lines) == 100
-    assert [r.sentence for r in remarks] == ["`p`, `time` have 5 samples where others have 100; they are left out"]
+    assert [r.sentence for r in remarks] == ["`p` has 5 samples where others have 100; it is left out"]
 
 
 def test_groups_of_a_tdms_file_with_other_rates(tmp_path):
@@ -350,3 +352,36 @@ def test_numbers_in_other_files_are_not_read(tmp_path):
         file["x"] = np.arange(4.0)
         file["y"], file["loop"] = h5py.SoftLink("/x"), file["/"]
     assert set(read(tmp_path / "inside.h5")[0].columns) == {"x", "y"}
+
+
+# --- campaigns
+
+
+def campaign_of(folder, content, more="", run=""):
+    folder.mkdir(exist_ok=True)
+    (folder / "run.csv").write_text(content)
+    (folder / "campaign.yaml").write_text(
+        f"rig: actuator_bench\n{more}signals: {{current: {{unit: A, noise: 1}}}}\n"
+        f"runs: [{{file: run.csv, use: fit, frequency: 20 Hz{run}}}]\n"
+    )
+    return folder
+
+
+def test_a_campaign_says_what_stands_before_the_decimals(tmp_path):
+    """The run is refused with a question; the answer holds for all files, or for a run."""
+    content = "time [s];current [A]\n" + "".join(f"0,{k:02d};101.2{k:02d}\n" for k in range(20))
+    with pytest.raises(CampaignError, match=r'run.csv:2: `current`: "101.200" is 101200.0 or 101.2; say what'):
+        read_campaign(campaign_of(tmp_path / "a", content))
+    for more, run in (('decimal: ","\n', ""), ("", ', decimal: ","'), ('decimal: "."\n', ', decimal: ","')):
+        (read_run,) = read_campaign(campaign_of(tmp_path / "a", content, more, run)).runs
+        assert read_run.signals["current"][1] == 101201.0 and read_run.time[-1] == pytest.approx(0.19)
+    with pytest.raises(CampaignError, match=r'decimal: what stands .* belongs here, "." or ","; got ;'):
+        read_campaign(campaign_of(tmp_path / "a", content, 'decimal: ";"\n'))
+
+
+def test_samples_are_not_dropped_because_of_their_form(tmp_path):
+    content = "time [s],current [A],supply\n" + "".join(f"0.{k:02d},{k} A,7\n" for k in range(20))
+    with pytest.raises(CampaignError, match=r'run.csv:2: `current`: "0 A" is not a number \(and 19 more'):
+        read_campaign(campaign_of(tmp_path / "a", content))
+    content = content.replace(",7", ",7 V").replace(" A,", ",")  # a column that is not used
+    assert len(read_campaign(campaign_of(tmp_path / "a", content)).runs[0].time) == 20

@@ -212,7 +212,7 @@ def _table_of_rows(rows: list[Row], layout: Layout, report: Report) -> Table:
     """The table in the rows of a sheet."""
     sample = [cells for _, cells in rows[:: max(1, len(rows) // SAMPLED_ROWS)]]
     header = find_header(rows, sample, "cells")
-    mark = layout.decimal or decimal_mark(cell for cells in sample for cell in cells)
+    mark = layout.decimal or decimal_mark([cell for cells in sample for cell in cells])
     body = rows[header.first :]
     lines = np.array([line for line, _ in body])
     columns = {}

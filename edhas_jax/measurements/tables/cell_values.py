@@ -2,7 +2,7 @@
 
 import datetime
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -28,16 +28,22 @@ DAY = 86400.0  # s
 def looks_numeric(cell: Cell) -> bool:
     """Whether a cell holds a number, a date with its time, or a clock time."""
     if isinstance(cell, str):
-        text = cell.strip()
+        try:
+            float(cell)
+            return True
+        except ValueError:
+            text = cell.strip()
         return bool(NUMERIC.fullmatch(text) or STAMP.fullmatch(text))
     return cell is not None
 
 
-def decimal_mark(cells: Iterable[Cell]) -> str:
+def decimal_mark(cells: Sequence[Cell]) -> str:
     """The decimal mark of a file: a comma where more cells have one that cannot separate thousands than a point."""
+    texts = [cell.strip() for cell in cells if isinstance(cell, str)]
+    if not any("," in text for text in texts):
+        return "."
     marks = {",": 0, ".": 0}
-    for cell in cells:
-        text = cell.strip() if isinstance(cell, str) else ""
+    for text in texts:
         for mark, other in OTHER.items():
             if mark in text and other not in text and NUMERIC.fullmatch(text) and not GROUPED.fullmatch(text):
                 marks[mark] += text.count(mark) == 1

@@ -166,8 +166,8 @@ def joined(tables: Sequence[Table], report: Report) -> Table:
     main = max(alike, key=lambda table: len(table.columns))
     columns: dict[str, Column] = {}
     for table in tables:
-        names = ", ".join(f"`{name}`" for name in list(table.columns)[:MAX_NAMES])
-        verb, it = ("has", "it is") if len(table.columns) == 1 else ("have", "they are")
+        own = [f"`{name}`" for name in table.columns if name != TIME]
+        names, (verb, it) = ", ".join(own[:MAX_NAMES]), ("has", "it is") if len(own) == 1 else ("have", "they are")
         if len(table.lines) != count:
             report(0, f"{names} {verb} {len(table.lines)} samples where others have {count}; {it} left out")
             continue

@@ -22,6 +22,7 @@ MAX_LISTED = 3  # lines of one kind that are reported one by one
 SPACES = re.compile(r"\s+(?!\[)")  # between columns; `time [ms]` is one name
 NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
 STATED_DELIMITER = re.compile(r"sep=(.)", re.IGNORECASE)  # a first line that spreadsheets understand
+CONTROL_CODES = [chr(code) for code in range(32) if code not in b"\t\n\x0b\x0c\r"]  # that no text has
 MISSING = ["", "nan", "NaN", "NAN", "-nan"]  # cells that state that there is no value
 
 
@@ -54,7 +55,7 @@ def read_text_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
     sample = [cells for line in sampled if (cells := _cells(line, delimiter)) is not None]
     rows = zip(numbers, (_cells(line, delimiter) or [] for line in filled), strict=True)
     header = find_header(rows, sample, delimiter)
-    mark = layout.decimal or decimal_mark(cell for cells in sample for cell in cells)
+    mark = layout.decimal or decimal_mark([cell for cells in sample for cell in cells])
     del lines
     body, own = filled[header.first :], numbers[header.first :]
     # "0.0123" truncated to "0.0" would pass as a number
@@ -90,7 +91,10 @@ def read_lines(
     require_size(width * len(body))
     if delimiter == " ":
         body, delimiter = [re.sub(r"\s+", "\t", line.strip()) for line in body], "\t"
-    counts = np.array([_count(line, delimiter) for line in body])
+    # 0 where a quotation mark is not closed
+    counts = np.array(
+        [line.count(delimiter) + 1 if '"' not in line else len(_cells(line, delimiter) or []) for line in body], int
+    )
     fits = (counts <= width) & (counts >= width - optional)
     _report_unreadable([lines[k] for k in np.flatnonzero(counts == 0)], report)
     unfitting = [(lines[k], int(counts[k])) for k in np.flatnonzero(~fits & (counts > 0))]
@@ -107,7 +111,7 @@ def read_lines(
         raise TableError(0, f"cannot be read as a table: {error}") from None
     del text
     is_number = [dtype.kind in "fiu" for dtype in frame.dtypes]
-    numbers = iter(frame.loc[:, is_number].to_numpy(float).T.copy())
+    numbers = iter((frame if all(is_number) else frame.loc[:, is_number]).to_numpy(float).T.copy())
     columns = {}
     for at, ((name, unit), is_done) in enumerate(zip(names, is_number, strict=True)):
         if is_done:
@@ -132,7 +136,7 @@ def _decode(data: bytes) -> str:
             text = data.decode(encoding)
         except UnicodeDecodeError:
             continue
-        if not re.search(r"[\x00-\x08\x0e-\x1f]", text):
+        if not any(code in text for code in CONTROL_CODES):
             return text
         break
     raise TableError(0, "is not a text file; a table is needed, as CSV, Parquet, MATLAB or Excel file")
@@ -163,11 +167,6 @@ def _cells(line: str, delimiter: str) -> list[str] | None:
         return next(csv.reader([line], delimiter=delimiter, strict=True))
     except csv.Error:
         return None
-
-
-def _count(line: str, delimiter: str) -> int:
-    """The number of cells of a line; 0 where a quotation mark is not closed."""
-    return line.count(delimiter) + 1 if '"' not in line else len(_cells(line, delimiter) or [])
 
 
 def _report_unreadable(unreadable: list[int], report: Report) -> None:
