@@ -23,6 +23,7 @@ test: setup
 	$(BIN)/python -m pytest -n 2
 
 fuzz: setup
+	$(BIN)/python -m tests.fuzz.families --inputs $(or $(INPUTS),600) --seed $(or $(SEED),0)
 	EDHAS_FUZZ_INPUTS=$(or $(INPUTS),5000) $(BIN)/python -m pytest tests/fuzz -n 0 --maxfail=100
 
 bench: setup

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from edhas_jax.commands.arguments import (
+    add_campaign_folder,
     add_output_file,
     add_output_options,
     add_own_code,
@@ -16,8 +17,8 @@ from edhas_jax.commands.progress import WorkProgress
 def add_parser(commands) -> None:
     """Declare the command and its arguments."""
     parser = commands.add_parser("add", help="fit a campaign's model with more effects and write its configuration")
+    add_campaign_folder(parser)
     parser.add_argument("effect", nargs="+", metavar="EFFECT", help="id of an effect, or FILE.py:Class")
-    parser.add_argument("--campaign", type=Path, required=True, help="folder of the campaign")
     add_output_file(parser, "configuration to write (default: NAME_EFFECT.yaml)")
     add_own_code(parser, effects=False)
     add_output_options(parser)

@@ -4,45 +4,20 @@ No command imports JAX, pandas, matplotlib or SciPy before it runs, so that `edh
 """
 
 import argparse
+import contextlib
 import importlib
 import os
 import re
 import sys
 import warnings
+from collections.abc import Iterator
+from types import ModuleType
 
 import edhas_jax
-from edhas_jax.commands import (
-    add,
-    campaign,
-    check,
-    compare,
-    completion,
-    device,
-    diagnose,
-    effects,
-    examples,
-    export,
-    fit,
-    new,
-    parameters,
-    plan,
-    plot,
-    schema,
-    sensitivity,
-    simulate,
-    size,
-    sweep,
-    trust,
-    workbench,
-)
-from edhas_jax.commands.interruption import STATUS_INTERRUPTED
+from edhas_jax.commands.interruption import KEPT, STATUS_INTERRUPTED, Interruption
 from edhas_jax.commands.terminal import plain_characters
 from edhas_jax.core.literal_text import terminal_text
 
-COMMANDS = (
-    new, examples, simulate, sweep, plot, sensitivity, size, campaign, compare, fit, diagnose, add, plan, export,
-    workbench, check, parameters, effects, schema, device, trust, completion,
-)  # fmt: skip
 STATUS_USER_ERROR = 2
 MAX_QUOTED = 200  # characters of a name in a message
 EPILOG = (
@@ -55,18 +30,44 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command.
 
     Args:
-        arguments: the command line without the name of the program; by default that of the process.
+        arguments: the command line without the name of the program; by default that of the process, which then ends
+            with the command.
 
     Returns:
         The exit status: 0, 2 after one message when the input is wrong, 130 when the user interrupted the command, or
         what the command itself returns (1 from `edhas campaign check` when a file looks wrong, 3 for a result that is
         not valid, 4 for a fit that has not converged).
     """
+    interruption, sentence = Interruption(is_whole_process=arguments is None), KEPT
     with plain_characters():
-        return _run(sys.argv[1:] if arguments is None else arguments)
+        try:
+            with interruption, _without_reader():
+                status = 0  # of a command whose output nobody reads to its end
+                status = _run(sys.argv[1:] if arguments is None else arguments, interruption)
+        except BaseException as error:  # also what a library makes of an interruption
+            if not interruption.asked and not isinstance(error, KeyboardInterrupt):
+                raise
+            status = STATUS_INTERRUPTED
+            interruption.asked = True
+            sentence = str(error) if isinstance(error, KeyboardInterrupt) and error.args else KEPT
+        return interruption.end(status, sentence)
 
 
-def _run(arguments: list[str]) -> int:
+@contextlib.contextmanager
+def _without_reader() -> Iterator[None]:
+    """Within the context nothing is wrong when nobody reads the output any more, as with `| head -1`."""
+    try:
+        try:
+            yield
+        finally:
+            print(end="", flush=True)
+    except BrokenPipeError:
+        # what is left goes nowhere; Python would complain about it at its end
+        with contextlib.suppress(OSError, ValueError), open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+
+
+def _run(arguments: list[str], interruption: Interruption) -> int:
     """Run one command; its exit status."""
     # a name that is no text in UTF-8 reaches Python with surrogates, and cannot be written into any result
     if wrong := next((text for text in arguments if re.search("[\x00\ud800-\udfff]", text)), None):
@@ -81,19 +82,22 @@ def _run(arguments: list[str]) -> int:
         with warnings.catch_warnings():  # restores how warnings are shown, for callers within a process
             _prepare_process()
             return options.command(options) or 0
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
-    except KeyboardInterrupt:
-        print("edhas: interrupted before any result was complete; nothing was written", file=sys.stderr)
-        return STATUS_INTERRUPTED
-    except user_errors() as error:
+    except Exception as error:
+        if interruption.asked or isinstance(error, BrokenPipeError):
+            raise
+        return _report(error)
+
+
+def _report(error: Exception) -> int:
+    """Print an error of the user in one message; the exit status."""
+    if isinstance(error, user_errors()):
         print(f"edhas: {terminal_text(str(error))}", file=sys.stderr)
-        return STATUS_USER_ERROR
-    except OSError as error:  # no space, no permission, a name that is too long
+    elif isinstance(error, OSError):  # no space, no permission, a name that is too long
         place = f"{_shortened(str(error.filename))}: " if error.filename else ""
         print(f"edhas: {terminal_text(place)}{error.strerror or error}", file=sys.stderr)
-        return STATUS_USER_ERROR
+    else:
+        raise error
+    return STATUS_USER_ERROR
 
 
 def _shortened(text: str) -> str:
@@ -101,7 +105,10 @@ def _shortened(text: str) -> str:
 
 
 def _prepare_process() -> None:
-    """Keep compiled XLA programs from one command to the next; print warnings about engines as plain sentences."""
+    """Keep compiled XLA programs from one command to the next; print warnings about engines as plain sentences.
+
+    A RuntimeWarning of NumPy on a number that is not finite is not shown: the command says what such a number means.
+    """
     from edhas_jax.compiler.engines import EngineFallback
     from edhas_jax.core.runtime import drop_damaged_program, keep_xla_programs
 
@@ -113,7 +120,7 @@ def _prepare_process() -> None:
     def show_sentence(message, category, *where, **options):
         if issubclass(category, EngineFallback):
             print(f"edhas: {message}", file=sys.stderr)
-        elif not drop_damaged_program(str(message)):
+        elif category is not RuntimeWarning and not drop_damaged_program(str(message)):  # NumPy's: the result tells it
             show(message, category, *where, **options)
 
     warnings.showwarning = show_sentence
@@ -129,13 +136,46 @@ def _import_matplotlib_elsewhere() -> None:
         os.chdir(here)
 
 
+def command_modules() -> tuple[ModuleType, ...]:
+    """The modules of all commands, in the order of the help."""
+    from edhas_jax.commands import (
+        add,
+        campaign,
+        check,
+        compare,
+        completion,
+        device,
+        diagnose,
+        effects,
+        examples,
+        export,
+        fit,
+        new,
+        parameters,
+        plan,
+        plot,
+        schema,
+        sensitivity,
+        simulate,
+        size,
+        sweep,
+        trust,
+        workbench,
+    )
+
+    return (
+        new, examples, simulate, sweep, plot, sensitivity, size, campaign, compare, fit, diagnose, add, plan, export,
+        workbench, check, parameters, effects, schema, device, trust, completion,
+    )  # fmt: skip
+
+
 def make_parser() -> argparse.ArgumentParser:
     """The parser of the whole command line."""
     parser = argparse.ArgumentParser(prog="edhas", description=edhas_jax.__doc__, epilog=EPILOG)
     parser.add_argument("--version", action="version", version=f"edhas_jax {edhas_jax.__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in COMMANDS:
-        command.add_parser(commands)
+    for module in command_modules():
+        module.add_parser(commands)
     return parser
 
 

@@ -1,7 +1,6 @@
 """The command `edhas diagnose`."""
 
 import re
-import sys
 from pathlib import Path
 
 from edhas_jax.commands.arguments import (
@@ -15,7 +14,6 @@ from edhas_jax.commands.arguments import (
     require_own_code,
 )
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
-from edhas_jax.commands.interruption import STATUS_INTERRUPTED, interruptible
 from edhas_jax.commands.progress import WorkProgress
 
 DEFAULT_PARENT = Path("diagnoses")
@@ -33,24 +31,20 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
-@interruptible
-def run(options) -> int:
+def run(options) -> None:
     """Find the effects that a campaign's model lacks, write a folder, print the verdict.
-
-    Returns:
-        The exit status: 0, or 130 of an interrupted command.
 
     Raises:
         CampaignError: the fit fails.
+        KeyboardInterrupt: the user has interrupted it; the text says what is finished.
         ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.result_files import ResultFiles
-    from edhas_jax.config.run_folder import report_write_errors
+    from edhas_jax.config.result_files import ResultFiles, locked_folder
     from edhas_jax.diagnosis.search.checkpoint import CHECKPOINT_FOLDER, Checkpoint, diagnosis_identity
     from edhas_jax.machine.effects.loading import load_effect
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-    from edhas_jax.tasks.diagnose import DiagnosisResult, diagnose
+    from edhas_jax.tasks.diagnose import DiagnosisResult
     from edhas_jax.tasks.result import SUMMARY_FILE
 
     campaign = read_campaign(options.campaign, own_code(options))
@@ -62,10 +56,20 @@ def run(options) -> int:
     out = console(options)
     folder, sentences = _choose_folder(options, campaign.name, identity)
     files = ResultFiles(folder, True, (*DiagnosisResult.files, SUMMARY_FILE))
-    for sentence in sentences:
-        out.print(sentence, soft_wrap=True)
-    print_data_check(out, campaign)
-    checkpoint = Checkpoint(folder / CHECKPOINT_FOLDER, identity)
+    with locked_folder(folder):
+        for sentence in sentences:
+            out.print(sentence, soft_wrap=True)
+        print_data_check(out, campaign)
+        return _diagnose(options, out, campaign, user_effects, files, Checkpoint(folder / CHECKPOINT_FOLDER, identity))
+
+
+def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
+    """Search, write the result into the folder of `files`, and print it; the exit status."""
+    from edhas_jax.config.run_folder import ResultFileError, report_write_errors
+    from edhas_jax.tasks.diagnose import diagnose
+
+    folder = files.folder
+    kept = "finished stages of the search ({}) are kept in {}; the same command goes on from them"
     with WorkProgress(options) as progress:
         try:
             result = diagnose(
@@ -74,19 +78,21 @@ def run(options) -> int:
         except KeyboardInterrupt:
             if not checkpoint.kept:
                 raise
-            print(f"edhas: interrupted; finished stages of the search ({checkpoint.kept}) are kept in {folder}; "
-                  "the same command goes on from them", file=sys.stderr)  # fmt: skip
-            return STATUS_INTERRUPTED
-        with report_write_errors(folder):
-            files.begin()
-            experiment, failures, interrupted = result.write_all(folder, checkpoint.failures, progress)
-            if not interrupted:
-                checkpoint.remove()
-            result.write_summary(folder)
-            files.finish()
+            raise KeyboardInterrupt(f"edhas: interrupted; {kept.format(checkpoint.kept, folder)}") from None
+        try:
+            with report_write_errors(folder):
+                files.begin()
+                experiment, failures, interrupted = result.write_all(folder, checkpoint.failures, progress)
+                result.write_summary(folder)
+                files.finish()
+                if not interrupted:
+                    checkpoint.remove()
+        except ResultFileError as error:
+            if not checkpoint.kept:
+                raise
+            raise ResultFileError(f"{error}; {kept.format(checkpoint.kept, folder)}") from None
     summary = result.summary_with(experiment, failures)
     finish(options, out, summary, folder, _next_command(result, options.campaign, folder))
-    return STATUS_INTERRUPTED if interrupted else 0
 
 
 def _next_command(result, campaign: Path, folder: Path) -> str:
@@ -106,6 +112,7 @@ def _choose_folder(options, name: str, identity: dict[str, str]) -> tuple[Path, 
     Raises:
         ResultFileError: the folder of `--out` exists and is not that of an unfinished diagnosis.
     """
+    from edhas_jax.config.result_files import holds_nothing
     from edhas_jax.config.run_folder import require_new_folder, unused_folder
     from edhas_jax.diagnosis.search.checkpoint import CHECKPOINT_FOLDER, stored_identity
 
@@ -124,7 +131,7 @@ def _choose_folder(options, name: str, identity: dict[str, str]) -> tuple[Path, 
                 f"The finished rounds in {place} are not used, because they were computed from other inputs: "
                 f"{changed} changed."
             )
-    if unfinished.get(folder) is None:
+    if unfinished.get(folder) is None and not holds_nothing(folder):
         require_new_folder(folder, options.overwrite)
     return folder, sentences
 

@@ -19,7 +19,15 @@ def add_parser(commands) -> None:
 
 
 def run(options) -> None:
-    """Print the library, the effects of a configuration, or one effect in full."""
+    """Print the library, the effects of a configuration, or one effect in full.
+
+    Raises:
+        ResultFileError: the picture cannot be written.
+    """
+    if options.picture:
+        from edhas_jax.tasks.result import require_picture_name
+
+        require_picture_name(options.picture)
     from edhas_jax.config.machine_config import read_config
     from edhas_jax.core import structs
     from edhas_jax.core.summary import Summary, SummaryTable

@@ -12,7 +12,6 @@ from edhas_jax.commands.arguments import (
     whole_number,
 )
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
-from edhas_jax.commands.interruption import STATUS_INTERRUPTED, interruptible
 from edhas_jax.commands.progress import WorkProgress
 
 STATUS_NOT_CONVERGED = 4
@@ -36,12 +35,11 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
-@interruptible
 def run(options) -> int:
     """Calibrate the uncertain parameters of a campaign's machine, write a folder, print the estimates.
 
     Returns:
-        The exit status: 0, 4 if the fit has not converged, 130 of an interrupted command.
+        The exit status: 0, or 4 if the fit has not converged.
 
     Raises:
         CampaignError: a profile is asked of a parameter that is not uncertain, or the fit fails.
@@ -80,4 +78,4 @@ def run(options) -> int:
     for sentence in (f for f in failures if f not in result.failures):
         out.print(sentence, soft_wrap=True)
     finish(options, out, result.summary(), folder, f"diagnose {quoted(options.campaign)}")
-    return STATUS_INTERRUPTED if result.interrupted else 0 if result.fit.converged else STATUS_NOT_CONVERGED
+    return 0 if result.fit.converged else STATUS_NOT_CONVERGED

@@ -17,6 +17,10 @@ class PlainConsole(Console):
         """See `Console.render_str`."""
         return super().render_str(terminal_text(text), **options)
 
+    def on_broken_pipe(self) -> None:
+        """See `Console.on_broken_pipe`; the command ends as it does wherever else its output has no reader."""
+        raise BrokenPipeError
+
     def status(self, status: str, **options) -> Status:
         """See `Console.status`; texts of its `update` are data as well."""
         return _PlainStatus(_plain(status), console=self, **options)

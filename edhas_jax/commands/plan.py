@@ -12,7 +12,6 @@ from edhas_jax.commands.arguments import (
     require_own_code,
 )
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
-from edhas_jax.commands.interruption import STATUS_INTERRUPTED, interruptible
 from edhas_jax.commands.progress import WorkProgress
 
 
@@ -28,12 +27,8 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
-@interruptible
-def run(options) -> int:
+def run(options) -> None:
     """Predict which effects a planned campaign can detect, write a folder, print the most useful next run.
-
-    Returns:
-        The exit status: 0, or 130 of a command that was interrupted after the sizes were known.
 
     Raises:
         ResultFileError: the folder exists or cannot be written.
@@ -62,4 +57,3 @@ def run(options) -> int:
     for sentence in failures:
         out.print(sentence, soft_wrap=True)
     finish(options, out, result.summary(), folder, f"campaign check {quoted(options.campaign)}")
-    return STATUS_INTERRUPTED if result.interrupted else 0

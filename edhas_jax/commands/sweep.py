@@ -2,13 +2,11 @@
 
 import contextlib
 import dataclasses
-import sys
 import time
 from pathlib import Path
 
 from edhas_jax.commands.arguments import add_cluster, add_output_options, add_own_code, own_code, require_own_code
 from edhas_jax.commands.console import console, finish, quoted
-from edhas_jax.commands.interruption import STATUS_INTERRUPTED
 from edhas_jax.commands.progress import WorkProgress
 
 
@@ -23,8 +21,12 @@ def add_parser(commands) -> None:
     parser.set_defaults(command=run)
 
 
-def run(options) -> int | None:
-    """Simulate the designs of a sweep that have no result yet; print how many ended with which status."""
+def run(options) -> None:
+    """Simulate the designs of a sweep that have no result yet; print how many ended with which status.
+
+    Raises:
+        KeyboardInterrupt: the user has interrupted it; the text says what is finished.
+    """
     from edhas_jax.design.sweep.config import load_sweep
     from edhas_jax.design.sweep.run import stream_sweep, sweep_parts
     from edhas_jax.design.sweep.sweep_summary import summary_of_parts
@@ -41,15 +43,13 @@ def run(options) -> int | None:
                 stream_sweep(sweep, folder, executor, progress.report, lambda remark: out.print(remark, soft_wrap=True))
         except KeyboardInterrupt:
             finished = f"{progress.done:,} of {len(sweep):,} designs are finished and saved in {folder}"
-            print(f"edhas: interrupted; {finished}; the same command resumes the sweep", file=sys.stderr)
-            return STATUS_INTERRUPTED
+            raise KeyboardInterrupt(f"edhas: interrupted; {finished}; the same command resumes the sweep") from None
     computed = len(sweep) - progress.initially_done
     seconds = time.perf_counter() - began
     effort = f"{computed:,} computed in {seconds:.1f} s" if computed else "all of them computed before"
     summary = summary_of_parts(sweep_parts(folder))
     summary = dataclasses.replace(summary, title=f"{name}: {len(sweep):,} designs, {effort}")
     finish(options, out, summary, folder, f"plot sweep {quoted(folder)}")
-    return None
 
 
 def _executor(address: str | None):

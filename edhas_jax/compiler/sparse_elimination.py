@@ -4,6 +4,7 @@ The unknowns are the state increments and all intermediate vertices of the linea
 rule and elimination share their work. The elimination order is chosen once, from the sparsity structure alone.
 """
 
+import heapq
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -138,15 +139,18 @@ def _eliminate(rows: dict[Any, Row], pivots: dict, k: dict, unknowns: list, scal
     for v, row in rows.items():
         for u in row:
             users.get(u, {})[v] = None
-    remaining, order = dict.fromkeys(unknowns), []
+    place, order = {v: k for k, v in enumerate(unknowns)}, []
 
     def cost(v):
         # a pivot costs a division (taken as three products) and a product for each entry of its row
         return len(users[v]) * len(rows[v]) + (3 + len(rows[v]) if v in pivots else 0)
 
-    while remaining:
-        v = min(remaining, key=cost)
-        del remaining[v]
+    queue = [(cost(v), place[v], v) for v in unknowns]
+    heapq.heapify(queue)
+    while queue:
+        asked, _, v = heapq.heappop(queue)
+        if v not in users or asked != cost(v):  # eliminated, or entered again when its cost changed
+            continue
         order.append(v)
         row, solution = rows[v], k.get(v)
         if v in pivots:
@@ -158,7 +162,8 @@ def _eliminate(rows: dict[Any, Row], pivots: dict, k: dict, unknowns: list, scal
             k |= {} if solution is None else {v: solution}
         for u in row:
             users.get(u, {}).pop(v, None)
-        for w in users.pop(v):
+        targets = users.pop(v)
+        for w in targets:
             factor = rows[w].pop(v)
             for u, a in row.items():
                 term = multiply(a, factor)
@@ -170,4 +175,7 @@ def _eliminate(rows: dict[Any, Row], pivots: dict, k: dict, unknowns: list, scal
             if solution is not None:
                 term = multiply(solution, factor)
                 k[w] = k[w] + term if w in k else term
+        for u in {**row, **targets}:
+            if u in users:
+                heapq.heappush(queue, (cost(u), place[u], u))
     return order

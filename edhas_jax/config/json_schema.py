@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from edhas_jax.config.law_reader import LAW_KEYS, LAW_KIND, MAX_FACTORS
-from edhas_jax.config.recorded_signal import RECORDING_KEYS
+from edhas_jax.config.machine_reader import SHORT_KEYS
+from edhas_jax.config.recorded_signal import RECORDING_KEYS, Between
 from edhas_jax.config.run_settings import SIMULATION_SETTINGS, setting_text
 from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
@@ -129,8 +130,10 @@ def _parameter_schema(same_name: list[Parameter]) -> dict[str, Any]:
 def _section_schema(kinds: Mapping[str, type]) -> dict[str, Any]:
     """The schema of a section that selects a component by `kind` and sets its parameters."""
     keys = {p.name: _parameter_schema([p]) for cls in kinds.values() for p in structs.parameters(cls)}
+    keys |= {short: keys[name] for short, name in SHORT_KEYS.items() if name in keys}
     if "recorded" in kinds:
         keys |= {name: {"type": "string"} for name in RECORDING_KEYS if name != "kind"}
+        keys["between"] = {"enum": [b.value for b in Between], "description": "what is between two samples"}
     return {
         "type": "object",
         "properties": {"kind": {"enum": list(kinds)}} | keys,

@@ -9,7 +9,9 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.controller_sampling import Sampled
 from edhas_jax.machine.components.controllers import OpenLoop
 from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.machine.effects.base import EffectError
 from edhas_jax.machine.effects.tabulated_law import table_of
+from edhas_jax.machine.effects.validation import check_derivatives
 from edhas_jax.machine.parameters import order_problems
 from edhas_jax.machine.rigs import Rig
 
@@ -30,12 +32,20 @@ def check_machine(m: Rig, given: GivenKeys, incomplete: bool) -> list[Problem]:
         Key and message of every problem.
     """
     if m.is_own:
-        return [*_check_order(m, given), *_check_tables(m, given), *_check_chirps(m, given)]
+        general = [*_check_order(m, given), *_check_tables(m, given), *_check_chirps(m, given)]
+        return general if incomplete else [*general, *_check_derivatives(m)]
     problems = [
         *_check_order(m, given), *_check_tables(m, given), *_check_cylinder(m, given), *_check_chirps(m, given),
         *_check_sampling(m, given),
     ]  # fmt: skip
-    return problems if incomplete else [*problems, *_check_open_loop(m, given)]
+    return problems if incomplete else [*problems, *_check_open_loop(m, given), *_check_derivatives(m)]
+
+
+def _check_derivatives(m: Rig) -> Iterator[Problem]:
+    try:
+        check_derivatives(m)
+    except EffectError as error:
+        yield ("rig" if m.is_own else "effects",), str(error)
 
 
 def _check_order(m: Rig, given: GivenKeys) -> Iterator[Problem]:

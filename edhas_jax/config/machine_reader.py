@@ -10,8 +10,15 @@ from edhas_jax.config.code_not_run import controller_not_run, effect_not_run
 from edhas_jax.config.effects_reader import read_effect
 from edhas_jax.config.law_reader import LawError
 from edhas_jax.config.machine_checks import check_machine
-from edhas_jax.config.recorded_signal import RECORDING_KEYS, RecordingError, decode_samples, read_recording
-from edhas_jax.config.rig_reader import own_keys, read_rig
+from edhas_jax.config.recorded_signal import (
+    RECORDING_KEYS,
+    Between,
+    RecordingError,
+    decode_samples,
+    read_between,
+    read_recording,
+)
+from edhas_jax.config.rig_reader import names_own_rig, own_keys, read_rig
 from edhas_jax.config.run_settings import SETTING_NAMES, quantity_text, read_settings
 from edhas_jax.config.writer import config_kind
 from edhas_jax.config.yaml_with_lines import KeyPath, key_text, yaml_type
@@ -38,6 +45,7 @@ from edhas_jax.machine.parameters import (
 from edhas_jax.machine.rig_base import Rig
 from edhas_jax.machine.user_controller import check_controller, load_controller
 
+SHORT_KEYS = {"from": "step_from"}  # keys of a section that no parameter can have: a keyword of Python
 TOP_LEVEL_KEYS = ("name", "rig", "effects", "parameters", *COMPONENT_KINDS, "simulation")
 
 
@@ -73,8 +81,9 @@ class MachineReader:
         settings, self._overrides = self._split_overrides(overrides)
         self._rig = read_rig(data.get("rig"), base_dir, self._trust, self._add)
         known = TOP_LEVEL_KEYS if self._rig is None or not self._rig.is_own else own_keys(self._rig)
+        is_unread = self._rig is None and names_own_rig(data.get("rig"))  # its drives are not known
         for key in data:
-            if key not in known:
+            if key not in known and not is_unread:
                 self._add((key,), f"unknown key; {suggest(str(key), known)}")
         self.name = "" if data.get("name") is None else data["name"]
         if not isinstance(self.name, str):
@@ -159,6 +168,7 @@ class MachineReader:
             if name == "kind":
                 continue
             key = keys.get(name, (section, name))
+            name = SHORT_KEYS.get(name, name)
             if name in valid:
                 m = self._set(m, key, section, valid[name], quantity)
             else:
@@ -272,12 +282,13 @@ class MachineReader:
         return m
 
     def _recording_file(self, m: Rig, section: str) -> Recorded:
-        """The recording in the file that a section names: a set point [m], or a command [V] in open loop."""
+        """The recording in the file that a section names, in the unit of the drive."""
         keys = self.recordings[section]
         unit = m.drive_unit(section)
         is_command = section == "reference" and unit == "V" and not m.is_own
         gain = m.amplifier.amplifier_gain if is_command and isinstance(m.amplifier, CurrentAmplifier) else None
         path = self._base_dir / keys["file"]
-        recorded = read_recording(path, keys.get("column"), keys.get("unit"), unit, gain)
+        between = read_between(keys["between"]) if "between" in keys else Between.LINE
+        recorded = read_recording(path, keys.get("column"), keys.get("unit"), unit, gain, between)
         self.recordings[section] = {**keys, "file": str(path.resolve())}
         return recorded

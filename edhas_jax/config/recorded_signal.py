@@ -2,6 +2,7 @@
 
 import base64
 import csv
+import enum
 import math
 import zlib
 from collections.abc import Mapping
@@ -10,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from edhas_jax.core.name_suggestion import suggest
-from edhas_jax.core.units import UnitError, exact_quantity, format_quantity, to_si
-from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.core.units import UnitError, display_unit, exact_quantity, format_quantity, to_si
+from edhas_jax.machine.components.set_points import Recorded, Steps
 
-RECORDING_KEYS = ("kind", "file", "column", "unit", "samples", "interval", "start")
+RECORDING_KEYS = ("kind", "file", "column", "unit", "between", "samples", "interval", "start", "steps")
 MAX_SAMPLES = 20_000_000
 STEP_TOLERANCE = 1e-6  # relative; sampling steps that differ by more count as unequal
 
@@ -26,18 +27,40 @@ class RecordingError(Exception):
         self.key = key
 
 
-def read_recording(path: Path, column: str | None, unit: str | None, si_unit: str, gain: float | None) -> Recorded:
+class Between(enum.Enum):
+    """What a recorded input does between two samples."""
+
+    LINE = "line"  # goes from one to the other, smoothly
+    HOLD = "hold"  # keeps the value of the first, as the set point of a computer
+
+
+def read_between(value: object) -> Between:
+    """The value of a key `between`.
+
+    Raises:
+        RecordingError: it is none of `Between`.
+    """
+    try:
+        return Between(value)
+    except ValueError:
+        raise RecordingError("between", f"one of line, hold belongs here; got {value}") from None
+
+
+def read_recording(
+    path: Path, column: str | None, unit: str | None, si_unit: str, gain: float | None, between: Between
+) -> Recorded:
     """Read an input signal from a column of a CSV or Parquet file whose columns are named `name [unit]`.
 
     Args:
         path: the file; its time column is `time [s]` or in another unit of time.
         column: name of the column; None if the file has only one besides the time.
         unit: unit of the column; None if the header states it.
-        si_unit: "m" for a set point, "V" for a command.
+        si_unit: SI unit of the drive.
         gain: gain of a current amplifier [A/V]; a column of currents is then accepted as well and divided by the gain.
+        between: what the signal does between two samples.
 
     Returns:
-        The samples in `si_unit` at a constant step, see `resample_uniformly`.
+        The signal in `si_unit`, see `recorded_from_samples`.
 
     Raises:
         RecordingError: the file cannot be read, the column or its unit is missing or wrong, or samples are invalid.
@@ -61,7 +84,7 @@ def read_recording(path: Path, column: str | None, unit: str | None, si_unit: st
     repeated = next((n for n in ("time", column) if names.count(n) > 1), None)
     if repeated:
         raise RecordingError("file", f"{path}: has several columns `{repeated}`; name each differently")
-    scale = _si_scale(path, header_of[column], column, unit, si_unit, gain)
+    zero, size = _conversion(path, header_of[column], column, unit, si_unit, gain)
     try:
         time, values = _read_columns(path, header, [header_of["time"], header_of[column]])
     except (ValueError, OSError, csv.Error) as error:
@@ -70,7 +93,7 @@ def read_recording(path: Path, column: str | None, unit: str | None, si_unit: st
         time = time * to_si(f"1 {_unit_in_header(header_of['time'])}", "s", "1 ms")
     except UnitError:
         raise RecordingError("file", f"{path}: the header of the time column must be `time [s]`") from None
-    return resample_uniformly(path, time, values * scale)
+    return recorded_from_samples(path, time, zero + size * values, between)
 
 
 def _header(path: Path) -> list[str]:
@@ -104,24 +127,26 @@ def _unit_in_header(header: str) -> str:
     return header.partition("[")[2].rstrip("] ").strip()
 
 
-def _si_scale(path: Path, header: str, column: str, unit: str | None, si_unit: str, gain: float | None) -> float:
-    """The factor from the unit of a column to `si_unit`."""
+def _conversion(
+    path: Path, header: str, column: str, unit: str | None, si_unit: str, gain: float | None
+) -> tuple[float, float]:
+    """The SI value of 0 in the unit of a column, and of a difference of 1."""
     header_unit = _unit_in_header(header)
     if header_unit and unit and _normalised_unit(header_unit) != _normalised_unit(unit):
         raise RecordingError("unit", f"the header in {path} is `{header}`, but `unit` is {unit}; leave `unit` out")
-    unit = header_unit or unit
-    kind = {"m": "a length (mm)", "V": "a voltage (V)" if gain is None else "a voltage (V) or a current (A)"}[si_unit]
-    if not unit:
-        raise RecordingError("unit", f"missing; {path} gives no unit for `{column}`, and {kind} is needed")
+    unit = header_unit or unit or ""
+    usual = (display_unit(si_unit) or "-") + ("" if gain is None else " or A")
+    if not unit and si_unit != "-":
+        raise RecordingError("unit", f"missing; {path} gives no unit for `{column}`; one such as {usual} is needed")
     for accepted, factor in ((si_unit, 1.0), *([] if gain is None else [("A", gain)])):
         try:
-            scale = to_si(f"1 {unit}", accepted)
+            zero, one = (to_si(f"{number} {unit}", accepted) for number in (0, 1))
         except UnitError:
             continue
         if factor == 0.0:
             raise RecordingError("column", f"{path}: `{header}` is a current, but amplifier_gain is 0 A/V")
-        return scale / factor
-    raise RecordingError("column", f"{path}: `{column}` has the unit {unit}, but {kind} is needed")
+        return zero / factor, (one - zero) / factor
+    raise RecordingError("column", f"{path}: `{column}` has the unit {unit}; one such as {usual} is needed")
 
 
 def _normalised_unit(unit: str) -> str:
@@ -168,36 +193,47 @@ def _number(text: str, path: Path, line: int) -> float:
         raise RecordingError("file", f'{path}:{line}: "{text}" is not a number') from None
 
 
-def resample_uniformly(path: Path, time: np.ndarray, values: np.ndarray) -> Recorded:
-    """Check samples and bring them to a constant step.
+def recorded_from_samples(
+    path: Path, time: np.ndarray, values: np.ndarray, between: Between = Between.LINE
+) -> Recorded:
+    """Check samples and make a recorded signal of them.
 
-    Samples at unequal steps are interpolated at the median step by a monotone cubic (PCHIP).
+    Samples that follow each other at the same time are a step from the first of them to the last. Samples at unequal
+    intervals are interpolated at the median interval by a monotone cubic (PCHIP), steps apart.
 
     Args:
         path: the file they come from, for messages.
         time: sampling times [s], shape (samples,).
         values: samples in SI units, shape (samples,).
+        between: what the signal does between two samples.
 
     Returns:
-        The signal with its step [s] and the time of the first sample [s].
+        The signal with its interval [s] and the time of the first sample [s].
 
     Raises:
-        RecordingError: fewer than 2 samples, a value that is not finite, a time that does not increase, or gaps too
-            long to fill.
+        RecordingError: fewer than 2 samples, a value that is not finite, a time that decreases, or gaps too long to
+            fill.
     """
-    if len(time) < 2:
-        raise RecordingError("file", f"{path}: at least 2 samples are needed; there are {len(time)}")
     invalid = ~(np.isfinite(time) & np.isfinite(values))
     if invalid.any():
         number = int(np.argmax(invalid)) + 1
         raise RecordingError("file", f"{path}: sample {number} is not a finite number (NaN or inf)")
-    steps = np.diff(time)
-    if not (steps > 0.0).all():
-        k = int(np.argmax(steps <= 0.0)) + 1
+    if (np.diff(time) < 0.0).any():
+        k = int(np.argmax(np.diff(time) < 0.0)) + 1
         raise RecordingError("file", f"{path}: time must increase, but sample {k + 1} ({time[k]:g} s) does not come "
                                       f"after sample {k} ({time[k - 1]:g} s)")  # fmt: skip
-    interval = float(np.median(steps))
-    if np.abs(steps - interval).max() <= STEP_TOLERANCE * interval:
+    time, first, count = np.unique(time, return_index=True, return_counts=True)
+    if len(time) < 2:
+        raise RecordingError("file", f"{path}: at least 2 samples are needed; there are {len(time)}")
+    before, values = values[first], values[first + count - 1]
+    if between is Between.HOLD:
+        return Recorded.held(time, values)
+    stepping = np.flatnonzero(values != before)
+    level, steps = np.cumsum(values - before), None
+    if len(stepping):
+        steps, values = Steps(times=time[stepping], levels=np.append(0.0, level[stepping])), values - level
+    interval = float(np.median(np.diff(time)))
+    if np.abs(np.diff(time) - interval).max() <= STEP_TOLERANCE * interval:
         interval = float((time[-1] - time[0]) / (len(time) - 1))
     else:
         from scipy.interpolate import PchipInterpolator
@@ -210,18 +246,25 @@ def resample_uniformly(path: Path, time: np.ndarray, values: np.ndarray) -> Reco
         values = PchipInterpolator(time, values)(uniform_time)
         if count < 2:
             raise RecordingError("file", f"{path}: the time steps are too unequal to be brought to one step")
-    return Recorded(values=np.asarray(values, float), interval=interval, start=float(time[0]))
+    return Recorded(values=np.asarray(values, float), interval=interval, start=float(time[0]), steps=steps)
+
+
+def _packed(numbers: object) -> str:
+    """Numbers as text: little-endian float64, compressed, base64."""
+    return base64.b64encode(zlib.compress(np.asarray(numbers, "<f8").tobytes())).decode()
 
 
 def encode_samples(recorded: Recorded) -> dict[str, str]:
     """Encode a signal as keys of a section of a configuration.
 
     Returns:
-        `samples` (SI values as little-endian float64, compressed, base64), `interval` and `start` with units.
+        `samples` (SI values), `interval` and `start` with units, and `steps` (times and levels) where it has any.
     """
-    data = base64.b64encode(zlib.compress(np.asarray(recorded.values, "<f8").tobytes())).decode()
     interval, start = exact_quantity(recorded.interval, "s"), exact_quantity(recorded.start, "s")
-    return {"interval": interval, "start": start, "samples": data}
+    keys = {"interval": interval, "start": start, "samples": _packed(recorded.values)}
+    if recorded.steps is not None:
+        keys["steps"] = _packed(np.concatenate([recorded.steps.times, recorded.steps.levels]))
+    return keys
 
 
 def decode_samples(keys: Mapping[str, str]) -> Recorded:
@@ -230,18 +273,35 @@ def decode_samples(keys: Mapping[str, str]) -> Recorded:
     Raises:
         RecordingError: the keys are incomplete or damaged, or a file is named as well.
     """
-    invalid = RecordingError("samples", "not as a run writes them (samples, interval, start); give a file")
+    invalid = RecordingError("samples", "not as a run writes them (samples, interval, start, steps); give a file")
     try:
-        unpacked = zlib.decompressobj()
-        data = unpacked.decompress(base64.b64decode(keys["samples"], validate=True), 8 * MAX_SAMPLES + 1)
-        if len(data) > 8 * MAX_SAMPLES:
-            raise RecordingError("samples", f"there are more than {MAX_SAMPLES:,} of them, which is the most allowed")
-        if not unpacked.eof or unpacked.unused_data:
-            raise invalid
-        values = np.frombuffer(data, "<f8")
+        values = _unpacked(keys["samples"])
+        numbers = _unpacked(keys["steps"]) if "steps" in keys else None
         interval, start = to_si(keys.get("interval", ""), "s"), to_si(keys.get("start", "0 s"), "s")
     except (ValueError, zlib.error):
         raise invalid from None
-    if "file" in keys or len(values) < 2 or not np.isfinite(values).all() or not interval > 0.0:
+    if {"file", "between"} & set(keys) or len(values) < 2 or not np.isfinite(values).all() or not interval > 0.0:
         raise invalid
-    return Recorded(values=np.asarray(values, float), interval=interval, start=start)
+    steps = None
+    if numbers is not None:
+        steps = Steps(times=numbers[: len(numbers) // 2], levels=numbers[len(numbers) // 2 :])
+        is_ordered = np.isfinite(numbers).all() and (np.diff(steps.times) > 0.0).all()
+        if len(numbers) < 3 or len(numbers) % 2 == 0 or not is_ordered:
+            raise invalid
+    return Recorded(values=values, interval=interval, start=start, steps=steps)
+
+
+def _unpacked(text: str) -> np.ndarray:
+    """The numbers of a text that `_packed` made.
+
+    Raises:
+        ValueError, zlib.error: it is damaged.
+        RecordingError: there are too many of them.
+    """
+    unpacked = zlib.decompressobj()
+    data = unpacked.decompress(base64.b64decode(text, validate=True), 8 * MAX_SAMPLES + 1)
+    if len(data) > 8 * MAX_SAMPLES:
+        raise RecordingError("samples", f"there are more than {MAX_SAMPLES:,} of them, which is the most allowed")
+    if not unpacked.eof or unpacked.unused_data:
+        raise ValueError("not one compressed text")
+    return np.asarray(np.frombuffer(data, "<f8"), float)

@@ -1,14 +1,21 @@
-"""Files of a result folder: a list of what a command has written there, with checksums; all others are left alone."""
+"""Files of a result folder: a list of what a command has written there, with checksums; all others are left alone.
 
+A lock keeps two commands from writing one folder at the same time.
+"""
+
+import contextlib
 import fnmatch
 import json
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TextIO
 
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.checksums import digest, has_valid_checksum, read_checked, read_result, with_checksum
 
-LIST_FILE = "files.json"
+LIST_FILE, LOCK_FILE = "files.json", ".lock"
+FOR_READERS = (".png", ".html")  # files that no result is read from, so that one may be moved elsewhere
 
 
 class ResultFileError(ValueError):
@@ -75,6 +82,63 @@ class ResultFiles:
         return [n for n in names if any(fnmatch.fnmatchcase(n, pattern) for pattern in patterns)]
 
 
+def lock_folder(folder: Path) -> TextIO | None:
+    """Lock a folder until the file that is returned is closed; None where the file system has no locks.
+
+    Raises:
+        ResultFileError: another process has locked it.
+        OSError: the file of the lock cannot be made.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    # neither follows a link to another file nor waits for a pipe
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+    file = os.fdopen(os.open(folder / LOCK_FILE, flags, 0o644), "r+", closefd=True)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        raise ResultFileError(f"{folder}: is being computed by another process; wait for it, or stop it") from None
+    except OSError:
+        pass
+    with contextlib.suppress(FileNotFoundError):
+        if os.path.samestat(os.fstat(file.fileno()), os.stat(folder / LOCK_FILE)):
+            return file
+    file.close()  # of a command that has just ended, and has removed it
+    return lock_folder(folder)
+
+
+@contextlib.contextmanager
+def locked_folder(folder: Path) -> Iterator[None]:
+    """Lock a folder, which is made, and removed at the end where nothing was written into it.
+
+    Raises:
+        ResultFileError: another process has locked it, or it cannot be made.
+    """
+    is_new = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = lock_folder(folder)
+    except OSError as error:
+        raise ResultFileError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # the result counts, not the lock
+            (folder / LOCK_FILE).unlink(missing_ok=True)
+            if is_new and holds_nothing(folder):
+                folder.rmdir()
+        if lock is not None:
+            lock.close()
+
+
+def holds_nothing(folder: Path) -> bool:
+    """Whether a folder is missing, or holds nothing but a lock, which an interrupted command may have left."""
+    return not folder.exists() or (folder.is_dir() and {p.name for p in folder.iterdir()} <= {LOCK_FILE})
+
+
 def _write_list(folder: Path, names: Sequence[str], files: dict[str, str]) -> None:
     text = json.dumps(with_checksum({"names": list(names), "files": files}), indent=2, ensure_ascii=False) + "\n"
     with atomic_write(folder / LIST_FILE) as file:
@@ -101,19 +165,17 @@ def read_list(folder: Path) -> dict | None:
         raise ResultFileError(f"{folder / LIST_FILE}: is damaged or not the list of a result: {error}") from None
 
 
-def check_files(folder: Path, names: Sequence[str]) -> None:
-    """Check that files of a result are those that were written; without a list of them nothing is checked.
+def check_files(folder: Path) -> None:
+    """Check that all files of a result are those that were written; without a list of them nothing is checked.
 
     Raises:
-        ResultFileError: a file is damaged or was changed.
+        ResultFileError: a file is missing, is damaged or was changed.
     """
-    listed = read_list(folder)
-    if listed is None:
-        return
-    for name in names:
+    for name, checksum in ((read_list(folder) or {}).get("files") or {}).items():
+        path = folder / name
         try:
-            intact = name not in listed["files"] or read_checked(folder / name, listed["files"][name]) is not None
+            if read_checked(path, checksum) is not None or (path.suffix in FOR_READERS and not path.exists()):
+                continue
         except OSError as error:
-            raise ResultFileError(f"{folder / name}: cannot be read: {error.strerror or error}") from None
-        if not intact:
-            raise ResultFileError(f"{folder / name}: is damaged, or was changed since it was written")
+            raise ResultFileError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise ResultFileError(f"{path}: is missing, is damaged, or was changed since it was written")

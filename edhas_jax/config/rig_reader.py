@@ -32,7 +32,7 @@ def read_rig(value: Any, base_dir: Path, trust: Trust, add: Callable[[KeyPath, s
         add(("rig",), f"a text belongs here, not {yaml_type(value)}; one of {', '.join(RIGS)}")
     elif value in RIGS:
         return RIGS[value]
-    elif ":" in value or value.endswith(".py"):
+    elif names_own_rig(value):
         try:
             return load_rig(value, base_dir, trust)
         except RigError as error:
@@ -40,6 +40,11 @@ def read_rig(value: Any, base_dir: Path, trust: Trust, add: Callable[[KeyPath, s
     else:
         add(("rig",), f"no rig `{value}`; {suggest(value, RIGS)}")
     return None
+
+
+def names_own_rig(value: Any) -> bool:
+    """Whether the key `rig` names a class of the user."""
+    return isinstance(value, str) and (":" in value or value.endswith(".py"))
 
 
 def own_keys(rig: type[Rig]) -> tuple[str, ...]:

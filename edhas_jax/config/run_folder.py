@@ -135,7 +135,7 @@ def _write_files(folder: Path, run: Run, figure: bool) -> None:
     except RunTooShortError:
         metrics = {}
     validity = {"status": run.status.name.lower(), "valid": run.valid, "reason": run.reason}
-    write_json(folder / METRICS_FILE, validity | metrics)
+    write_json(folder / METRICS_FILE, replace_nonfinite(validity | metrics))
     (folder / CONFIG_FILE).write_text(dump_config(run.machine, run.simulation), encoding="utf-8")
     manifest = {
         "format": FORMAT_VERSION,
@@ -154,7 +154,7 @@ def _write_files(folder: Path, run: Run, figure: bool) -> None:
     }
     if figure:
         run.plot().savefig(folder / FIGURE_FILE, dpi=110)
-    write_json(folder / MANIFEST_FILE, manifest)
+    write_json(folder / MANIFEST_FILE, replace_nonfinite(manifest))
 
 
 def _table(columns: dict, units: dict[str, str], groups: dict[str, str] | None = None) -> pa.Table:
@@ -201,7 +201,7 @@ def open_run(folder: str | Path, trust: Iterable[str | Path] = ()) -> Run:
     for name in (MANIFEST_FILE, SIGNALS_FILE, LEDGER_FILE, CONFIG_FILE):
         if not (folder / name).is_file():
             raise ResultFileError(f"{folder}: not a run folder: {name} is missing")
-    check_files(folder, RUN_FILES)
+    check_files(folder)
     try:
         manifest = json.loads((folder / MANIFEST_FILE).read_text(encoding="utf-8"))
         if manifest["format"] > FORMAT_VERSION:

@@ -56,6 +56,11 @@ def yaml_text(text: str) -> str:
     return "".join(f"\\u{ord(c):04x}" if _is_invisible(c) or c in _NONCHARACTERS | {"\ufeff"} else c for c in quoted)
 
 
+def csv_text(text: str) -> str:
+    """A text for a cell of a table in CSV: after an apostrophe where a spreadsheet would take it for a formula."""
+    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
+
+
 def file_name(text: str) -> str:
     """A name for a file or folder: letters, digits, spaces and "_-.+="; no path, not hidden, not too long."""
     name = "".join(c if c.isalnum() or c in "_-.+= " else "_" for c in one_line(text)).strip(" .")

@@ -1,7 +1,9 @@
 """Locations in source files for error messages about classes that a user has written."""
 
+import dis
 import inspect
 import os
+import re
 import sys
 import traceback
 from pathlib import Path
@@ -22,16 +24,31 @@ def locate(cls: type, member: str = "", error: BaseException | None = None) -> s
     path = code.co_filename if code else getattr(sys.modules.get(cls.__module__), "__file__", None)
     if path is None:
         return f"{name} ({cls.__module__})"
-    line = (error_line(error, path) if error else None) or (code.co_firstlineno if code else _class_line(cls))
+    line = (error_line(error, path) if error else None) or (code.co_firstlineno if code else _line_of(cls, member))
     return f"{name} ({display_path(Path(path))}{f':{line}' if line else ''})"
 
 
-def _class_line(cls: type) -> int | None:
-    """The first line of a class in its file, None if the source is not available."""
+def _line_of(cls: type, member: str) -> int | None:
+    """The line of a class that assigns `member`, else its first line; None if the source is not available."""
     try:
-        return inspect.findsource(cls)[1] + 1
+        lines, first = inspect.getsourcelines(cls)
     except (OSError, TypeError):
         return None
+    assigns = re.compile(rf"\s+([\w, ]+, *)?{re.escape(member)}\s*[:=,]")
+    return next((first + k for k, line in enumerate(lines) if member and assigns.match(line)), first)
+
+
+def reraise_interrupt(error: BaseException) -> None:
+    """Raise a KeyboardInterrupt again that comes from Ctrl-C; one that the user's code raises itself is its error."""
+    if not isinstance(error, KeyboardInterrupt):
+        return
+    last = error.__traceback__
+    while last.tb_next is not None:
+        last = last.tb_next
+    code = last.tb_frame.f_code
+    is_own = code.co_filename.startswith(str(Path(__file__).parents[1]))  # a handler of signals
+    if is_own or dis.opname[code.co_code[last.tb_lasti]] != "RAISE_VARARGS":
+        raise error
 
 
 def error_line(error: BaseException, path: str) -> int | None:

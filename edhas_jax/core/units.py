@@ -293,3 +293,10 @@ def format_with_error(value: float, error: float, unit: str) -> str:
         return f"({format_with_error(number / scale, spread / scale, '-')})e{exponent} {shown}".rstrip()
     digits = min(7, max(0, 1 - math.floor(math.log10(spread)))) if spread > 0.0 else 4
     return f"{number:.{digits}f} ± {spread:.2g} {shown}".rstrip()
+
+
+def estimate_text(value: float, error: float | None, unit: str, limit: str | None = None) -> str:
+    """An estimate (SI) with its standard error, or with the limit at which it lies: "0 V, its lower limit"."""
+    if limit:
+        return f"{format_quantity(value, unit)}, its {limit} limit"
+    return format_quantity(value, unit) if error is None else format_with_error(value, error, unit)

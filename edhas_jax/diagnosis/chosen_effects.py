@@ -2,18 +2,22 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
-from edhas_jax.diagnosis.calibration.result import values_of_runs_as_json
+from edhas_jax.diagnosis.calibration.result import estimates_as_json, values_of_runs_as_json
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
-from edhas_jax.diagnosis.search.screening import ScoreTest
+from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for, from_absence, with_candidate
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
+from edhas_jax.diagnosis.search.plausibility import PLAUSIBLE_COORDINATE
+from edhas_jax.diagnosis.search.result import CONFOUNDED_ODDS
+from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.settled_fit import settle
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, try_candidate
 from edhas_jax.machine.effects import Effect
@@ -22,8 +26,10 @@ from edhas_jax.measurements.campaign_reader import OF_RUNS
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.time_resolution import TimeResolution
+from edhas_jax.measurements.unknown_parameters import ParameterScale
 
 Report = Callable[[str], None]
+USES = {Use.FIT: "fitted runs", Use.HOLDOUT: "held-out runs"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,11 +40,15 @@ class ChosenModel:
         effects: the candidates of these effects, in the order in which they were added.
         evaluated: the fit.
         resolution: time steps per sample.
+        fading: the sizes, by name, of effects that fade as they grow.
+        before: the model without the last of the effects; None without any.
     """
 
     effects: tuple[Candidate, ...]
     evaluated: EvaluatedFit
     resolution: TimeResolution
+    fading: frozenset[str] = frozenset()
+    before: "ChosenModel | None" = None
 
     @property
     def name(self) -> str:
@@ -52,20 +62,46 @@ class ChosenModel:
             for run, row in self.evaluated.residuals.items()
         }
 
+    @property
+    def needs_no_effect(self) -> str:
+        """A sentence where the model without the last effect is as good; empty where this one is better.
+
+        It is better if its evidence is so much larger that the two would not count as confounded, and if it predicts
+        the held-out runs better.
+        """
+        if self.before is None:
+            return ""
+        with_it, without = self.evaluated, self.before.evaluated
+        gain = with_it.log_evidence - without.log_evidence
+        fall = without.holdout_half_chi_square().sum() - with_it.holdout_half_chi_square().sum()
+        if gain > math.log(CONFOUNDED_ODDS) and fall > 0.0:
+            return ""
+        errors = ", ".join(
+            f"{without.rms_over_noise(use):.3f} without and {with_it.rms_over_noise(use):.3f} with it on the {runs}"
+            for use, runs in USES.items()
+            if math.isfinite(with_it.rms_over_noise(use))
+        )
+        return f"The model without {self.effects[-1].id} is as good: residual over noise {errors}."
+
     def as_json(self) -> dict[str, Any]:
-        """The effects, their sizes with standard errors (SI), and the errors, as plain data."""
+        """The effects, their sizes with standard errors (SI), and the errors, as plain data.
+
+        The standard error of a size at a limit of its range is None, and `limit` says which one it is.
+        """
         fit = self.evaluated.fit
+        estimates = estimates_as_json(fit)
         errors = {use.value: self.evaluated.rms_over_noise(use) for use in Use}
         return {
             "effects": [candidate.id for candidate in self.effects],
             "parameters": {
-                u.name: {"value": fit.values[u.name], "std": fit.standard_errors[u.name], "unit": u.unit}
+                u.name: estimates[u.name]
                 for candidate in self.effects
                 for u in candidate.own_unknowns(fit.problem.unknowns).values()
             },
             OF_RUNS: values_of_runs_as_json(fit),
             "error": {use: value if math.isfinite(value) else None for use, value in errors.items()},
             "error_by_run": self.rms_over_noise(),
+            "needs_no_effect": self.needs_no_effect,
         }
 
 
@@ -86,6 +122,8 @@ def with_effect(
 ) -> ChosenModel:  # fmt: skip
     """Add one more effect to a fitted model, and fit everything again.
 
+    The sizes of chosen effects may come to nothing, so that an effect that is absent is found to be so.
+
     Args:
         campaign: the measurements that `before` was fitted to.
         before: the model with the effects chosen so far.
@@ -104,11 +142,55 @@ def with_effect(
         raise FitError(f"{kind.id} cannot be added to {campaign.name}: its machine has it already, or no slot for it")
     report(f"fitting with {kind.id}")
     score = ScoreTest(baseline.fit, before.effects).score(possible[kind.id])
-    trial = try_candidate(baseline, before.effects, score, before.resolution, max_steps)
-    if trial.evaluated is None:
+    trial = try_candidate(baseline, before.effects, score, before.resolution, max_steps).evaluated
+    effects = (*before.effects, score.candidate)
+    fading = before.fading | {u.name for u in score.candidate.unknowns(campaign)[:1] if score.exponent < 0.0}
+    found = _free_to_vanish(baseline, effects, fading, score, trial, max_steps, before.resolution)
+    if found is None:
         raise FitError(f"the model with {kind.id} fails (it is not finite) wherever the fit has looked")
-    settled = settle(trial.evaluated, before.resolution, report)
-    return ChosenModel((*before.effects, possible[kind.id]), settled, before.resolution)
+    return ChosenModel(effects, settle(found, before.resolution, report), before.resolution, fading, before)
+
+
+def _free_to_vanish(
+    baseline: EvaluatedFit, effects: Sequence[Candidate], fading: Set[str], score: Score, trial: EvaluatedFit | None,
+    max_steps: int, resolution: TimeResolution,
+) -> EvaluatedFit | None:  # fmt: skip
+    """The fit with one more effect, repeated with sizes that may come to nothing where an effect is weak or useless.
+
+    Args:
+        baseline: the model without the last of the effects.
+        effects: the chosen effects.
+        fading: names of the sizes with which an effect fades as they grow.
+        score: score test of the last effect.
+        trial: the fit with it, its sizes on logarithmic scales; None if it has failed.
+        max_steps: maximum number of Levenberg-Marquardt steps.
+        resolution: coarse and fine time steps per sample.
+    """
+    problem = with_candidate(baseline.fit.problem, effects[:-1], effects[-1]) if trial is None else trial.fit.problem
+    is_useless = trial is None or not trial.cost < baseline.cost
+    freed = {u.name: u for u in problem.unknowns}
+    for effect in effects:
+        sizes = {effect.prefix + p.name: p.span for p in effect.sizes()}
+        sizes = {n: span for n, span in sizes.items() if freed[n].scale is ParameterScale.LOGARITHMIC}
+        values = {} if trial is None else trial.fit.values
+        weakness = [(1.0 if n in fading else -1.0) * freed[n].coordinate(values[n]) for n in sizes if n in values]
+        if max(weakness, default=0.0) > PLAUSIBLE_COORDINATE or (effect is effects[-1] and is_useless):
+            freed |= {n: from_absence(freed[n], span, n in fading) for n, span in sizes.items()}
+    unknowns = tuple(freed.values())
+    starts = [] if trial is None else [[u.coordinate(trial.fit.values[u.name]) for u in unknowns]]
+    if is_useless:
+        last = effects[-1]
+        shape = {u.name: float(u.value(x)) for u, x in zip(last.unknowns(problem.campaign), score.x, strict=True)}
+        absent = {n: math.inf if n in fading else 0.0 for n in (last.prefix + p.name for p in last.sizes())}
+        values = shape | absent | baseline.fit.values
+        starts.append([u.coordinate(values[u.name]) for u in unknowns])
+    elif unknowns == problem.unknowns:
+        return trial
+    problem = dataclasses.replace(problem, unknowns=unknowns)
+    try:
+        return fit_coarse(problem, np.array(starts), resolution.coarse, max_steps)
+    except FitError:
+        return trial
 
 
 def fit_with_effects(

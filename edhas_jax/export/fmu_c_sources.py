@@ -12,14 +12,28 @@ from edhas_jax.compiler.c_source import c_function, c_function_with_invariants, 
 from edhas_jax.core.literal_text import c_comment, c_string
 from edhas_jax.core.units import format_quantity
 from edhas_jax.export.fmu_program import STEP, Causality, ProgramInput, UnitProgram, Variable
-from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.machine.components.set_points import ROUNDING, Recorded
 from edhas_jax.machine.interface.signals import SIGNALS
 
 UNIT_FILE, MACHINE_FILE = "fmu_unit.c", "machine.h"
 
 # parameters of all generated functions; `recorded` holds _INTERVAL_FIELDS of each recorded set point
 _PARAMETERS = "const double *value, const double *y, double t, double h, double input_time, const double *recorded"
+_DIRECTION = "const double *dvalue, const double *dy"  # of values and states, further parameters of two of them
 _INTERVAL_FIELDS = ("index", "value", "slope", "quadratic", "cubic")  # of `RecordedInterval`, less its length
+_LEVEL_FUNCTION = """/* the level of a signal that steps, at time t */
+static double step_level(const double *times, const double *levels, long count, double t)
+{
+    const double late = t + %s * DBL_EPSILON * fabs(t);
+    long first = 0, end = count;
+    while (first < end) {
+        const long middle = first + (end - first) / 2;
+        if (times[middle] <= late) first = middle + 1;
+        else end = middle;
+    }
+    return levels[first];
+}
+"""
 _INTERVAL_FUNCTION = """/* index, value, slope, quadratic, cubic of the recorded interval around t; held outside */
 static void recorded_interval(const double *values, long count, double interval, double start, double t, double *out)
 {
@@ -70,16 +84,19 @@ def _machine_header(unit: UnitProgram) -> str:
     step, invariant_count = c_function_with_invariants(unit.step, "machine_step", _PARAMETERS, _expressions(unit))
     names = [v.name for v in unit.values]
     sizes = {
-        "VALUES": len(names), "STEP": names.index(STEP), "STATES": len(unit.states), "OUTPUTS": len(unit.outputs),
+        "VALUES": len(names), "STEP": names.index(STEP), "STATES": len(unit.states), 
+        "OUTPUTS": len(unit.outputs) + len(unit.locals),
         "INVARIANTS": max(invariant_count, 1), "RECORDED_VALUES": max(len(_INTERVAL_FIELDS) * len(unit.recorded), 1),
     }  # fmt: skip
     largest = sys.float_info.max
     spans = [v.span or (-largest, largest) for v in unit.values]
+    states = {n: str(k) for k, n in enumerate(unit.states)}
     tables = (
         ("double START", "VALUES", [c_number(v.start) for v in unit.values]),
         ("double LOWEST", "VALUES", [c_number(low) for low, _ in spans]),
         ("double HIGHEST", "VALUES", [c_number(high) for _, high in spans]),
         ("char IS_INPUT", "VALUES", [str(int(v.causality is Causality.INPUT)) for v in unit.values]),
+        ("int STATE_OF", "OUTPUTS", [states.get(v.name, "-1") for v in (*unit.outputs, *unit.locals)]),
         ("char *const NAMES", "VALUES", [c_string(n) for n in names]),
         ("char *const ALLOWED", "VALUES", [c_string(_allowed_values(v)) for v in unit.values]),
         ("char *const FAILURES", "", [c_string(_failure_message(n)) for n in unit.checks]),
@@ -90,6 +107,9 @@ def _machine_header(unit: UnitProgram) -> str:
     parts.append(_recorded_set_points(unit.recorded))
     for name, program in (("machine_initial_state", unit.initial_state), ("machine_outputs", unit.evaluate_outputs)):
         parts.append(c_function(program, name, _PARAMETERS, _expressions(unit)))
+    directions = (("machine_initial_direction", unit.initial_direction), ("machine_direction", unit.output_direction))
+    for name, program in directions:
+        parts.append(c_function(program, name, f"{_PARAMETERS}, {_DIRECTION}", _expressions(unit)))
     return "\n".join([*parts, step])
 
 
@@ -100,10 +120,10 @@ def _expressions(unit: UnitProgram) -> list[str]:
     recorded = {f"recorded {section}": k for k, section in enumerate(unit.recorded)}
 
     def expression(source: ProgramInput) -> str:
-        if source.table == "values":
-            return f"value[{values.get(source.name, -1)}]"  # −1: a value that no program reads
-        if source.table == "y":
-            return f"y[{states[source.name]}]"
+        if source.table in ("values", "dvalues"):
+            return f"{source.table[:-1]}[{values.get(source.name, -1)}]"  # −1: a value that no program reads
+        if source.table in ("y", "dy"):
+            return f"{source.table}[{states[source.name]}]"
         if source.table in recorded:
             if source.name == "interval":
                 return c_number(float(unit.recorded[source.table.removeprefix("recorded ")].interval))
@@ -122,8 +142,16 @@ def _recorded_set_points(recorded: dict[str, Recorded]) -> str:
         arguments = f"{len(values)}, {c_number(float(r.interval))}, {c_number(float(r.start))}"
         target = f"out + {len(_INTERVAL_FIELDS) * k}"
         calls.append(f"    recorded_interval(RECORDED_{section}, {arguments}, t, {target});\n")
+        if r.steps is not None:
+            for name, numbers in (("TIMES", r.steps.times), ("LEVELS", r.steps.levels)):
+                items = _wrap([c_number(v) for v in np.asarray(numbers, float).tolist()])
+                tables.append(f"static const double {name}_{section}[] = {{\n{items}\n}};\n")
+            arguments = f"TIMES_{section}, LEVELS_{section}, {len(r.steps.times)}, t"
+            calls.append(f"    ({target})[1] += step_level({arguments});\n")
     body = "".join(calls) or "    (void)t, (void)out;\n"
-    head = "\n".join([*([_INTERVAL_FUNCTION] if tables else []), *tables])
+    functions = [_INTERVAL_FUNCTION] if tables else []
+    functions += [_LEVEL_FUNCTION % ROUNDING] if any(r.steps is not None for r in recorded.values()) else []
+    head = "\n".join([*functions, *tables])
     return f"{head}\nstatic void machine_recorded_intervals(double t, double *out)\n{{\n{body}}}\n"
 
 

@@ -32,11 +32,12 @@ External = ExternalSource | str  # a source of the rigs of the package, or a dri
 
 
 class ExternalInput(NamedTuple):
-    """An input of the unit: name, SI unit, meaning."""
+    """An input of the unit: name, SI unit, meaning, value until the first one is set."""
 
     name: str
     unit: str
     doc: str
+    start: float = 0.0
 
 
 @struct
@@ -112,24 +113,34 @@ def parse_inputs(machine: Rig, names: Sequence[str]) -> tuple[tuple[External, ..
     return tuple(external), tuple(parameters.values())
 
 
+def rate_unit(unit: str) -> str:
+    """The unit of the rate of a quantity."""
+    return "1/s" if unit == "-" else f"({unit})/s" if "/" in unit or "*" in unit else f"{unit}/s"
+
+
 def external_inputs(machine: Rig, external: Sequence[External]) -> list[ExternalInput]:
-    """The inputs that `connect_inputs` needs for the external sources."""
+    """The inputs that `connect_inputs` needs for the external sources; a set point starts as configured."""
+
+    def configured(name: str) -> float:
+        return float(getattr(machine, name).value_and_rate(0.0)[0])
+
+    def with_rate(name: str, rate_name: str, unit: str, doc: str, quantity: str) -> list[ExternalInput]:
+        rate = f"rate of {quantity}, with which it goes on within a communication step; 0 holds it"
+        return [ExternalInput(name, unit, doc, configured(name)), ExternalInput(rate_name, rate_unit(unit), rate)]
+
     inputs = []
     for name in external if machine.is_own else ():
         about = machine.drives[name]
-        inputs.append(ExternalInput(name, about.unit, about.doc))
-        rate = f"rate of {name.replace('_', ' ')}; 0 holds it over a communication step"
-        inputs.append(ExternalInput(f"{name}_rate", f"({about.unit})/s", rate))
+        inputs += with_rate(name, f"{name}_rate", about.unit, about.doc, name.replace("_", " "))
+    is_open = not machine.is_own and isinstance(machine.controller, OpenLoop)
     if ExternalSource.REFERENCE in external:
-        unit = "V" if isinstance(machine.controller, OpenLoop) else "m"
-        quantity = "command" if unit == "V" else "set point of the piston"
-        inputs.append(ExternalInput("reference", unit, quantity))
-        rate = f"rate of the {quantity}; 0 holds it over a communication step"
-        inputs.append(ExternalInput("reference_velocity", f"{unit}/s", rate))
+        quantity = "command" if is_open else "set point of the piston"
+        inputs += with_rate("reference", "reference_velocity", "V" if is_open else "m", quantity, f"the {quantity}")
     if ExternalSource.VOLTAGE in external:
-        inputs.append(ExternalInput("voltage_command", "V", "command of an external controller, limited by the supply"))
+        doc = "command of an external controller, limited by the supply"
+        inputs.append(ExternalInput("voltage_command", "V", doc, configured("reference") if is_open else 0.0))
     if ExternalSource.TARGET in external:
-        inputs.append(ExternalInput("target", "m", "set point of the cylinder"))
+        inputs.append(ExternalInput("target", "m", "set point of the cylinder", configured("target")))
     if ExternalSource.SPOOL in external:
         inputs.append(ExternalInput("spool_command", "-", "set point of the reversing valve, -1 … 1"))
     return inputs

@@ -18,6 +18,7 @@ from edhas_jax.export.fmu_inputs import (
     connect_inputs,
     external_inputs,
     parse_inputs,
+    rate_unit,
     replaced_signals,
 )
 from edhas_jax.machine.components.controllers import OpenLoop
@@ -26,6 +27,7 @@ from edhas_jax.machine.interface.signals import SIGNALS, Signal
 from edhas_jax.machine.parameters import find_parameter, list_parameters, replace_value, short_names
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.integrator import evaluate_signals, step
+from edhas_jax.simulation.rk4_reference import rates
 from edhas_jax.simulation.time_loop import check_names, failed_checks
 
 STEP = "step"  # name of the variable that holds the largest internal step
@@ -37,6 +39,7 @@ class Causality(enum.Enum):
     PARAMETER = "parameter"
     INPUT = "input"
     OUTPUT = "output"
+    LOCAL = "local"
 
 
 class Variable(NamedTuple):
@@ -48,8 +51,9 @@ class Variable(NamedTuple):
         display_unit: unit in which tools show the quantity; empty: the SI unit.
         doc: meaning.
         causality: role of the variable.
-        start: value before the first one is set; None for an output.
+        start: value before the first one is set; None for what is computed.
         span: smallest and largest allowed value; None where any finite number is allowed.
+        derivative_of: the state whose derivative by time it is; empty: of none.
     """
 
     name: str
@@ -59,13 +63,15 @@ class Variable(NamedTuple):
     causality: Causality
     start: float | None = None
     span: tuple[float, float] | None = None
+    derivative_of: str = ""
 
 
 class ProgramInput(NamedTuple):
     """Where an input of a program comes from.
 
     Attributes:
-        table: "values" or "y" for the value or state `name`; "recorded SECTION" for the field `name` of the
+        table: "values" or "y" for the value or state `name`, "dvalues" or "dy" for its component of a direction;
+            "recorded SECTION" for the field `name` of the
             `RecordedInterval` of a recorded set point; "t", "h" or "input_time" for the time, the step and the time of
             the last inputs [s].
         name: the name in the table.
@@ -81,23 +87,29 @@ class UnitProgram(NamedTuple):
     Attributes:
         values: parameters and inputs.
         outputs: signals of the machine.
+        locals: the states that are no signals, then the derivative of each state by time, in the order of `states`.
         states: names of the states.
         checks: names of the checks of the physical range.
         initial_state: program from the values to the states.
         step: program of one step to the new states and the number of the first check that fails, −1 if none.
-        evaluate_outputs: program to the outputs.
-        sources: where each input of these three programs comes from.
+        evaluate_outputs: program to the outputs and locals.
+        initial_direction: program to the change of the initial states along a direction of the values.
+        output_direction: program to the change of outputs and locals along a direction of values and states.
+        sources: where each input of these programs comes from.
         recorded: recorded set points by section of the configuration; they are interpolated in a table.
-        dependencies: for each output the inputs on which it depends without delay.
+        dependencies: for each output and derivative the inputs and states on which it depends without delay.
     """
 
     values: tuple[Variable, ...]
     outputs: tuple[Variable, ...]
+    locals: tuple[Variable, ...]
     states: tuple[str, ...]
     checks: tuple[str, ...]
     initial_state: Program
     step: Program
     evaluate_outputs: Program
+    initial_direction: Program
+    output_direction: Program
     sources: tuple[ProgramInput, ...]
     recorded: dict[str, Recorded]
     dependencies: dict[str, tuple[str, ...]]
@@ -112,9 +124,11 @@ class _Arguments(NamedTuple):
     t: Any
     values: dict[str, Any]
     y: dict[str, Any]
+    dvalues: dict[str, Any]
+    dy: dict[str, Any]
 
 
-_INTERVAL_FIELDS = tuple(RecordedInterval.__dataclass_fields__)
+_INTERVAL_FIELDS = tuple(n for n in RecordedInterval.__dataclass_fields__ if n != "steps")  # `value` has the level
 
 
 def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> UnitProgram:
@@ -156,10 +170,14 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
     signals = runtime.eval_shape(lambda y: evaluate_signals(example, y, 0.0, 1.0), {n: jnp.zeros(()) for n in states})
     hidden = {"time", *(v.name for v in candidates), *replaced}
     outputs = [n for n in machine.signals if n in signals and n not in hidden]
+    local_variables = _local_variables(machine, states, outputs)
 
     def initial_state(a: _Arguments):
         y = machine_with(a.values, a.recorded, a.input_time).initial_state()
         return [jnp.zeros(()) + y[n] for n in states]
+
+    def initial_direction(a: _Arguments):
+        return jax.jvp(lambda values: initial_state(a._replace(values=values)), (a.values,), (a.dvalues,))[1]
 
     def one_step(a: _Arguments):
         m = machine_with(a.values, a.recorded, a.input_time)
@@ -167,8 +185,18 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
         return [*(y[n] for n in states), _first_true(failed_checks(m, y, a.t + a.h, a.h))]
 
     def evaluate_outputs(a: _Arguments):
-        row = evaluate_signals(machine_with(a.values, a.recorded, a.input_time), a.y, a.t, a.h)
-        return [row[n] for n in outputs]
+        m = machine_with(a.values, a.recorded, a.input_time)
+        row, derivatives = evaluate_signals(m, a.y, a.t, a.h), rates(m, a.y, a.t, a.h)[0]
+        found = [row[n] for n in outputs]
+        for v in local_variables:
+            found.append(jnp.zeros(()) + (derivatives.get(v.derivative_of, 0.0) if v.derivative_of else a.y[v.name]))
+        return found
+
+    def output_direction(a: _Arguments):
+        def along(values, y):
+            return evaluate_outputs(a._replace(values=values, y=y))
+
+        return jax.jvp(along, (a.values, a.y), (a.dvalues, a.dy))[1]
 
     sources = _Arguments(
         recorded={
@@ -177,10 +205,12 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
         **{n: ProgramInput(n) for n in ("h", "input_time", "t")},
         values={n: ProgramInput("values", n) for n in start_values},
         y={n: ProgramInput("y", n) for n in states},
+        dvalues={n: ProgramInput("dvalues", n) for n in start_values},
+        dy={n: ProgramInput("dy", n) for n in states},
     )
     is_source = {"is_leaf": lambda x: isinstance(x, ProgramInput)}
     dependences = jax.tree.map(_dependence, sources, **is_source)
-    functions = initial_state, one_step, evaluate_outputs
+    functions = initial_state, one_step, evaluate_outputs, initial_direction, output_direction
     try:
         programs = [trace_to_ir(f, jnp.float64, dependences, functions=C_LIBRARY)[0] for f in functions]
     except Untranslatable as error:
@@ -192,15 +222,28 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
         if v.causality is Causality.INPUT and v.name not in used and v.name in parameter_paths:
             raise FmuError(f"--input {v.name}: nothing in this machine depends on it")
     values = tuple(v for v in candidates if v.name in used or v.name == STEP or v.causality is Causality.INPUT)
-    input_names = {v.name for v in values if v.causality is Causality.INPUT}
-    dependencies = {}
-    for k, name in enumerate(outputs):
-        acting = {leaves[i].name for i in _inputs(programs[2], [programs[2].outputs[k]])}
-        dependencies[name] = tuple(sorted(input_names & acting))
+    knowns = {*states, *(v.name for v in values if v.causality is Causality.INPUT)}
     output_variables = tuple(Variable(n, *_signal(machine, n), Causality.OUTPUT) for n in outputs)
+    dependencies = {}
+    for k, v in enumerate((*output_variables, *local_variables)):
+        acting = {leaves[i].name for i in _inputs(programs[2], [programs[2].outputs[k]])}
+        dependencies[v.name] = tuple(sorted(knowns & acting))
     return UnitProgram(
-        values, output_variables, states, check_names(example), *programs, leaves, recorded, dependencies
-    )
+        values, output_variables, local_variables, states, check_names(example), *programs, leaves, recorded,
+        dependencies,
+    )  # fmt: skip
+
+
+def _local_variables(machine: Rig, states: Sequence[str], outputs: Sequence[str]) -> tuple[Variable, ...]:
+    """The states that are no outputs, and the derivative of each state."""
+    effects = {f"{e.id}.{n}": (st.unit, st.doc) for e in machine.effects for n, st in e.states.items()}
+    about = {n: effects.get(n, ("", n.replace("_", " "))) for n in states}
+    about |= {n: machine.signals[n][:3:2] for n in states if n in machine.signals}
+    found = [Variable(n, unit, "", doc, Causality.LOCAL) for n, (unit, doc) in about.items() if n not in outputs]
+    for n, (unit, doc) in about.items():
+        rate = rate_unit(unit) if unit else ""
+        found.append(Variable(f"der({n})", rate, "", f"rate of: {doc}", Causality.LOCAL, derivative_of=n))
+    return tuple(found)
 
 
 def _settable_variables(
@@ -212,8 +255,8 @@ def _settable_variables(
     """
     rows = list_parameters(machine)
     varied = {(path, p.name) for p, path in (find_parameter(machine, name) for name in parameter_inputs)}
-    inputs = [Variable(i.name, i.unit, "", i.doc, Causality.INPUT, 0.0) for i in external_inputs(machine, external)]
-    other_names = {*machine.signals, STEP, *(v.name for v in inputs)}
+    inputs = [Variable(i.name, i.unit, "", i.doc, Causality.INPUT, i.start) for i in external_inputs(machine, external)]
+    other_names = {*machine.signals, *machine.initial_state(), STEP, *(v.name for v in inputs)}
     names = short_names(machine)
     parameters, paths = [], {}
     for p, value, path in rows:

@@ -363,11 +363,37 @@ EXPORT Status FMI(fmi2DeSerializeFMUstate)(Instance c, const char bytes[], size_
     return OK;
 }
 
+/* of outputs, states and their derivatives at the present instant, by inputs and states; until initialization ends by
+   inputs and parameters, through the initial states too */
 EXPORT Status FMI(fmi2GetDirectionalDerivative)(Instance c, const Reference z[], size_t nz, const Reference v[],
                                                 size_t nv, const double dv[], double dz[])
 {
-    (void)z, (void)nz, (void)v, (void)nv, (void)dv, (void)dz;
-    return report(c, ERROR, "this unit provides no directional derivatives");
+    Unit *u = c;
+    State *s = &u->now;
+    double dvalue[VALUES] = {0.0}, dy[STATES] = {0.0}, change[OUTPUTS], recorded[RECORDED_VALUES];
+    const Boolean initial = s->phase < STEPPING;
+    size_t k;
+    for (k = 0; k < nv; ++k) {
+        const Reference r = v[k];
+        if (r < VALUES && (initial || IS_INPUT[r]))
+            dvalue[r] += dv[k];
+        else if (!initial && r >= VALUES && r < VALUES + OUTPUTS && STATE_OF[r - VALUES] >= 0)
+            dy[STATE_OF[r - VALUES]] += dv[k];
+        else
+            return report(u, ERROR, initial ? "until initialization ends, derivatives are by inputs and parameters"
+                                            : "derivatives are by inputs and states");
+    }
+    for (k = 0; k < nz; ++k)
+        if (z[k] < VALUES || z[k] >= VALUES + OUTPUTS)
+            return report(u, ERROR, "derivatives are of outputs, states and their derivatives by time");
+    if (initial) {
+        initialize_states(u);
+        machine_initial_direction(s->value, s->y, s->time, s->h, s->input_time, NULL, dvalue, dy, dy);
+    }
+    machine_recorded_intervals(s->time, recorded);
+    machine_direction(s->value, s->y, s->time, s->h, s->input_time, recorded, dvalue, dy, change);
+    for (k = 0; k < nz; ++k) dz[k] = change[z[k] - VALUES];
+    return OK;
 }
 
 EXPORT Status FMI(fmi2SetRealInputDerivatives)(Instance c, const Reference which[], size_t count, const int order[],

@@ -28,7 +28,7 @@ class Node:
     def __init__(self, s: Signals, name: str, pressure):
         self.s, self.name, self.pressure = s, name, pressure
         self.inflow = jnp.zeros_like(pressure)
-        s.set(**{name: pressure})
+        s.define(**{name: pressure})
 
     def add(self, flow) -> None:
         """Let oil into the node, not from another one: what a piston displaces that moves into its volume.

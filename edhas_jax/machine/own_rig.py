@@ -10,13 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.core import runtime, structs
+from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.source_location import locate
 from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.effects.base import EffectError
 from edhas_jax.machine.effects.loading import load_user_class
-from edhas_jax.machine.effects.validation import check_number, check_parameters, code_reason
-from edhas_jax.machine.interface.signals import UnknownNameError
+from edhas_jax.machine.effects.validation import check_derivatives, check_number, check_parameters
 from edhas_jax.machine.rig_base import Rig, RigError
 
 RESERVED = ("name", "rig", "effects", "parameters", "simulation", "time", "time_step")  # keys and signals of every rig
@@ -69,16 +69,16 @@ def check_rig(cls: type[Rig]) -> None:
                 raise RigError(str(error)) from None
     _check_names(cls)
     _check_units(cls)
-    known = machine.known_numbers()
-    for name, st in cls.states.items():
-        if isinstance(st.initial, str) and st.initial not in known:
-            raise RigError(f"{locate(cls, name)}: starts at `{st.initial}`, which is no parameter of this rig")
-        start = known[st.initial] if isinstance(st.initial, str) else st.initial
-        if not math.isfinite(start):
-            raise RigError(f"{locate(cls, name)}: starts at {start}; a finite number belongs here")
+    _check_numbers(cls, machine)
+    for slot in cls.slots:
+        for name in (part for text in slot.over for part in text.split(":")):
+            if name not in cls.signals:
+                raise RigError(f"{locate(cls, slot.name)}: a curve over `{name}`, which is no signal of this rig; "
+                               f"{suggest(name, cls.signals)}")  # fmt: skip
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
     try:
         runtime.eval_shape(_dry_run, numbers, np.float64(0.0))
+        check_derivatives(machine)
     except (RigError, EffectError) as error:
         raise RigError(str(error)) from error
 
@@ -88,17 +88,7 @@ def _dry_run(machine: Rig, zero):
     cls = type(machine)
     where = locate(cls, "equations")
     y = {n: zero + jnp.asarray(value, zero.dtype) for n, value in machine.initial_state().items()}
-    try:
-        s, rates = machine.evaluate(y, zero, zero, y)
-    except (RigError, EffectError):
-        raise
-    except Exception as error:
-        raise RigError(f"{locate(cls, 'equations', error)}: {_reason(error, cls)}") from error
-    if not isinstance(rates, dict) or set(rates) != set(cls.states):
-        missing = [n for n in cls.states if n not in (rates if isinstance(rates, dict) else ())]
-        beyond = [n for n in rates if n not in cls.states] if isinstance(rates, dict) else []
-        words = f"no rate of {', '.join(missing)}" if missing else f"a rate of {', '.join(beyond)}, which is no state"
-        raise RigError(f"{where}: gives {words}; return a dict with the rate of every state")
+    s, rates = machine.evaluate(y, zero, zero, y)
     values = s.values()
     unset = [n for n in cls.signals if n not in values]
     if unset:
@@ -126,6 +116,23 @@ def _check_names(cls: type[Rig]) -> None:
             raise RigError(f"{locate(cls, name)}: the name `{name}` ({what}) is taken; every name has one meaning")
 
 
+def _check_numbers(cls: type[Rig], machine: Rig) -> None:
+    """Time step, duration, drives, starts of states and sizes of slots are numbers."""
+    known = machine.known_numbers()
+    numbers = {n: (d.value, "constant value") for n, d in cls.drives.items()}
+    numbers |= {slot.name: (slot.typical_size, "typical size") for slot in cls.slots}
+    for name, st in cls.states.items():
+        if isinstance(st.initial, str) and st.initial not in known:
+            raise RigError(f"{locate(cls, name)}: starts at `{st.initial}`, which is no parameter of this rig")
+        numbers[name] = (known[st.initial] if isinstance(st.initial, str) else st.initial), "start"
+    numbers |= {n: (getattr(cls, n), "time in s") for n in ("time_step", "duration")}
+    for name, (value, what) in numbers.items():
+        is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool) and math.isfinite(value)
+        if not is_number or what == "time in s" and not value > 0.0:
+            more = " above 0" if what == "time in s" else ""
+            raise RigError(f"{locate(cls, name)}: {value!r}; a finite number{more} belongs here as {what}, in SI")
+
+
 def _check_units(cls: type[Rig]) -> None:
     """Every declared unit is one."""
     units = {n: about.unit for n, about in cls.signals.items()} | {slot.name: slot.unit for slot in cls.slots}
@@ -137,12 +144,3 @@ def _check_units(cls: type[Rig]) -> None:
             to_si("1" if unit == "-" else f"1 {unit}", unit)
         except UnitError:
             raise RigError(f'{locate(cls, name)}: {name} is declared in "{unit}", which is not a unit') from None
-
-
-def _reason(error: Exception, cls: type[Rig]) -> str:
-    """What is wrong in the equations of a rig, and what to do instead."""
-    if isinstance(error, UnknownNameError):
-        return str(error)
-    if isinstance(error, AttributeError) and type(getattr(error, "obj", None)).__name__ == "SimpleNamespace":
-        return f"`y` has no state `{error.name}`; the states: {', '.join(cls.states) or 'none'}"
-    return code_reason(error)

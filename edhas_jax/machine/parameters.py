@@ -213,7 +213,8 @@ def _as_mounted(p: Parameter, path: str, machine: Rig) -> Parameter:
         return dataclasses.replace(p, span=(SLOWEST * p.span[0], p.span[1] / SLOWEST))
     if path == "reference" and p.unit == "m" and machine.drive_unit(path) == "V":
         volts = (p.span[0] * 1e3, p.span[1] * 1e3)
-        return dataclasses.replace(p, unit="V", span=volts, default=12.0, doc=p.doc.replace("set point", "command"))
+        default = 12.0 if p.default else 0.0
+        return dataclasses.replace(p, unit="V", span=volts, default=default, doc=p.doc.replace("set point", "command"))
     return p
 
 

@@ -14,11 +14,20 @@ from typing import Any, ClassVar, NamedTuple, dataclass_transform
 import jax
 
 from edhas_jax.core import structs
+from edhas_jax.core.source_location import locate, reraise_interrupt
 from edhas_jax.core.structs import par
 from edhas_jax.core.units import display_unit
 from edhas_jax.machine.components.set_points import Sine, Step
-from edhas_jax.machine.effects.base import Effect, EffectState, bind_states, effect_rates, initial_effect_states
-from edhas_jax.machine.interface.signals import SIGNALS, Signal, Signals
+from edhas_jax.machine.effects.base import (
+    Effect,
+    EffectError,
+    EffectState,
+    bind_states,
+    effect_rates,
+    initial_effect_states,
+)
+from edhas_jax.machine.effects.validation import code_reason
+from edhas_jax.machine.interface.signals import SIGNALS, Signal, Signals, UnknownNameError
 from edhas_jax.machine.interface.slots import Slot
 
 State = dict[str, Any]
@@ -152,14 +161,39 @@ class Rig:
 
         Returns:
             The signals, and the rates by state name; the rate of an oil node is that of its strain pressure [Pa/s].
+
+        Raises:
+            RigError: the equations fail; the message says where in the user's file, and why.
         """
         own = {n: y[n] for n in self.states}
         known = self.known_numbers() | {"time": t, "time_step": h} | own
         for name in self.drives:
             known[name], known[f"{name}_rate"] = getattr(self, name).value_and_rate(t)
-        s = Signals(known, bind_states(self.effects, y), orifice_linearisation=orifice_linearisation)
-        rates = self.equations(types.SimpleNamespace(**own), s)
+        declared = [n for n in self.signals if n not in known]
+        s = Signals(known, bind_states(self.effects, y), None, orifice_linearisation, declared)
+        try:
+            rates = self.equations(types.SimpleNamespace(**own), s)
+        except (RigError, EffectError):
+            raise
+        except BaseException as error:  # also what ends a program, such as sys.exit
+            reraise_interrupt(error)
+            raise RigError(f"{locate(type(self), 'equations', error)}: {self._reason(error)}") from error
+        if not isinstance(rates, dict) or set(rates) != set(self.states):
+            missing = [n for n in self.states if n not in (rates if isinstance(rates, dict) else ())]
+            beyond = [n for n in rates if n not in self.states] if isinstance(rates, dict) else []
+            words = f"a rate of {', '.join(beyond)}, which is no state"
+            words = f"no rate of {', '.join(missing)}" if missing else words
+            where = locate(type(self), "equations")
+            raise RigError(f"{where}: gives {words}; return a dict with the rate of every state")
         return s, rates | effect_rates(s)
+
+    def _reason(self, error: BaseException) -> str:
+        """What is wrong in the equations, and what to do instead."""
+        if isinstance(error, UnknownNameError):
+            return str(error)
+        if isinstance(error, AttributeError) and isinstance(getattr(error, "obj", None), types.SimpleNamespace):
+            return f"`y` has no state `{error.name}`; the states: {', '.join(self.states) or 'none'}"
+        return code_reason(error)
 
     def known_numbers(self) -> dict[str, Any]:
         """The parameters of the parts by name, and all of them as `part.name`; a name of two parts only so."""

@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.core import runtime, structs
-from edhas_jax.core.source_location import locate
+from edhas_jax.core.source_location import locate, reraise_interrupt
 from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.components.controller_sampling import Continuous, Sampled
 from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.loading import load_user_class
-from edhas_jax.machine.effects.validation import check_number, check_parameters, code_reason
+from edhas_jax.machine.effects.validation import check_derivatives, check_number, check_parameters, code_reason
 from edhas_jax.machine.interface.controller_base import Controller, ControllerError
 from edhas_jax.machine.interface.signals import UnknownNameError
 from edhas_jax.machine.rigs import Rig
@@ -80,6 +80,7 @@ def check_controller(machine: Rig, precision: str = "float64") -> None:
     numbers = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), trial)
     try:
         runtime.eval_shape(lambda m, zero: _dry_run(m, zero, names), numbers, dtype.type(0.0))
+        check_derivatives(trial)
     except (ControllerError, EffectError) as error:
         raise ControllerError(str(error)) from error
 
@@ -89,7 +90,8 @@ def _state_names(machine: Rig) -> list[str]:
     cls, where = type(machine.controller), locate(type(machine.controller), "initial")
     try:
         states = machine.controller.initial()
-    except Exception as error:
+    except BaseException as error:  # also what ends a program, such as sys.exit
+        reraise_interrupt(error)
         raise ControllerError(f"{locate(cls, 'initial', error)}: {code_reason(error)}") from error
     if not isinstance(states, dict):
         raise ControllerError(f'{where}: returns no dict; return {{"name of a state": value at the start}}')
@@ -99,7 +101,7 @@ def _state_names(machine: Rig) -> list[str]:
             raise ControllerError(f"{where}: a state is named by letters, digits and underscores, not {name!r}")
         if name in taken:
             raise ControllerError(f"{where}: the name `{name}` is taken by a state of {machine.name}")
-        if np.shape(value) or not math.isfinite(value):
+        if not isinstance(value, int | float | np.number) or not math.isfinite(value):
             raise ControllerError(f"{where}: {name} starts at {value}; a finite number belongs here")
     return list(states)
 
@@ -127,7 +129,8 @@ def _checked(machine: Rig, method: str, names: list[str], dtype: Any) -> Callabl
     def call(y, s):
         try:
             value = inner(y, s)
-        except Exception as error:
+        except BaseException as error:
+            reraise_interrupt(error)
             built_in = cls.__module__.startswith("edhas_jax.")  # then the machine is at fault, not a line of code
             at = cls.__name__ if built_in else locate(cls, method, error)
             raise ControllerError(f"{at}: {_reason(error, machine, names)}") from error
@@ -145,7 +148,7 @@ def _checked(machine: Rig, method: str, names: list[str], dtype: Any) -> Callabl
     return call
 
 
-def _reason(error: Exception, machine: Rig, names: list[str]) -> str:
+def _reason(error: BaseException, machine: Rig, names: list[str]) -> str:
     """What is wrong in the code of a controller, and what to do instead."""
     if isinstance(error, UnknownNameError):
         if getattr(error, "name", None) == "current":

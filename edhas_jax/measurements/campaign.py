@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,6 +51,15 @@ class Remark:
         return f"{place}: {self.sentence}"
 
 
+class Removal(NamedTuple):
+    """Samples of a signal of a run that the checks left out, and their share of all samples of the run."""
+
+    run: str
+    signal: str
+    samples: int
+    share: float
+
+
 @dataclasses.dataclass(frozen=True)
 class Channel:
     """A measured signal.
@@ -59,6 +69,9 @@ class Channel:
         noise: standard deviation of its noise as used (SI).
         stated_noise: the one that the campaign states (SI); None before the data are checked.
         measured_noise: the one measured in the records (SI); None if not measured.
+        fitted_noise: the one that a fit leaves (SI), where that refutes a larger one; else None.
+        sensor_noise: the part of `noise` that is the sensor's (SI): stated, measured or fitted; None before the check.
+        is_noise_seen: whether it was measured in full, from repeated cycles or where the signal rests.
         correlation: coefficients a_1 … a_p of the autoregressive model of the noise from sample to sample,
             e_t = Σ a_k e_{t−k} + innovation; empty for white noise. `noise` is the standard deviation of e.
         resolution: step between two neighbouring values of the recorder (SI); 0 if it is too fine to be seen.
@@ -71,6 +84,9 @@ class Channel:
     noise: float
     stated_noise: float | None = None
     measured_noise: float | None = None
+    fitted_noise: float | None = None
+    sensor_noise: float | None = None
+    is_noise_seen: bool = False
     correlation: tuple[float, ...] = ()
     resolution: float = 0.0
     model_error: float = 0.0
@@ -122,6 +138,7 @@ class BenchRun:
         uncertain: the parameters whose value in this run is an unknown of its own, around its condition or, where it
             sets none, the value of the campaign's machine.
         part_of: name of the run of which this is a part, which has the same unknowns; empty for a whole run.
+        keep: the signals of which no sample is left out by the checks.
     """
 
     name: str
@@ -135,6 +152,7 @@ class BenchRun:
     drives: Mapping[str, Recorded] = dataclasses.field(default_factory=dict)
     uncertain: Mapping[str, Spread] = dataclasses.field(default_factory=dict)
     part_of: str = ""
+    keep: frozenset[str] = frozenset()
 
     @property
     def whole(self) -> str:
@@ -174,6 +192,7 @@ class Campaign:
         channels: the measured signals by name.
         runs: the runs that can be used.
         remarks: what the reader and the checks noticed in the files, and what they left out.
+        removed: what of the signals the checks left out.
         is_checked: whether the data are checked, impossible samples left out, and the noise measured.
         stated_accuracy: what the campaign states about the accuracy of the bench; see `accuracy`.
         tightening: divides the deviations of settings and sensors that a fit allows; above 1 where much is left.
@@ -188,6 +207,7 @@ class Campaign:
     channels: dict[str, Channel]
     runs: tuple[BenchRun, ...]
     remarks: tuple[Remark, ...]
+    removed: tuple[Removal, ...] = ()
     is_checked: bool = False
     stated_accuracy: BenchAccuracy = dataclasses.field(default_factory=BenchAccuracy)
     tightening: float = 1.0

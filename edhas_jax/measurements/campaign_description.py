@@ -39,11 +39,11 @@ CAMPAIGN_FILE = "campaign.yaml"
 DEFAULT_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)  # in the machine unless listed without
 KEYS = (
     "name", "rig", "parameters", "effects", "without", "uncertain", "amplifier", "controller", "reference", "time",
-    "signals", "drives", "accuracy", "runs", "decimal", "sheet",
+    "signals", "drives", "accuracy", "keep", "runs", "decimal", "sheet",
 )  # fmt: skip
 RUN_KEYS = (
-    "file", "files", "use", "start", "window", "running", "uncertain", "time", "columns", "conditions", "decimal",
-    "sheet",
+    "file", "files", "use", "start", "window", "running", "uncertain", "time", "columns", "keep", "conditions",
+    "decimal", "sheet",
 )  # fmt: skip  # of a run, besides its conditions
 # short names of parameters by section or kind of controller
 SHORT_NAMES = {
@@ -315,12 +315,23 @@ class CampaignDescription(ProblemList):
     def _leave_out(self, key: tuple, problem: str) -> None:
         self.remarks.append((Severity.ERROR, key, f"{problem}; the signal is left out"))
 
+    def _read_keep(self, key: tuple, section: Mapping[str, Any]) -> frozenset[str]:
+        """The signals of `keep: [pressure]` or `keep: all`."""
+        names = section.get("keep", [])
+        if names == "all":
+            return frozenset(self.channels)
+        if not isinstance(names, list) or not set(map(str, names)) <= self.channels.keys():
+            self.add(key, f"`all` or a list of signals ({', '.join(self.channels)}) belongs here; got {names}")
+            return frozenset()
+        return frozenset(names)
+
     def _read_runs(self) -> None:
         section = self._data.get("runs")
         if not isinstance(section, list) or not section:
             found = f", not {yaml_type(section)}" if section is not None else ""
             self.add(("runs",), f"a list belongs here, for example `- {{file: run1.csv, use: fit}}`{found}")
             return
+        in_all = self._read_keep(("keep",), self._data)
         for k, row in enumerate(section):
             key = ("runs", k)
             row = self._mapping(row, key, "{file: run1.csv, use: fit, frequency: 10 Hz}")
@@ -352,11 +363,12 @@ class CampaignDescription(ProblemList):
             timing = read_run_in(self, key, row, read_timing(self, key, row, usual), self.machine, conditions)
             columns = self._read_columns((*key, "columns"), row.get("columns"))
             own = self._read_own_uncertain(key, row, conditions)
+            keep = in_all | self._read_keep((*key, "keep"), row)
             if not self.problems:
                 names = [entry.name for entry in self.run_entries]
                 stem = files[0].path.stem
                 name = stem if stem not in names else f"{stem}-{k + 1}"
-                self.run_entries.append(RunEntry(name, files, Use(use), conditions, timing, own, columns))
+                self.run_entries.append(RunEntry(name, files, Use(use), conditions, timing, own, columns, keep))
                 continue
             for file in files:  # without other problems the run is left out
                 if not file.path.is_file():

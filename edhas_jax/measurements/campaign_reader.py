@@ -10,6 +10,7 @@ from edhas_jax.measurements.campaign import Campaign, CampaignError, Remark, Sev
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, read_description
 from edhas_jax.measurements.remark_list import brief_lines
 from edhas_jax.measurements.run_reader import RunReader
+from edhas_jax.measurements.sensor_keys import limits_remarks
 
 OF_RUNS = "of_runs"  # key of a result: by run and parameter, what was estimated of the run alone
 RESULT_FILES = "fit.json", "diagnosis.json", "result.json"  # beside the `config.yaml` of a fitted model
@@ -41,10 +42,11 @@ def read_campaign(path: Path | str, trust: Trust = (), planned: bool = False) ->
     machine = description.machine
     if runs[0].recordings:
         machine = structs.replace(machine, **runs[0].recordings)
-    return Campaign(
+    campaign = Campaign(
         description.name, path.parent, machine, description.uncertain, description.channels, tuple(runs), remarks,
         stated_accuracy=description.accuracy,
     )  # fmt: skip
+    return dataclasses.replace(campaign, remarks=(*remarks, *limits_remarks(campaign)))
 
 
 def with_values_of_runs(campaign: Campaign, model: Path | str) -> Campaign:

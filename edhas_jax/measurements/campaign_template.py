@@ -58,7 +58,7 @@ RIG_TEMPLATE = """\
 # Put your run files beside this file, adapt what follows, then run: edhas campaign check {folder} --rig {spec}
 name: {name}
 rig: {spec}
-drives:                  # the columns of what drove the bench: a name, or {{column: u, unit: V}}
+drives:                  # the columns of what drove the bench: a name, or {{column: u, unit: V, between: hold}}
 {drives}uncertain:               # relative standard deviation of the true value: 0.1 is 10 %; delete what you know
 {uncertain}signals:                 # delete what you did not measure; `noise` is measured where it is left out
 {signals}  # further keys: `column`, its name in the files; `limits: [0 V, 10 V]` of the sensor; `model_error`

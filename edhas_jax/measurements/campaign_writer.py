@@ -119,6 +119,7 @@ def campaign_text(campaign: Campaign) -> str:
         of_run = files[run.name]
         words = [f"file: {of_run[0]}" if len(of_run) == 1 else f"files: [{', '.join(of_run)}]", f"use: {run.use.value}"]
         words += ["start: 0 s"] if run.time[0] > START_TOLERANCE * run.interval else []
+        words += [f"keep: [{', '.join(sorted(run.keep))}]"] if run.keep else []
         for name, value in run.conditions.items():
             words.append(f"{name}: {exact_quantity(value, find_parameter(machine, name)[0].unit)}")
         own = [f"{name}: {_spread_text(machine, name, spread)}" for name, spread in run.uncertain.items()]

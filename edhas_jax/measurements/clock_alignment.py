@@ -104,7 +104,8 @@ def _shifted_record(record: Recorded, late: float) -> Recorded:
     """A recorded drive earlier by the time `late` [s], at the same times."""
     values = np.asarray(record.values, float)
     index = np.arange(len(values))
-    return replace(record, values=np.interp(index + late / float(record.interval), index, values))
+    steps = None if record.steps is None else replace(record.steps, times=np.asarray(record.steps.times) - late)
+    return replace(record, values=np.interp(index + late / float(record.interval), index, values), steps=steps)
 
 
 def _best_shift(parts: Parts, clock: RecorderClock, cost: Cost) -> float:

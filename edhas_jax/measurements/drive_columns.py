@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.config.problem_list import ProblemList
-from edhas_jax.config.recorded_signal import encode_samples
+from edhas_jax.config.recorded_signal import RecordingError, encode_samples, read_between
 from edhas_jax.config.yaml_with_lines import yaml_type
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.rig_base import Rig
@@ -25,6 +25,9 @@ def read_drive_columns(
     """
     if rig is not None and rig.is_own:
         return _own_drives(problems, data.get("drives"), rig)
+    if rig is not None and data.get("drives") is not None:
+        hint = f"the recorded set point of {rig.name} is `reference: COLUMN`"
+        problems.add(("drives",), f"belongs to a rig of one's own; {hint}")
     return _set_point(problems, data.get("reference"))
 
 
@@ -35,17 +38,16 @@ def recorded_placeholders(columns: Mapping[str, ColumnSource]) -> dict[str, Any]
 
 
 def _set_point(problems: ProblemList, reference: Any) -> dict[str, ColumnSource]:
-    """The column of `reference: xref` or `reference: {column: xref, unit: mm}`."""
+    """The column of `reference: xref` or `reference: {column: xref, unit: mm, between: hold}`."""
     if isinstance(reference, str):
         return {"reference": ColumnSource(reference, "")}
     if not isinstance(reference, Mapping) or "column" not in reference or set(reference) & {"kind", "file"}:
         return {}
-    problems.add_unknown_keys(("reference",), reference, ("column", "unit"))
-    return {"reference": ColumnSource(str(reference["column"]), str(reference.get("unit", "")))}
+    return {"reference": _column(problems, ("reference",), reference, "reference")}
 
 
 def _own_drives(problems: ProblemList, section: Any, rig: type[Rig]) -> dict[str, ColumnSource]:
-    """The columns of `drives: {voltage: u}` or `drives: {voltage: {column: u, unit: V}}`."""
+    """The columns of `drives: {voltage: u}` or `drives: {voltage: {column: u, unit: V, between: hold}}`."""
     if section is not None and not isinstance(section, Mapping):
         problems.add(("drives",), f"a mapping belongs here, such as {{voltage: u}}, not {yaml_type(section)}")
     found, section = {}, section if isinstance(section, Mapping) else {}
@@ -55,6 +57,16 @@ def _own_drives(problems: ProblemList, section: Any, rig: type[Rig]) -> dict[str
         if not isinstance(entry, Mapping):
             problems.add(("drives", name), f"the name of a column belongs here, not {yaml_type(entry)}")
             continue
-        problems.add_unknown_keys(("drives", name), entry, ("column", "unit"))
-        found[name] = ColumnSource(str(entry.get("column", name)), str(entry.get("unit", "")))
+        found[name] = _column(problems, ("drives", name), entry, name)
     return found
+
+
+def _column(problems: ProblemList, key: tuple, entry: Mapping[str, Any], name: str) -> ColumnSource:
+    """The column of the drive `name` that an entry describes."""
+    problems.add_unknown_keys(key, entry, ("column", "unit", "between"))
+    between = None
+    try:
+        between = read_between(entry["between"]) if "between" in entry else None
+    except RecordingError as error:
+        problems.add((*key, error.key), str(error))
+    return ColumnSource(str(entry.get("column", name)), str(entry.get("unit", "")), between)

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from edhas_jax.machine.components.set_points import Steps
 from edhas_jax.machine.parameters import ParameterError, get_parameter, short_names
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, has_parameter
@@ -92,6 +93,7 @@ class MeasurementModel:
         self._lane_parameters = tuple(sorted(varied | conditions)) or (placeholder_parameter(machine),)
         self._nominal = {n: float(get_parameter(machine, n)) for n in varied}
         self._run_values = [{n: float(get_parameter(m, n)) for n in self._lane_parameters} for m in machines]
+        self._step_times = [_step_times(m) for m in machines]
         self._hosts = _hosts(self.runs) if replay is Replay.SET_POINT else list(range(len(self.runs)))
         self._groups = _group_runs(self.runs, machines, self._hosts)
 
@@ -234,14 +236,28 @@ class MeasurementModel:
         return math.ceil(self.runs[r].time[-1] / group.interval - MAX_TIMESTAMP_ERROR) + 1
 
     def _at_time_stamps(self, r: int, interval: float, rows: np.ndarray) -> np.ndarray:
-        """Rows (points, …) on a grid of an interval [s], at the time stamps of run `r`; a cubic spline between."""
-        time = self.runs[r].time
+        """Rows (points, …) on a grid of an interval [s], at the time stamps of run `r`; a cubic spline between.
+
+        Where drives step, a cubic through the points between two steps.
+        """
+        time, steps = self.runs[r].time, self._step_times[r]
         if (indices := _grid_indices(time, interval)) is not None:
             is_whole_grid = np.array_equal(indices, np.arange(len(indices)))
             return rows[: len(indices)] if is_whole_grid else rows[indices]
         if not np.isfinite(rows).all():
             return np.full((len(time), *rows.shape[1:]), np.nan)
-        return CubicSpline(interval * np.arange(len(rows)), rows)(time)
+        if not len(steps):
+            return CubicSpline(interval * np.arange(len(rows)), rows)(time)
+        at, steps = time / interval, steps / interval - MAX_TIMESTAMP_ERROR
+        ends, part = np.array([0, *np.ceil(steps), len(rows)], int), np.searchsorted(steps, at)
+        # four points of the part; of its neighbours too where it has fewer
+        first = np.minimum(np.maximum(np.floor(at) - 1.0, ends[part]), np.maximum(ends[part + 1] - 4, ends[part]))
+        first = np.clip(first, 0, len(rows) - 4).astype(int)
+        found = 0.0
+        for j in range(4):
+            weights = np.prod([(at - first - m) / (j - m) for m in range(4) if m != j], axis=0)
+            found = found + weights.reshape(-1, *[1] * (rows.ndim - 1)) * rows[first + j]
+        return found
 
 
 def placeholder_parameter(machine: Rig) -> str:
@@ -254,6 +270,12 @@ def _grid_indices(time: np.ndarray, interval: float) -> np.ndarray | None:
     """Time stamps as multiples of an interval [s]; None where one of them is not a multiple."""
     indices = np.round(time / interval)
     return indices.astype(int) if np.abs(time / interval - indices).max() <= MAX_TIMESTAMP_ERROR else None
+
+
+def _step_times(machine: Rig) -> np.ndarray:
+    """The times [s] at which the recorded drives of a machine step."""
+    parts = jax.tree.leaves(machine, is_leaf=lambda part: isinstance(part, Steps))
+    return np.unique(np.concatenate([[], *(part.times for part in parts if isinstance(part, Steps))]))
 
 
 def _hosts(runs: Sequence[BenchRun]) -> list[int]:
@@ -274,8 +296,7 @@ def _group_runs(runs: Sequence[BenchRun], machines: Sequence[Rig], hosts: Sequen
         # a recorded set point is an array of its own, so its run cannot share a batch
         has_recording = any(np.ndim(leaf) for leaf in jax.tree.leaves(machine))
         interval = float(f"{run.interval:.6g}")
-        # a recorded drive is looked up once per sample; on a finer grid every time step would have to, which is slow
-        is_finer = not has_recording and any(_grid_indices(member.time, interval) is None for member in members)
+        is_finer = any(_grid_indices(member.time, interval) is None for member in members)
         groups.setdefault((interval, is_finer, r if has_recording else -1), []).append(r)
     return [
         _RunGroup(machines[members[0]], interval, is_finer, tuple(members))

@@ -4,7 +4,7 @@ import enum
 
 import numpy as np
 
-from edhas_jax.config.recorded_signal import RecordingError, resample_uniformly
+from edhas_jax.config.recorded_signal import RecordingError, recorded_from_samples
 from edhas_jax.core import structs
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.controller_sampling import Continuous
@@ -67,7 +67,7 @@ def machine_with_replay(campaign: Campaign, run: BenchRun, machine: Rig, replay:
     try:
         if replay is Replay.PISTON_POSITION:
             values = _smooth(run.time, values, campaign.channels[replay.value].noise)
-        recorded = resample_uniformly(run.file, run.time, values)
+        recorded = recorded_from_samples(run.file, run.time, values)
     except RecordingError as error:
         raise CampaignError(f"{error}: {replay.value} cannot be replayed") from None
     padded = np.pad(np.asarray(recorded.values), (0, -len(recorded.values) % RECORDING_LENGTH_MULTIPLE), mode="edge")

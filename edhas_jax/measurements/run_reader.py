@@ -1,14 +1,14 @@
 """Read one run of a campaign: the columns of its file become signals in SI units over increasing time stamps."""
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.config.recorded_signal import RecordingError, resample_uniformly
+from edhas_jax.config.recorded_signal import Between, RecordingError, recorded_from_samples
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, display_unit, to_si
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
@@ -25,15 +25,20 @@ MAX_SIZE = 1e30  # of a value in SI; a larger one is a fault of the file, and it
 MAX_REMARKS = 10  # on one file
 MAX_LISTED = 3  # faults of one kind in one column that are reported one by one
 MAX_NAMES, MAX_QUOTED = 8, 40  # columns that a remark names, characters of a name
+LARGE_JUMP = 0.1  # of the range of a drive; smaller jumps may be the rounding of a slow signal
 MAX_SPARSE_SHARE, MIN_REGULAR_SHARE = 0.5, 0.9  # of rows with a value, of equal steps between them: a slow signal
 MAX_DISORDER = 0.05  # share of samples out of order above which the time axis is rejected
 
 
 class ColumnSource(NamedTuple):
-    """The name of a quantity's column in the files, and its unit where the header gives none."""
+    """The name of a quantity's column in the files, its unit where the header gives none, and for a drive `between`.
+
+    `between` is None where the campaign does not state it.
+    """
 
     column: str
     unit: str
+    between: Between | None = None
 
 
 class TimeSource(NamedTuple):
@@ -71,6 +76,7 @@ class RunEntry(NamedTuple):
         timing: where the time of the run is zero, and which part of the record is used.
         uncertain: the parameters whose value in this run is an unknown of its own.
         columns: the columns of signals and drives that have another name in this run.
+        keep: the signals of which the checks leave out no sample.
     """
 
     name: str
@@ -80,6 +86,7 @@ class RunEntry(NamedTuple):
     timing: RecordTiming = RecordTiming()
     uncertain: Mapping[str, Spread] = MappingProxyType({})
     columns: Mapping[str, ColumnSource] = MappingProxyType({})
+    keep: frozenset[str] = frozenset()
 
     @property
     def file(self) -> Path:
@@ -96,7 +103,8 @@ class _Record:
         table: its columns.
         sources: the columns of its signals, by signal.
         drives: the columns of its drives, by drive.
-        order: rows (samples,) of the table whose time stamps increase.
+        order: rows (samples,) of the table whose time stamps increase, the last one where several have the same.
+        before: the first ones (samples,) of these.
         time: their time stamps (samples,) [s], counted from the start of the run once that is known.
         used: which of them are used (samples,).
     """
@@ -106,6 +114,7 @@ class _Record:
     sources: dict[str, ColumnSource]
     drives: dict[str, ColumnSource]
     order: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    before: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
     time: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
     used: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
 
@@ -189,7 +198,7 @@ class RunReader:
                 continue
             runs.append(BenchRun(
                 entry.name, record.file.path, entry.use, entry.conditions, time, signals, lines, reference, drives,
-                entry.uncertain,
+                entry.uncertain, keep=entry.keep,
             ))  # fmt: skip
         if not runs and not too_short:
             self._remark(0, "none of its columns can be used; the run is left out")
@@ -224,12 +233,12 @@ class RunReader:
             if len(holders) > 1:
                 raise TableError(0, self._several(name, source, holders))
             record, own = holders[0] if holders else (records[0], source.column)
-            record.drives[name] = ColumnSource(own, source.unit)
+            record.drives[name] = source._replace(column=own)
         for name, source in (self._sources | {n: s for n, s in entry.columns.items() if n in self._sources}).items():
             holders = [(record, own) for record in records if (own := record.own_name(source.column)) is not None]
             if len(holders) == 1:
                 record, own = holders[0]
-                record.sources[name] = ColumnSource(own, source.unit)
+                record.sources[name] = source._replace(column=own)
             elif holders:
                 problem = self._several(name, source, holders)
                 self._remark(self._header_line, f"{problem}; {name} is missing in this run")
@@ -257,22 +266,22 @@ class RunReader:
         for record in needed:
             self._at(record)
             try:
-                stamps[id(record)] = self._time_stamps(self._with_time(record, records))
+                stamps[id(record)] = self._time_stamps(self._with_time(record, records), record.drives.values())
             except TableError as error:
                 problems.append((record, error))
         zeros = {}
         for record in (r for r in needed if id(r) in stamps):
-            timing, (_, time) = self._timing(entry, record), stamps[id(record)]
+            timing, (*_, time) = self._timing(entry, record), stamps[id(record)]
             alike = [
                 of for other in needed
-                if (of := stamps.get(id(other), (None, time[:0]))[1]).size and len(time)
+                if (of := stamps.get(id(other), (time[:0],))[-1]).size and len(time)
                 and (other.file is record.file or of[0] <= time[-1] and time[0] <= of[-1])
             ]  # fmt: skip
             earliest = min(alike, key=lambda of: of[0], default=time)
             zeros[id(record)] = None if earliest is time else timing.zero(earliest)
         for record in (r for r in needed if id(r) in stamps):
             self._at(record)
-            order, time = stamps[id(record)]
+            order, before, time = stamps[id(record)]
             try:
                 part, record.time, record.used, remarks = self._timing(entry, record).apply(
                     record.file.path, time, zeros[id(record)]
@@ -280,7 +289,7 @@ class RunReader:
             except TimingError as error:
                 problems.append((record, error))
                 continue
-            record.order = order[part]
+            record.order, record.before = order[part], before[part]
             self.remarks += remarks
         if len(problems) == len(needed) or any(record.drives for record, _ in problems):
             self._at(problems[0][0])
@@ -309,11 +318,11 @@ class RunReader:
     def _drive(self, name: str, record: _Record) -> Recorded:
         """A recorded drive, without the blank rows between its samples if it is slower than its table."""
         self._at(record)
-        order, time = record.order, record.time
+        order, before, time = record.order, record.before, record.time
         column = record.table.columns.get(record.drives[name].column)
         if column is not None and (rows := _sparse_rows(column.values[order], len(order))) is not None:
-            order, time = order[rows], time[rows]
-        return self._recorded_drive(name, record.drives[name], record.table, order, time)
+            order, before, time = order[rows], before[rows], time[rows]
+        return self._recorded_drive(name, record.drives[name], record.table, order, before, time)
 
     def _signals_by_rate(self, record: _Record) -> list[tuple[dict[str, np.ndarray], np.ndarray]]:
         """The signals of a record with the places (samples,) of their samples in its time axis.
@@ -417,10 +426,19 @@ class RunReader:
         with np.errstate(over="ignore"):
             return zero + size * column.values
 
-    def _time_stamps(self, table: Table) -> tuple[np.ndarray, np.ndarray]:
-        """Indices of the samples whose time stamp is later than all before it, and their time stamps [s]."""
+    def _time_stamps(
+        self, table: Table, drives: Iterable[ColumnSource]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The samples whose time stamp is later than all before it.
+
+        Where the recorded drives in the table step, which is several rows at one time, the last row is the sample.
+
+        Returns:
+            For each sample the index of its row, that of the first row at its time, and its time stamp [s].
+        """
         if self._time.interval is not None:
-            return np.arange(len(table.lines)), self._time.interval * np.arange(len(table.lines))
+            rows = np.arange(len(table.lines))
+            return rows, rows, self._time.interval * rows
         column = table.columns.get(self._time.column)
         if column is None:
             names = ", ".join(column[:MAX_QUOTED] for column in table.columns)
@@ -436,7 +454,15 @@ class RunReader:
             raise TableError(self._header_line, f"column `{self._time.column}`: {error}") from None
         finite = np.abs(time) <= MAX_SIZE
         latest = np.maximum.accumulate(np.where(finite, time, -np.inf))
-        increasing = finite & (time > np.concatenate([[-np.inf], latest[:-1]]))
+        goes_on = _steps(table, drives, time)
+        first = np.maximum.accumulate(np.where(goes_on, 0, np.arange(len(time))))
+        increasing = (finite & (time > np.concatenate([[-np.inf], latest[:-1]])))[first]
+        kept = np.flatnonzero(increasing & ~np.append(goes_on[1:], False))
+        if goes_on.any():
+            k, count = int(np.argmax(goes_on)), int(np.sum(first[kept] < kept))
+            places = "1 place" if count == 1 else f"{count} places"
+            sentence = f"the drives step in {places}, with rows at one time; measured signals count as in the last row"
+            self._remark(int(table.lines[k]), sentence, Severity.NOTE)
         dropped = np.flatnonzero(~increasing)
         if len(dropped) > MAX_DISORDER * len(time):
             sentence = f"time does not increase in {len(dropped)} of {len(time)} samples"
@@ -452,12 +478,15 @@ class RunReader:
             problem = f"time {time[k]:.6g} s does not come after {latest[k]:.6g} s" if finite[k] else "no time"
             left_out = "the sample is left out" if len(rows) == 1 else f"left out up to line {until}"
             self._remark(int(table.lines[k]), f"{problem}; {left_out}")
-        return np.flatnonzero(increasing), time[increasing]
+        return kept, first[kept], time[kept]
 
     def _recorded_drive(
-        self, drive: str, source: ColumnSource, table: Table, order: np.ndarray, time: np.ndarray
+        self, drive: str, source: ColumnSource, table: Table, order: np.ndarray, before: np.ndarray, time: np.ndarray
     ) -> Recorded:
-        """A recorded drive in its SI unit: the set point in metres, or in volts as the command of an open loop."""
+        """A recorded drive in its SI unit: the set point in metres, or in volts as the command of an open loop.
+
+        The rows `order` and `before` of the samples differ where a drive steps, see `_time_stamps`.
+        """
         machine = self._machine
         what = "set point" if drive == "reference" else drive.replace("_", " ")
         name = source.column
@@ -465,10 +494,9 @@ class RunReader:
             sentence = f"no column `{name}` with the {what} ({suggest(name, table.columns)})"
             raise TableError(self._header_line, sentence)
         column = table.columns[name]
-        if not column.unit and not source.unit:
-            usual = display_unit(machine.drive_unit(drive)) or "-"
-            quoted = '"-"' if usual == "-" else usual
-            remedy = f"write for example `{name} [{usual}]` there, or `{drive}: {{column: {name}, unit: {quoted}}}`"
+        if not column.unit and not source.unit and machine.drive_unit(drive) != "-":
+            usual = display_unit(machine.drive_unit(drive))
+            remedy = f"write for example `{name} [{usual}]` there, or `{drive}: {{column: {name}, unit: {usual}}}`"
             sentence = f"column `{name}`: a unit is missing; {remedy}"
             raise TableError(self._header_line, sentence)
         si, unit = machine.drive_unit(drive), column.unit or source.unit
@@ -478,11 +506,34 @@ class RunReader:
                 values = self._in_si(source, column, "A") / float(machine.amplifier.amplifier_gain)
             else:
                 values = self._in_si(source, column, si)
-            return resample_uniformly(self._file, time, values[order])
+            rows = np.union1d(before, order)
+            time = time[np.searchsorted(order, rows)]
+            if source.between is None and _looks_held(values[order], values[before]):
+                sentence = f"{what} `{name}` stays and jumps; if a computer held it from sample to sample, write "
+                sentence += "`between: hold` in the campaign, else `between: line`, which is assumed"
+                self._remark(self._header_line, sentence, Severity.WARNING)
+            return recorded_from_samples(self._file, time, values[rows], source.between or Between.LINE)
         except UnitError as error:
             raise TableError(self._header_line, f"column `{name}`: {error}") from None
         except RecordingError as error:
             raise TableError(0, f"{what} `{name}`: {str(error).removeprefix(f'{self._file}: ')}") from None
+
+
+def _steps(table: Table, drives: Iterable[ColumnSource], time: np.ndarray) -> np.ndarray:
+    """Whether each row has the time of the row before it, but another value of a recorded drive."""
+    found = np.zeros(len(time), bool)
+    for source in drives:
+        if source.column in table.columns:
+            change = np.abs(np.diff(table.columns[source.column].values))
+            found[1:] |= (np.diff(time) == 0.0) & (change > 0.0) & np.isfinite(change)
+    return found
+
+
+def _looks_held(after: np.ndarray, before: np.ndarray) -> bool:
+    """Whether a drive is constant but for single, large changes from one sample to the next."""
+    change = before[1:] - after[:-1]
+    neighbours = (change[1:] != 0.0) & (change[:-1] != 0.0)
+    return bool(np.abs(change).max(initial=0.0) > LARGE_JUMP * np.ptp(after) and not neighbours.any())
 
 
 def _sparse_rows(values: np.ndarray, filled: int) -> np.ndarray | None:

@@ -23,7 +23,8 @@ class ParameterScale(enum.Enum):
     """How the value of a parameter follows from its coordinate x."""
 
     LOGARITHMIC = "logarithmic"  # value = centre · exp(spread · x), for parameters that cannot change sign
-    LINEAR = "linear"  # value = centre + spread · x, for parameters of either sign
+    LINEAR = "linear"  # value = centre + spread · x, for parameters of either sign, and for those that may be zero
+    RECIPROCAL = "reciprocal"  # value = 1/(spread · x), for an effect that is absent where its parameter is infinite
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +35,8 @@ class UnknownParameter:
         name: parameter of the machine, or `signal.sensor_model_id.parameter` of an instrument; `parameter in run` for
             one that a single run has of its own.
         centre: value at x = 0 (SI).
-        spread: prior standard deviation: of the logarithm on the logarithmic scale, else of the value (SI).
+        spread: prior standard deviation: of the logarithm on the logarithmic scale, of 1/value on the reciprocal one,
+            else of the value (SI).
         unit: SI unit of the value.
         span: smallest and largest value (SI) that the search may try.
         scale: how the value follows from the coordinate.
@@ -60,22 +62,29 @@ class UnknownParameter:
     def value(self, x):
         """The value (SI) at coordinate `x`."""
         if self.scale is ParameterScale.LOGARITHMIC:
-            return self.centre * np.exp(self.spread * x)
+            with np.errstate(over="ignore"):  # at a bound of a prior that is far too wide
+                return self.centre * np.exp(self.spread * x)
+        if self.scale is ParameterScale.RECIPROCAL:
+            return 1.0 / (self.spread * x)
         return self.centre + self.spread * x
 
     def derivative(self, x):
         """The derivative of the value (SI) by the coordinate at `x`."""
+        if self.scale is ParameterScale.RECIPROCAL:
+            return -self.spread * np.square(self.value(x))
         return self.spread * (self.value(x) if self.scale is ParameterScale.LOGARITHMIC else np.ones_like(x))
 
     def coordinate(self, value: float) -> float:
         """The coordinate of a value (SI); −inf for a value that the logarithmic scale cannot reach."""
         if self.scale is ParameterScale.LINEAR:
             return (value - self.centre) / self.spread
+        if self.scale is ParameterScale.RECIPROCAL:
+            return 1.0 / (self.spread * value)
         return math.log(value / self.centre) / self.spread if value > 0.0 else -math.inf
 
     def bounds(self) -> tuple[float, float]:
         """The smallest and the largest coordinate that the search may try."""
-        low, high = (self.coordinate(value) for value in self.span)
+        low, high = sorted(self.coordinate(value) for value in self.span)
         return (max(low, -PRIOR_BOUND), min(high, PRIOR_BOUND)) if self.has_prior else (low, high)
 
 

@@ -89,16 +89,17 @@ def simulate_batch(
     lanes = [columns]
     if seeds is not None:
         lanes.append({n: np.asarray(seeds.get(n, np.zeros(count)), dtype) for n in columns})
-    recordings = {}
-    for drive in _drives_with_intervals(machine):
-        if _is_recorded(machine, drive, steps_per_sample * step_size):
-            recordings[drive] = getattr(numbers, drive)
-            numbers = structs.replace(numbers, **{drive: _ANY_INTERVAL})
+    intervals = {}
+    for drive in (n for n in _drives_with_intervals(machine) if isinstance(getattr(machine, n), Recorded)):
+        found = RecordedInterval.split(getattr(machine, drive), steps_per_sample * step_size, int(lengths.max()))
+        if found is not None:
+            intervals[drive] = found
+            numbers = structs.replace(numbers, **{drive: jax.tree.map(lambda _: dtype.type(1.0), found)})
     observer = signals if callable(signals) else NamedSignals(tuple(signals))
     on_gpu = many_lanes(count, dtype) if on_gpu is None else on_gpu
     choices = tuple(columns), observer, seeds is not None, dtype, on_gpu
     loop = cached_loop(TrajectoryLoop, numbers, *choices, dtype=dtype)
-    found = loop.run(numbers, lanes, recordings, step_size, steps_per_sample, lengths)
+    found = loop.run(numbers, lanes, intervals or None, step_size, steps_per_sample, lengths)
     return Traces(*found, *[None] * (seeds is None))
 
 
@@ -171,16 +172,16 @@ class TrajectoryLoop:
         )
 
     def run(
-        self, machine: Rig, lanes: Sequence[dict[str, np.ndarray]], recordings: Mapping[str, Recorded],
+        self, machine: Rig, lanes: Sequence[dict[str, np.ndarray]], intervals: Mapping[str, RecordedInterval] | None,
         step_size: float, steps_per_sample: int, lengths: np.ndarray,
     ) -> tuple[dict[str, np.ndarray], ...]:  # fmt: skip
         """Signals (samples, runs), and with seeds their derivatives; NaN beyond the `lengths` of the runs.
 
-        `lanes` are the parameters and, if seeded, their changes, each (runs,).
+        `lanes` are the parameters and, if seeded, their changes, each (runs,); `intervals` the drives that are taken
+        interval by interval, as `RecordedInterval.split` gives them.
         """
         most = lengths.max()
         out = tuple({s: np.empty((most, len(lengths))) for s in self._signals} for _ in lanes)
-        intervals = {n: RecordedInterval.split(r, int(most)) for n, r in recordings.items()} or None
         # long runs first, and runs of one length together
         order = np.argsort(-lengths, kind="stable")
         # a GPU takes so many lanes at a time that their samples might not fit into the memory of this machine
@@ -220,20 +221,9 @@ def _as_slice(indices: np.ndarray) -> np.ndarray | slice:
     return slice(first, first + count) if np.array_equal(indices, np.arange(first, first + count)) else indices
 
 
-_ANY_INTERVAL = RecordedInterval(interval=1.0, index=0.0, value=0.0, slope=0.0, quadratic=0.0, cubic=0.0)
-
-
 def _drives_with_intervals(machine: Rig) -> tuple[str, ...]:
     """The drives that a time loop takes interval by interval where they are recorded."""
     return tuple(machine.drives) if machine.is_own else ("reference",)
-
-
-def _is_recorded(machine: Rig, drive: str, interval: float) -> bool:
-    """Whether a drive is a recording from 0 on with samples `interval` [s] apart: then a sample needs one interval."""
-    recorded = getattr(machine, drive)
-    if not isinstance(recorded, Recorded) or float(recorded.start) != 0.0:
-        return False
-    return abs(float(recorded.interval) / interval - 1.0) <= 1e-9
 
 
 def _intervals_of(machine: Rig) -> dict[str, RecordedInterval] | None:

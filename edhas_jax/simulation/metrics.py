@@ -52,6 +52,7 @@ class RunTooShortError(ValueError):
     """A run ends before one whole cycle after the ramp."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what is not finite is told by the status
 def compute_metrics(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str, Metric]:
     """All metrics of a run.
 

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -12,13 +13,13 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation import energy_balance
 from edhas_jax.simulation.metrics import Metric, compute_metrics
-from edhas_jax.simulation.run_checks import Record, check_run, step_change
+from edhas_jax.simulation.run_checks import Record, check_run, growth_at_start, step_change
 from edhas_jax.simulation.run_figure import plot_run
 from edhas_jax.simulation.run_settings import Simulation
 from edhas_jax.simulation.signal_metrics import metric_declarations, signal_metrics
 from edhas_jax.simulation.step_choice import search_accuracy, search_step, step_status
 from edhas_jax.simulation.time_loop import check_names, initial_loop_state, integrate
-from edhas_jax.simulation.validity import Status
+from edhas_jax.simulation.validity import Status, departure
 
 SAMPLES_PER_CALL = 256  # samples between two reports of progress; fixed, so that a longer run compiles nothing anew
 INTERRUPTED = "interrupted; "  # note on the step of an interrupted run
@@ -31,6 +32,36 @@ class SimulationError(RuntimeError):
     def __init__(self, message: str, run: "Run"):
         super().__init__(message)
         self.run = run
+
+
+class Failure(NamedTuple):
+    """The end of a run that left the finite numbers or a range in which a signal is physical.
+
+    Attributes:
+        time: when [s].
+        name: the state or signal.
+        what: what it does then.
+        more: what this means and helps, or empty.
+        step: the time step, as text.
+    """
+
+    time: float
+    name: str
+    what: str
+    more: str
+    step: str
+
+    def __str__(self) -> str:
+        text = f"at {self.time:.6g} s {self.name} {self.what} (step {self.step})"
+        return f"{text}; {self.more}" if self.more else text
+
+    def advice(self, finer: "Failure | None") -> str:
+        """What the run with a quarter of the step, which ended as `finer`, says of the cause."""
+        if finer is None:
+            return f"try a smaller step: a quarter of {self.step} does not fail"
+        if finer.name == self.name:
+            return f"the step is not the cause: with {finer.step} it does so at {finer.time:.6g} s"
+        return f"with a step of {finer.step} {finer.name} {finer.what} at {finer.time:.6g} s: the step may be the cause"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,13 +151,13 @@ class Run:
         return missing / max(sum(abs(v) for n, v in total.items() if groups[n] != "stored") / 2, 1e-300)
 
     def volume_residual(self) -> float:
-        """The oil that the balance does not account for, as a share of the oil delivered; 0 without a pump."""
-        if "delivery_flow_a" not in self.volume:
+        """The oil that the balance does not account for, as a share of the oil delivered; 0 if nothing is delivered."""
+        if self.record.delivers_nothing:
             return 0.0
         total = {n: float(v[-1]) for n, v in self.volume.items()}
         stored = sum(v for n, v in total.items() if n.startswith("oil, "))
         delivered = total["delivery_flow_a"] + total["delivery_flow_b"]
-        return (stored - total["accumulator gas"]) / max(abs(delivered), 1e-300)
+        return (stored - total["accumulator gas"]) / abs(delivered)
 
     def plot(self, signals: list[str] | None = None):
         """A matplotlib figure of the run: a default choice of signals, or those named, and the energy balance.
@@ -137,6 +168,7 @@ class Run:
         return plot_run(self.machine, self.signals, self.ledger(), signals)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what is not finite is told by the status
 def simulate(
     machine: Rig, simulation: Simulation = Simulation(), on_progress: Callable[[float], None] | None = None
 ) -> Run:
@@ -166,13 +198,15 @@ def simulate(
     report, asked = on_progress or (lambda share: None), simulation.step is not None
     largest_step = simulation.step if asked else machine.time_step
 
-    def attempt(step: float) -> tuple[Run, str]:
+    def attempt(step: float) -> tuple[Run, Failure | None]:
         return _simulate_with_step(machine, simulation, step, lambda share: report((1.0 + 2.0 * share) / 3.0))
 
     # half the step takes twice as long
     run, failure = _simulate_with_step(machine, simulation, largest_step, lambda share: report(share / 3.0))
-    if failure and (asked or attempt(0.25 * largest_step)[1]):
-        raise SimulationError(failure, run)
+    if failure:
+        finer = attempt(0.25 * largest_step)[1]
+        if asked or finer:
+            raise SimulationError(f"{failure}; {failure.advice(finer)}", run)
     if run.interrupted:
         return _finished(run, f"{INTERRUPTED}step {{}}", remark="the run was interrupted and its step is not checked")
     found, (name, change) = search_step(run, bool(failure), attempt), ("", 0.0)
@@ -194,6 +228,12 @@ def _finished(run: Run, note: str, status: Status = Status.OK, reason: str = "",
     """The run with its status and a note on its step, which stands for {}; the `status` of the step comes first."""
     if status is Status.OK:
         status, reason = check_run(run.record, run.energy_residual(), run.volume_residual())
+        name, growth = growth_at_start(run.machine) if run.machine.is_own and status.is_valid else ("", 0.0)
+        if growth * run.step > 2.0:
+            fast, short = (_step_text(run.machine, t) for t in (1.0 / growth, 0.5 / growth))
+            status = Status.STEP_TOO_LARGE
+            reason = f"{name} grows e-fold within {fast} at the start, which the step jumps over; "
+            reason += f"set `time_step` of the rig to {short} or less"
     reason = "; ".join(filter(None, (reason, remark)))
     note = note.format(_step_text(run.machine, run.step))
     return dataclasses.replace(run, step_note=note, status=status, reason=reason)
@@ -211,7 +251,7 @@ def _simulate_to_accuracy(machine: Rig, simulation: Simulation, on_progress) -> 
         simulation.accuracy, 2.0 * machine.time_step, lambda h: _simulate_with_step(machine, simulation, h, on_progress)
     )
     if found.failure:
-        raise SimulationError(found.failure, found.run)
+        raise SimulationError(f"{found.failure}; no larger step does better", found.run)
     if found.run.interrupted or found.before is None:
         return _finished(found.run, f"{found.run.step_note}step {{}}", remark="the accuracy has not been checked")
     name, change = found.worst
@@ -227,8 +267,10 @@ def _simulate_to_accuracy(machine: Rig, simulation: Simulation, on_progress) -> 
     )  # fmt: skip
 
 
-def _simulate_with_step(machine: Rig, simulation: Simulation, largest_step: float, on_progress) -> tuple[Run, str]:
-    """Simulate with a fixed step, up to a failure if there is one; the second value describes it, or is empty."""
+def _simulate_with_step(
+    machine: Rig, simulation: Simulation, largest_step: float, on_progress
+) -> tuple[Run, "Failure | None"]:
+    """Simulate with a fixed step, up to a failure if there is one."""
     if not 0.0 < largest_step <= machine.largest_step() * (1.0 + 1e-9):
         limit = _step_text(machine, machine.largest_step())
         raise ValueError(f"step {_step_text(machine, largest_step)}: must lie above 0 and at most {limit}")
@@ -264,10 +306,9 @@ def _simulate_with_step(machine: Rig, simulation: Simulation, largest_step: floa
     volume = joined({n: [b.balance.volume[n] for b in blocks] for n in blocks[0].balance.volume})
     run = Run(machine, simulation, signals, energy, volume, float(h), note)
     if failed_step < 0 or failed_step > (samples - 1) * per_sample:
-        return run, ""
-    name = check_names(machine)[int(loop.failed_check)]
-    what = "left its physical range" if name in machine.signals else "is not a finite number"
-    return run, (
-        f"at {failed_step * float(h):.6g} s {name} {what} (step {_step_text(machine, float(h))}); "
-        "the machine is outside what the model describes, or the step is too large for it: try a smaller step"
-    )
+        return run, None
+    check, name = int(loop.failed_check), check_names(machine)[int(loop.failed_check)]
+    what, more = "is not a finite number", ""
+    if check >= len(loop.y):
+        what, more = departure(machine, name, np.concatenate([b.signals[name] for b in blocks])[: valid + 1])
+    return run, Failure(failed_step * float(h), name, what, more, _step_text(machine, float(h)))

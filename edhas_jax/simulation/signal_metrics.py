@@ -27,6 +27,7 @@ def metric_declarations(machine: Rig | type[Rig]) -> Declarations:
     }
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what is not finite is told by the status
 def signal_metrics(time: np.ndarray, signals: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """The metrics of runs, each of the shape of their signals without the samples; NaN where a signal is.
 
@@ -39,8 +40,7 @@ def signal_metrics(time: np.ndarray, signals: Mapping[str, np.ndarray]) -> dict[
         if name == "time":
             continue
         mean = _mean(time, values)
-        with np.errstate(invalid="ignore"):
-            rms = np.sqrt(_mean(time, np.square(values)))
+        rms = np.sqrt(_mean(time, np.square(values)))
         parts = mean, rms, values.min(axis=0), values.max(axis=0), values[-1]
         found |= {f"{kind}_{name}": part for kind, part in zip(KINDS, parts, strict=True)}
     return found

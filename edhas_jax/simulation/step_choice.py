@@ -11,8 +11,8 @@ MAX_HALVINGS = 6  # of the step, until flow, power and stroke no longer depend o
 MAX_ACCURACY_TRIALS = 8  # steps that are tried for an accuracy, each half of the one before
 MOST_STEPS = 20_000_000  # of a run that only looks for a smaller step
 
-# (largest step [s]) → the run with it, and why it failed, or an empty text
-Attempt = Callable[[float], tuple[Any, str]]
+# (largest step [s]) → the run with it, and how it failed, or None
+Attempt = Callable[[float], tuple[Any, Any]]
 
 
 class StepSearch(NamedTuple):
@@ -77,20 +77,20 @@ class AccuracySearch(NamedTuple):
         before: the run with twice its step; None if that failed.
         worst: the signal that halving the step changed most, and by which share of its range.
         reached: whether the accuracy is reached.
-        failure: why the last run failed.
+        failure: how the last run failed; None if it did not.
     """
 
     run: Any
     before: Any
     worst: tuple[str, float]
     reached: bool
-    failure: str
+    failure: Any
 
 
 def search_accuracy(accuracy: float, largest_step: float, attempt: Attempt) -> AccuracySearch:
     """Halve the step until the estimated error of every signal is within the accuracy."""
     coarse = before = None
-    worst, run, failure = ("", math.inf), None, ""
+    worst, run, failure = ("", math.inf), None, None
     for number in range(MAX_ACCURACY_TRIALS):
         run, failure = attempt(largest_step / 2.0**number)
         if failure:
@@ -100,7 +100,7 @@ def search_accuracy(accuracy: float, largest_step: float, attempt: Attempt) -> A
             worst = largest_change(run.machine, coarse.signals, run.signals)
             # the error of a second-order rule falls to a quarter: a third of the change remains
             if worst[1] / 3.0 <= accuracy:
-                return AccuracySearch(run, coarse, worst, True, "")
+                return AccuracySearch(run, coarse, worst, True, None)
         before, coarse = coarse, run
         if run.interrupted:
             break

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.core import runtime
+from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.interface import slots
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
 
@@ -59,6 +60,25 @@ def valid_ranges(machine: Rig) -> dict[str, tuple]:
     """The limits (low, high) in SI of the signals that are physical only within a range, by name."""
     y = machine.initial_state()
     return machine.evaluate(y, 0.0, 1.0, y)[0].record.valid_ranges
+
+
+def departure(machine: Rig, name: str, values: np.ndarray) -> tuple[str, str]:
+    """How a signal left the range in which it is physical, as the end of a sentence, and what this means.
+
+    Args:
+        machine: the machine.
+        name: the signal.
+        values: its last samples, SI; those beyond the range may be NaN.
+    """
+    with runtime.double_precision():
+        low, high = (float(limit) for limit in valid_ranges(machine)[name])
+    about, last = machine.signals[name], values[np.isfinite(values)][-1:]
+    if about.unit == "Pa" and low == 0.0 and (last < 0.5 * high).all():
+        lacks_air = slots.OIL_GAS in machine.slots and not slots.is_used(slots.OIL_GAS, machine.effects)
+        remedy = "; mount the effect entrained_air" if lacks_air else ""
+        return "falls to zero", f"oil cavitates there, which this model does not describe{remedy}"
+    limits = f"{format_quantity(low, about.unit)} … {format_quantity(high, about.unit)}"
+    return "left its physical range", f"the range is {limits}"
 
 
 def failed_tests(m: Rig, values: Mapping[str, Any], periodic, xp=jnp) -> list[tuple[Status, Any]]:

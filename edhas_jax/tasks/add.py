@@ -8,11 +8,11 @@ from pathlib import Path
 from edhas_jax.config.run_folder import write_json
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
-from edhas_jax.core.summary import Summary, SummaryTable
+from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
-from edhas_jax.diagnosis.chosen_effects import ChosenModel, fit_with_effects, save_model
+from edhas_jax.diagnosis.chosen_effects import USES, ChosenModel, fit_with_effects, save_model
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
@@ -20,7 +20,6 @@ from edhas_jax.measurements.campaign_reader import OF_RUNS, as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.tasks.result import Result, save_figure
 
-USES = {Use.FIT: "fitted runs", Use.HOLDOUT: "held-out runs"}
 CONFIG_FILE, DATA_FILE, FIGURE_FILE = "config.yaml", "result.json", "errors.png"
 
 
@@ -52,7 +51,7 @@ class AddResult(Result):
         return [model.evaluated.rms_over_noise(use) for model in self.models]
 
     def summary(self) -> Summary:
-        """See `Result.summary`."""
+        """See `Result.summary`; that the model without an effect is as good is said first."""
         errors = list(zip(*(self.errors(use) for use in USES), strict=True))
         rows, records = [], []
         for name, values in zip(self.names, errors, strict=True):
@@ -60,14 +59,16 @@ class AddResult(Result):
             records.append({"model": name, "fitted_runs": values[0], "held_out_runs": values[1]})
         columns = "model", *USES.values()
         table = SummaryTable.of("residual_over_noise", columns, rows, records, "residual over noise")
-        return Summary(f"{self.campaign.name}: fitted with {self.models[-1].name}", (table, self._sizes()))
+        needless = [Toned(m.needs_no_effect, Tone.CAUTION) for m in self.models if m.needs_no_effect]
+        return Summary(f"{self.campaign.name}: fitted with {self.models[-1].name}", (*needless, table, self._sizes()))
 
     def _sizes(self) -> SummaryTable:
         rows, records = [], []
         for name, found in self.models[-1].as_json()["parameters"].items():
-            value, error, unit = found["value"], found["std"], found["unit"]
-            rows.append((name, format_quantity(value, unit), f"± {format_quantity(error, unit)}"))
-            records.append({"name": name, "value": value, "error": error, "unit": unit})
+            value, error, unit, limit = found["value"], found["std"], found["unit"], found.get("limit")
+            shown = f"none: at its {limit} limit" if limit else f"± {format_quantity(error, unit)}"
+            rows.append((name, format_quantity(value, unit), shown))
+            records.append({"name": name, "value": value, "error": error, "unit": unit, "limit": limit})
         return SummaryTable.of("estimates", ("name", "value", "standard error"), rows, records)
 
     def plot(self):

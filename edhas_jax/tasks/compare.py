@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from edhas_jax.config.machine_config import Config, as_config
+from edhas_jax.core.literal_text import csv_text
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.machine.rigs import Rig
@@ -80,7 +81,7 @@ class ComparisonResult(Result, Comparison):
 
     def write_files(self, folder: Path) -> Sequence[str]:
         """See `Result.write_files`."""
-        figures_of_merit(self).to_csv(folder / "figures.csv")
+        figures_of_merit(self).rename(csv_text, level="run").to_csv(folder / "figures.csv")
         (folder / "report.html").write_text(self.report(), encoding="utf-8")
         return ()
 

@@ -10,14 +10,20 @@ from typing import Any
 from edhas_jax.core.optional_parts import OptionalParts
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.planning import next_experiment as planning
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
 from edhas_jax.diagnosis.report.result_file import CURVE_CONFIG_FILE, save_diagnosis
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint, program_versions
-from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions, fit_of_parameters, model_with, outcome
+from edhas_jax.diagnosis.search.conclusions import (
+    bench_rows,
+    conclusions,
+    explains_little,
+    fit_of_parameters,
+    model_with,
+    outcome,
+)
 from edhas_jax.diagnosis.search.forward_selection import diagnose as search
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.machine.effects import Effect
@@ -50,7 +56,7 @@ class DiagnosisResult(Result, Diagnosis):
 
     def summary(self) -> Summary:
         """See `Result.summary`."""
-        verdict = self.verdict.value.replace("_", " ")
+        verdict = self.verdict.value.replace("_", " ") + (", most is left" if explains_little(self) else "")
         title = f"{self.campaign.name}: {verdict}, {self.seconds:.0f} s"
         found = conclusions(self)
         tone = VERDICT_TONES.get(self.verdict, Tone.CAUTION)
@@ -76,7 +82,7 @@ class DiagnosisResult(Result, Diagnosis):
             sized = fit_of_parameters(self, trial)
             own = candidate.own_unknowns(sized.problem.unknowns)
             values = {name: sized.values[u.name] for name, u in own.items()}
-            sizes = [f"{name} {format_quantity(values[name], u.unit)}" for name, u in own.items()]
+            sizes = [f"{n} {sized.text(u.name, candidate.unit(u, self.machine))}" for n, u in own.items()]
             rms = model_with(self, trial).rms_over_noise(Use.HOLDOUT)
             new_runs = f"{rms:.3f}" if math.isfinite(rms) else "none is held out"
             done = outcome(self, candidate).value

@@ -19,6 +19,7 @@ from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_li
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_reader import as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.checks.noise_measurement import without_refuted_noise
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 from edhas_jax.tasks.compare import toned_residual
@@ -64,9 +65,8 @@ class FitResult(Result, Calibration):
         fit, rows, records = self.fit, [], []
         for u, x, std in zip(fit.problem.unknowns, fit.x, fit.std, strict=True):
             interval, value = fit.interval(u.name), fit.values[u.name]
-            low, high = (format_quantity(v, u.unit) for v in interval)
             rows.append((u.name, format_quantity(u.centre, u.unit), format_quantity(value, u.unit),
-                         f"{low} … {high}", f"{x:+.2f}", f"{std:.3f}"))  # fmt: skip
+                         fit.interval_text(u.name), f"{x:+.2f}", f"{std:.3f}"))  # fmt: skip
             records.append({"name": u.name, "unit": u.unit, "prior_mean": u.centre, "value": value,
                             "interval_95": list(interval), "pull": float(x), "error": float(std)})  # fmt: skip
         columns = "name", "prior mean", "value", "95 % interval", "pull, prior σ", "error, prior σ"
@@ -148,6 +148,11 @@ def fit(
     report("reading")
     try:
         found = calibrate(FitProblem(campaign, campaign.machine, unknowns), starts=starts, on_progress=report)
+        quieter = without_refuted_noise(campaign, found.residuals, len(unknowns))
+        if quieter is not campaign:
+            campaign, problem = quieter, FitProblem(quieter, quieter.machine, unknowns)
+            report("once more, with the noise that the fit leaves")
+            found = calibrate(problem, found.x, search=False, on_progress=report)
     except FitError as error:
         raise CampaignError(str(error)) from None
     report("residuals of all runs")

@@ -88,12 +88,28 @@ def with_methods(kind: type, inner: Any, **more: Any):
     return kind(**fields, **more)
 
 
+def require_picture_name(path: Path) -> None:
+    """Refuse a path that no picture can be written to; call it before a long computation.
+
+    Raises:
+        ResultFileError: it is a folder, or its suffix names no format of pictures.
+    """
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    formats = FigureCanvasBase.get_supported_filetypes()
+    if path.is_dir():
+        raise ResultFileError(f"{path}: is a folder; name the file of the picture, such as {path / 'picture.png'}")
+    if path.suffix.removeprefix(".").lower() not in formats:
+        raise ResultFileError(f"{path}: ends in no format of pictures; known: {', '.join(sorted(formats))}")
+
+
 def save_figure(figure, path: Path) -> None:
     """Write a matplotlib figure in the format that the suffix of `path` names.
 
     Raises:
         ResultFileError: the file cannot be written, or the format is unknown.
     """
+    require_picture_name(path)
     try:
         figure.savefig(path, dpi=FIGURE_DPI)
     except (OSError, ValueError) as error:
@@ -126,13 +142,14 @@ class SavedResult:
         """The machine of the result, such as the calibrated one.
 
         Raises:
-            ResultFileError: the result has none.
+            ResultFileError: the result has none, or its files were changed.
         """
         from edhas_jax.config.machine_config import read_config
 
         name = next((n for n in MODEL_FILES if (self.folder / n).is_file()), None)
         if name is None:
             raise ResultFileError(f"{self.folder}: holds no machine")
+        check_files(self.folder)
         return read_config(self.folder / name, is_result=True).machine
 
     @property
@@ -197,7 +214,7 @@ def open_result(path: Path | str):
     if not (path / SUMMARY_FILE).is_file():
         missing = "there is no such folder" if not path.exists() else "holds no result: summary.json is missing"
         raise ResultFileError(f"{path}: {missing}")
-    check_files(path, (SUMMARY_FILE, *DATA_FILES))
+    check_files(path)
     try:
         made = json.loads((path / SUMMARY_FILE).read_text(encoding="utf-8"))
         name = next((n for n in DATA_FILES if (path / n).is_file()), None)

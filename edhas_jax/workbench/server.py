@@ -11,7 +11,7 @@ from pathlib import Path
 import uvicorn
 from fastapi import FastAPI
 from fastapi.responses import FileResponse, PlainTextResponse
-from nicegui import app, ui
+from nicegui import Client, app, ui
 
 from edhas_jax.workbench.access import LOOPBACK, LocalAccess
 from edhas_jax.workbench.page import Page
@@ -24,6 +24,7 @@ REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
 )
 GRACE = 2  # s, for pages that are open when the server ends
+MAX_UNOPENED = 20  # pages that wait for their browser, each with some hundred kilobytes
 RECONNECT = 30.0  # s, that a page waits for a busy server
 
 
@@ -79,16 +80,22 @@ def build_application(session: Session) -> FastAPI:
     title = f"{session.workspace.folder.name} – edhas workbench"
 
     @ui.page("/", title=title, reconnect_timeout=RECONNECT, response_timeout=RECONNECT)
-    async def show_page() -> None:
+    async def show_page():
+        # NiceGUI keeps for a minute what no browser connects to
+        if sum(not client.has_socket_connection for client in Client.instances.values()) > MAX_UNOPENED:
+            return PlainTextResponse("Many pages wait for their browser; try again in a minute.", 503)
         await Page(session).build()
 
     @app.get("/results/{name:path}")
     def result(name: str):
         try:
             path = session.workspace.inside(Path(RESULTS, name))
-        except (WorkspaceError, ValueError, OSError) as error:
+            is_shown = path.suffix in REPORTS + PICTURES and path.is_file()
+        except WorkspaceError as error:
             return PlainTextResponse(str(error), 404)
-        if path.suffix not in REPORTS + PICTURES or not path.is_file():
+        except (ValueError, OSError):  # no name of a file, or one that is too long
+            is_shown = False
+        if not is_shown:
             return PlainTextResponse("There is no such report.", 404)
         headers = {"Cache-Control": "no-store"}
         if path.suffix in REPORTS:

@@ -84,7 +84,7 @@ class Session:
     def command_try(self, names: list[str]) -> str:
         """The command that fits the model with effects."""
         out = self.workspace.shown / RESULTS / TRIED / f"{'+'.join(n.rpartition(':')[2] for n in names)}.yaml"
-        return shlex.join(["edhas", "add", *names, "--campaign", str(self.workspace.shown), "--out", str(out)])
+        return shlex.join(["edhas", "add", str(self.workspace.shown), *names, "--out", str(out)])
 
     def python_try(self, names: list[str]) -> str:
         """The Python lines that do the same."""

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 import edhas_jax as edhas
-from edhas_jax.config.recorded_signal import resample_uniformly
+from edhas_jax.config.recorded_signal import recorded_from_samples
 from edhas_jax.diagnosis.report.report import parameter_texts
 from edhas_jax.measurements.accuracy import BenchAccuracy
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
@@ -42,7 +42,7 @@ def campaign_of(file: Path) -> Campaign:
         conditions = {"start_position": float(start), "start_speed": float(slope)}
         rows = {"piston_position": position[part], "voltage": voltage[part]}
         signals = {name: np.where(own < EVALUATION_START, np.nan, values) for name, values in rows.items()}
-        drives = {"target": resample_uniformly(file, own, target[part])}
+        drives = {"target": recorded_from_samples(file, own, target[part])}
         lines = np.arange(len(time))[part] + 2
         runs.append(BenchRun(use.value, file, use, conditions, own, signals, lines, None, drives))
     channels = {name: Channel(unit, noise) for name, (unit, noise) in NOISE.items()}

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import savgol_filter
 
-from edhas_jax.config.recorded_signal import resample_uniformly
+from edhas_jax.config.recorded_signal import recorded_from_samples
 from edhas_jax.measurements.accuracy import BenchAccuracy, RecorderClock, SensorAccuracy
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
 from studies.mbari.rig import INCH, PSI, RPM, PowerTakeOff
@@ -69,7 +69,7 @@ def run_of(file: Path, use: Use, reversed_signals: tuple[str, ...] = ()) -> Benc
         "low.start_pressure": float(signals["lower_gas"][0]), "up.start_pressure": float(signals["upper_gas"][0]),
         "low.start_travel": float(machine.stroke - position[0]), "up.start_travel": float(position[0]),
     }  # fmt: skip
-    recorded = {name: resample_uniformly(file, time, values) for name, values in drives.items()}
+    recorded = {name: recorded_from_samples(file, time, values) for name, values in drives.items()}
     return BenchRun(file.name.removesuffix(".exp.gz"), file, use, conditions, time, signals, np.arange(len(time)) + 2,
                     None, recorded)  # fmt: skip
 

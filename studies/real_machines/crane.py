@@ -1,4 +1,4 @@
-"""A hydraulic actuator that moves the arm of a crane: valve, oil as one spring, a mass. Quantities as recorded, scaled."""
+"""A hydraulic actuator that moves the arm of a crane: valve, oil as a spring, a mass; all quantities scaled."""
 
 import jax.numpy as jnp
 

@@ -2,10 +2,10 @@
 
     python -m studies.real_machines FOLDER [--machines NAME …] [--out FOLDER]
 
-FOLDER holds the records, those of each machine in a folder of its name (`machines.py` says which): silverbox, crane, emps,
-tanks, mbari; machines without a folder are left out. Steps, as an engineer takes them: the plain model beside the records (`compare`),
-its uncertain numbers fitted (`fit`), the diagnosis with nothing but the library (`diagnose`), and one effect after the
-other, written for what the diagnosis has shown (`add`).
+FOLDER holds the records, those of each machine in a folder of its name (silverbox, crane, emps, tanks, mbari; a machine
+without one is left out), with the file names of `machines.py`. Steps, as an engineer takes them: the plain model
+beside the records, its uncertain numbers fitted (`fit`), the diagnosis with nothing but the library (`diagnose`), and
+one effect after the other, written for what the diagnosis has shown (`add`).
 
 The error is the rms of measured − model of one signal, simulated freely from the start of each record, over the
 standard deviation of the measured signal; "not used" are records, or parts of one, that no fit has seen.
@@ -25,7 +25,6 @@ from rich.table import Table
 
 import edhas_jax as edhas
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
-from edhas_jax.core.units import format_with_error
 from edhas_jax.diagnosis.search.conclusions import conclusions
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use
@@ -97,7 +96,7 @@ def study(machine: RealMachine, folder: Path, say) -> Story:
         fit = model.evaluated.fit
         stages.append(Stage(f"+ {model.effects[-1].name}", residuals_of(campaign, fit.machine, machine.signal)))
     own = {n: u for c in added.models[-1].effects for n, u in c.own_unknowns(fit.problem.unknowns).items()}
-    sizes = [f"{n} {format_with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit)}" for n, u in own.items()]
+    sizes = [f"{name} {fit.text(u.name)}" for name, u in own.items()]
     remarks = [remark.sentence for remark in found.campaign.remarks]
     return Story(machine, campaign, stages, conclusions(found), found.location_probabilities(), sizes, remarks,
                  time.perf_counter() - began)  # fmt: skip
@@ -201,7 +200,8 @@ def main(arguments: list[str] | None = None) -> None:
         for stage in story.stages:
             table.add_row(stage.name, *(f"{story.error(stage, use):.2%}" for use in Use))
         console.print(table)
-        console.print("\n".join([*story.said[:2], f"known: {story.machine.known}", f"{story.seconds:.0f} s"]), style="dim")
+        said = [*story.said[:2], f"known: {story.machine.known}", f"{story.seconds:.0f} s"]
+        console.print("\n".join(said), style="dim")
     right = sum(next(iter(s.places), "") == s.machine.place for s in stories.values())
     errors = " ".join(
         f"{name}_{label}={s.error(stage, Use.HOLDOUT):.4f}"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.config.recorded_signal import resample_uniformly
+from edhas_jax.config.recorded_signal import recorded_from_samples
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.mover.asymmetric_friction import AsymmetricFriction
 from edhas_jax.machine.effects.mover.lugre_friction import LugreFriction
@@ -61,7 +61,7 @@ def read_run(file: Path, use: Use, drives: dict[str, str], signals: dict[str, st
     table = np.genfromtxt(file, delimiter=",", names=True, deletechars="", replace_space=" ")
     columns = {name.partition(" [")[0]: table[name] for name in table.dtype.names}
     time = table[table.dtype.names[0]]
-    recorded = {name: resample_uniformly(file, time, columns[column]) for name, column in drives.items()}
+    recorded = {name: recorded_from_samples(file, time, columns[column]) for name, column in drives.items()}
     measured = {name: columns[column] for name, column in signals.items()}
     return BenchRun(file.stem, file, use, {}, time, measured, np.arange(len(time)) + 2, None, recorded)
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 import edhas_jax as edhas
-from edhas_jax.config.recorded_signal import resample_uniformly
+from edhas_jax.config.recorded_signal import recorded_from_samples
 from edhas_jax.config.writer import dump_config
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.fit import fit as calibration
@@ -72,7 +72,7 @@ class Stage(NamedTuple):
 def read_run(file: Path, use: Use) -> BenchRun:
     """A record as a run of a campaign."""
     time, voltage, level = np.genfromtxt(file, delimiter=",", skip_header=1).T
-    drives = {"pump_voltage": resample_uniformly(file, time, voltage)}
+    drives = {"pump_voltage": recorded_from_samples(file, time, voltage)}
     lines = np.arange(len(time)) + 2
     return BenchRun(file.stem, file, use, {}, time, {"level": level}, lines, None, drives)
 

@@ -1,10 +1,13 @@
 """Options, names and files that no command can use: one sentence and status 2, whatever the command."""
 
 import io
+import re
 import sys
+import warnings
 
 import pytest
 
+from edhas_jax.commands import cli
 from edhas_jax.commands.cli import main
 from edhas_jax.diagnosis.calibration.fit import fit
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
@@ -75,7 +78,7 @@ COMMANDS_WITH_A_NAME = [
     ["diagnose", "NAME"], ["diagnose", CAMPAIGN, "--effect", "NAME.py:A"], ["size", "NAME"], ["sensitivity", "NAME"],
     ["export", "NAME"], ["export", CONFIG, "--sources-only", "--out", "NAME"], ["parameters", "NAME"],
     ["effects", "NAME.py:A"], ["effects", "--config", "NAME"], ["plot", "sweep", "NAME"],
-    ["add", "entrained_air", "--campaign", "NAME"],
+    ["add", "NAME", "entrained_air"],
 ]  # fmt: skip
 
 
@@ -121,3 +124,27 @@ def test_a_terminal_that_is_not_unicode(monkeypatch, encoding, arguments, status
         assert "+-" in printed or "---" in printed
     if status == 2:
         assert ("20 us" if encoding == "ascii" else "20 µs") in messages
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [(".", r"\.: is a folder; name the file of the picture, such as picture\.png"),
+     ("drag.xyz", "drag.xyz: ends in no format of pictures; known: .*png"), ("drag", "ends in no format of pictures")],
+)  # fmt: skip
+def test_a_picture_of_no_format_is_refused_before_anything_is_drawn(
+    capsys, monkeypatch, working_folder, name, sentence
+):
+    monkeypatch.setattr("edhas_jax.simulation.effect_preview.preview_effect", None)
+    assert re.search(sentence, refused(capsys, ["effects", "cogging_force", "--picture", name]))
+    assert not list(working_folder.iterdir())
+
+
+def test_a_warning_of_numpy_is_not_shown_and_others_are():
+    shown = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = lambda message, *_, **__: shown.append(str(message))
+        cli._prepare_process()
+        warnings.warn("overflow encountered in exp", RuntimeWarning, stacklevel=1)
+        warnings.warn("a remark", UserWarning, stacklevel=1)
+    assert shown == ["a remark"]

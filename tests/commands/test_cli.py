@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import subprocess
 import sys
 
@@ -10,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.commands.cli import COMMANDS, main
+from edhas_jax.commands.cli import command_modules, main
 from tests.support import CONFIGS, ROOT
 
 SHORT_RUN = ["--set", "duration=0.25s", "--set", "sample_rate=2kHz", "--no-figure"]
@@ -100,12 +101,14 @@ def test_an_interrupted_run_keeps_the_finished_samples(working_folder, monkeypat
 
     def interrupted(machine, begin, h, per_sample, samples):
         if int(begin.step_number) >= 4 * run.SAMPLES_PER_CALL * int(per_sample):
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
         return original(machine, begin, h, per_sample, samples)
 
     monkeypatch.setattr(run, "integrate", interrupted)
-    assert main(["simulate", str(CONFIGS / "paper.yaml"), "--out", "cut", "--no-figure"]) == 0
-    assert "interrupted" in capsys.readouterr().out
+    assert main(["simulate", str(CONFIGS / "paper.yaml"), "--out", "cut", "--no-figure"]) == 130
+    printed = capsys.readouterr()
+    assert "the run was interrupted" in printed.out
+    assert printed.err == "edhas: interrupted; what was finished until then is kept\n"
     assert len(edhas.open_run(working_folder / "cut").frame()) == 4 * run.SAMPLES_PER_CALL
 
 
@@ -152,8 +155,15 @@ def test_help_imports_no_numerical_package():
 
 
 def test_every_command_has_help(capsys):
-    for command in COMMANDS:
+    for command in command_modules():
         name = command.__name__.rpartition(".")[2]
         with pytest.raises(SystemExit) as ended:
             main([name, "--help"])
         assert ended.value.code == 0 and f"usage: edhas {name}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("arguments", ["effects", "--help", "schema"])
+def test_output_that_nobody_reads_is_no_error(arguments):
+    command = f"{sys.executable} -m edhas_jax.commands.cli {arguments} | head -1; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0 and not done.stderr and done.stdout

@@ -1,5 +1,6 @@
 """The command `edhas diagnose`: what it keeps when it is interrupted, and when an optional part of its result fails."""
 
+import errno
 import json
 import os
 import shutil
@@ -10,10 +11,11 @@ import pytest
 
 from edhas_jax.commands.cli import main
 from edhas_jax.commands.progress import WorkProgress
+from edhas_jax.config.result_files import locked_folder
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.planning import next_experiment
-from edhas_jax.diagnosis.report import report
-from edhas_jax.diagnosis.search import candidates, forward_selection
+from edhas_jax.diagnosis.report import report, result_file
+from edhas_jax.diagnosis.search import candidates, checkpoint, forward_selection
 from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime
 from edhas_jax.measurements.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
@@ -158,3 +160,46 @@ def test_an_optional_part_that_fails_costs_a_sentence(
     printed, text = capsys.readouterr().out, (out / "report.html").read_text()
     assert all(sentence in printed for sentence in failed) and text.count("could not be made") == 2
     assert result(out)["verdict"] == "missing_effect" and {p.name for p in out.iterdir()} == FILES
+
+
+def full_disk(*_, **__):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_disk_that_fills_ends_the_keeping_of_stages_but_not_the_diagnosis(
+    campaign_folder, after_one_round, tmp_path, monkeypatch, capsys
+):
+    out = copy_of(after_one_round, tmp_path)
+    monkeypatch.setattr(checkpoint.np, "savez", full_disk)
+    assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 0
+    sentence = "Stage round_2 and later ones of the search could not be kept: No space left on device."
+    assert sentence in capsys.readouterr().out
+    assert {p.name for p in out.iterdir()} == FILES
+
+
+def test_a_full_disk_at_the_end_keeps_the_finished_stages(
+    campaign_folder, before_the_pictures, tmp_path, monkeypatch, capsys
+):
+    out = copy_of(before_the_pictures, tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(result_file, "write_json", full_disk)
+        assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 2
+    (said,) = (s for s in capsys.readouterr().err.splitlines() if "No space left" in s)
+    assert "cannot be written" in said and "finished stages of the search (3) are kept in" in said
+    monkeypatch.setattr(forward_selection, "search_round", never)
+    assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 0
+    assert {p.name for p in out.iterdir()} == FILES
+
+
+def test_two_diagnoses_do_not_write_one_folder(campaign_folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(forward_selection, "calibrate", never)
+    out = tmp_path / "out"
+    with locked_folder(out):
+        for more in ([], ["--overwrite"]):
+            assert main(["diagnose", str(campaign_folder), "--out", str(out), *more]) == 2
+            assert f"{out}: is being computed by another process" in capsys.readouterr().err
+    assert not out.exists(), "nothing was written into it"
+    (tmp_path / "notes").mkdir()
+    with locked_folder(tmp_path / "notes"):
+        pass
+    assert (tmp_path / "notes").is_dir(), "a folder that was there stays"

@@ -27,7 +27,7 @@ def campaign_folder(tmp_path_factory):
 
 def test_add_fits_the_effect_and_writes_its_configuration(campaign_folder, tmp_path, capsys):
     path = tmp_path / "with_bias.yaml"
-    arguments = ["add", "constant_bias_force", "--campaign", str(campaign_folder), "--out", str(path)]
+    arguments = ["add", str(campaign_folder), "constant_bias_force", "--out", str(path)]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
     assert "constant_bias_force.bias_force" in printed and "held-out runs" in printed
@@ -38,7 +38,7 @@ def test_add_fits_the_effect_and_writes_its_configuration(campaign_folder, tmp_p
 
 
 def test_add_refuses_an_unknown_effect(campaign_folder, capsys):
-    assert main(["add", "constant_bias", "--campaign", str(campaign_folder)]) == 2
+    assert main(["add", str(campaign_folder), "constant_bias"]) == 2
     assert "constant_bias_force" in capsys.readouterr().err
 
 

@@ -1,49 +1,127 @@
-"""Interruption: SIGTERM acts as Ctrl-C does, also where Python cannot raise an exception."""
+"""Interruption: a command that is interrupted anywhere ends with status 130 and one sentence."""
 
+import contextlib
+import gc
 import signal
+import threading
 import time
+from importlib.machinery import ExtensionFileLoader
 
 import pytest
 
-from edhas_jax.commands.interruption import interruptible, terminate_as_interrupt
+from edhas_jax.commands import parameters
+from edhas_jax.commands.cli import main
+from edhas_jax.commands.interruption import REPEAT_AFTER, STATUS_INTERRUPTED, Interruption
+from tests.fuzz.interrupts import attack
+
+SENTENCE = "edhas: interrupted; what was finished until then is kept\n"
 
 
-class InterruptedDestructor:
-    """Is interrupted in its destructor, where Python prints an exception and goes on."""
+def interrupted(monkeypatch, capsys, work) -> tuple[int, str]:
+    """The exit status of a command that does this work, and what it prints on the standard error."""
+    monkeypatch.setattr(parameters, "run", lambda options: work())
+    return main(["parameters"]), capsys.readouterr().err
 
-    def __del__(self):
+
+def go_on() -> None:
+    """What a command does that does not know of an interruption: ten seconds of work."""
+    for _ in range(1000):
+        time.sleep(0.01)
+
+
+def in_a_destructor() -> None:
+    class Interrupted:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    del [Interrupted()][0]
+    go_on()
+
+
+def in_a_callback_of_the_garbage_collector() -> None:
+    def callback(phase, info):
+        gc.callbacks.remove(callback)
+        signal.raise_signal(signal.SIGINT)
+
+    gc.callbacks.append(callback)
+    gc.collect()
+    go_on()
+
+
+def caught_in(module: str) -> None:
+    """An interruption that a function of this module catches."""
+    names = {"__name__": module, "signal": signal}
+    exec("def call():\n try:\n  signal.raise_signal(signal.SIGINT)\n except BaseException:\n  pass\n", names)
+    names["call"]()
+
+
+def in_a_library_that_catches_it() -> None:
+    caught_in("library")
+    go_on()
+
+
+def in_a_library_that_makes_another_error_of_it() -> None:
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        raise AttributeError("partially initialised module") from None
+
+
+def twice() -> None:
+    try:
+        signal.raise_signal(signal.SIGINT)
+    finally:
         signal.raise_signal(signal.SIGTERM)
-        time.sleep(0.01)  # the handler runs before this ends
 
 
-def test_termination_interrupts():
-    with pytest.raises(KeyboardInterrupt), terminate_as_interrupt():
-        signal.raise_signal(signal.SIGTERM)
-        time.sleep(10.0)
+def at_its_end() -> None:
+    with contextlib.suppress(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
 
 
-def test_an_interruption_that_a_destructor_has_swallowed_comes_again():
-    found = InterruptedDestructor()
-    with pytest.raises(KeyboardInterrupt), terminate_as_interrupt():
-        del found
-        for _ in range(1000):
-            time.sleep(0.01)
+@pytest.mark.parametrize(
+    "work",
+    [
+        go_on, in_a_destructor, in_a_callback_of_the_garbage_collector, in_a_library_that_catches_it,
+        in_a_library_that_makes_another_error_of_it, twice, at_its_end,
+    ],
+    ids=lambda work: work.__name__,
+)  # fmt: skip
+def test_an_interruption_is_never_lost(work, monkeypatch, capsys):
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)]
+    if work is go_on:
+        threading.Timer(0.1, signal.raise_signal, [signal.SIGINT]).start()
+    assert interrupted(monkeypatch, capsys, work) == (STATUS_INTERRUPTED, SENTENCE)
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)] == before
 
 
-def test_the_handler_of_before_is_restored():
-    before = signal.getsignal(signal.SIGTERM)
-    with terminate_as_interrupt():
-        pass
-    assert signal.getsignal(signal.SIGTERM) is before
+def test_a_command_that_keeps_what_is_finished_is_left_in_peace():
+    with Interruption(is_whole_process=False) as interruption:
+        caught_in("edhas_jax.design.sizing.optimiser")
+        time.sleep(3 * REPEAT_AFTER)  # writes what is finished
+        assert interruption.asked
 
 
-def test_all_of_a_command_can_be_interrupted():
-    @interruptible
-    def command(options):
-        del options[0]  # swallowed where a command imports its modules, long before its work
-        for _ in range(1000):
-            time.sleep(0.01)
+def test_the_import_of_a_library_in_c_is_not_interrupted():
+    """An exception within one may end the process with a message of C++."""
+    names = {"signal": signal, "ended": []}
+    text = "def exec_module(self):\n signal.raise_signal(signal.SIGINT)\n ended.append(True)\n"
+    exec(compile(text, "<frozen importlib._bootstrap_external>", "exec"), names)
+    with pytest.raises(KeyboardInterrupt), Interruption(is_whole_process=False):
+        names["exec_module"](ExtensionFileLoader("library", "library.so"))
+        assert names["ended"]
+        go_on()
 
-    options = [InterruptedDestructor()]
-    with pytest.raises(KeyboardInterrupt):
-        command(options)
+
+def test_a_signal_that_the_process_ignores_stays_ignored():
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with Interruption(is_whole_process=False) as interruption:
+            signal.raise_signal(signal.SIGINT)
+        assert not interruption.asked and signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_the_command_line_interrupted_at_random_moments():
+    assert attack(8, seed=0, longest=4.0) == []

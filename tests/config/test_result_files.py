@@ -10,8 +10,10 @@ import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.config.result_files import ResultFiles
 from edhas_jax.config.run_folder import ResultFileError
+from edhas_jax.core.summary import Summary
 from edhas_jax.design.sensitivity.result_folder import open_sensitivity
 from edhas_jax.design.sizing.result_folder import open_sizing
+from edhas_jax.tasks.result import Result
 from tests.support import CONFIGS
 
 RUN = ["simulate", str(CONFIGS / "actuator.yaml"), "--set", "duration=0.25s", "--no-figure", "--out", "run"]
@@ -108,3 +110,45 @@ def test_damaged_tables_of_other_results_are_refused(tmp_path, names, read):
     flip(tmp_path / names[1], 0.5)
     with pytest.raises(ResultFileError, match=names[1]):
         read(tmp_path)
+
+
+class Noted(Result):
+    """A result with a machine, its numbers and a picture."""
+
+    files = ("config.yaml", "result.json", "a_law.yaml", "figure.png")
+
+    def summary(self):
+        return Summary("noted")
+
+    def write_files(self, folder):
+        (folder / "config.yaml").write_text("rig: actuator_bench\nmachine:\n  motor:\n    coil_resistance: 1.5 ohm\n")
+        (folder / "result.json").write_text('{"share": 0.25}')
+        (folder / "a_law.yaml").write_text("nodes: [0, 1]")
+        (folder / "figure.png").write_bytes(b"picture")
+        return ()
+
+
+@pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("name", ["config.yaml", "result.json", "a_law.yaml", "summary.json", "files.json"])
+def test_one_wrong_bit_in_the_folder_of_any_result_is_refused(tmp_path, name, place):
+    folder = Noted().save(tmp_path / "noted")
+    assert edhas.open_result(folder).numbers == {"share": 0.25}
+    flip(folder / name, place)
+    with pytest.raises(ResultFileError, match=name):
+        edhas.open_result(folder)
+
+
+def test_a_machine_that_was_changed_after_a_result_was_opened_is_refused(tmp_path):
+    saved = edhas.open_result(Noted().save(tmp_path / "noted"))
+    (saved.folder / "config.yaml").write_text((saved.folder / "config.yaml").read_text().replace("1.5", "1.6"))
+    with pytest.raises(ResultFileError, match="config.yaml: is missing, is damaged, or was changed"):
+        _ = saved.machine
+
+
+def test_a_picture_may_be_moved_out_of_a_result_but_no_data(tmp_path):
+    folder = Noted().save(tmp_path / "noted")
+    (folder / "figure.png").unlink()
+    assert edhas.open_result(folder).pictures == []
+    (folder / "a_law.yaml").unlink()
+    with pytest.raises(ResultFileError, match="a_law.yaml: is missing"):
+        edhas.open_result(folder)

@@ -102,7 +102,7 @@ def test_a_configuration_runs_no_code(given, capsys, command, text):
     assert not did_run(given)
 
 
-@pytest.mark.parametrize("command", ["campaign check", "compare", "fit", "diagnose", "plan", "add --campaign"])
+@pytest.mark.parametrize("command", ["campaign check", "compare", "fit", "diagnose", "plan", "add"])
 def test_a_campaign_runs_no_code(given, capsys, command):
     machine_file(given)
     extra = ["cogging_force"] if command.startswith("add") else []

@@ -12,6 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from hypothesis import given, settings
@@ -180,16 +181,17 @@ def test_comparison(tmp_path, monkeypatch, capsys):
     folder.mkdir()
     data = yaml.safe_load((bench / "campaign.yaml").read_text(encoding="utf-8"))
     data["name"], run = f"../../../x [/b] $y^{{$ <b>\r{CODE}\n# */", data["runs"][0]
-    shutil.copy(bench / run["file"], folder / f"a [$x^{{$ [b]{Path(run['file']).suffix}")
-    data["runs"] = [run | {"file": f"a [$x^{{$ [b]{Path(run['file']).suffix}"}]
+    shutil.copy(bench / run["file"], folder / "=1+a [$x^{$ [b].csv")
+    data["runs"] = [run | {"file": "=1+a [$x^{$ [b].csv"}]
     (folder / "campaign.yaml").write_text(json.dumps(data), encoding="utf-8")
     (tmp_path / "here/below/deep/down").mkdir(parents=True)
     monkeypatch.chdir(tmp_path / "here/below/deep/down")
     assert main(["compare", str(folder)]) == 0
-    assert "a [$x^{$ [b]" in capsys.readouterr().out
+    assert "=1+a [$x^{$ [b]" in capsys.readouterr().out
     (written,) = Path("comparisons").iterdir()
     assert {p.name for p in written.iterdir()} >= {"report.html", "figures.csv"}
     assert [p.name for p in tmp_path.iterdir() if p.name not in ("here", "bench")] == []
+    assert set(pd.read_csv(written / "figures.csv")["run"]) == {"'=1+a [$x^{$ [b]"}, "a formula of a spreadsheet"
     tags = Elements((written / "report.html").read_text(encoding="utf-8")).tags
     assert "b" not in tags and "script" not in tags
 

@@ -135,3 +135,53 @@ def test_effects_of_the_library_mount_where_their_slot_is():
     assert float(jnp.abs(run.signals["piston_position"] - expected).max()) < 1e-7
     found = {f.check: f.sentence for f in check_contract(Sled())}
     assert "parasitic_spring" in found["library"]
+
+
+class Clipped(Rig):
+    """A lag whose valve stands at a limit of `clip`, a kink of the equations."""
+
+    time_step, duration = 1e-2, 2.0
+    opening = drive("-", "opening of the valve", 1.0)
+    level = state("m", "level", 1.0)
+
+    def equations(self, y, s):
+        return {"level": -y.level * jnp.clip(s.opening, 0.0, 1.0)}
+
+
+class FirstOrder(Rig):
+    """The same with a derivative that is hidden from the step, which is then Euler's."""
+
+    time_step, duration = 1e-2, 2.0
+    level = state("m", "level", 1.0)
+    rate: float = par(1.0, "1/s", (0.0, 10.0), "rate")
+
+    def equations(self, y, s):
+        return {"level": -self.rate * jax.lax.stop_gradient(y.level)}
+
+
+class Still(Rig):
+    """A lag at rest."""
+
+    opening = drive("V", "input", 0.0)
+    level = state("V", "level", 0.0)
+
+    def equations(self, y, s):
+        return {"level": s.opening - y.level}
+
+
+def test_a_number_at_a_kink_is_compared_on_both_sides():
+    found = {f.check: f for f in check_contract(Clipped())}
+    assert found["derivatives"].passed and "both sides of a kink in the equations: step_size" in str(found)
+    assert found["step"].passed and "order 2.00 from" in found["step"].sentence
+
+
+@pytest.mark.parametrize("breaks", [FirstOrder, Pot], ids=lambda rig: rig.name)
+def test_the_order_of_the_step_is_a_check_that_can_fail(breaks):
+    (found,) = (f for f in check_contract(breaks()) if f.check == "step")
+    assert found.passed is (breaks is Pot)
+    assert breaks is Pot or "order 1.00 from" in found.sentence
+
+
+def test_where_nothing_moves_there_is_no_order():
+    found = {f.check: f.sentence for f in check_contract(Still())}
+    assert "nothing moves" in found["step"] and "could not be checked" in found["step"]

@@ -115,6 +115,8 @@ def test_without_ranges_only_elasticities_are_computed(task, tmp_path):
 
 @pytest.mark.parametrize(("old", "new", "says"), [
     ("samples: 32", "samples: 30", r":11: samples: a power of two"),
+    ("samples: 32", "samples: 4", r":11: samples: at least 16 are needed"),
+    ("trajectories: 4", "trajectories: 1", r":12: trajectories: at least 2 are needed"),
     ("metrics: [mean_flow,", "metrics: [mean_flw,", r":5: metrics\[0\]: no metric `mean_flw`.*mean_flow"),
     ("local: [piston_diameter,", "local: [piston_diamete,", r":6: local\[0\]: unknown parameter.*piston_diameter"),
     ("amplitude: {from: 3 mm, to: 4", "amplitude: {from: 4 mm, to: 3", ":9: ranges.amplitude: the range.*empty"),

@@ -160,6 +160,38 @@ def test_an_invalid_configuration_is_refused(tmp_path, old, new, message):
         load_sizing(written(tmp_path, (old, new)))
 
 
+TANK = """
+from edhas_jax import Rig, drive, par, state
+
+class Tank(Rig):
+    area: float = par(2.0, "m^2", (0.1, 100.0), "area")
+    inflow = drive("m^3/s", "inflow", 1e-3)
+    level = state("m", "level")
+
+    def equations(self, y, s):
+        return {"level": (s.inflow - 1e-3 * y.level) / self.area}
+"""
+
+
+def test_a_list_as_range_is_the_only_problem_that_is_told(tmp_path):
+    (tmp_path / "tank.py").write_text(TANK, encoding="utf-8")
+    task = {"machine": {"rig": f"{tmp_path / 'tank.py'}:Tank"}, "free": {"area": ["1 m^2", "2 m^2"]},
+            "objective": {"minimise": ["largest_level"]}}  # fmt: skip
+    with pytest.raises(ConfigError) as caught:
+        load_sizing(task, trust=[tmp_path / "tank.py"])
+    assert str(caught.value) == "free.area: a range {from: …, to: …} belongs here, not a list"
+
+
+def test_a_rig_that_may_not_run_is_the_only_problem_that_is_told(tmp_path):
+    (tmp_path / "tank.py").write_text(TANK + "# not allowed", encoding="utf-8")
+    machine = {"rig": f"{tmp_path / 'tank.py'}:Tank", "inflow": "1 L/s"}
+    with pytest.raises(ConfigError) as caught:
+        load_sizing({"machine": machine, "free": {"area": {"from": "1 m^2", "to": "2 m^2"}},
+                     "objective": {"minimise": ["largest_level"]}})  # fmt: skip
+    assert "was not allowed to run" in str(caught.value) and "unknown key" not in str(caught.value)
+    assert "no metric" not in str(caught.value)
+
+
 def test_an_interrupted_search_returns_its_best_design(tmp_path, monkeypatch):
     evaluate, calls = SizingProblem.evaluate, []
 

@@ -7,9 +7,17 @@ import numpy as np
 import pytest
 
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind, bench_deviations, deviation_columns
+from edhas_jax.diagnosis.likelihood.bench_deviations import (
+    Deviation,
+    DeviationKind,
+    bench_deviations,
+    deviation_columns,
+)
+from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
 from edhas_jax.diagnosis.search.candidates import build_problem
+from edhas_jax.diagnosis.search.conclusions import bench_rows, excessive_deviations
 from edhas_jax.diagnosis.search.evaluated_fit import _without_branches, fit_coarse, start_coordinates
+from edhas_jax.diagnosis.search.result import _of_records
 from edhas_jax.diagnosis.search.tightened_bench import MIN_RESIDUAL, with_tightened_bench
 from edhas_jax.machine.effects import InverterDeadTime
 from edhas_jax.measurements.instruments import Instruments
@@ -68,3 +76,42 @@ def test_a_solver_error_on_another_branch_is_left_out():
     )
     error = {"near": {"current": 0.05 * ones}, "jumps": {"current": 0.7 * ones}}
     assert set(_without_branches(evaluated, error)) == {"near"}
+
+
+def row(kind, value, std, run="", name="", accuracy=1.0):
+    return EstimatedDeviation(Deviation(kind, name, accuracy), run, value, std)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "is_possible"),
+    [
+        (DeviationKind.FILTER, 0.8, True), (DeviationKind.FILTER, 370.0, False), (DeviationKind.FILTER, -2.0, False),
+        (DeviationKind.SETTING, -0.2, True), (DeviationKind.SETTING, 0.9, False), (DeviationKind.GAIN, -1.4, False),
+        (DeviationKind.OFFSET, 40.0, True), (DeviationKind.TRIGGER, 3e-4, True),
+    ],
+)  # fmt: skip
+def test_a_bench_does_not_deviate_beyond_its_linear_columns(kind, size, is_possible):
+    assert row(kind, size / 5e-3, 1.0, accuracy=5e-3).is_possible is is_possible
+    assert row(kind, size / 5e-3, 1e3 * abs(size), accuracy=5e-3).is_possible, "within its error it may be nothing"
+
+
+def test_each_deviation_has_one_row():
+    trigger, filtered = DeviationKind.TRIGGER, DeviationKind.FILTER
+    rows = [
+        row(filtered, 4.8, 0.3), row(filtered, 3.3, 0.4), row(filtered, -2.4, 1.2), row(trigger, 2.0, 0.1, "a"),
+        row(trigger, 1.0, 0.2, "b, first part"), row(trigger, 2.0, 0.2, "b, last part"),
+    ]  # fmt: skip
+    found = {(r.deviation.kind, r.run): (r.value, r.std) for r in _of_records(rows)}
+    assert found[filtered, ""] == pytest.approx((5.7, 1.3))
+    assert found[trigger, "a"] == pytest.approx((2.0, 0.1))
+    assert found[trigger, "b"] == pytest.approx((1.5, 0.5)), "its parts contradict each other"
+
+
+def test_what_no_bench_does_is_said_in_one_sentence_and_not_listed():
+    rows = [row(DeviationKind.FILTER, 5.7, 1.3), row(DeviationKind.TRIGGER, 4.0, 0.1, "run1", accuracy=2e-4)]
+    diagnosis = SimpleNamespace(bench_deviations=lambda: rows, campaign=SimpleNamespace(machine=bench()))
+    assert [what for what, *_ in bench_rows(diagnosis)] == ["trigger"]
+    impossible, excessive = excessive_deviations(diagnosis)
+    assert impossible.startswith("Part of what the model leaves")
+    assert "filter of the recorder (+5.7e+02 %)" in impossible
+    assert excessive.startswith("trigger of run1: 800")

@@ -5,7 +5,9 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
+from edhas_jax.diagnosis.search.backward_pass import is_kept
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import (
     EXCESS_SIGMAS,
@@ -16,6 +18,7 @@ from edhas_jax.diagnosis.search.decision_rules import (
     remaining,
 )
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
+from edhas_jax.diagnosis.search.result import MemberTest
 from edhas_jax.diagnosis.search.screening import Score
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.machine.effects import AmplifierLag, CoggingForce
@@ -70,3 +73,17 @@ def test_beside_a_law_as_a_curve_a_candidate_is_tried_only_if_it_promises_to_exp
     assert least_predicted_gain(model, (), None, 0.0) == 0.0
     assert least_predicted_gain(model, (effect,), None, law_error) < 0.1 * left
     assert 0.1 * left < least_predicted_gain(model, (effect, curve), None, law_error) < 0.3 * left
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("name", ["gain_beyond_laws", "own_law_gain", "own_law_excess"])
+def test_a_number_that_is_not_finite_never_makes_a_trial_promising(name, value):
+    sound = trial(CoggingForce, 5000.0, 10.0, 5000.0, 10.0)
+    assert is_promising(sound, SAMPLES)
+    assert not is_promising(dataclasses.replace(sound, **{name: value}), SAMPLES)
+
+
+@pytest.mark.parametrize("strength", [math.nan, -math.inf])
+def test_a_member_whose_strength_is_not_a_number_does_not_stay(strength):
+    test = MemberTest(Candidate(CoggingForce), 1.0, 1.0, strength)
+    assert not is_kept(test, 0.7) and is_kept(test._replace(strength=0.7), 0.7)

@@ -17,19 +17,24 @@ from edhas_jax.diagnosis.report.machine_schematic import draw_schematic, probabi
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import explaining_candidates, law_sentence, write_report
 from edhas_jax.diagnosis.report.residual_stages import draw_waterfall, residual_stages
+from edhas_jax.diagnosis.report.result_file import as_json
 from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.conclusions import conclusions, fit_of_parameters
+from edhas_jax.diagnosis.search.conclusions import Outcome, conclusions, fit_of_parameters, outcome
+from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.result import Verdict
 from edhas_jax.machine.effects import ConstantBiasForce, ForceConstantDroop, InverterDeadTime
+from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.machine.rigs import RIGS
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.sensor_models import SensorLag
+from edhas_jax.tasks.diagnose import DiagnosisResult
+from edhas_jax.tasks.result import with_methods
 from tests.diagnosis.test_diagnose import SoftDeadTime, diagnosed
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
@@ -160,8 +165,68 @@ def test_the_size_of_an_effect_with_another_law_is_that_of_the_library_law_alone
     alone = fit_of_parameters(found, trial)
     assert [effect.id for effect in alone.machine.effects] == ["lugre_friction", "inverter_dead_time"]
     said = conclusions(found)
-    assert format_with_error(alone.values[name], alone.standard_errors[name], "V") in said[0]
+    assert f"dead_time_voltage {alone.text(name)}" in said[0]
     assert said[1].endswith("inverter_dead_time are those of a fit with the library's law alone.")
     assert found.after.bench.has_deviations and said[2].endswith("which `edhas compare` does not correct.")
     curve = estimate_law_curve(found.final, "inverter_dead_time", deviation=deviation.id, alone=alone).curve
     assert np.abs(curve.law_values).max() == pytest.approx(alone.values[name], rel=1e-3)
+
+
+def leaving(diagnosis, share):
+    """The diagnosis, if its final model left so much of the residuals of the calibrated one, the more the later."""
+    calibrated = diagnosis.calibrated.residuals
+    rows = {run: {n: share * v for n, v in signals.items()} for run, signals in calibrated.items()}
+    return dataclasses.replace(diagnosis, after=dataclasses.replace(diagnosis.after, residuals=rows))
+
+
+def test_an_answer_that_leaves_most_is_no_answer(diagnosis):
+    before = diagnosis.errors()["calibrated"]["holdout"]
+    assert before["overall"] > 5.0
+    little, half = leaving(diagnosis, 0.8), leaving(diagnosis, 0.45)
+    said = conclusions(little)
+    assert said[0].startswith("The cause was not found: inverter_dead_time (dead_time_voltage 0.8")
+    worst = max((n for n in before if n != "overall"), key=before.__getitem__).replace("_", " ")
+    amount = f"{0.8 * before['overall']:.3g} of {before['overall']:.3g} times the noise is left"
+    assert said[1] == f"{amount}, most of it in {worst} (first of all in run3)."
+    data = as_json(little)
+    assert data["explains_little"] and data["left"] == said[1]
+    title = with_methods(DiagnosisResult, little).summary().title
+    assert title.startswith("synthetic: missing effect, most is left")
+    said = conclusions(half)
+    assert said[0].endswith("is missing.") and "times the noise is left" in said[1]
+    assert not as_json(half)["explains_little"]
+
+
+def test_an_answer_that_leaves_the_noise_says_nothing_of_it(diagnosis):
+    assert not any("is left" in sentence for sentence in conclusions(diagnosis))
+    data = as_json(diagnosis)
+    assert data["left"] is None and data["explains_little"] is False
+
+
+def test_a_member_with_implausible_values_is_not_called_accepted_where_the_cause_is_unknown(diagnosis):
+    (trial,) = diagnosis.accepted
+    members = tuple(m._replace(implausible=("dead_time_voltage",)) for m in diagnosis.members)
+    unknown = dataclasses.replace(diagnosis, members=members)
+    unknown.__dict__["verdict"] = Verdict.UNKNOWN_EFFECT
+    assert outcome(diagnosis, trial.candidate) is Outcome.ACCEPTED
+    assert outcome(unknown, trial.candidate) is Outcome.IMITATING
+    assert any("inverter_dead_time only imitates it" in sentence for sentence in conclusions(unknown))
+
+
+@pytest.mark.parametrize(
+    ("values", "is_law"), [((-9.7, 0.6, -16.5, 6.1, 16.9, -7.7), False), ((0.0, 1.0, 2.0, 3.0, 4.0, 6.0), True)]
+)
+def test_a_curve_that_is_not_smooth_is_not_offered_as_a_law(diagnosis, values, is_law):
+    nodes = tuple(np.linspace(-0.3, 0.3, len(values)))
+    place = LawPlace("mover_force", "piston_velocity")
+    curve = CurveCandidate(tabulated_class("curve", place, len(nodes)), None, place, 10.0, nodes)
+    problem = build_problem(diagnosis.campaign, diagnosis.campaign.machine, Instruments(), (), curve)
+    start = np.zeros(len(problem.unknowns))
+    start[-len(values) :] = np.array(values) / 10.0
+    trial = dataclasses.replace(diagnosis.accepted[0], candidate=curve, evaluated=fit_coarse(problem, start, 8, 0))
+    unknown = dataclasses.replace(diagnosis, free_trials=(trial,))
+    unknown.__dict__["verdict"] = Verdict.UNKNOWN_EFFECT
+    said = conclusions(unknown)
+    rms = trial.evaluated.rms_over_noise(Use.HOLDOUT)
+    assert f"mover force; with it, residual over noise on held-out runs is {rms:.2f}." in said[1]
+    assert said[2].startswith("This curve is no law of one cause: it is not smooth") is not is_law

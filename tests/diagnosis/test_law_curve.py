@@ -19,7 +19,7 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.calibration.result import campaign_residuals
 from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
 from edhas_jax.diagnosis.laws.curve_fit import estimate_free_curve, estimate_law_curve, exact_steps
-from edhas_jax.diagnosis.laws.curve_onset import onset
+from edhas_jax.diagnosis.laws.curve_onset import is_smooth, onset
 from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
 from edhas_jax.diagnosis.laws.deviation import curve_columns, deviation_columns
 from edhas_jax.diagnosis.laws.law_places import free_places, law_places
@@ -237,3 +237,11 @@ def test_a_hinge_begins_where_it_does(level):
 ])  # fmt: skip
 def test_a_curve_that_acts_everywhere_begins_nowhere(values):
     assert onset(SPEEDS, values) is None
+
+
+def test_a_curve_that_zigzags_is_not_smooth_and_real_laws_are():
+    assert not is_smooth(np.array([-9.7, 0.6, -16.5, 6.1, 16.9, -7.7]))
+    x = np.linspace(-1.0, 1.0, 9)
+    stribeck = np.sign(x) * (1.0 + np.exp(-np.abs(x) / 0.1)) + 0.5 * x
+    for law in (stribeck, np.maximum(x - 0.2, 0.0), np.sin(4.0 * x), np.abs(x), x, np.zeros(9)):
+        assert is_smooth(law)

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from edhas_jax.diagnosis.calibration import least_squares
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.diagnosis.calibration.symmetric_matrices import log_determinant, regularised_inverse, square_root
 from tests.support import ROOT
@@ -115,3 +116,11 @@ def test_the_regularised_inverse_is_positive_definite():
     found = regularised_inverse(lost.T @ lost + np.eye(7))
     assert np.linalg.eigvalsh(found / np.sqrt(np.outer(np.diag(found), np.diag(found)))).min() > -1e-12
     assert (np.diag(found) > 0.0).all()
+
+
+def test_a_search_whose_steps_are_not_numbers_has_not_converged(monkeypatch):
+    nan = np.full(2, np.nan), np.nan, np.nan
+    monkeypatch.setattr(least_squares, "proposed_step", lambda *_: nan)
+    with np.errstate(invalid="ignore"):
+        found = levenberg_marquardt(rosenbrock, np.array([[-1.2, 1.0]]), *UNBOUNDED, max_steps=5)
+    assert not found.converged[0] and (found.x[0] == (-1.2, 1.0)).all()

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 import edhas_jax as edhas
+from edhas_jax import Rig, drive, par, signal, state
 from edhas_jax.commands.cli import main
 from edhas_jax.compiler.engines import EngineFallback
 from edhas_jax.config.machine_config import Config, build_config
 from edhas_jax.core import structs
 from edhas_jax.export.fmu import export_fmu
 from edhas_jax.export.fmu_inputs import FmuError
-from edhas_jax.machine.components.set_points import Recorded
+from edhas_jax.machine.components.set_points import Recorded, Steps
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.simulation import time_loop
 from tests.support import CONFIGS
@@ -99,8 +100,12 @@ def test_the_model_description_is_valid_and_complete(unit):
     volt = units["V"].baseUnit
     assert (volt.kg, volt.m, volt.s, volt.A) == (1, 2, -3, -1)
     assert {d.name: float(d.factor) for d in units["m3/s"].displayUnits} == {"L/min": pytest.approx(6e4)}
-    acting = {o.variable.name: {d.name for d in o.dependencies} for o in u.description.outputs}
+    described = (*u.description.outputs, *u.description.derivatives)
+    on = {o.variable.name: {d.name for d in o.dependencies} for o in described}
+    assert on["piston_position"] == {"piston_position"} and on["der(piston_position)"] == {"piston_velocity"}
+    acting = {n: {d for d in names if by_name[d].causality == "input"} for n, names in on.items()}
     assert acting["outlet_flow"] == {"load_orifice_area"} and acting["piston_position"] == set()
+    assert {by_name[f"der({n})"].derivative.name for n in u.fmu.program.states} == set(u.fmu.program.states)
     assert acting["voltage"] == {"reference", "reference_velocity"} and "reference" not in acting
     again = edhas.load(Path(u.folder) / "resources" / "config.yaml")
     assert jax.tree.all(jax.tree.map(lambda a, b: a == b, again.machine, u.config.machine))
@@ -135,6 +140,20 @@ def test_an_external_set_point_is_extrapolated_at_its_rate(unit, tmp_path):
     assert difference(given, run.signals) < ROUNDING
     recorded = Unit(tmp_path / "recorded.fmu", Config(run.machine, run.simulation))
     assert difference(recorded.run(recorded.instance(), SAMPLES), run.signals) < ROUNDING
+
+
+def test_a_recorded_set_point_steps_as_in_a_simulation(tmp_path):
+    """At a sample and between two; a smooth part, and one that is held."""
+    levels, time = np.array([0.0, 1e-3, -2e-3, 5e-4]), np.array([0.0, 0.01, 0.0213, 0.04])
+    ramp = np.arange(SAMPLES) * (0.05 * INTERVAL)
+    ramp_with_steps = Recorded(values=ramp, interval=INTERVAL, steps=Steps(times=time[1:], levels=levels))
+    for k, recorded in enumerate((ramp_with_steps, Recorded.held(time, levels))):
+        config = build_config(ACTUATOR)
+        machine = structs.replace(config.machine, reference=recorded)
+        u = Unit(tmp_path / f"{k}.fmu", Config(machine, config.simulation))
+        run = edhas.simulate(machine, config.simulation)
+        assert np.abs(np.diff(run.signals["reference"])).max() > 2e-3
+        assert difference(u.run(u.instance(), SAMPLES), run.signals) < ROUNDING
 
 
 def test_the_reversing_valve_may_be_commanded_externally(unit):
@@ -223,6 +242,123 @@ def test_the_sources_are_plain_c_for_any_compiler(unit, tmp_path):
     symbols = subprocess.run(["nm", "-g", "unit.o"], cwd=tmp_path / "sources", capture_output=True, text=True).stdout
     own = [line.split()[-1] for line in symbols.splitlines() if " U " not in line]
     assert own and all(name.lstrip("_").startswith("machine_fmi2") for name in own)
+
+
+class Lag(Rig):
+    """A pressure that follows a command with a lag, and a valve."""
+
+    time_step, duration = 1e-3, 1.0
+
+    command = drive("V", "command of the valve", 1.0)
+    opening = drive("-", "opening of an outlet", 0.0)
+    gain: float = par(2.2e6, "Pa/V", (1e4, 1e8), "pressure per voltage")
+    tau: float = par(0.08, "s", (1e-3, 10.0), "time constant")
+    start: float = par(1e5, "Pa", (0.0, 1e8), "pressure at the start")
+    pressure = state("Pa", "pressure at the outlet", "start")
+    flow = signal("m^3/s", "flow through the outlet", "L/min")
+
+    def equations(self, y, s):
+        s.set(flow=1e-9 * s.opening * y.pressure)
+        return {"pressure": (self.gain * s.command - y.pressure) / self.tau}
+
+
+LAG = {"rig": Lag, "command": "1.5 V", "simulation": {"duration": "1 s", "sample_rate": "100 Hz"}}
+
+
+def test_an_input_that_is_not_connected_has_the_configured_value(unit, tmp_path):
+    u = Unit(tmp_path / "lag.fmu", build_config(LAG), ("command", "opening"))
+    by_name = {v.name: v for v in u.description.modelVariables}
+    starts = {n: float(by_name[n].start) for n in ("command", "command_rate", "opening", "opening_rate")}
+    assert starts == {"command": 1.5, "command_rate": 0.0, "opening": 0.0, "opening_rate": 0.0}
+    assert by_name["command"].description == "command of the valve" and by_name["opening_rate"].unit == "1/s"
+    assert by_name["command_rate"].description.startswith("rate of command, with which it goes on within")
+    got = fmpy.simulate_fmu(str(u.path), stop_time=1.0, output_interval=0.01, output=["pressure"])
+    run = edhas.simulate(u.config.machine, u.config.simulation)
+    assert difference({"pressure": got["pressure"]}, run.signals) < ROUNDING
+    assert got["pressure"][-1] == pytest.approx(3.3e6, rel=1e-4)
+    target = unit(SYSTEM, "target", "spool").description.modelVariables
+    assert {v.name: float(v.start) for v in target if v.causality == "input"} == {"target": 15e-3, "spool_command": 0.0}
+    step = {"kind": "step", "from": "2 V", "step_size": "1 V", "step_time": "20 ms"}
+    volts = {**ACTUATOR, "controller": {"kind": "open_loop"}, "reference": step}
+    (voltage,) = (v for v in unit(volts, "voltage").description.modelVariables if v.causality == "input")
+    assert float(voltage.start) == 2.0
+
+
+def derivative(u, instance, unknown, **direction):
+    known = [u.number[n] for n in direction]
+    return instance.getDirectionalDerivative([u.number[unknown]], known, list(direction.values()))[0]
+
+
+def test_directional_derivatives_of_a_lag_are_exact(tmp_path, capfd):
+    from fmpy.fmi1 import FMICallException
+
+    u = Unit(tmp_path / "lag.fmu", build_config(LAG), ("command", "opening"))
+    assert u.description.coSimulation.providesDirectionalDerivative
+    instance = u.instance(opening=0.5)
+    instance.doStep(0.0, 0.05)
+    pressure, rate = instance.getReal([u.number["pressure"], u.number["der(pressure)"]])
+    assert rate == pytest.approx((2.2e6 * 1.5 - pressure) / 0.08, rel=1e-12)
+    for unknown, known, expected in (
+        ("der(pressure)", "command", 2.2e6 / 0.08), ("der(pressure)", "pressure", -1.0 / 0.08),
+        ("pressure", "command", 0.0), ("flow", "command", 0.0),
+        ("flow", "opening", 1e-9 * pressure), ("flow", "pressure", 0.5e-9),
+    ):  # fmt: skip
+        assert derivative(u, instance, unknown, **{known: 2.0}) == pytest.approx(2.0 * expected, rel=1e-12), known
+    both = derivative(u, instance, "flow", opening=1.0, pressure=3.0)
+    assert both == pytest.approx(1e-9 * pressure + 1.5e-9, rel=1e-12)
+    with pytest.raises(FMICallException):
+        derivative(u, instance, "flow", tau=1.0)
+    assert "derivatives are by inputs and states" in capfd.readouterr().out
+
+
+def test_derivatives_by_parameters_in_initialization_go_through_the_initial_state(tmp_path):
+    from fmpy.fmi2 import FMU2Slave
+
+    u = Unit(tmp_path / "lag.fmu", build_config(LAG), ("command",))
+    identifier = u.description.coSimulation.modelIdentifier
+    instance = FMU2Slave(guid=u.description.guid, unzipDirectory=u.folder, modelIdentifier=identifier)
+    instance.instantiate()
+    instance.setupExperiment()
+    instance.enterInitializationMode()
+    assert derivative(u, instance, "pressure", start=1.0) == 1.0
+    assert derivative(u, instance, "der(pressure)", start=1.0) == pytest.approx(-1.0 / 0.08, rel=1e-12)
+    expected = -(2.2e6 * 1.5 - 1e5) / 0.08**2
+    assert derivative(u, instance, "der(pressure)", tau=1.0) == pytest.approx(expected, rel=1e-12)
+
+
+def test_directional_derivatives_of_the_pump_equal_differences(unit):
+    """By inputs from two values of each; by the states along their motion, which moves the outputs in time."""
+    u = unit(PUMP, "reference", "load_orifice_area")
+    states = u.fmu.program.states
+    shown = [*u.outputs, *(f"der({n})" for n in states)]
+    instance = u.instance(reference=1e-3, reference_velocity=0.02, load_orifice_area=3e-6)
+    instance.doStep(0.0, 5e-3)
+    u.set_values(instance, reference_velocity=0.0)
+
+    def read():
+        return np.array(instance.getReal([u.number[n] for n in shown]))
+
+    def along(**direction):
+        unknown, known = [u.number[n] for n in shown], [u.number[n] for n in direction]
+        return np.array(instance.getDirectionalDerivative(unknown, known, list(direction.values())))
+
+    for name, value, change in (("reference", 1e-3, 1e-7), ("load_orifice_area", 3e-6, 1e-10)):
+        ends = []
+        for sign in (1.0, -1.0):
+            u.set_values(instance, **{name: value + sign * change})
+            ends.append(read())
+        u.set_values(instance, **{name: value})
+        found = along(**{name: 1.0})
+        assert np.abs(found).max() > 0.0
+        difference_quotient = (ends[0] - ends[1]) / (2.0 * change)
+        np.testing.assert_allclose(found, difference_quotient, rtol=1e-5, atol=1e-6 * np.abs(found).max())
+    rates = dict(zip(states, read()[len(u.outputs) :], strict=True))
+    before, moved, span = read(), along(**rates), 1e-8
+    instance.doStep(5e-3, span)
+    n = len(u.outputs)
+    expected = (read() - before)[:n] / span
+    for name, got, wanted in zip(u.outputs, moved[:n], expected, strict=True):
+        assert got == pytest.approx(wanted, rel=2e-3, abs=1e-6 * np.abs(expected).max()), name
 
 
 OWN = '''

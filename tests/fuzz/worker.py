@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 MEMORY_LIMIT = 8 * 2**30  # bytes of address space; a larger request of memory fails inside the command
 TIME_LIMIT = 10.0  # s for one command
-REOPEN = "reopen"  # not a command: the call of Python that reads a run folder
+REOPEN, READ = "reopen", "read"  # no commands: the calls of Python that read a result folder and a campaign
 START_LIMIT = 120.0  # s to import and compile
 
 
@@ -82,19 +82,38 @@ class Worker:
 
 
 def _reopen(folder: str) -> int:
-    """Read a run folder as `edhas_jax.open_run` does for its callers; print what it holds."""
+    """Read a folder as `edhas_jax.open_result` does for its callers; print what it holds."""
     import edhas_jax
-    from edhas_jax.commands.cli import user_errors
 
-    try:
-        run = edhas_jax.open_run(folder)
+    run = edhas_jax.open_result(folder)
+    if isinstance(run, edhas_jax.Run):
         print(run.machine, run.status, run.reason, run.step)
         for values in (run.signals, run.energy, run.volume):
             print({name: hashlib.sha256(value.tobytes()).hexdigest() for name, value in values.items()})
+    else:
+        print(run.summary().as_json(), run.machine)
+    return 0
+
+
+def _read() -> int:
+    """Read the campaign of the present folder as `edhas_jax.read_campaign` does; print the samples of its first run."""
+    import edhas_jax
+
+    run = edhas_jax.read_campaign(".", trust=["rig.py"]).runs[0]
+    columns = {"time": run.time, **run.signals, **{name: drive.values for name, drive in run.drives.items()}}
+    print(json.dumps({name: [float(x) for x in values] for name, values in columns.items()}))
+    return 0
+
+
+def _python(arguments: list[str]) -> int:
+    """A call of Python in place of a command; the status as that of a command."""
+    from edhas_jax.commands.cli import user_errors
+
+    try:
+        return _reopen(arguments[1]) if arguments[0] == REOPEN else _read()
     except user_errors() as error:
         print(f"edhas: {error}", file=sys.stderr)
         return 2
-    return 0
 
 
 def _run(arguments: list[str]) -> Outcome:
@@ -104,7 +123,7 @@ def _run(arguments: list[str]) -> Outcome:
     status, uncaught = None, ""
     with contextlib.redirect_stdout(output), contextlib.redirect_stderr(message):
         try:
-            status = _reopen(arguments[1]) if arguments[0] == REOPEN else main(arguments)
+            status = _python(arguments) if arguments[0] in (REOPEN, READ) else main(arguments)
         except SystemExit as end:
             status = end.code if isinstance(end.code, int) else 2
         except BaseException:

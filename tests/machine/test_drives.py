@@ -1,14 +1,32 @@
 """Amplifiers, controllers and set points, and the energy balance with each of them."""
 
+import jax
 import numpy as np
 import pytest
+import yaml
 
 import edhas_jax as edhas
+from edhas_jax import Rig, drive, state
+from edhas_jax.config.machine_config import ConfigError, build_config
 from edhas_jax.core import structs
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.controllers import CascadeController, OpenLoop, PositionController
+from edhas_jax.machine.components.set_points import RecordedInterval, Steps
 from edhas_jax.machine.effects import LugreFriction
 from edhas_jax.machine.rigs import Chirp, Recorded, Sine, Step
+
+
+class Valve(Rig):
+    """A volume behind a valve."""
+
+    time_step, duration = 1e-2, 1.0
+
+    opening = drive("-", "opening of the valve", 1.0)
+    level = state("m", "level", 1.0)
+
+    def equations(self, y, s):
+        return {"level": -s.opening * y.level}
+
 
 CASCADE = CascadeController(cascade_position_gain=60.0, cascade_velocity_gain=8.0)
 SHORT = edhas.Simulation(duration=0.3, sample_rate=5000.0)
@@ -76,3 +94,40 @@ def test_a_recording_is_held_before_and_after():
         value, rate = recorded.value_and_rate(t)
         assert float(value) == pytest.approx(expected)
         assert (float(rate) == 0.0) == (t < 1.0 or t > 1.2)
+
+
+def test_a_step_starts_where_the_user_says():
+    """An open valve is closed; `step_size` is the height, in the unit of the drive."""
+
+    def valve(section):
+        mapping = {"rig": Valve, "opening": section, "simulation": {"duration": "1 s", "sample_rate": "10 Hz"}}
+        config = build_config(mapping)
+        return config, edhas.simulate(config.machine, config.simulation).signals["opening"]
+
+    config, opening = valve({"kind": "step", "from": 0.8, "step_size": -0.8, "step_time": "0.5 s"})
+    np.testing.assert_allclose(opening, np.where(np.arange(11) < 5, 0.8, 0.0), atol=1e-15)
+    again = build_config(yaml.safe_load(config.text) | {"rig": Valve})
+    assert (again.machine.opening.step_from, again.machine.opening.step_size) == (0.8, -0.8)
+    with pytest.raises(ConfigError, match="opening.from: .*must lie in"):
+        valve({"kind": "step", "from": 1e13})
+    volts = {"kind": "step", "from": "2 V", "step_size": "3 V", "step_time": "0.1 s"}
+    command = build_config({"rig": "actuator_bench", "controller": {"kind": "open_loop"}, "reference": volts}).machine
+    assert [float(command.reference.value_and_rate(t)[0]) for t in (0.0, 0.1)] == [2.0, 5.0]
+
+
+@pytest.mark.parametrize("parts", [1, 4])
+def test_the_intervals_of_a_time_loop_give_the_recording(parts):
+    rng = np.random.default_rng(1)
+    steps = Steps(times=np.array([0.1, 0.2, 0.33, 0.34, 0.9]), levels=rng.normal(size=6))
+    for recorded in (
+        Recorded(values=rng.normal(size=11), interval=0.1, steps=steps),
+        Recorded.held(np.array([0.0, 0.1, 0.23, 0.24, 0.7]), rng.normal(size=5)),
+    ):
+        length, count = 0.1 / parts, 10 * parts
+        intervals = RecordedInterval.split(recorded, length, count)
+        for k in range(count):
+            one = jax.tree.map(lambda leaf, k=k: leaf if np.ndim(leaf) == 0 else leaf[k], intervals)
+            for t in (k + np.array([0.0, 0.01, 0.35, 0.5, 0.99])) * length:
+                np.testing.assert_allclose(one.value_and_rate(t), recorded.value_and_rate(t), rtol=1e-9, atol=1e-9)
+    many = Recorded.held(0.01 * np.arange(9), np.arange(9))
+    assert RecordedInterval.split(many, 0.1, 3) is None  # eight steps in one interval: looked up in the table

@@ -1,19 +1,41 @@
 """Rigs of one's own: what a class declares is the machine, and what is declared wrongly is refused with a reason."""
 
+import signal as signals
+import sys
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from edhas_jax import Effect, Recorded, Rig, Sine, change, drive, get, par, signal, simulate, slot, state, struct
+from edhas_jax import (
+    Effect,
+    Oil,
+    OilNode,
+    Recorded,
+    Rig,
+    Sine,
+    Step,
+    change,
+    drive,
+    get,
+    par,
+    signal,
+    simulate,
+    slot,
+    state,
+    struct,
+)
 from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable
 from edhas_jax.machine.effects.validation import check_effect
-from edhas_jax.machine.own_rig import check_rig
+from edhas_jax.machine.own_rig import check_rig, load_rig
 from edhas_jax.machine.parameters import ParameterError, list_parameters, short_names
 from edhas_jax.machine.rig_base import RigError
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.simulation.batch_trajectories import simulate_batch
 from edhas_jax.simulation.run_settings import Simulation
+from edhas_jax.simulation.validity import Status
 
 
 @struct
@@ -127,6 +149,36 @@ def rig(**body):
     return type("Wrong", (Rig,), usual | body)
 
 
+def sets(**values):
+    """Equations that set these signals."""
+
+    def equations(self, y, s):
+        s.set(**{n: v + 0.0 * y.x for n, v in values.items()})
+        return {"x": -y.x}
+
+    return equations
+
+
+def raises(error: BaseException):
+    """Equations that raise an error."""
+
+    def equations(self, y, s):
+        raise error
+
+    return equations
+
+
+def prints(self, y, s):
+    """Equations that print."""
+    jax.debug.print("x is {}", y.x)
+    return {"x": -y.x}
+
+
+def calls_python(self, y, s):
+    """Equations that call Python in every step."""
+    return {"x": jax.pure_callback(np.negative, jax.ShapeDtypeStruct((), float), y.x)}
+
+
 def mistakes():
     """What is declared, and what is said about it."""
     yield {"equations": lambda self, y, s: {}}, "no rate of x"
@@ -139,6 +191,23 @@ def mistakes():
     yield {"gain": par(1.0, "-", (0.0, 2.0), "gain"), "lag": Lag(), "__annotations__": {"gain": float}}, None
     yield {"effects_": 3.0, "__annotations__": {"effects_": float}}, "a part is a component"
     yield {"gain": par(3.0, "-", (0.0, 2.0), "gain")}, "outside its own span"
+    for step in (0.0, -1.0, np.nan, np.inf, "1 ms", None, True):
+        yield {"time_step": step}, "a finite number above 0 belongs here as time in s"
+    yield {"duration": "1 s"}, "a finite number above 0 belongs here as time in s"
+    yield {"u": drive("V", "input", "1 V")}, "'1 V'; a finite number belongs here as constant value"
+    yield {"u": drive("V", "input", np.nan)}, "nan; a finite number belongs here as constant value"
+    yield {"x": state("m", "position", None)}, "None; a finite number belongs here as start"
+    yield {"push": slot("tank", "m/s", "push", "lvl")}, "a curve over `lvl`, which is no signal of this rig"
+    yield {"push": slot("tank", "m/s", "push", "x", np.nan)}, "nan; a finite number belongs here as typical size"
+    yield {"equations": sets(x=3.0)}, "s.set.x=….: `x` is a state, drive or number, which is not set"
+    yield {"equations": sets(level=3.0)}, "s.set.level=….: `level` is not declared"
+    yield {"equations": lambda self, y, s: {"x": y.x / 0.0}}, "derivative of the rate of x with respect to x at rest"
+    yield {"equations": lambda self, y, s: {"x": jnp.sqrt(y.x)}}, "derivative of the rate of x with respect to x"
+    yield {"equations": lambda self, y, s: sys.exit(0)}, "Wrong.equations .*test_own_rig.py.*: SystemExit: 0$"
+    for error in (BaseException("mine"), GeneratorExit(), KeyboardInterrupt()):
+        yield {"equations": raises(error)}, f"test_own_rig.py.*: {type(error).__name__}"
+    yield {"equations": prints}, "test_own_rig.py:.*callback calls Python|test_own_rig.py:.*debug_print calls Python"
+    yield {"equations": calls_python}, "test_own_rig.py:.*pure_callback calls Python in every time step"
     yield {"equations": lambda self, y, s: {"x": -y.x if y.x > 0 else y.x}}, "jnp.where"
 
 
@@ -148,6 +217,26 @@ def test_a_mistake_is_named(body, reason):
         return check_rig(rig(**body))
     with pytest.raises(RigError, match=reason):
         check_rig(rig(**body))
+
+
+def interrupts():
+    """Raise a KeyboardInterrupt as Ctrl-C does: not by a statement of the user's code."""
+    signals.raise_signal(signals.SIGINT)
+
+
+@pytest.mark.parametrize("where", [0, 1])
+def test_an_interruption_is_no_error_of_the_equations(tmp_path, where):
+    with pytest.raises(KeyboardInterrupt):
+        if where:
+            check_rig(rig(equations=lambda self, y, s: interrupts()))
+        else:
+            (tmp_path / "tank.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\n")
+            load_rig("tank.py:Tank", tmp_path, [tmp_path / "tank.py"])
+
+
+def test_numbers_whose_squares_are_none_are_not_valid():
+    run = simulate(rig(x=state("m", "position", 1e155))(), Simulation(duration=0.01))
+    assert not run.valid and "x is not finite, or beyond 1e154" in run.reason
 
 
 def test_a_name_has_one_meaning():
@@ -166,3 +255,43 @@ def test_the_rigs_of_the_package_obey_the_same_interface():
     assert isinstance(machine, Rig) and not machine.is_own and machine.signals["current"].unit == "A"
     assert machine.cycle is machine.reference and machine.with_default_numbers().effects == ()
     assert jnp.isfinite(machine.largest_step())
+
+
+class Blast(Rig):
+    """dy/dt = r y², which is infinite at t = 1/(r y₀)."""
+
+    duration = 1.0
+    rate: float = par(1e6, "1/s", (0.0, 1e9), "rate")
+    y = state("-", "size", 0.5)
+
+    def equations(self, y, s):
+        return {"y": self.rate * y.y**2}
+
+
+def test_what_grows_faster_than_the_step_is_not_jumped_over():
+    """Without the pole after 2 µs, which steps of 20 µs and their halves do not see, it would be 0 ever after."""
+    run = simulate(Blast(), Simulation(step=20e-6))
+    assert run.status is Status.STEP_TOO_LARGE and "y grows e-fold within 1 µs at the start" in run.reason
+    slow = simulate(change(Blast(), rate=0.1), Simulation(step=20e-6, duration=1.0))
+    assert slow.valid and slow.signals["y"][-1] == pytest.approx(1.0 / (2.0 - 0.1), rel=1e-6)
+
+
+class ClosedPot(Rig):
+    """A pump delivers into a closed volume: Δp = β ΔV/V."""
+
+    time_step, duration = 1e-3, 1.0
+    oil: Oil = Oil()
+    pressure = state("Pa", "pressure", 1e5)
+    inflow = drive("m^3/s", "flow of the pump", 0.0)
+
+    def equations(self, y, s):
+        pot = OilNode(s, "pressure", self.oil, 1e-3)
+        pot.add(s.inflow)
+        return pot.rates()
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.09, False), (0.11, True)])
+def test_a_pressure_that_no_part_stands_is_said(share, said):
+    """β = 1.4 GPa: with a share of 0.09 of the volume pumped in the pressure is 126 MPa, with 0.11 154 MPa."""
+    run = simulate(ClosedPot(inflow=Step(step_size=share * 1e-3, step_time=0.0)))
+    assert run.valid and ("burst" in run.reason) is said, run.signals["pressure"][-1]

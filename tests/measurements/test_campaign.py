@@ -138,6 +138,7 @@ runs:
         ("frequency: 20 Hz", "frequenzy: 20 Hz", 17, "nearest: frequency"),
         ("use: holdout", "use: test", 19, "one of fit, holdout"),
         ("name: bench", "nome: bench", 2, "unknown key"),
+        ("uncertain:   #", "drives: {command: u}\nuncertain:   #", 4, "set point of pump_bench is `reference:"),
         ("uncertain:   #", "without: [friction]\nuncertain:   #", 4, "no refined effect `friction`"),
         ("uncertain:   #", "parameters: {coil_resistance: 2 V}\nuncertain:   #", 4, "resistance"),
     ],
@@ -207,3 +208,14 @@ def test_all_problems_of_a_campaign_are_told_at_once(tmp_path):
     wrong = "mover_dampin", "signals.voltage.unit", "signals.courrent", "runs[0].use", "runs[0].frequency", "none.csv"
     for part in wrong:
         assert sum(part in line for line in lines) == 1
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [("[0 MPa, 10 MPa]", ""), ("[0 Pa, 10 Pa]", "are they in MPa?"), ("[8 MPa, 9 MPa]", "of this sensor?")],
+)
+def test_limits_that_exclude_most_samples_are_said_with_the_likely_unit(folder, limits, said):
+    replace_in_yaml(folder, "outlet_pressure: {unit: MPa,", f"outlet_pressure: {{limits: {limits}, unit: MPa,")
+    remarks = [str(remark) for remark in read_campaign(folder).remarks]
+    assert len(remarks) == bool(said) and all("samples lie outside the stated limits" in r for r in remarks)
+    assert not said or said in remarks[0]

@@ -17,7 +17,12 @@ from edhas_jax.measurements.checks.noise_correlation import (
     filter_map,
     restore,
 )
-from edhas_jax.measurements.checks.noise_measurement import measure_noise, noise_sentence, with_measured_noise
+from edhas_jax.measurements.checks.noise_measurement import (
+    measure_noise,
+    noise_sentence,
+    with_measured_noise,
+    without_refuted_noise,
+)
 from edhas_jax.measurements.checks.noise_records import fast_noise
 from edhas_jax.measurements.checks.recorder_resolution import recorder_resolution
 
@@ -249,3 +254,54 @@ def test_noise_that_is_neither_stated_nor_measurable_has_to_be_stated():
 def test_fast_part_of_a_signal_without_noise_is_nothing():
     smooth = campaign_of([step_response(INTERVAL * np.arange(3000))], [{}])
     assert fast_noise(smooth.runs[0], "current") < 1e-3 * NOISE
+
+
+def broadband_campaign(stated):
+    """A steep resonance under a multisine up to a third of half the sample rate, as an own rig would have it."""
+    rng, time = np.random.default_rng(0), INTERVAL * np.arange(6000)
+    frequencies = np.arange(2.0, 0.33 * 0.5 / INTERVAL, 2.0)
+    gain = 1.0 / np.abs(1.0 - (frequencies / 200.0) ** 2 + 0.02j * frequencies / 200.0)
+    phases = rng.uniform(0.0, 2.0 * np.pi, len(frequencies))
+    signal = np.zeros(len(time))
+    for f, g, phase in zip(frequencies, gain, phases, strict=True):
+        signal += g * np.cos(2.0 * np.pi * f * time + phase)
+    signal += stated * rng.standard_normal(len(time))
+    campaign = campaign_of([signal], [{}], stated)
+    return dataclasses.replace(campaign, machine=edhas.ActuatorBench(reference=edhas.Step()))
+
+
+def test_the_content_of_a_broadband_record_is_no_noise():
+    campaign = broadband_campaign(stated=0.002)
+    assert fast_noise(campaign.runs[0], "current") > 2.5 * 0.002, "the fast part is signal"
+    channel = used_channel(campaign)
+    assert channel.noise == 0.002 and channel.measured_noise is None and not channel.is_noise_seen
+
+
+@pytest.mark.parametrize("model_error", [0.0, 0.03])
+def test_a_fit_refutes_a_noise_above_what_it_leaves(model_error):
+    campaign = aperiodic_campaign(white, stated=NOISE)
+    channel = dataclasses.replace(
+        campaign.channels["current"], noise=math.hypot(3.0 * NOISE, model_error), sensor_noise=3.0 * NOISE,
+        stated_noise=3.0 * NOISE, model_error=model_error,
+    )  # fmt: skip
+    campaign = dataclasses.replace(campaign, channels={"current": channel})
+    left = NOISE * np.random.default_rng(1).standard_normal((3, 3000)) / channel.noise
+    residuals = {run.name: {"current": row} for run, row in zip(campaign.runs, left, strict=True)}
+    lowered = without_refuted_noise(campaign, residuals, 900)
+    used = lowered.channels["current"]
+    # 900 numbers fitted to 9000 samples have taken a tenth of the squares
+    assert used.sensor_noise == used.fitted_noise == pytest.approx(NOISE / math.sqrt(0.9), rel=0.03)
+    assert used.noise == pytest.approx(math.hypot(used.sensor_noise, model_error))
+    said = f"The fit leaves only {used.fitted_noise:.3g} A of current (0.06 A stated): the noise cannot be larger"
+    assert noise_sentence(lowered).startswith(said) and str(lowered.remarks[0]).endswith(noise_sentence(lowered))
+    scale = channel.noise / NOISE
+    as_large = {run: {"current": scale * of["current"]} for run, of in residuals.items()}
+    assert without_refuted_noise(campaign, as_large, 900) is campaign
+
+
+def test_stated_and_used_noise_are_told_alike_with_an_error_of_the_model():
+    campaign = aperiodic_campaign(white, stated=2.0 * NOISE)
+    channels = {"current": dataclasses.replace(campaign.channels["current"], model_error=0.1)}
+    checked = checked_campaign(dataclasses.replace(campaign, channels=channels))
+    sentences = {r.sentence for r in checked.remarks if "measured" in r.sentence} | {noise_sentence(checked)}
+    assert len(sentences) == 1 and sentences.pop().endswith("The measured noise is used.")

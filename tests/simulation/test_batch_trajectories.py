@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import edhas_jax as edhas
+from edhas_jax.machine.components.set_points import Steps
 from edhas_jax.simulation.batch_trajectories import simulate_batch
 from tests.support.synthetic_campaign import bench
 
@@ -80,16 +81,22 @@ def test_other_numbers_compile_nothing(compilations):
     assert compilations() > before
 
 
-def test_a_recorded_set_point_is_followed_alike_by_all_engines(monkeypatch):
+STEPS = Steps(times=np.array([3e-3, 7.2e-3, 7.9e-3, 20e-3]), levels=1e-4 * np.array([0.0, 1.0, -2.0, 4.0, 3.0]))
+
+
+@pytest.mark.parametrize("steps", [None, STEPS], ids=["smooth", "with steps"])
+@pytest.mark.parametrize("interval", [1e-3, 2e-3])
+def test_a_recorded_set_point_is_followed_alike_by_all_engines(monkeypatch, steps, interval):
+    """In one interval of the time loop two steps, steps at samples, and intervals that are a part of a recorded one."""
     rng = np.random.default_rng(0)
     wanted = 1e-3 * np.cumsum(rng.standard_normal(60)) / 8.0
-    machine = edhas.ActuatorBench(reference=edhas.Recorded(values=wanted, interval=1e-3))
+    machine = edhas.ActuatorBench(reference=edhas.Recorded(values=wanted, interval=interval, steps=steps))
     values, seeds = {"mover_mass": np.array([0.1, 0.2, 0.3])}, {"mover_mass": np.ones(3)}
     watch = ("piston_position", "reference", "voltage")
     here = simulate_batch(machine, values, seeds, 1e-4, 10, 80, watch)  # beyond the end it is held
     monkeypatch.setenv("EDHAS_ENGINE", "xla")
     xla = simulate_batch(machine, values, seeds, 1e-4, 10, 80, watch)
-    there = np.arange(80) != 59  # where the recording ends its rate has two values
+    there = 1e-3 * np.arange(80) != 59 * interval  # where the recording ends its rate has two values
     for n in watch:
         for one, other, share in ((here.values, xla.values, 1e-10), (here.slopes, xla.slopes, 1e-8)):
             scale = np.abs(other[n]).max() + 1e-30

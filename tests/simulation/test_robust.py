@@ -6,8 +6,8 @@ import pytest
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
-from edhas_jax.machine.effects import Effect
-from edhas_jax.machine.rigs import ActuatorBench, PumpBench
+from edhas_jax.machine.effects import Effect, EntrainedAir
+from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench
 from edhas_jax.simulation.metrics import mean_rate
 from edhas_jax.simulation.run import SimulationError, simulate
 from edhas_jax.simulation.run_settings import Precision, Simulation
@@ -77,7 +77,7 @@ def test_a_failed_run_names_time_and_signal_and_keeps_earlier_samples(force, wor
     with pytest.raises(SimulationError) as caught:
         simulate(machine, Simulation(duration=0.2))
     message, run = str(caught.value), caught.value.run
-    for word in (*words, "at 0.05", "smaller step"):
+    for word in (*words, "at 0.05", "the step is not the cause: with 5 µs it does so at 0.05"):
         assert word in message
     failure_time = float(message.split("at ")[1].split(" s ")[0])
     time = run.signals["time"]
@@ -101,3 +101,13 @@ def test_samples_before_a_failure_equal_those_of_a_shorter_run():
 def test_an_invalid_step_is_refused(step):
     with pytest.raises(ValueError, match="must lie above 0"):
         simulate(ActuatorBench(), Simulation(step=step))
+
+
+def test_a_pressure_that_falls_to_zero_is_named_with_what_helps():
+    """Oil without gas has no law below zero pressure: no step helps, the effect that describes the gas does."""
+    with pytest.raises(SimulationError) as caught:
+        simulate(ActuatorSystem(), Simulation(duration=0.01))
+    message = str(caught.value)
+    assert "chamber_pressure_b falls to zero (step 20 µs); oil cavitates there" in message
+    assert "mount the effect entrained_air; the step is not the cause: with 5 µs" in message
+    assert simulate(ActuatorSystem(effects=(EntrainedAir(),)), Simulation(duration=0.01)).status.is_valid

@@ -3,16 +3,20 @@
 import dataclasses
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import read_config
+from edhas_jax.config.run_folder import save_run
 from edhas_jax.core.structs import par
 from edhas_jax.design.batch.batch import BatchSettings, run_designs
-from edhas_jax.machine.effects import Effect, EntrainedAir, LugreFriction, PistonLeakage
-from edhas_jax.simulation.validity import Status
+from edhas_jax.machine.effects import Effect, EffectError, EntrainedAir, LugreFriction, PistonLeakage
+from edhas_jax.machine.effects.validation import check_effect
+from edhas_jax.simulation.run_checks import check_run, largest_change, step_change
+from edhas_jax.simulation.validity import STEP_SENSITIVITY, Status
 from tests.support import CONFIGS, ROOT
 
 PAPER = CONFIGS / "paper.yaml"
@@ -165,3 +169,60 @@ def test_compare_says_that_the_run_of_a_model_is_not_valid():
     sentence = "the model's run is not valid: the accumulator pressure is above the relief pressure"
     assert any(sentence in str(remark) for remark in remarks)
     assert not any("not valid" in str(remark) for remark in edhas.compare(campaign).remarks)
+
+
+def root_drag(law):
+    """An effect whose friction is a function of the piston velocity."""
+    body = {"strength": par(5.0, "N", (0.0, 1e3), "friction at 1 m/s"), "__annotations__": {"strength": float},
+            "mover_friction": lambda self, s, z: self.strength * law(s.piston_velocity)}  # fmt: skip
+    return type("RootDrag", (Effect,), body)()
+
+
+def test_a_law_with_an_infinite_slope_at_rest_is_named():
+    """Its time steps would leave the piston at rest, with 34 A in the coil and a balance that is NaN."""
+    laws = (
+        lambda v: jnp.sqrt(jnp.abs(v)), lambda v: jnp.sign(v) * jnp.abs(v) ** 0.5,
+        lambda v: jnp.where(v >= 0.0, jnp.sqrt(jnp.abs(v)), -jnp.sqrt(jnp.abs(v))),
+    )  # fmt: skip
+    for law in laws:
+        with pytest.raises(EffectError, match="RootDrag.mover_friction.* with respect to piston_velocity at rest"):
+            check_effect(root_drag(law), edhas.ActuatorBench())
+    check_effect(root_drag(lambda v: v / (v * v + 1e-6) ** 0.25), edhas.ActuatorBench())
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_a_balance_that_is_not_finite_is_not_valid(tmp_path, wrong):
+    run = edhas.simulate(edhas.ActuatorBench(), edhas.Simulation(duration=0.2))
+    broken = dataclasses.replace(run, energy=run.energy | {"copper": run.energy["copper"] + wrong})
+    status, reason = check_run(broken.record, broken.energy_residual(), broken.volume_residual())
+    assert status is Status.NOT_FINITE and "energy balance is not a finite number" in reason
+    assert json.loads((save_run(broken, tmp_path / "run", figure=False) / "run.json").read_text())["step"] > 0.0
+
+
+def test_a_signal_that_is_no_number_has_changed_beyond_all_limits():
+    run = edhas.simulate(edhas.ActuatorBench(), edhas.Simulation(duration=0.2))
+    signals = run.signals | {"piston_position": run.signals["piston_position"] * np.nan}
+    assert largest_change(run.machine, run.signals, signals) == ("piston_position", np.inf)
+    assert step_change(run.record, dataclasses.replace(run.record, signals=signals)) == ("peak stroke", np.inf)
+
+
+def test_a_set_point_beyond_all_machines_gives_no_warning_of_numpy():
+    """Warnings are errors in the tests: the status tells what happened."""
+    run = edhas.simulate(edhas.ActuatorBench(reference=edhas.Sine(amplitude=1e300)), edhas.Simulation(duration=0.2))
+    assert run.status is Status.NOT_FINITE and not np.isfinite(run.metrics["tracking_error"].value)
+
+
+def test_the_oil_balance_of_a_pump_that_delivers_nothing_has_no_error():
+    run = edhas.simulate(edhas.PumpBench(), edhas.Simulation(duration=0.05))
+    still = dataclasses.replace(run, volume=run.volume | {n: 0.0 * run.volume[n] for n in run.volume if "deliv" in n})
+    assert run.volume_residual() != 0.0 and still.volume_residual() == 0.0
+
+
+@pytest.mark.parametrize(("row", "name"), [("leakage_", "mean leakage"), ("load orifice", "delivered power")])
+def test_the_step_is_checked_by_leakage_and_delivered_power_too(row, name):
+    """What changes by 4 % while flow, electrical power and stroke stay is no longer passed over."""
+    run = edhas.simulate(PUMP, edhas.Simulation(duration=0.3))
+    sums = {"energy": run.energy, "volume": run.volume}
+    other = {of: {n: v * (1.04 if n.startswith(row) else 1.0) for n, v in sums[of].items()} for of in sums}
+    changed, share = step_change(run.record, dataclasses.replace(run.record, **other))
+    assert changed == name and share > STEP_SENSITIVITY

@@ -24,7 +24,8 @@ def write_record(file, seed, scale):
 
     position = solve_ivp(rates, (0.0, time[-1]), [0.0, 0.0], t_eval=time, rtol=1e-7, atol=1e-9).y[0]
     reading = position + rng.normal(0.0, 5e-4, count)
-    np.savetxt(file, np.column_stack([time, force, reading]), delimiter=",", header="time [s],V1 [V],V2 [V]", comments="")
+    header = "time [s],V1 [V],V2 [V]"
+    np.savetxt(file, np.column_stack([time, force, reading]), delimiter=",", header=header, comments="")
 
 
 @pytest.fixture(scope="module")

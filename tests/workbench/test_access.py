@@ -3,6 +3,9 @@
 import asyncio
 import json
 import os
+import signal
+from urllib.error import HTTPError
+from urllib.request import HTTPCookieProcessor, build_opener
 
 import pytest
 
@@ -120,3 +123,22 @@ def test_damaged_files_of_the_workbench_are_as_if_absent(tmp_path):
             (results / name).write_text(content)
         workspace = Workspace(tmp_path)
         assert workspace.decisions().added == () and not workspace.steps() and not workspace.tried()
+
+
+def test_what_a_stranger_program_asks_of_the_server(workbench, tmp_path):
+    pytest.importorskip("nicegui", reason="no nicegui: pip install 'edhas_jax[workbench]'")
+    served, opener = workbench(tmp_path), build_opener(HTTPCookieProcessor())
+
+    def ask(address):
+        try:
+            return opener.open(address).status, ""
+        except HTTPError as error:
+            return error.code, error.read().decode()
+
+    answers = [ask(served.address) for _ in range(30)]
+    assert answers[0][0] == 200 and answers[-1] == (503, "Many pages wait for their browser; try again in a minute.")
+    long = served.address.partition("?")[0] + "results/" + "a" * 5000 + ".html"
+    assert ask(long) == (404, "There is no such report.")
+    served.process.send_signal(signal.SIGINT)
+    assert served.process.wait(60.0) == 130
+    assert served.process.stdout.read().splitlines()[-1].startswith("edhas: interrupted")

@@ -113,7 +113,7 @@ def test_from_a_dropped_file_to_the_report(measured_campaign, tmp_path, workbenc
     frame = page.frame_locator("iframe")
     frame.get_by_role("heading", name=re.compile("diagnosis")).first.wait_for()
     tab(page, "Steps")
-    page.get_by_text(f"edhas add inverter_dead_time --campaign {folder}").first.wait_for()
+    page.get_by_text(f"edhas add {folder} inverter_dead_time").first.wait_for()
     result = Workspace(folder)
     assert result.decisions().added == ("inverter_dead_time",)
     assert json.loads((folder / "workbench/diagnosed/diagnosis.json").read_text())["verdict"] == "missing_effect"

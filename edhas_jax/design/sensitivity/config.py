@@ -13,6 +13,7 @@ from edhas_jax.design.batch.batch import BatchSettings
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.batch.experiment_design import Axis, full_factorial
 from edhas_jax.design.gradient.table import metrics_of, parameters_of
+from edhas_jax.design.sensitivity.global_sensitivity import MIN_ROWS, MIN_TRAJECTORIES
 from edhas_jax.design.task_reader import TaskReader
 from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.machine.rigs import Rig
@@ -86,9 +87,13 @@ def load_sensitivity(source: Path | str | Mapping[str, Any], trust: Trust = ()) 
         except ParameterError as error:
             reader.add(("local", i), str(error))
     samples = reader.read_integer(("samples",), reader.data.get("samples", "256"), 0, 2**16)
-    if samples & (samples - 1):
+    if 0 < samples < MIN_ROWS:
+        reader.add(("samples",), f"at least {MIN_ROWS} are needed for indices, or 0 to leave them out; got {samples}")
+    elif samples & (samples - 1):
         reader.add(("samples",), f"a power of two belongs here (Sobol's sequence needs it), not {samples}")
     trajectories = reader.read_integer(("trajectories",), reader.data.get("trajectories", "20"), 0, 10_000)
+    if 0 < trajectories < MIN_TRAJECTORIES:
+        reader.add(("trajectories",), f"at least {MIN_TRAJECTORIES} are needed, or 0 for none; got {trajectories}")
     seed = reader.read_integer(("seed",), reader.data.get("seed", "0"), 0, 2**32 - 1)
     for name in sorted({axis.name for axis in points} & {axis.name for axis in reader.axes}):
         reader.add(("ranges", name), "is fixed by the operating points; remove it from one of the two sections")

@@ -37,7 +37,7 @@ def open_sensitivity(folder: Path | str) -> SensitivityResult:
     for name in (POINTS_FILE, LOCAL_FILE):
         if not (folder / name).is_file():
             raise ResultFileError(f"{folder}: not the folder of a sensitivity analysis: {name} is missing")
-    check_files(folder, (POINTS_FILE, *(f"{n}.parquet" for n in TABLES)))
+    check_files(folder)
     try:
         tables = {n: pd.read_parquet(folder / f"{n}.parquet") for n in TABLES if (folder / f"{n}.parquet").is_file()}
         return SensitivityResult(pd.read_parquet(folder / POINTS_FILE), **tables)

@@ -21,7 +21,6 @@ from edhas_jax.design.gradient.table import metrics_of
 from edhas_jax.design.task_reader import TaskReader
 from edhas_jax.machine.parameters import ParameterError, get_parameter, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.metrics import METRICS
 from edhas_jax.simulation.signal_metrics import metric_declarations
 
 SECTIONS = ("points", "free", "objective", "front", "constraints", "robust", "starts", "iterations", "seed")
@@ -152,7 +151,7 @@ def load_sizing(source: Path | str | Mapping[str, Any], trust: Trust = ()) -> Si
     points = r.operating_points("points")
     for name in sorted({a.name for a in points} & {a.name for a in r.axes}):
         r.add(("free", name), "is fixed by the operating points; remove it from one of the two sections")
-    known = metrics_of(r.machine) if r.machine is not None and not r.problems else list(METRICS)
+    known = None if r.machine is None else metrics_of(r.machine)
     weights = _read_objective(r, known)
     front = r.read_integer(("front",), r.data.get("front", "0"), 0, 100)
     if front and len(weights) != 2:
@@ -163,7 +162,7 @@ def load_sizing(source: Path | str | Mapping[str, Any], trust: Trust = ()) -> Si
     iterations = r.read_integer(("iterations",), r.data.get("iterations", "60"), 5, 10_000)
     seed = r.read_integer(("seed",), r.data.get("seed", "0"), 0, 2**32 - 1)
     if r.machine is not None:
-        for axis in r.axes:
+        for axis in (a for a in r.axes if not a.values):
             value = float(get_parameter(r.machine, axis.name))
             unit = resolve_parameter(r.machine, axis.name)[0].unit
             if not axis.low <= value <= axis.high:
@@ -193,8 +192,8 @@ def _order_problems(machine: Rig, axes: Sequence[Axis]) -> list[tuple[str, str]]
     return problems
 
 
-def _read_objective(r: TaskReader, known: list[str]) -> dict[str, float]:
-    """By metric its weight, negative where it is to be minimised."""
+def _read_objective(r: TaskReader, known: list[str] | None) -> dict[str, float]:
+    """By metric its weight, negative where it is to be minimised; without a machine no metric is `known`."""
     section = r.section("objective", "{maximise: {mean_flow: 1, overall_efficiency: 1}}")
     r.add_unknown_keys(("objective",), section, ("maximise", "minimise"))
     weights = {}
@@ -203,7 +202,7 @@ def _read_objective(r: TaskReader, known: list[str]) -> dict[str, float]:
         rows = {rows: "1"} if isinstance(rows, str) else {n: "1" for n in rows} if isinstance(rows, list) else rows
         for name, weight in rows.items():
             key = ("objective", direction, name)
-            if name not in known:
+            if known is not None and name not in known:
                 r.add(key, f"no metric `{name}`; {suggest(str(name), known)}")
             try:
                 number = float(str(weight))
@@ -219,11 +218,13 @@ def _read_objective(r: TaskReader, known: list[str]) -> dict[str, float]:
     return weights
 
 
-def _read_constraints(r: TaskReader, known: list[str]) -> tuple[Constraint, ...]:
+def _read_constraints(r: TaskReader, known: list[str] | None) -> tuple[Constraint, ...]:
     constraints = []
-    declared = METRICS if r.machine is None else metric_declarations(r.machine)
+    declared = {} if known is None else metric_declarations(r.machine)
     for name, spec in r.section("constraints", "{rms_current: {max: 4 A}}").items():
         key = ("constraints", name)
+        if known is None:
+            continue
         if name not in known:
             r.add(key, f"no metric `{name}`; {suggest(str(name), known)}")
         elif not isinstance(spec, Mapping) or not set(spec) & {"min", "max"}:

@@ -60,7 +60,7 @@ def open_sizing(folder: Path | str) -> tuple[dict, pd.DataFrame]:
     for name in (RESULT_FILE, PATH_FILE):
         if not (folder / name).is_file():
             raise ResultFileError(f"{folder}: not the folder of a sizing: {name} is missing")
-    check_files(folder, (RESULT_FILE, PATH_FILE))
+    check_files(folder)
     try:
         content = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
         path = pd.read_parquet(folder / PATH_FILE)

@@ -4,7 +4,6 @@ import contextlib
 import logging
 import re
 import signal
-import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 
@@ -79,15 +78,19 @@ def dask_executor(spec: str, versions: Callable[[], dict[str, str]] = versions) 
 
 @contextlib.contextmanager
 def _workers_ignore_interrupts() -> Iterator[None]:
-    """Workers started in this context ignore Ctrl-C, which a terminal sends to all processes; the client ends them."""
-    if threading.current_thread() is not threading.main_thread():
+    """Workers started in this context get no Ctrl-C, which a terminal sends to all processes; the client ends them.
+
+    One that comes meanwhile reaches the client when the context ends. Threads and processes keep the signals that are
+    blocked where they are started.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
-    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, previous)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _check_workers(client, spec: str, versions: Callable[[], dict[str, str]]) -> None:

@@ -4,14 +4,14 @@ import contextlib
 import datetime
 import errno
 import json
-import os
 import shutil
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 
+from edhas_jax.config.result_files import LOCK_FILE, lock_folder
 from edhas_jax.core.atomic_file import PARTIAL_SUFFIX, atomic_write
 from edhas_jax.core.checksums import digest_of_file
 from edhas_jax.design.batch.batch import Chunk, engine_of_designs
@@ -44,7 +44,7 @@ from edhas_jax.design.sweep.table import TABLE_FILE, sweep_table
 from edhas_jax.design.sweep.table_windows import windows, write_table
 from edhas_jax.simulation.metrics import METRICS
 
-DESIGNS_FILE, LOCK_FILE = "designs.parquet", ".lock"
+DESIGNS_FILE = "designs.parquet"
 OWN_NAMES = (MANIFEST_FILE, DESIGNS_FILE, TABLE_FILE, CHUNKS_FOLDER, LOCK_FILE)
 
 
@@ -76,7 +76,7 @@ class SweepFolder:
     def __enter__(self) -> "SweepFolder":
         with contextlib.ExitStack() as stack, self._report_write_errors():
             manifest = self._matching_manifest()
-            self._lock = _lock(self.path)
+            self._lock = lock_folder(self.path)
             stack.callback(self.__exit__)
             if manifest is None:
                 self._create()
@@ -235,25 +235,6 @@ def sweep_description(sweep: Sweep) -> dict[str, Any]:
                      {"from": a.low, "to": a.high, "count": a.count, "spacing": "log" if a.log else "linear"})
             for a in sweep.axes}  # fmt: skip
     return {"kind": sweep.kind, "seed": sweep.seed, "parameters": axes or list(sweep.designs)}
-
-
-def _lock(path: Path) -> TextIO | None:
-    """Lock the folder for the life of this process; without effect where the file system has no locks."""
-    try:
-        import fcntl
-    except ImportError:
-        return None
-    # neither follows a link to another file nor waits for a pipe
-    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
-    file = os.fdopen(os.open(path / LOCK_FILE, flags, 0o644), "r+", closefd=True)
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        file.close()
-        raise SweepError(f"{path}: is being computed by another process; wait for it, or stop it") from None
-    except OSError:
-        pass
-    return file
 
 
 def _now() -> str:

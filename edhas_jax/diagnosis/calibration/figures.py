@@ -30,20 +30,13 @@ def draw_estimates(calibration: Calibration):
             axes.plot(calibration.drift.x[:, k], np.full(len(calibration.drift.x), row - 0.26), "|", ms=7, color=GREY)
     width = 1.15 * max(3.0, np.abs(fit.x + np.sign(fit.x) * 1.96 * fit.std).max())
     axes.set_xlim(-width, width)
-    axes.set_yticks(rows, [_estimate_label(u, fit) for u in fit.problem.unknowns], fontsize=9, color=INK)
+    labels = [f"{u.name.replace('_', ' ')}   {fit.text(u.name)}" for u in fit.problem.unknowns]
+    axes.set_yticks(rows, labels, fontsize=9, color=INK)
     axes.set_xlabel("distance from the prior mean, in prior standard deviations", fontsize=9, color=INK)
     legend = "● estimate with 95 % interval    | each run fitted alone    grey: prior ±1 σ, ±2 σ"
     axes.set_title(legend, fontsize=9, loc="left", color=INK)
     _style_axes(axes)
     return figure
-
-
-def _estimate_label(u, fit) -> str:
-    value, error = fit.values[u.name], fit.standard_errors[u.name]
-    unit = display_unit(u.unit, value)
-    number, spread = from_si(value, u.unit, unit), from_si(error, u.unit, unit) - from_si(0.0, u.unit, unit)
-    digits = max(0, int(np.ceil(-np.log10(max(spread, 1e-12)))) + 1)
-    return f"{u.name.replace('_', ' ')}   {number:.{min(digits, 7)}f} ± {spread:.2g} {unit}".rstrip()
 
 
 def draw_drift(calibration: Calibration):

@@ -2,12 +2,14 @@
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 
 import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.core.runtime import single_threaded_algebra
+from edhas_jax.core.units import estimate_text, format_quantity
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem, gauss_newton_model, quadratic_model_at
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.diagnosis.calibration.starts import sample_starts
@@ -26,6 +28,7 @@ from edhas_jax.measurements.unknown_parameters import own_unknowns
 CORRECTION_REFINEMENT = 4  # steps of the final corrections per fine step
 MAX_CORRECTIONS = 2
 DISTORTED_COORDINATE = 2.5  # of an estimate: beyond it something that the model lacks has probably distorted the fit
+LIMIT_TOLERANCE = 1e-6  # distance of a coordinate from its bound, by rounding, that counts as at the bound
 ROUGH_COST_TOLERANCE = 1.0  # difference of ½χ² that the rough search neither resolves nor merges starts below
 
 
@@ -74,15 +77,53 @@ class Fit:
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """The standard errors by name, SI, linearised at the estimate."""
+        """The standard errors by name, SI, linearised at the estimate; NaN for an estimate at a limit of its range."""
         rows = zip(self.problem.unknowns, self.x, self.std, strict=True)
-        return {u.name: float(u.derivative(x) * std) for u, x, std in rows}
+        errors = {u.name: float(abs(u.derivative(x)) * std) for u, x, std in rows}
+        return errors | dict.fromkeys(self.at_limit, math.nan)
+
+    @property
+    def at_limit(self) -> dict[str, str]:
+        """The estimates that lie at a limit of the range in which they were sought: "lower" or "upper", by name.
+
+        The measurements want a value beyond the limit, so that the linearised standard error says nothing.
+        """
+        found = {}
+        for u, x, value in zip(self.problem.unknowns, self.x, self.values.values(), strict=True):
+            low, high = u.bounds()
+            if min(x - low, high - x) <= LIMIT_TOLERANCE * min(high - low, 1.0):
+                ends = [float(u.value(bound)) for bound in (low, high)]
+                found[u.name] = "lower" if abs(value - min(ends)) < abs(value - max(ends)) else "upper"
+        return found
+
+    def text(self, name: str, unit: str = "") -> str:
+        """An estimate with its standard error, or with the limit of its range at which it lies.
+
+        Args:
+            name: the unknown.
+            unit: SI unit; that of the unknown by default.
+        """
+        unit = unit or next(u.unit for u in self.problem.unknowns if u.name == name)
+        return estimate_text(self.values[name], self.standard_errors[name], unit, self.at_limit.get(name))
 
     def interval(self, name: str, sigmas: float = 1.96) -> tuple[float, float]:
-        """Confidence interval (SI) of an unknown: `sigmas` standard errors to either side, within its span."""
+        """Confidence interval (SI) of an unknown: `sigmas` standard errors to either side, within its span.
+
+        NaN for an estimate at a limit of its range.
+        """
+        if name in self.at_limit:
+            return math.nan, math.nan
         k = [u.name for u in self.problem.unknowns].index(name)
         u, half = self.problem.unknowns[k], sigmas * self.std[k]
-        return tuple(float(np.clip(u.value(self.x[k] + side), *u.span)) for side in (-half, half))
+        low, high = sorted(float(np.clip(u.value(x), *u.span)) for x in (self.x[k] - half, self.x[k] + half))
+        return low, high
+
+    def interval_text(self, name: str) -> str:
+        """The 95 % interval of an unknown as text, or the limit at which its estimate lies."""
+        if name in self.at_limit:
+            return f"at its {self.at_limit[name]} limit"
+        (unit,) = (u.unit for u in self.problem.unknowns if u.name == name)
+        return " … ".join(format_quantity(value, unit) for value in self.interval(name))
 
     @property
     def prior_distances(self) -> np.ndarray:

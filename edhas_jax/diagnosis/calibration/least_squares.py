@@ -160,7 +160,7 @@ class _Search:
         """Whether so much can be gained from some points (m,) that their search goes on."""
         cost = self.cost[rows]
         floor = np.maximum(NOISE_FLOOR, RELATIVE_NOISE_FLOOR * cost)
-        unfinished = attainable > np.maximum(tolerance, share * cost)
+        unfinished = ~(attainable <= np.maximum(tolerance, share * cost))  # NaN has not converged
         return unfinished & ~((attainable < floor) & (self._rejected[rows] >= MAX_FAILED_STEPS))
 
     def finish(self, rows: np.ndarray) -> None:

@@ -59,10 +59,9 @@ def estimates_table(calibration: Calibration) -> str:
     }  # fmt: skip
     body = []
     for u, x, std in zip(fit.problem.unknowns, fit.x, fit.std, strict=True):
-        low, high = (format_quantity(v, u.unit) for v in fit.interval(u.name))
         body.append([
             u.name, format_quantity(u.centre, u.unit), format_quantity(fit.values[u.name], u.unit),
-            f"{low} … {high}", f"{x:+.2f}", f"{std:.3f}",
+            fit.interval_text(u.name), f"{x:+.2f}", f"{std:.3f}",
             ", ".join(mark for mark, names in marks.items() if u.name in names),
         ])  # fmt: skip
     header = ("unknown", "prior mean", "estimate", "95 % interval", "pull, σ", "error / prior σ", "")

@@ -107,6 +107,9 @@ class Calibration:
         sentences += own_values_sentences(self.fit)
         if (larger := model_error_sentence(rms[Use.FIT.value]["overall"])) is not None:
             sentences.append(larger)
+        if limits := self.fit.at_limit:
+            listed = ", ".join(f"{name} {self.fit.text(name)}" for name in limits)
+            sentences.append(f"At a limit of the range in which it was sought, so without a standard error: {listed}.")
         if implausible := self.implausible():
             pulls = dict(zip((u.name for u in self.fit.problem.unknowns), self.fit.x, strict=True))
             order = sorted(implausible, key=lambda n: -abs(pulls[n]))
@@ -221,9 +224,13 @@ def save_calibration(calibration: Calibration, folder: Path, failures: Sequence[
 
 
 def estimates_as_json(fit: Fit) -> dict[str, dict]:
-    """Value, standard error and unit (SI) of every unknown, as plain data."""
+    """Value, standard error and unit (SI) of every unknown, as plain data; the limit at which it lies, if any."""
     units = {u.name: u.unit for u in fit.problem.unknowns}
-    return {n: {"value": v, "std": fit.standard_errors[n], "unit": units[n]} for n, v in fit.values.items()}
+    errors, limits = replace_nonfinite(fit.standard_errors), fit.at_limit
+    return {
+        n: {"value": v, "std": errors[n], "unit": units[n]} | ({"limit": limits[n]} if n in limits else {})
+        for n, v in fit.values.items()
+    }
 
 
 def values_of_runs_as_json(fit: Fit) -> dict[str, dict[str, dict]]:

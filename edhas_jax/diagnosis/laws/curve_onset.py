@@ -1,10 +1,21 @@
-"""Where a curve begins: no influence below a level of its variable, and a rise beyond it."""
+"""The shape of a curve: whether it is smooth, and where it begins to act."""
 
 import numpy as np
 
 MIN_SHARE = 0.6  # of the variation of a curve that a hinge has to explain
 MIN_STILL_SHARE = 0.2  # of the range of the variable, that has to lie below the level at which a curve begins
 MIN_ADVANTAGE = 1.3  # of the variation that a straight line leaves over that which the hinge leaves
+
+
+def is_smooth(values: np.ndarray) -> bool:
+    """Whether the values (n,) of a curve at neighbouring nodes are more alike than independent values would be.
+
+    The mean square successive difference of independent values is twice their variance.
+
+    Source: von Neumann, Ann. Math. Stat. 12 (1941) 367.
+    """
+    deviations = values - np.mean(values)
+    return not np.sum(np.square(np.diff(values))) > 2.0 * np.sum(np.square(deviations))
 
 
 def onset(nodes: np.ndarray, values: np.ndarray) -> float | None:

@@ -1,18 +1,31 @@
 """What the bench did: the estimated deviations of triggers, settings and sensors, and the residuals without them."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
-from edhas_jax.diagnosis.likelihood.bench_deviations import BenchDeviations, Deviation, deviation_columns
+from edhas_jax.diagnosis.likelihood.bench_deviations import (
+    BenchDeviations,
+    Deviation,
+    DeviationKind,
+    deviation_columns,
+)
 from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, bounded, run_columns
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.residuals import normalised_residuals
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
+
+# relative sizes of a deviation of a bench: a filter passes between all and nothing of what changes fast, the columns of
+# a setting hold for small changes of its logarithm, and a sensor that is off by more is broken
+POSSIBLE_SIZES = {
+    DeviationKind.FILTER: (0.0, 1.0), DeviationKind.SETTING: (-0.3, 0.3), DeviationKind.GAIN: (-0.5, 0.5),
+}  # fmt: skip
+POSSIBLE_ERRORS = 3.0  # standard errors by which an estimate may be outside
 
 
 class EstimatedDeviation(NamedTuple):
@@ -29,6 +42,13 @@ class EstimatedDeviation(NamedTuple):
     run: str
     value: float
     std: float
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether a bench can do that: else the linear columns stand in for something that the model lacks."""
+        low, high = POSSIBLE_SIZES.get(self.deviation.kind, (-math.inf, math.inf))
+        size, margin = self.value * self.deviation.std, POSSIBLE_ERRORS * self.std * self.deviation.std
+        return low - margin <= size <= high + margin
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 The checks of the data look for samples that deviate from their neighbours. Where a signal changes fast they have to be
 careful; what a calibrated model leaves is smoother. A sharp event that the model lacks is no wrong sample: it disturbs
-its neighbours, or repeats at the same phase of other cycles.
+its neighbours, or repeats at the same phase of other cycles. Nor is one that the model has and the machine has not: the
+record itself must leave the line between its neighbours as the residual does.
 """
 
 import dataclasses
@@ -10,11 +11,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from edhas_jax.measurements.campaign import Campaign, Remark, Severity
-from edhas_jax.measurements.checks.impossible_samples import find_signal_outliers
+from edhas_jax.measurements.campaign import Campaign
+from edhas_jax.measurements.checks.impossible_samples import find_signal_outliers, left_out_remark, removal_of
 from edhas_jax.measurements.checks.outlier_search import bridged
 
 MOST_LEFT_OUT = 0.01  # of the samples of a signal in a run: more are no single wrong samples
+MIN_SHARE_IN_RECORD = 0.6  # of a residual's deviation from its neighbours; at a step made one sample late it is half
 
 Residuals = Mapping[str, Mapping[str, np.ndarray]]  # over noise, by run and signal (samples,)
 
@@ -42,12 +44,21 @@ def without_outliers(campaign: Campaign, residuals: Residuals) -> Campaign:
         for run in campaign.runs
     ]
     of_residuals = dataclasses.replace(campaign, runs=tuple(in_place))
+    runs, judged = {run.name: run for run in campaign.runs}, {run.name: run for run in in_place}
     found: dict[str, dict[str, np.ndarray]] = {}
     for name in campaign.channels:
-        for run, mask in find_signal_outliers(of_residuals, name, {}).items():
-            if 0 < np.count_nonzero(mask) <= MOST_LEFT_OUT * len(mask):
+        for run, mask in find_signal_outliers(of_residuals, name, {}, with_excursions=False).items():
+            mask &= _is_in_record(runs[run].signals[name], judged[run].signals[name], mask)
+            if name not in runs[run].keep and 0 < np.count_nonzero(mask) <= MOST_LEFT_OUT * len(mask):
                 found.setdefault(run, {})[name] = mask
     return _without(campaign, found)
+
+
+def _is_in_record(values: np.ndarray, residual: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Where a record (samples,) leaves the line between the neighbours of some samples as its residual does."""
+    in_record, in_residual = (row - bridged(row, mask) for row in (values, residual))
+    with np.errstate(invalid="ignore"):
+        return in_record * np.sign(in_residual) > MIN_SHARE_IN_RECORD * np.abs(in_residual)
 
 
 def without_missing(campaign: Campaign, residuals: Residuals) -> Campaign:
@@ -64,7 +75,7 @@ def without_missing(campaign: Campaign, residuals: Residuals) -> Campaign:
 def _without(campaign: Campaign, masks: Mapping[str, Mapping[str, np.ndarray]]) -> Campaign:
     if not masks:
         return campaign
-    runs, remarks = [], []
+    runs, remarks, removed = [], [], []
     for run in campaign.runs:
         own = masks.get(run.name, {})
         signals = {n: np.where(own[n], np.nan, v) if n in own else v for n, v in run.signals.items()}
@@ -72,5 +83,7 @@ def _without(campaign: Campaign, masks: Mapping[str, Mapping[str, np.ndarray]]) 
         for name, mask in own.items():
             count = int(np.count_nonzero(mask))
             what = f"{count} sample{'s' if count > 1 else ''} with a residual far from that of the neighbours"
-            remarks.append(Remark(Severity.WARNING, run.file, 0, f"{name}: {what}; left out"))
-    return dataclasses.replace(campaign, runs=tuple(runs), remarks=(*campaign.remarks, *remarks))
+            remarks.append(left_out_remark(run, name, mask, what))
+            removed.append(removal_of(run, name, mask))
+    remarks, removed = (*campaign.remarks, *remarks), (*campaign.removed, *removed)
+    return dataclasses.replace(campaign, runs=tuple(runs), remarks=remarks, removed=removed)

@@ -3,7 +3,6 @@
 import numpy as np
 
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
-from edhas_jax.core.units import format_with_error
 from edhas_jax.diagnosis.calibration.figures import PRIOR_COLOUR
 from edhas_jax.diagnosis.search.result import Diagnosis
 
@@ -37,8 +36,7 @@ def draw_parameter_shifts(diagnosis: Diagnosis):
         axes.errorbar(before, row + ROW_OFFSET, xerr=Z_95 * before_std, fmt="o", mfc="white", ms=5,
                       color=CALIBRATED_COLOUR, capsize=2)  # fmt: skip
         axes.errorbar(x, row - ROW_OFFSET, xerr=Z_95 * std, fmt="o", ms=5, color=COLOURS[1], capsize=2)
-        value = format_with_error(final.values[u.name], final.standard_errors[u.name], u.unit)
-        names.append(f"{u.name.replace('_', ' ')}   {value}")
+        names.append(f"{u.name.replace('_', ' ')}   {final.text(u.name)}")
         half_range = max(half_range, abs(before) + Z_95 * before_std, abs(x) + Z_95 * std)
     axes.set_xlim(-1.1 * half_range, 1.1 * half_range)
     axes.set_yticks(rows, names, fontsize=9, color=INK)

@@ -8,7 +8,6 @@ from pathlib import Path
 from edhas_jax.core import html_page
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.optional_parts import OptionalParts
-from edhas_jax.core.units import format_with_error
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
@@ -26,10 +25,8 @@ from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_cu
 from edhas_jax.diagnosis.search.law_deviation import deviation_of
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
-from edhas_jax.machine.rig_base import Rig
 from edhas_jax.measurements.campaign import Use, count_runs
 from edhas_jax.measurements.checks.data_summary import data_sentences
-from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 MAX_LISTED_CANDIDATES = 14
 MIN_SHOWN_PROBABILITY = 5e-4  # smaller ones are shown as 0
@@ -263,12 +260,6 @@ def parameter_texts(candidate: Candidate, fitted: Fit) -> list[str]:
     """The parameters of a candidate in a fit as text, with standard errors and units."""
     own, machine = candidate.own_unknowns(fitted.problem.unknowns), fitted.problem.machine
     return [
-        f"{name.replace('_', ' ')} "
-        + format_with_error(fitted.values[u.name], fitted.standard_errors[u.name], _unit(candidate, u, machine))
+        f"{name.replace('_', ' ')} {fitted.text(u.name, candidate.unit(u, machine))}"
         for name, u in own.items()
     ]
-
-
-def _unit(candidate: Candidate, u: UnknownParameter, machine: Rig) -> str:
-    """The SI unit of an unknown; a sensor offset has the unit of its signal."""
-    return machine.signals[candidate.signal].unit if candidate.signal and u.name.endswith(".offset") else u.unit

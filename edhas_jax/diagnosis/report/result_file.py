@@ -12,7 +12,13 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json, values_of_runs_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.conclusions import Outcome, fit_of_parameters, model_with, outcome
+from edhas_jax.diagnosis.search.conclusions import (
+    explains_little,
+    fit_of_parameters,
+    is_in_final_model,
+    model_with,
+    what_is_left,
+)
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_of
 from edhas_jax.diagnosis.search.memory_term import TIMES
@@ -81,6 +87,8 @@ def as_json(
         "laws": [_law_data(member, diagnosis.laws) for member in diagnosis.members],
         "bench": _bench_data(diagnosis),
         "left_unexplained": diagnosis.unexplained_shares(),
+        "explains_little": explains_little(diagnosis),
+        "left": next(iter(what_is_left(diagnosis)), None),
         "groups": [[candidate.id for candidate in group] for group in diagnosis.confounded_groups()],
         "where": [{"slot": name, "probability": p} for name, p in diagnosis.location_probabilities().items()],
         "form": _form_data(diagnosis),
@@ -113,6 +121,7 @@ def _bench_data(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         {
             "kind": row.deviation.kind.value, "name": row.deviation.name or None, "run": row.run or None,
             "value": row.value * row.deviation.std, "std": row.std * row.deviation.std, "accuracy": row.deviation.std,
+            "possible": row.is_possible,
         }
         for row in diagnosis.bench_deviations()
     ]  # fmt: skip
@@ -128,7 +137,7 @@ def _candidate_data(
     sized = None if trial is None else fit_of_parameters(diagnosis, trial)
     return out | {
         "slot": candidate.location,
-        "accepted": outcome(diagnosis, candidate) is Outcome.ACCEPTED,
+        "accepted": is_in_final_model(diagnosis, candidate),
         "probability": probability,
         "parameters": {} if sized is None else _own_estimates(sized, candidate),
         "holdout_error": None if fitted is None else fitted.rms_over_noise(Use.HOLDOUT),
@@ -140,7 +149,10 @@ def _candidate_data(
 def _own_estimates(fit: Fit, candidate: Candidate) -> dict[str, Any]:
     """The fitted parameters of a candidate."""
     fitted = estimates_as_json(fit)
-    return {name: fitted[u.name] for name, u in candidate.own_unknowns(fit.problem.unknowns).items()}
+    return {
+        name: fitted[u.name] | {"unit": candidate.unit(u, fit.problem.machine)}
+        for name, u in candidate.own_unknowns(fit.problem.unknowns).items()
+    }
 
 
 def _form_data(diagnosis: Diagnosis) -> dict[str, Any] | None:

@@ -89,7 +89,7 @@ def take_back(
             tests.append(MemberTest(candidate, gain, left_out_gain, found))
             without_law_error.append(strength(gain, left, final.samples, scatter))
         least = least_strength(rounds[0].baseline)
-        removable = [k for k, test in enumerate(tests) if _margin(test, least) < 1.0]
+        removable = [k for k, test in enumerate(tests) if not is_kept(test, least)]
         if not removable:
             return TakenBack(_with_best_start(rounds, mounted, without), _with_laws(tests, final), tuple(rejected))
         weakest = removable[0]
@@ -185,6 +185,11 @@ def _needless_curve(
 def _margin(test: MemberTest, least: float) -> float:
     """The strength of a member over the least that keeps it, or that keeps the deviation of a law."""
     return test.strength / (least if _law_of(test.candidate) is None else MIN_MOUNTED_STRENGTH)
+
+
+def is_kept(test: MemberTest, least: float) -> bool:
+    """Whether a member, or the deviation of a law, is strong enough to stay; one of no finite strength is not."""
+    return _margin(test, least) >= 1.0
 
 
 def _removal_order(test: MemberTest, left_implausible: int, least: float) -> tuple[int, bool, float]:

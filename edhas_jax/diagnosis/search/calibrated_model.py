@@ -1,7 +1,6 @@
 """The calibrated model: its uncertain parameters fitted before any effect is added, and the time step for that."""
 
 import dataclasses
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -102,7 +101,7 @@ def _with_accurate_step(
     for _ in range(MAX_HALVINGS):
         model, steps = calibrated.fit.problem.model(), resolution.coarse
         error = step_error(model, calibrated.fit.x, steps)
-        if not MAX_COARSE_ERROR_OVER_NOISE * max(calibrated.residual_over_noise, 1.0) < error < math.inf:
+        if error <= MAX_COARSE_ERROR_OVER_NOISE * max(calibrated.residual_over_noise, 1.0):
             break
         report("checking the time step")
         finer = resolution._replace(coarse=2 * steps, fine=max(2 * steps, resolution.fine))
@@ -172,7 +171,7 @@ def _with_sufficient_step(
             again = fit_coarse(problem, settled.fit.x, finer.coarse, CHECK_STEPS)
         except FitError:
             break
-        if again.excess > (1.0 - STEP_SHARE) * settled.excess:
+        if not again.excess <= (1.0 - STEP_SHARE) * settled.excess:
             break
         settled, resolution = settle(again, finer, report), finer
     return settled, resolution

@@ -86,6 +86,18 @@ class Candidate:
         """The parameters that a fit has to estimate: those with a plausible range, and offsets."""
         return [p for p in structs.parameters(self.kind) if p.plausible is not None or p.name == "offset"]
 
+    def unit(self, unknown: UnknownParameter, machine: Rig) -> str:
+        """The SI unit of one of its unknowns; a sensor offset has the unit of its signal."""
+        return machine.signals[self.signal].unit if self.signal and unknown.name.endswith(".offset") else unknown.unit
+
+    def sizes(self) -> list[Parameter]:
+        """The parameters that vanish together where the effect is absent.
+
+        The first one, those that may be zero, and those that are at least the first one. The others are its shape.
+        """
+        own = self.free_parameters()
+        return [p for k, p in enumerate(own) if k == 0 or p.span[0] <= 0.0 or p.at_least == own[0].name]
+
     def mounted(self, machine: Rig, instruments: Instruments) -> tuple[Rig, Instruments]:
         """The machine, or the chain of its signal, with this candidate added, its parameters at their defaults."""
         if self.signal is None:
@@ -203,16 +215,18 @@ def build_problem(
 
 
 def with_candidate(known: FitProblem, accepted: Iterable[Candidate], candidate: Candidate) -> FitProblem:
-    """The fit problem of a model with one more candidate: same measurements, solver error and corrected time.
+    """The fit problem of a model with one more candidate: same measurements, unknowns, solver error, corrected time.
 
     Args:
         known: the fit problem of the model without it.
         accepted: candidates that this model has already.
         candidate: candidate to mount and fit in addition.
     """
-    return build_problem(
+    problem = build_problem(
         known.campaign, known.machine, known.instruments, accepted, candidate, known.solver_error, known.time_errors
     )
+    before = {u.name: u for u in known.unknowns}
+    return dataclasses.replace(problem, unknowns=tuple(before.get(u.name, u) for u in problem.unknowns))
 
 
 def with_candidates(known: FitProblem, candidates: Sequence[Candidate]) -> FitProblem:
@@ -234,6 +248,30 @@ def at_prior_means(unknowns: Iterable[UnknownParameter], accepted: Iterable[Cand
     """
     prefixes = tuple(candidate.prefix for candidate in accepted)
     return np.array([value if u.name.startswith(prefixes) else 0.0 for u, value in zip(unknowns, x, strict=True)])
+
+
+def from_absence(unknown: UnknownParameter, span: tuple[float, float], fades: bool) -> UnknownParameter:
+    """The size of an effect as an unknown that reaches the value without influence, zero or infinity.
+
+    A size on a logarithmic scale cannot: it ends at the prior bound. On the scale of this one the influence is about
+    linear, its prior is normal around absence, and the bound towards a strong effect stays where it was. A size whose
+    span holds both signs may pass through zero.
+
+    Args:
+        unknown: the size on a logarithmic scale, limited to the prior bound.
+        span: smallest and largest allowed value (SI).
+        fades: whether the effect fades as the size grows.
+    """
+    low, high = unknown.span
+    if fades:
+        return dataclasses.replace(
+            unknown, centre=math.inf, spread=1.0 / (PRIOR_BOUND * low), span=(low, span[1]),
+            scale=ParameterScale.RECIPROCAL,
+        )  # fmt: skip
+    span = max(span[0], -high), high
+    return dataclasses.replace(
+        unknown, centre=0.0, spread=high / PRIOR_BOUND, span=span, scale=ParameterScale.LINEAR
+    )  # fmt: skip
 
 
 def limit_to_prior_bound(unknown: UnknownParameter) -> UnknownParameter:

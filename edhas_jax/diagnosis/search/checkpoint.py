@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+import jax
 import numpy as np
 
 from edhas_jax.config.run_folder import write_json
@@ -54,6 +55,7 @@ class Checkpoint:
         self.restored, self.saved, self.earlier_seconds = 0, 0, 0.0
         self.failures: list[str] = []
         self._usable = folder is not None and stored_identity(folder) == self._identity
+        self._keeps = folder is not None
         self._began = time.perf_counter()
 
     def stage(
@@ -78,14 +80,15 @@ class Checkpoint:
             self._began = time.perf_counter()
             return value
         value = compute()
-        if self.folder is not None:
+        if self._keeps:
             encoder = StageEncoder()
             plain = {"value": encode(encoder, value), "seconds": self.seconds}
             try:
                 self._write(name, plain, encoder.arrays)
             except OSError as error:  # a full disk, for example, ends the keeping but not the diagnosis
-                self.failures.append(f"Finished rounds could not be kept: {error}.")
-                self.folder = None
+                reason = error.strerror or error
+                self.failures.append(f"Stage {name} and later ones of the search could not be kept: {reason}.")
+                self._keeps = False
         return value
 
     @property
@@ -157,7 +160,7 @@ def diagnosis_identity(
     for run in campaign.runs:
         tables = {"time": run.time, **run.signals}
         for drive, recorded in run.recordings.items():
-            tables[f"drive {drive}"] = np.append(np.asarray(recorded.values), [recorded.interval, recorded.start])
+            tables[f"drive {drive}"] = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(recorded)])
         for name, values in tables.items():
             samples.update(f"{run.name} {name} {len(values)} ".encode())
             samples.update(np.ascontiguousarray(values, "<f8").tobytes())

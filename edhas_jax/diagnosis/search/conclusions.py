@@ -3,11 +3,14 @@
 import enum
 import math
 
+import numpy as np
+
 from edhas_jax.core.units import format_quantity, format_with_error
 from edhas_jax.diagnosis.calibration.confounding import model_error_sentence, weak_combinations
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.laws.curve_onset import onset
+from edhas_jax.diagnosis.laws.curve_onset import is_smooth, onset
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
+from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
@@ -23,6 +26,10 @@ MIN_UNPREDICTABLE = 0.02  # of the noise of a signal: less of it is not named
 MIN_PROBABLE = 0.5  # of an effect that was removed from the model: one that is less probable is not named
 MIN_NAMED_SHARE = 1e-4  # of a signal's rms, left unexplained, below which the signal is not named
 
+MUCH_LEFT = 2.0  # residual over noise: from here on a model does not describe the measurements, and the answer says so
+MOST_LEFT = 0.5  # of the residual over noise before the search: an answer that leaves more explains little
+MOST_RUNS = 3  # that are named as those in which it is left
+
 CORRECTED = (
     "The residuals of fitted models are those after correction of the estimated deviations of the bench (triggers, "
     "settings, sensors), which `edhas compare` does not correct."
@@ -33,26 +40,31 @@ class Outcome(enum.Enum):
     """What the search has done with a candidate."""
 
     ACCEPTED = "accepted"  # it is in the final model
+    IMITATING = "imitates an unknown cause"  # it is in the final model, with implausible values
     REMOVED = "removed"  # it was accepted first, and the backward pass has removed it
     TRIED = "tried"  # it was fitted and not accepted
 
 
 def conclusions(diagnosis: Diagnosis) -> list[str]:
     """The result in sentences, the verdict first."""
-    use = "holdout" if diagnosis.campaign.runs_for(Use.HOLDOUT) else "fit"
-    errors = diagnosis.errors()
-    rms = [errors[state][use].get("overall", math.nan) for state in ("before", "calibrated", "after")]
-    runs = "held-out runs" if use == "holdout" else "the fitted runs (none is held out)"
+    use, rms = _judged(diagnosis)
+    runs = "held-out runs" if use is Use.HOLDOUT else "the fitted runs (none is held out)"
     runs = "the held-out part of the runs" if diagnosis.holdout_split else runs
-    out = []
+    left, out = what_is_left(diagnosis), []
     if diagnosis.verdict is Verdict.ADEQUATE:
-        out.append(_adequate_sentence(diagnosis))
+        out += [_adequate_sentence(diagnosis), *left]
     elif diagnosis.verdict is Verdict.UNKNOWN_EFFECT:
-        out += _unknown_effect_sentences(diagnosis, Use(use))
+        out += [*_unknown_effect_sentences(diagnosis, use, runs), *left]
     else:
         named = [t.candidate for t in diagnosis.named]
-        sizes = [f"{t.candidate.name} ({_parameters_text(diagnosis, t)})" for t in diagnosis.named]
-        out.append(f"{' and '.join(sizes)} {'is' if len(sizes) == 1 else 'are'} missing.")
+        sizes = " and ".join(f"{t.candidate.name} ({_parameters_text(diagnosis, t)})" for t in diagnosis.named)
+        one = len(named) == 1
+        if explains_little(diagnosis):
+            explain = "explains" if one else "explain"
+            out.append(f"The cause was not found: {sizes} {explain} more than all else that was tried, but little.")
+        else:
+            out.append(f"{sizes} {'is' if one else 'are'} missing.")
+        out += left
         out += [
             f"{t.candidate.name} improves the model too, but may stand in for several small causes."
             for t in diagnosis.accepted
@@ -76,10 +88,55 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
     return out + excessive_deviations(diagnosis) + uncertainty_sentences(diagnosis)
 
 
+def _judged(diagnosis: Diagnosis) -> tuple[Use, list[float]]:
+    """The runs by which a result is judged, and residual over noise there: as it was, calibrated, final model."""
+    use = Use.HOLDOUT if diagnosis.campaign.runs_for(Use.HOLDOUT) else Use.FIT
+    errors = diagnosis.errors()
+    return use, [errors[state][use.value].get("overall", math.nan) for state in ("before", "calibrated", "after")]
+
+
+def explains_little(diagnosis: Diagnosis) -> bool:
+    """Whether an answer that names something leaves most of the misfit."""
+    if diagnosis.verdict in (Verdict.ADEQUATE, Verdict.UNKNOWN_EFFECT):
+        return False
+    _, (_, calibrated, after) = _judged(diagnosis)
+    return not (after <= MUCH_LEFT or after <= MOST_LEFT * calibrated)
+
+
+def what_is_left(diagnosis: Diagnosis) -> list[str]:
+    """A sentence on what the final model leaves, and in which signal and runs; none where that is not much."""
+    use, (_, calibrated, after) = _judged(diagnosis)
+    if after <= MUCH_LEFT:
+        return []
+    squares: dict[str, dict[str, float]] = {}
+    for run in diagnosis.campaign.runs_for(use) or diagnosis.campaign.runs:
+        for signal, values in diagnosis.after.residuals[run.name].items():
+            squares.setdefault(signal, {})[run.name] = float(np.nansum(np.square(values)))
+    totals = {signal: sum(of_runs.values()) for signal, of_runs in squares.items()}
+    worst = max(totals, key=totals.__getitem__)
+    share = "most of it" if totals[worst] > 0.5 * sum(totals.values()) else "the largest part"
+    runs = sorted(squares[worst], key=lambda run: -squares[worst][run])[:MOST_RUNS]
+    of = f"{after:.3g} of {calibrated:.3g}" if diagnosis.accepted else f"{after:.3g}"
+    return [f"{of} times the noise is left, {share} in {worst.replace('_', ' ')} (first of all in {', '.join(runs)})."]
+
+
 def excessive_deviations(diagnosis: Diagnosis) -> list[str]:
-    """A sentence on each of the largest deviations of the bench that are larger than their accuracy allows."""
-    rows = zip(bench_rows(diagnosis), diagnosis.bench_deviations(), strict=True)
-    return [
+    """A sentence on each of the largest deviations of the bench that are larger than their accuracy allows.
+
+    One sentence says what no bench does at all.
+    """
+    deviations = diagnosis.bench_deviations()
+    rows = zip(bench_rows(diagnosis), (row for row in deviations if row.is_possible), strict=True)
+    names = [
+        f"{_deviation_name(row)} ({100.0 * row.value * row.deviation.std:+.2g} %)"
+        for row in deviations
+        if not row.is_possible
+    ]
+    impossible = [
+        f"Part of what the model leaves is taken up by corrections that no bench needs: {', '.join(names)}. They are "
+        "no deviations of the bench, but stand in for something that the model lacks."
+    ] if names else []  # fmt: skip
+    return impossible + [
         f"{what}{'' if run == 'all' else f' of {run}'}: {size}, more than {MAX_ACCURACIES:.0f} times its accuracy of "
         f"{accuracy}. Either the bench is less accurate than that (`accuracy:` of the campaign), or this stands in for "
         "something that the model lacks."
@@ -117,19 +174,27 @@ def _unpredictable_sentences(diagnosis: Diagnosis) -> list[str]:
 
 
 def bench_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:
-    """What the bench did: the clear deviations as texts of what, run, size with standard error, and accuracy."""
+    """What the bench did: the clear deviations as texts of what, run, size with standard error, and accuracy.
+
+    Those that no bench has are not among them.
+    """
     rows, signals = [], diagnosis.campaign.machine.signals
     for row in diagnosis.bench_deviations():
         deviation = row.deviation
+        if not row.is_possible:
+            continue
         unit = DEVIATION_UNITS.get(deviation.kind, "-")
         unit = signals[deviation.name].unit if deviation.kind is DeviationKind.OFFSET else unit
-        what = " ".join(part for part in (deviation.kind.value, deviation.name.replace("_", " ")) if part)
         size, error = row.value * deviation.std, row.std * deviation.std
         texts = format_with_error(size, error, unit), format_quantity(deviation.std, unit)
-        if unit == "-":
+        if unit == "-" and deviation.kind is not DeviationKind.OFFSET:
             texts = f"{100.0 * size:+.2g} ± {100.0 * error:.1g} %", f"{100.0 * deviation.std:.2g} %"
-        rows.append((what, row.run or "all", *texts))
+        rows.append((_deviation_name(row), row.run or "all", *texts))
     return rows
+
+
+def _deviation_name(row: EstimatedDeviation) -> str:
+    return " ".join(part for part in (row.deviation.kind.value, row.deviation.name.replace("_", " ")) if part)
 
 
 def _adequate_sentence(diagnosis: Diagnosis) -> str:
@@ -169,7 +234,7 @@ def _onset_sentence(trial: Trial) -> str | None:
         return None
     table, place = trial.candidate.table(trial.evaluated.fit), trial.candidate.place
     level = onset(table.nodes, table.values)
-    if level is None:
+    if level is None or not is_smooth(table.values):
         return None
     name, place_name = (text.replace("_", " ") for text in (place.variable, place.slot))
     shown = format_quantity(float(f"{level:.2g}"), place.variable_unit)
@@ -177,15 +242,26 @@ def _onset_sentence(trial: Trial) -> str | None:
     return f"{what}: hardly anything acts below it, more and more above."
 
 
-def _unknown_effect_sentences(diagnosis: Diagnosis, use: Use) -> list[str]:
+def _rough_sentence(trial: Trial) -> str | None:
+    """That a free curve is no law because it is not smooth; None where it is smooth."""
+    if not isinstance(trial.candidate, CurveCandidate) or is_smooth(trial.candidate.table(trial.evaluated.fit).values):
+        return None
+    return (
+        "This curve is no law of one cause: it is not smooth, its values at neighbouring points differ as much as at "
+        "distant ones."
+    )
+
+
+def _unknown_effect_sentences(diagnosis: Diagnosis, use: Use, runs: str) -> list[str]:
     """Where an unknown effect acts, the best free curve there, and accepted candidates at their prior bound."""
     component = next(iter(diagnosis.location_probabilities()), "the machine").replace("_", " ")
     out = [f"Something is missing that no effect of the library explains; most likely it acts on {component}."]
     if (best := diagnosis.best_free_trial) is not None:
         out.append(
-            f"What explains most of it is {best.candidate.text}; residual over noise then "
+            f"What explains most of it is {best.candidate.text}; with it, residual over noise on {runs} is "
             f"{best.evaluated.rms_over_noise(use):.2f}."
         )
+        out += [] if (rough := _rough_sentence(best)) is None else [rough]
         if diagnosis.campaign.machine.is_own:
             out += [sentence for trial in diagnosis.free_trials if (sentence := _onset_sentence(trial)) is not None]
     for member in diagnosis.members:
@@ -198,7 +274,7 @@ def _unknown_effect_sentences(diagnosis: Diagnosis, use: Use) -> list[str]:
 
 def model_with(diagnosis: Diagnosis, trial: Trial) -> EvaluatedFit | None:
     """The final model if it contains the candidate of a trial, else the model of the trial; None if that has failed."""
-    return diagnosis.after if outcome(diagnosis, trial.candidate) is Outcome.ACCEPTED else trial.evaluated
+    return diagnosis.after if is_in_final_model(diagnosis, trial.candidate) else trial.evaluated
 
 
 def fit_of_parameters(diagnosis: Diagnosis, trial: Trial) -> Fit | None:
@@ -220,10 +296,17 @@ def _model_without_curve(diagnosis: Diagnosis, trial: Trial) -> EvaluatedFit | N
     return None if curve.id in [e.id for e in trial.evaluated.fit.machine.effects] else trial.evaluated
 
 
+def is_in_final_model(diagnosis: Diagnosis, candidate: Candidate) -> bool:
+    """Whether the final model contains a candidate."""
+    return candidate in [t.candidate for t in diagnosis.accepted]
+
+
 def outcome(diagnosis: Diagnosis, candidate: Candidate) -> Outcome:
     """What the search has done with a candidate that it has fitted."""
-    if candidate in [t.candidate for t in diagnosis.accepted]:
-        return Outcome.ACCEPTED
+    if is_in_final_model(diagnosis, candidate):
+        implausible = {m.candidate for m in diagnosis.members if m.implausible}
+        imitates = diagnosis.verdict is Verdict.UNKNOWN_EFFECT and candidate in implausible
+        return Outcome.IMITATING if imitates else Outcome.ACCEPTED
     return Outcome.REMOVED if candidate in [test.candidate for _, test in diagnosis.rejected] else Outcome.TRIED
 
 
@@ -241,9 +324,6 @@ def _removed_sentences(diagnosis: Diagnosis) -> list[str]:
 
 def _parameters_text(diagnosis: Diagnosis, accepted: Trial) -> str:
     """The stated parameters of an accepted candidate, with their standard errors."""
-    fit = fit_of_parameters(diagnosis, accepted)
-    own = accepted.candidate.own_unknowns(fit.problem.unknowns)
-    return ", ".join(
-        f"{name} {format_with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit)}"
-        for name, u in own.items()
-    )
+    fit, candidate = fit_of_parameters(diagnosis, accepted), accepted.candidate
+    own = candidate.own_unknowns(fit.problem.unknowns)
+    return ", ".join(f"{n} {fit.text(u.name, candidate.unit(u, fit.problem.machine))}" for n, u in own.items())

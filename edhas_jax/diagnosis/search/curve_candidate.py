@@ -59,7 +59,8 @@ class CurveCandidate(FreeTerm):
             fit: a fit with the curve.
             origin: where it comes from, for a file.
         """
-        values, errors = ([of[name] for name in self.value_names] for of in (fit.values, fit.standard_errors))
+        all_errors = {u.name: u.spread * std for u, std in zip(fit.problem.unknowns, fit.std, strict=True)}
+        values, errors = ([of[name] for name in self.value_names] for of in (fit.values, all_errors))
         return LawTable(self.id, self.place, np.array(self.nodes), np.array(values), np.array(errors), origin)
 
 

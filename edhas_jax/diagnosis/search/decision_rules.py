@@ -93,13 +93,13 @@ def is_promising(trial: Trial, samples: int, law_error: float = 0.0) -> bool:
         samples: number of samples.
         law_error: what laws that are known as curves only, or an imperfect fit, may leave [nats].
     """
-    if trial.evaluated is None or trial.gain_beyond_laws < MIN_GAIN:
+    if trial.evaluated is None or not MIN_GAIN <= trial.gain_beyond_laws < math.inf:
         return False
     # the library's law may predict badly what the mechanism with another law would predict well
     law_differs = trial.own_law_gain > DIFFERING_LAW * trial.gain_beyond_laws
     if not trial.left_out_gain > 0.0 and not law_differs:
         return False
-    return strength(trial.own_law_gain, trial.own_law_excess, samples, law_error) > PROMISING_RATIO
+    return PROMISING_RATIO < strength(trial.own_law_gain, trial.own_law_excess, samples, law_error) < math.inf
 
 
 def least_predicted_gain(

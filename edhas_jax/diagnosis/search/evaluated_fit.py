@@ -152,7 +152,7 @@ def fit_coarse(
     found, model = _search(problem, starts, steps_per_sample, max_steps, keep_on, may_update)
     best = int(np.argmin(found.model.cost))
     x, cost = found.x[best], float(found.model.cost[best])
-    if not np.isfinite(cost):
+    if not (np.isfinite(cost) and np.isfinite(found.model.curvature[best]).all()):
         raise FitError(MODEL_FAILS)
     outcomes = model.outcomes_at(best, x)
     if outcomes is None:
@@ -170,7 +170,7 @@ def _fit_by_ensemble(
 ) -> EvaluatedFit:
     """As `fit_coarse`, for a model whose signals depend irregularly on its unknowns."""
     end = minimise_by_ensemble(problem, starts, steps_per_sample, ENSEMBLE_STEPS * max_steps, keep_on)
-    if end is None or not np.isfinite(end.model.cost[0]):
+    if end is None or not all(np.isfinite(part).all() for part in (end.model.cost, end.model.curvature)):
         raise FitError(MODEL_FAILS)
     fitted = Fit(
         problem, end.x, end.x, regularised_inverse(end.model.curvature[0]), float(end.model.cost[0]), end.outcomes,

@@ -40,6 +40,7 @@ from edhas_jax.diagnosis.workers import Workers, own_classes
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.checks.noise_measurement import without_refuted_noise
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution
 
@@ -65,10 +66,11 @@ class _Search:
     checkpoint: Checkpoint
     report: Report
     workers: Workers | None
+    prefix: str = ""  # of the names of the stages
 
     def stage(self, name: str, compute: Callable, encode: Callable, decode: Callable) -> Any:
         """The value of a stage from the checkpoint, or computed."""
-        return self.checkpoint.stage(name, self.campaign, self.more, compute, encode, decode)
+        return self.checkpoint.stage(f"{self.prefix}{name}", self.campaign, self.more, compute, encode, decode)
 
     def round(self, name: str, mounted: Sequence[Candidate], compute: Callable[[], RoundEnd]) -> RoundEnd:
         """A round after those that mounted some candidates, from the checkpoint, or computed."""
@@ -121,6 +123,26 @@ def diagnose(
     own = own_classes([*more, campaign.machine, *campaign.machine.replaceable_parts()])
     workers = None if executor is None else Workers(executor, own)
     search = _Search(campaign, library, more, checkpoint, report, workers)
+    found = _search_once(search, holdout_sentence)
+    quieter = _with_noise_of_fit(campaign, found.after)
+    if quieter is campaign:
+        return found
+    report("once more, with the noise that the fit leaves")
+    return _search_once(dataclasses.replace(search, campaign=quieter, prefix="quieter_"), holdout_sentence)
+
+
+def _with_noise_of_fit(campaign: Campaign, final: EvaluatedFit) -> Campaign:
+    """The campaign with the noise that the final model leaves, where that is less; see `without_refuted_noise`."""
+    fit, bench = final.fit, final.fit.problem.bench
+    if fit.problem.campaign.unpredictable:  # which is part of the noise that counts there
+        return campaign
+    fitted = {run.name: final.residuals[run.name] for run in fit.problem.model().runs}
+    return without_refuted_noise(campaign, fitted, len(fit.x) + bench.count + len(fitted) * len(bench.of_runs))
+
+
+def _search_once(search: _Search, holdout_sentence: str) -> Diagnosis:
+    """The diagnosis of a campaign with the noise that it has."""
+    campaign, more, report, workers = search.campaign, search.more, search.report, search.workers
     calibrated, resolution = search.stage(
         "calibration", lambda: calibrate(campaign, report), StageEncoder.start, StageDecoder.start
     )
@@ -166,7 +188,7 @@ def diagnose(
     before = campaign_residuals(campaign, campaign.machine, Instruments(), resolution.fine)
     report("what the error bars take for granted")
     assumed = tuple(assumed_parameters(after.fit, report))
-    seconds = checkpoint.seconds
+    seconds = search.checkpoint.seconds
     return Diagnosis(
         campaign, tuple(rounds), before, rounds[0].baseline, after, seconds, tuple(kept.members), shares, tuple(free),
         left, free_gain, holdout_sentence, assumed, kept.rejected,
@@ -226,7 +248,8 @@ def _select_again(
 ) -> list[Round]:
     """A search that begins with another round; empty where that one leaves more than the first of the known search."""
     end = search.round("again_1", [], lambda: _finish_round(search, forward[0].baseline, [], resolution, first, other))
-    if end.baseline is None or _left_after(end.round, end.baseline) > _left_after(forward[0], forward[1].baseline):
+    known = _left_after(forward[0], forward[1].baseline)
+    if end.baseline is None or not _left_after(end.round, end.baseline) <= known:
         return []
     search.report(f"found: {other.accepted.candidate.name}")
     return _select_forward(search, end.baseline, resolution, first, [end.round], "again")

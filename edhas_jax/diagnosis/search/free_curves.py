@@ -65,6 +65,8 @@ def score_free_curves(test: ScoreTest, fit: Fit, report: Report) -> list[Score]:
     """
     report("looking where curves act")
     places = _distinct_places(fit.machine)
+    if not places:  # a rig of one's own may have no slot
+        return []
     samples = samples_at_slots(fit, places)
     curves = [curve for place in places if (curve := free_curve(fit, place, samples[place.slot])) is not None]
     scores = []
@@ -98,11 +100,11 @@ def add_curves_in_turn(
     while len(trials) < most:
         scores = score_free_curves(ScoreTest(evaluated.fit, mounted), evaluated.fit, report)
         # far from the noise a linear prediction is far too small, so that it decides only where it is tiny
-        if not scores or scores[0].predicted_gain < MIN_GAIN:
+        if not scores or not scores[0].predicted_gain >= MIN_GAIN:
             break
         report(f"fitting {scores[0].candidate.text}")
         trial = try_candidate(evaluated, mounted, scores[0], resolution, FIT_STEPS)
-        if trial.evaluated is None or trial.log_evidence_gain < max(MIN_GAIN, MIN_LEFT_SHARE * evaluated.excess):
+        if trial.evaluated is None or not trial.log_evidence_gain >= max(MIN_GAIN, MIN_LEFT_SHARE * evaluated.excess):
             break
         trials.append(trial)
         mounted.append(trial.candidate)

@@ -43,7 +43,7 @@ def free_law(
     after = {factor: evaluated.excess_with(_scaled(columns, factor)) for factor in SPREADS}
     cost = deviation_cost(columns)
     factor = min(SPREADS, key=lambda f: after[f] + len(deviation.nodes) * math.log(f))
-    if strength(evaluated.excess - after[factor] - cost, after[factor], evaluated.samples) <= MIN_MOUNTED_STRENGTH:
+    if not strength(evaluated.excess - after[factor] - cost, after[factor], evaluated.samples) > MIN_MOUNTED_STRENGTH:
         return unchanged
     deviation = dataclasses.replace(deviation, spread=factor * deviation.spread)
     report(f"{candidate.name}: fitting its law as a curve")

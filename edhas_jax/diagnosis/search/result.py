@@ -11,6 +11,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.confounding import AssumedParameter
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
 from edhas_jax.diagnosis.likelihood.time_correction import with_time_errors
 from edhas_jax.diagnosis.search.answer import FURTHER_REAL, NOTHING, UNKNOWN, Answer, Evidence, Rivals, answer_from
@@ -18,6 +19,7 @@ from edhas_jax.diagnosis.search.calibrated_model import misfit
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.decision_rules import remaining
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.holdout_split import FITTED_NAME, HELD_OUT_NAME
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.localisation import location_probabilities
 from edhas_jax.diagnosis.search.screening import Score
@@ -181,9 +183,12 @@ class Diagnosis:
         return Verdict.AMBIGUOUS if self.confounded_groups() else Verdict.MISSING_EFFECT
 
     def bench_deviations(self) -> list[EstimatedDeviation]:
-        """The deviations of the bench that the runs show clearly, the largest in units of its accuracy first."""
+        """The deviations of the bench that the runs show clearly, the largest in units of its accuracy first.
+
+        Each has one row: the parts of a filter add up, and what the parts of a divided record show is averaged.
+        """
         found = []
-        for row in with_time_errors(self.after.fit.problem, self.after.bench):
+        for row in _of_records(with_time_errors(self.after.fit.problem, self.after.bench)):
             if abs(row.value) > SHOWN_SIGMAS * row.std and abs(row.value) > MIN_SHOWN_DEVIATION:
                 found.append(row)
         return sorted(found, key=lambda row: -abs(row.value))
@@ -294,3 +299,22 @@ class Diagnosis:
         return {
             state: {use.value: rms_by_signal(self.campaign, rows, use) for use in Use} for state, rows in states.items()
         }
+
+
+def _of_records(rows: list[EstimatedDeviation]) -> list[EstimatedDeviation]:
+    """The deviations with one row for each filter, and one for both parts of a record that was divided."""
+    together: dict[tuple, list[EstimatedDeviation]] = {}
+    for row in rows:
+        record = row.run.removesuffix(FITTED_NAME).removesuffix(HELD_OUT_NAME)
+        together.setdefault((row.deviation.kind, row.deviation.name, record), []).append(row)
+    found = []
+    for (kind, _, record), same in together.items():
+        values, stds = np.array([row.value for row in same]), np.array([row.std for row in same])
+        value, std = values.sum(), np.sqrt(np.sum(stds**2))
+        if kind is not DeviationKind.FILTER:
+            weights = 1.0 / np.maximum(stds, np.finfo(float).tiny) ** 2
+            value = np.average(values, weights=weights)
+            # parts that differ by more than their errors do not determine it any better than that
+            std = max(1.0 / np.sqrt(weights.sum()), np.sqrt(np.average((values - value) ** 2, weights=weights)))
+        found.append(same[0]._replace(run=record, value=float(value), std=float(std)))
+    return found

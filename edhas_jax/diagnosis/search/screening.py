@@ -25,7 +25,7 @@ from edhas_jax.diagnosis.calibration.least_squares import OVERFLOW_LIMIT
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.diagnosis.likelihood.run_equations import run_columns
 from edhas_jax.diagnosis.likelihood.whitening import whiten
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, screening_grid
+from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid, with_candidate
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
@@ -226,8 +226,7 @@ class ScoreTest:
     def _with_effect(self, candidate: Candidate, points: np.ndarray) -> Iterator[list[dict[str, np.ndarray]]]:
         """The signals of every run with an effect added, all other unknowns at their fitted values."""
         fitted = self._fit.problem
-        problem = build_problem(self._campaign, fitted.machine, fitted.instruments, self._accepted, candidate)
-        problem = dataclasses.replace(problem, runs=fitted.runs)
+        problem = dataclasses.replace(with_candidate(fitted, self._accepted, candidate), runs=fitted.runs)
         estimates = {u.name: u.value(x) for u, x in zip(fitted.unknowns, self._fit.x, strict=True)}
         x = [u.coordinate(estimates[u.name]) if u.name in estimates else 0.0 for u in problem.unknowns]
         run_indices = tuple(range(len(self._model.runs)))

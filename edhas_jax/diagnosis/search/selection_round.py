@@ -273,14 +273,14 @@ def with_own_law(
     """The trial with what it leaves if its own law may deviate from that of the library."""
     found = trial.evaluated
     left = found is not None and remaining(trial.remaining_excess, found.samples)
-    if not left or trial.gain_beyond_laws < MIN_GAIN:
+    if not left or not trial.gain_beyond_laws >= MIN_GAIN:
         return trial
     columns = law_deviation_columns(found.fit, [*accepted, trial.candidate])
     after = found.excess_with(columns)
     gain = (
         trial.gain_beyond_laws + trial.remaining_excess - after - deviation_cost(columns) + deviation_cost(deviations)
     )
-    if gain < trial.gain_beyond_laws:
+    if not gain >= trial.gain_beyond_laws:
         return trial
     return dataclasses.replace(trial, own_law_excess=after, own_law_gain=gain)
 

@@ -64,7 +64,7 @@ def settle(evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable
             break
         report("correcting the time of the records")
         corrected = _corrected(found, errors, resolution)
-        if corrected is None or corrected.excess > (1.0 - share) * found.excess:
+        if corrected is None or not corrected.excess <= (1.0 - share) * found.excess:
             break
         found = corrected
     return found

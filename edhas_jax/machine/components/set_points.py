@@ -6,7 +6,10 @@
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.core.structs import par, struct
+from edhas_jax.core.structs import par, replace, struct
+
+ROUNDING = 4.0  # relative rounding errors of a time n·h and of the time of a step, up to which both count as equal
+MOST_INNER_STEPS = 4  # within one interval; each adds a comparison to the code of a time loop
 
 
 @struct
@@ -30,14 +33,15 @@ class Sine:
 
 @struct
 class Step:
-    """A step from 0 to `step_size` at `step_time`; its rate is taken as 0."""
+    """A step by `step_size` at `step_time`, from `step_from`; its rate is taken as 0."""
 
     step_size: float = par(1e-3, "m", (-10.0, 10.0), "height of the step")
     step_time: float = par(0.0, "s", (0.0, 1e4), "time of the step")
+    step_from: float = par(0.0, "m", (-10.0, 10.0), "value before the step")
 
     def value_and_rate(self, t):
         """Value and rate at time t [s]."""
-        value = jnp.where(t >= self.step_time, self.step_size, 0.0)
+        value = self.step_from + jnp.where(t >= self.step_time, self.step_size, 0.0)
         return value, jnp.zeros_like(value)
 
 
@@ -61,21 +65,59 @@ class Chirp:
 
 
 @struct
+class Steps:
+    """A signal that is constant between its steps.
+
+    Attributes:
+        times: of the steps [s], increasing, (n,), n ≥ 1; a step has taken place at its time.
+        levels: before the first step and after each, (n + 1,), SI.
+    """
+
+    times: object
+    levels: object
+
+    def level(self, t):
+        """The signal at time t [s]."""
+        t = jnp.asarray(t)
+        rounding = ROUNDING * jnp.finfo(jnp.result_type(t, float)).eps
+        return self.levels[jnp.searchsorted(self.times, t + rounding * jnp.abs(t), side="right")]
+
+
+@struct
 class Recorded:
     """A recorded signal replayed: cubic Hermite interpolation of samples at equal steps, held after the last.
 
     Attributes:
-        values: the samples, (n,), n ≥ 2, SI.
+        values: the samples, (n,), n ≥ 2, SI; without the `steps`, which are added.
         interval: time between two samples [s].
         start: time of the first sample [s], before which it is held.
+        steps: the steps of the signal; None where it has none.
     """
 
     values: object
     interval: object
     start: object = 0.0
+    steps: Steps | None = None
+
+    @classmethod
+    def held(cls, time: np.ndarray, values: np.ndarray) -> "Recorded":
+        """Samples (n,) at the increasing times (n,) [s], each held until the next, as a computer gives set points."""
+        time, values = np.asarray(time, float), np.asarray(values, float)
+        changes, flat, steps = np.flatnonzero(np.diff(values)) + 1, values[[0, 0]], None
+        if len(changes):
+            flat, steps = np.zeros(2), Steps(times=time[changes], levels=values[[0, *changes]])
+        return cls(values=flat, interval=float(np.median(np.diff(time))), start=float(time[0]), steps=steps)
+
+    def sampled(self, time: np.ndarray) -> np.ndarray:
+        """The signal at times (n,) [s], without tracing and straight between the samples."""
+        index = (time - float(self.start)) / float(self.interval)
+        values = np.interp(index, np.arange(len(self.values)), np.asarray(self.values, float))
+        if self.steps is None:
+            return values
+        return values + np.asarray(self.steps.levels)[np.searchsorted(self.steps.times, time, side="right")]
 
     def value_and_rate(self, t):
-        """Value and rate at time t [s]."""
+        """Value and rate at time t [s]; the rate is that between the steps."""
         last = len(self.values) - 1
         position = jnp.clip((t - self.start) / self.interval, 0.0, float(last))
         inside = (t >= self.start) & (t <= self.start + float(last) * self.interval)
@@ -88,15 +130,16 @@ class Recorded:
         c2, c3 = 3.0 * rise - 2.0 * left_slope - right_slope, left_slope + right_slope - 2.0 * rise
         value = left + u * (left_slope + u * (c2 + u * c3))
         rate = (left_slope + u * (2.0 * c2 + 3.0 * u * c3)) / self.interval
-        return value, jnp.where(inside, rate, 0.0)
+        return value if self.steps is None else value + self.steps.level(t), jnp.where(inside, rate, 0.0)
 
 
 @struct
 class RecordedInterval:
-    """One interval of a `Recorded` signal, from sample number `index` to the next, as a cubic.
+    """One interval of a time loop, which lies within interval number `index` of a `Recorded` signal, as a cubic.
 
     A time loop whose steps lie within the intervals of the recording needs only the present interval and no table.
-    With u = t/`interval` − `index`, the signal is `value` + `slope` u + `quadratic` u² + `cubic` u³.
+    With u = t/`interval` − `index`, the signal is `value` + `slope` u + `quadratic` u² + `cubic` u³; to that come the
+    `steps` within the interval, pairs of time [s] and height.
     """
 
     interval: object
@@ -105,26 +148,57 @@ class RecordedInterval:
     slope: object
     quadratic: object
     cubic: object
+    steps: tuple = ()
 
     @classmethod
-    def split(cls, recorded: Recorded, count: int) -> "RecordedInterval":
-        """The first `count` intervals of a recording that starts at 0; every leaf (count,), `interval` a number."""
-        values = np.asarray(recorded.values, float)
-        values = values[np.minimum(np.arange(-1, count + 2).clip(0), len(values) - 1)]  # held after the last sample
-        before, left, right, after = values[:-3], values[1:-2], values[2:-1], values[3:]
-        k, last, rise = np.arange(count), len(recorded.values) - 1, right - left
+    def split(cls, recorded: Recorded, interval: float, count: int) -> "RecordedInterval | None":
+        """The first `count` intervals of a time loop in a recording.
+
+        Args:
+            recorded: the recording.
+            interval: of the time loop [s].
+            count: the number of intervals.
+
+        Returns:
+            Every leaf (count,), `interval` of the recording a number; None where the recording does not start at 0, an
+            interval of the loop lies in several of the recording, or holds more than `MOST_INNER_STEPS`.
+        """
+        values, number = np.asarray(recorded.values, float), np.arange(count)
+        if not np.ptp(values):  # flat between its steps, it suits any interval
+            recorded = replace(recorded, interval=interval, start=0.0)
+        parts = round(float(recorded.interval) / interval)
+        if float(recorded.start) != 0.0 or abs(float(recorded.interval) - parts * interval) > 1e-9 * parts * interval:
+            return None
+        k, last = number // max(parts, 1), len(values) - 1
+        before, left, right, after = (values[np.clip(k + j, 0, last)] for j in (-1, 0, 1, 2))
+        rise = right - left
         left_slope = np.where(k > 0, 0.5 * (right - before), rise)
         right_slope = np.where(k < last - 1, 0.5 * (after - left), rise)
         left_slope, right_slope = (np.where(k < last, slope, 0.0) for slope in (left_slope, right_slope))
+        inner: tuple = ()
+        if recorded.steps is not None:
+            times, levels = (np.asarray(part, float) for part in (recorded.steps.times, recorded.steps.levels))
+            at, whole = times / interval, np.round(times / interval)
+            at = np.where(np.abs(at - whole) <= 1e-9 * np.maximum(np.abs(whole), 1.0), whole, at)
+            first, end = np.searchsorted(at, number, side="right"), np.searchsorted(at, number + 1.0, side="left")
+            most = int((end - first).max(initial=0))
+            if most > MOST_INNER_STEPS:
+                return None
+            times, heights = np.append(times, np.inf), np.append(np.diff(levels), 0.0)
+            rows = (np.where(first + j < end, first + j, len(at)) for j in range(most))
+            left, inner = left + levels[first], tuple((times[row], heights[row]) for row in rows)
         return cls(
             interval=float(recorded.interval), index=k.astype(float), value=left, slope=left_slope,
             quadratic=3.0 * rise - 2.0 * left_slope - right_slope, cubic=left_slope + right_slope - 2.0 * rise,
+            steps=inner,
         )  # fmt: skip
 
     def value_and_rate(self, t):
         """Value and rate at time t [s] within the interval."""
         u = t / self.interval - self.index
         value = self.value + u * (self.slope + u * (self.quadratic + u * self.cubic))
+        for time, height in self.steps:
+            value = value + jnp.where(t >= time, height, 0.0)
         return value, (self.slope + u * (2.0 * self.quadratic + 3.0 * u * self.cubic)) / self.interval
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.regular_file import read_regular_file
-from edhas_jax.core.source_location import display_path, error_line, first_line
+from edhas_jax.core.source_location import display_path, error_line, first_line, reraise_interrupt
 from edhas_jax.core.trusted_code import MAX_CODE_BYTES, Trust, TrustedCode, content_hash, untrusted_sentence
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.effects.base import Effect, EffectError
@@ -154,11 +154,12 @@ def _run_file(path: str, content: bytes, module_name: str) -> types.ModuleType:
     sys.modules[module.__name__] = module  # dataclasses look up the module of a class there
     try:
         exec(code, module.__dict__)
-    except (Exception, SystemExit) as error:
+    except BaseException as error:  # also what ends a program, such as sys.exit
         del sys.modules[module.__name__]
+        reraise_interrupt(error)
         is_own_error = isinstance(error, EffectError | ControllerError)
         what = "" if is_own_error else f"{type(error).__name__} while the file is read: "
-        raise EffectError(f"{shown}:{error_line(error, path) or 1}: {what}{first_line(error)}") from error
+        raise EffectError(f"{shown}:{error_line(error, path) or 1}: {what}{first_line(error)}".rstrip(": ")) from error
     return module
 
 
@@ -178,7 +179,8 @@ def _load_module(
         )
     try:
         return importlib.import_module(source), source
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
+        reraise_interrupt(error)
         if isinstance(error, ModuleNotFoundError) and error.name and (source + ".").startswith(error.name + "."):
             raise EffectError(f"no module `{source}`{hint}") from None
         frames = [f for f in traceback.extract_tb(error.__traceback__) if "importlib" not in f.filename]

@@ -8,16 +8,19 @@ import difflib
 import inspect
 import math
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from edhas_jax.compiler.derivative_graph import defer_partials, linearize
+from edhas_jax.compiler.sparse_elimination import jacobian
 from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
-from edhas_jax.core.source_location import first_line, locate
+from edhas_jax.core.source_location import display_path, first_line, locate, reraise_interrupt
 from edhas_jax.machine.effects.base import Effect, EffectError
 from edhas_jax.machine.interface.signals import SIGNALS, UnknownNameError
 from edhas_jax.machine.interface.slots import SLOTS
@@ -95,10 +98,85 @@ def check_effect(effect: Effect, machine: Any, precision: str = "float64") -> No
     try:
         dtype = np.dtype(precision)
         runtime.eval_shape(_dry_run, jax.tree.map(lambda leaf: np.asarray(leaf, dtype), trial), dtype.type(0.0))
+        check_derivatives(trial)
     except EffectError:
         raise
     except Exception as error:
         raise EffectError(f"{locate(cls)}: {type(error).__name__}: {first_line(error)}") from error
+
+
+def check_derivatives(machine: Any) -> None:
+    """Check that what the user's code gives has finite derivatives by the states at rest, as a time step needs them.
+
+    Args:
+        machine: the machine as it is configured; the package's own equations are not checked.
+
+    Raises:
+        EffectError: where, of what and with respect to which state a derivative is not finite.
+    """
+    package, controller = __name__.partition(".")[0], getattr(machine, "controller", None)
+    effects, controllers = (
+        [part for part in parts if part is not None and type(part).__module__.partition(".")[0] != package]
+        for parts in (machine.effects, (controller,))
+    )
+    if not (machine.is_own or effects or controllers):
+        return
+    places, h = {}, machine.time_step
+
+    def values(y):
+        s, rates = machine.evaluate(y, 0.5 * h, h, start, defer_partials)
+        terms = [term for effect in effects for term in _terms_of(effect, s, rates)]
+        for cls in map(type, controllers):
+            terms += [("the command", locate(cls, "command"), s.voltage)]
+            terms += [(f"the rate of {n}", locate(cls, "rates"), rates[n]) for n in controller.initial()]
+        if machine.is_own:
+            where = locate(type(machine), "equations")
+            terms += [(f"the rate of {n}", where, rates[n]) for n in machine.states]
+        places.update({name: where for name, where, _ in terms})
+        return {name: value for name, _, value in terms}
+
+    def everything(y):
+        s, rates = machine.evaluate(y, 0.5 * h, h, y)
+        return {n: v for n, v in s.values().items() if hasattr(v, "dtype")} | rates
+
+    with runtime.double_precision():
+        start = {n: jnp.asarray(value, float) for n, value in machine.initial_state().items()}
+        _check_callbacks(jax.make_jaxpr(everything)(start).jaxpr)
+        slopes = jacobian(linearize(values, start))
+    for name, where in places.items():
+        for state, slope in slopes[name].items():
+            if not math.isfinite(slope):
+                raise EffectError(f"{where}: the derivative of {name} with respect to {state} at rest is not "
+                                  "finite (√|x| has an infinite slope at 0); use a law with a finite slope there, such "
+                                  "as x/(x² + ε²)^¼ for √|x|")  # fmt: skip
+
+
+def _check_callbacks(jaxpr) -> None:
+    """Nothing in a traced function calls Python while it runs, as `jax.debug.print` and `jax.pure_callback` do.
+
+    Raises:
+        EffectError: what does, with the line from which it is called.
+    """
+    for eqn in jaxpr.eqns:
+        if "callback" in eqn.primitive.name or eqn.primitive.name == "debug_print":
+            frames = eqn.source_info.traceback.frames
+            library = str(Path(jax.__file__).parent)
+            at = next(f for f in frames if not f.file_name.startswith(library))
+            raise EffectError(f"{display_path(Path(at.file_name))}:{at.line_num}: {eqn.primitive.name} calls Python in "
+                              "every time step, which machine code cannot; write it with jax.numpy")  # fmt: skip
+        for value in jax.tree.leaves(list(eqn.params.values())):
+            if hasattr(inner := getattr(value, "jaxpr", value), "eqns"):
+                _check_callbacks(inner)
+
+
+def _terms_of(effect: Effect, s: Any, rates: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
+    """What an effect adds to the equations: name for a message, location, value."""
+    cls = type(effect)
+    for slot in cls.slots:
+        if effect.id in s.record.contributions.get(slot.name, {}):
+            yield slot.name, locate(cls, slot.name), s.effect_contributions(slot.name)[effect.id]
+    for name in cls.states:
+        yield f"the rate of {effect.id}.{name}", locate(cls, "rates"), rates[f"{effect.id}.{name}"]
 
 
 def _dry_run(machine, zero):
@@ -125,7 +203,8 @@ def _checked(effect: Effect, method: str, machine: Any, dtype: Any) -> Callable:
             value = inner(s, z)
         except EffectError:
             raise
-        except Exception as error:
+        except BaseException as error:  # also what ends a program, such as sys.exit
+            reraise_interrupt(error)
             raise EffectError(f"{locate(cls, method, error)}: {_reason(error, cls, machine)}") from error
         where = locate(cls, method)
         if method != "rates":
@@ -165,7 +244,7 @@ def check_number(where: str, value: Any, expected: str, dtype: Any) -> None:
         raise EffectError(f"{where}: {_PRECISION_HINT}")
 
 
-def _reason(error: Exception, cls: type[Effect], machine: Any) -> str:
+def _reason(error: BaseException, cls: type[Effect], machine: Any) -> str:
     """What is wrong in the code of an effect, and what to do instead."""
     if isinstance(error, UnknownNameError):
         name, known = getattr(error, "name", None), getattr(getattr(error, "obj", None), "_values", None)
@@ -177,7 +256,7 @@ def _reason(error: Exception, cls: type[Effect], machine: Any) -> str:
     return code_reason(error)
 
 
-def code_reason(error: Exception) -> str:
+def code_reason(error: BaseException) -> str:
     """What is wrong in code that JAX cannot trace, and what to do instead."""
     if isinstance(error, jax.errors.TracerBoolConversionError):
         return "a value decides by `if`, `and`, `or`, `not`, `min` or `max`; decide with jnp.where"
@@ -187,7 +266,7 @@ def code_reason(error: Exception) -> str:
         return "a value of the run is turned into a Python number (float, int, math); stay with jax.numpy"
     if type(error).__name__ == "TypePromotionError":
         return _PRECISION_HINT
-    return f"{type(error).__name__}: {first_line(error)}"
+    return f"{type(error).__name__}: {first_line(error)}".rstrip(": ")
 
 
 def _instead(name: str, known, machine: Any) -> str:

@@ -5,7 +5,7 @@ while the equations are evaluated, and an `EquationRecord` of further quantities
 bonds, stored energies, oil nodes, orifices and valid ranges.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
 from edhas_jax.core.name_suggestion import suggest
@@ -137,8 +137,9 @@ class Signals:
         effects: tuple = (),
         record: EquationRecord | None = None,
         orifice_linearisation: Callable | None = None,
+        settable: Collection[str] | None = None,
     ):
-        self._values = values
+        self._values, self._settable = values, settable
         self.effects = effects
         self.orifice_linearisation = orifice_linearisation
         self.record = EquationRecord({}, {}, {}, {}, {}, {}, {}, {}) if record is None else record
@@ -150,12 +151,26 @@ class Signals:
             raise UnknownNameError(f"there is no signal or parameter `{name}`; {suggest(name, self._values)}") from None
 
     def set(self, **values) -> None:
-        """Add signals that are now known."""
+        """Add signals that are now known; equations of a rig of one's own set those that it declares.
+
+        Raises:
+            UnknownNameError: such a rig declares no signal of this name.
+        """
+        for name in values if self._settable is not None else ():
+            if name not in self._settable:
+                known = name in self._values
+                what = "is a state, drive or number, which is not set" if known else "is not declared with `signal`"
+                close = f"; {suggest(name, self._settable)}" if self._settable else ""
+                raise UnknownNameError(f"s.set({name}=…): `{name}` {what}{close}")
+        self.define(**values)
+
+    def define(self, **values) -> None:
+        """Add values that parts of the equations compute, declared or not."""
         self._values.update(values)
 
     def with_local(self, **local) -> "Signals":
         """The same signals with the local ones of a valve, a chamber or a node added; the record is shared."""
-        return Signals({**self._values, **local}, self.effects, self.record, self.orifice_linearisation)
+        return Signals({**self._values, **local}, self.effects, self.record, self.orifice_linearisation, self._settable)
 
     def record_power(self, name: str, group: str, effort, flow) -> None:
         """Count the power `effort` × `flow` [W] in the row `name` of the energy balance."""

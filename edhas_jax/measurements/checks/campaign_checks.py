@@ -10,8 +10,12 @@ import numpy as np
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Remark, Severity
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.checks.delay_checks import DelayCheck
-from edhas_jax.measurements.checks.impossible_samples import find_impossible_samples, find_signal_outliers
-from edhas_jax.measurements.checks.noise_measurement import noise_sentence, with_measured_noise
+from edhas_jax.measurements.checks.impossible_samples import (
+    find_impossible_samples,
+    find_signal_outliers,
+    removal_of,
+)
+from edhas_jax.measurements.checks.noise_measurement import noise_remarks, with_measured_noise
 from edhas_jax.measurements.checks.signal_checks import check_quality, noise_ratios
 from edhas_jax.measurements.checks.time_axis_checks import check_time_axis
 from edhas_jax.measurements.checks.unit_checks import check_units
@@ -64,35 +68,32 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
     remarks = [*campaign.remarks]
     models = _simulated_runs(campaign, measured, remarks, on_progress)
     remarks += _check_sampling_and_files(measured)
-    runs = []
     for run in measured:
-        wrong, found = check_wiring(campaign, run, models)
-        remarks += found
-        runs.append(run.without_signals(wrong))
-    if measured and not any(run.signals for run in runs):
-        raise CampaignError("\n".join([*map(str, remarks), f"{campaign.folder}: no signal of any run can be used"]))
-    runs = [run for run in runs if run.signals]
-    campaign, unusable = _without_unknown_noise(with_measured_noise(_with_runs(campaign, runs)))
+        remarks += check_wiring(campaign, run, models)
+    campaign, unusable = _without_unknown_noise(with_measured_noise(campaign))
     remarks += unusable
     if not campaign.channels:
         raise CampaignError("\n".join([*map(str, remarks), f"{campaign.folder}: no signal of any run can be used"]))
     runs = [run for run in campaign.runs if run.signals]
-    if (sentence := noise_sentence(campaign)) is not None:
-        remarks.insert(0, Remark(Severity.WARNING, campaign.folder / CAMPAIGN_FILE, 0, sentence))
+    remarks = [*noise_remarks(campaign), *remarks]
     outliers = {name: find_signal_outliers(campaign, name, models) for name in campaign.channels}
     ratios = {name: noise_ratios(campaign, name) for name in campaign.channels}
-    cleaned = []
+    usual = {n: float(np.median([r for r in of.values() if r > 0.0] or [0.0])) for n, of in ratios.items()}
+    cleaned, removed = [], []
     for run in runs:
         signals = {}
         for name, values in run.signals.items():
             causes = list(check_units(campaign, run, name, models, ratios[name][run.name]))
-            impossible, found = find_impossible_samples(campaign, run, name, models, outliers[name].get(run.name))
+            impossible, found = find_impossible_samples(
+                campaign, run, name, models, outliers[name][run.name], usual[name]
+            )
             signals[name] = np.where(impossible, np.nan, values) if impossible.any() else values
+            removed += [removal_of(run, name, impossible)] if impossible.any() else []
             # a stuck sensor or a wrong unit also disturbs noise and shape: the cause is reported, not its effects
             remarks += [*causes, *found] or check_quality(campaign, run, name, ratios[name])
         cleaned.append(dataclasses.replace(run, signals=signals))
-    campaign = _with_runs(campaign, cleaned)
-    campaign = dataclasses.replace(campaign, channels={n: _with_model_error(c) for n, c in campaign.channels.items()})
+    channels = {name: _with_model_error(channel) for name, channel in campaign.channels.items()}
+    campaign = dataclasses.replace(_with_runs(campaign, cleaned), channels=channels, removed=tuple(removed))
     if campaign.stated_accuracy.clocks:
         interval, step = _simulated_interval(campaign, runs)
         before = campaign.remarks

@@ -29,5 +29,8 @@ def data_sentences(campaign: Campaign, findings: Iterable[str] = ()) -> list[str
 
 
 def data_as_json(campaign: Campaign) -> dict[str, Any]:
-    """The noise of every signal as stated, measured and used (SI), and all remarks on the data."""
-    return {"noise": noise_as_json(campaign), "remarks": [str(remark) for remark in campaign.remarks]}
+    """The noise of every signal as stated, measured and used (SI), what is left out, and all remarks on the data."""
+    return {
+        "noise": noise_as_json(campaign), "removed": [removal._asdict() for removal in campaign.removed],
+        "remarks": [str(remark) for remark in campaign.remarks],
+    }  # fmt: skip

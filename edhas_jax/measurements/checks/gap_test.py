@@ -60,7 +60,7 @@ class GapTest:
         """The largest deviation of the samples from each one on (samples,), with its sign; 0 where it is not known."""
         found = np.zeros(len(values))
         if len(values) >= self._length:
-            deviation = sliding_window_view(values, self._length) @ self._deviation.T
+            deviation = _along(values, self._deviation)
             peak = np.take_along_axis(deviation, np.argmax(np.abs(deviation), axis=1)[:, None], axis=1)[:, 0]
             found[self._neighbours : self._neighbours + len(peak)] = np.nan_to_num(peak)
         return found
@@ -71,7 +71,7 @@ class GapTest:
             return GapDeviations(np.zeros(0, int), np.zeros(0), np.zeros(0))
         windows, peaks = sliding_window_view(values, self._length), self.peaks(values)[self._neighbours :]
         # a bend of the signal deviates from the polynomial, but hardly from the straight line between its neighbours
-        line = (windows @ self._line.T) * np.sign(peaks[: len(windows), None])
+        line = _along(values, self._line) * np.sign(peaks[: len(windows), None])
         at = np.flatnonzero((line > MIN_LINE_DEVIATION * self._noise).all(axis=1))
         square = self._square(windows[at])
         at, square = at[square < MAX_NEIGHBOUR_SQUARE], square[square < MAX_NEIGHBOUR_SQUARE]
@@ -85,3 +85,8 @@ class GapTest:
     def _square(self, windows: np.ndarray) -> np.ndarray:
         """Mean square of the neighbours' residual over that of noise (windows,)."""
         return np.sum((windows @ self._residual.T) ** 2, axis=1) / self._freedom / self._noise**2
+
+
+def _along(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """The products of all windows of a record with some rows (windows, rows)."""
+    return np.stack([np.correlate(values, row, "valid") for row in rows], axis=1)

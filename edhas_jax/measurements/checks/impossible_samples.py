@@ -6,10 +6,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Remark, Removal, Severity
 from edhas_jax.measurements.checks.held_values import find_held_values
 from edhas_jax.measurements.checks.noise_records import cycle_length, even_index
-from edhas_jax.measurements.checks.outlier_search import Record, find_outliers
+from edhas_jax.measurements.checks.outlier_search import Record, find_excursions, find_outliers
 from edhas_jax.measurements.checks.signal_checks import (
     is_clipped_at,
     is_sensor_limit,
@@ -17,79 +17,93 @@ from edhas_jax.measurements.checks.signal_checks import (
     stuck_intervals,
     true_intervals,
 )
-from edhas_jax.measurements.checks.spike_detection import find_spikes
 
-MIN_MODEL_MOTION = 10.0  # motion of the model, in standard deviations of the noise, while a sensor is stuck
-MIN_MODEL_ERRORS = 3.0  # the same, in standard deviations of what the model may leave
-MIN_MODEL_STEPS = 3.0  # the same, in steps of the sensor's resolution
+MIN_MOTION = 10.0  # of another signal, or of the model, in standard deviations of its noise while a sensor is stuck
+MIN_MODEL_ERRORS = 3.0  # the same of the model, in standard deviations of what the model may leave
+MIN_MODEL_STEPS = 3.0  # the same of the model, in steps of the sensor's resolution
 MIN_DRIVE_MOTION = 0.02  # of the range of a recorded drive, from which it moves
+MIN_NOISE_OVER_RESOLUTION = 1.0  # of a sensor that cannot repeat a value by chance for long
+MAX_STUCK = 2  # intervals at which a sensor is stuck; a recorder that writes changes only leaves more
 MAX_LISTED = 5  # spikes of a signal whose times are listed
 
 Models = Mapping[str, Mapping[str, np.ndarray]]
 
 
-def find_signal_outliers(campaign: Campaign, name: str, models: Models) -> dict[str, np.ndarray]:
-    """Find the single samples of a signal that deviate moderately from their neighbours, in all runs together.
+def find_signal_outliers(
+    campaign: Campaign, name: str, models: Models, with_excursions: bool = True
+) -> dict[str, np.ndarray]:
+    """Find the spikes and drop-outs of a signal, in all runs together.
 
     Args:
         campaign: gives the runs and the noise.
         name: name of the signal.
         models: signals of the model (samples,) at the time stamps, by run and signal, SI.
+        with_excursions: whether large ones count too, besides single wrong samples of moderate size.
 
     Returns:
-        A mask (samples,) by run; without those that are sampled unevenly.
+        A mask (samples,) by run. In runs that are sampled unevenly, or mostly missing, only large excursions are found.
     """
-    channel, places, records = campaign.channels[name], {}, []
+    channel, places, records, found = campaign.channels[name], {}, [], {}
+    noise = max(channel.noise, channel.stated_noise or 0.0)  # a smaller scatter is no fault by the user's own words
     for run in campaign.runs:
-        if name not in run.signals or (index := even_index(run)) is None:
+        if name not in run.signals:
             continue
-        values, model = np.full(index[-1] + 1, np.nan), None
+        index, model = even_index(run), None if run.name not in models else models[run.name][name]
+        if index is None or index[-1] > 2 * len(index):
+            record = Record(run.signals[name], model, run.interval, None, 0)
+            found[run.name] = find_excursions(record, noise) if with_excursions else np.zeros(len(run.time), bool)
+            continue
+        values = np.full(index[-1] + 1, np.nan)
         values[index] = run.signals[name]
-        if run.name in models:
-            model = np.interp(np.arange(len(values)), index, models[run.name][name])
+        if model is not None:
+            model = np.interp(np.arange(len(values)), index, model)
         machine = campaign.machine_of(run)
         period = cycle_length(machine)
         begin = 0.0 if period is None else (float(machine.reference.ramp_time) - run.time[0]) / run.interval
         records.append(Record(values, model, run.interval, period, max(0, math.ceil(begin))))
         places[run.name] = index
-    masks = find_outliers(records, channel.noise, channel.correlation)
-    return {run: mask[index] for (run, index), mask in zip(places.items(), masks, strict=True)}
+    masks = find_outliers(records, noise, channel.correlation, with_excursions)
+    return found | {run: mask[index] for (run, index), mask in zip(places.items(), masks, strict=True)}
 
 
 def find_impossible_samples(
-    campaign: Campaign, run: BenchRun, name: str, models: Models, outliers: np.ndarray | None = None
+    campaign: Campaign, run: BenchRun, name: str, models: Models, outliers: np.ndarray, noise_ratio: float
 ) -> tuple[np.ndarray, list[Remark]]:
-    """Find the samples of a signal that are left out.
+    """Find the samples of a signal that are left out, because the records alone prove that they are wrong.
+
+    The model proves nothing: where a sensor seems to be stuck or clipped, but the records do not show the noise that it
+    should have, a remark is all.
 
     Args:
         campaign: gives the machine and the noise.
         run: the run.
         name: name of the signal.
         models: signals of the model (samples,) at the time stamps, by run and signal, SI.
-        outliers: samples that deviate moderately from their neighbours (samples,); see `find_signal_outliers`.
+        outliers: spikes and drop-outs (samples,); see `find_signal_outliers`.
+        noise_ratio: fast part of the noise over the noise of the signal in most runs; see `noise_ratios`.
 
     Returns:
-        A mask (samples,), and a remark for each kind with the run, the times and the reason.
+        A mask (samples,), and a remark for each kind with the run, the times, the reason and the share. For a signal
+        that the run keeps the mask is false everywhere.
     """
     channel, unit = campaign.channels[name], campaign.machine.signals[name].unit
-    values, noise = run.signals[name], channel.noise
-    model = models[run.name][name] if run.name in models else None
-    machine = campaign.machine_of(run)
-    smallest_motion = max(MIN_MODEL_MOTION * noise, MIN_MODEL_ERRORS * channel.model_error)
-    smallest_motion = max(smallest_motion, MIN_MODEL_STEPS * _resolution(values))
-    found, remarks = np.zeros(len(values), bool), []
+    values = run.signals[name]
+    resolution = max(channel.resolution, _resolution(values))
+    is_noisy = channel.is_noise_seen and noise_ratio * channel.noise >= MIN_NOISE_OVER_RESOLUTION * resolution
+    found, remarks, unproven = np.zeros(len(values), bool), [], []
 
-    def remark(severity: Severity, mask: np.ndarray, sentence: str) -> None:
-        remarks.append(Remark(severity, run.file, int(run.lines[int(np.argmax(mask))]), f"{name}: {sentence}"))
+    def leave_out(mask: np.ndarray, sentence: str) -> None:
+        nonlocal found
+        found = found | mask
+        remarks.append(left_out_remark(run, name, mask, sentence))
 
-    def judge(mask: np.ndarray, sentence: str) -> None:
-        """Leave samples of one value out if the model moves meanwhile; without a model, only say so."""
+    def judge(mask: np.ndarray, sentence: str, is_proven: bool) -> None:
+        """Leave samples of one value out where that is proven; else say so, unless the model rests meanwhile too."""
         sentence = sentence.format(count=int(mask.sum()))
-        if model is None:
-            remark(Severity.WARNING, mask, sentence)
-        elif np.ptp(model[mask]) > smallest_motion and _is_driven(run, mask):
-            found[mask] = True
-            remark(Severity.ERROR, mask, f"{sentence}, while the model moves; left out")
+        if is_proven:
+            leave_out(mask, sentence)
+        elif run.name not in models or _model_moves(channel, run, mask, models[run.name][name], resolution):
+            unproven.append((int(run.lines[int(np.argmax(mask))]), sentence))
 
     if not np.isfinite(values).any():
         return found, remarks
@@ -100,39 +114,72 @@ def find_impossible_samples(
             continue
         beyond = "below" if limit == low else "above"
         text = format_quantity(limit, unit)
-        judge(values == limit, f"clipped: {{count}} samples are exactly {text}, none is {beyond}")
-    for first, last in [(0, len(values) - 1)] if low == high else stuck_intervals(values):
-        if values[first] in limits:
-            continue
+        sentence = f"clipped: {{count}} samples are exactly {text}, none is {beyond}"
+        judge(values == limit, sentence, is_noisy and limit != 0.0)
+    stuck = [(0, len(values) - 1)] if low == high else stuck_intervals(values)
+    stuck = [(first, last) for first, last in stuck if values[first] not in limits]
+    for first, last in stuck:
         mask = np.zeros(len(values), bool)
         mask[first : last + 1] = True
         value, duration = format_quantity(values[first], unit), format_quantity(run.time[last] - run.time[first], "s")
         start = format_quantity(run.time[first], "s")
         is_all = "; is the sensor connected?" if low == high else ""
-        judge(mask, f"stuck at {value} for {{count}} samples ({duration} from {start}){is_all}")
-    period = cycle_length(machine)
-    ramp_time = float(machine.reference.ramp_time) if period is not None else math.inf
+        # sensors of speed and flow show exactly zero at rest, without noise
+        may_prove = is_noisy and values[first] != 0.0 and len(stuck) <= MAX_STUCK
+        sentence = f"stuck at {value} for {{count}} samples ({duration} from {start}){is_all}"
+        judge(mask, sentence, may_prove and _others_move(campaign, run, name, mask))
     if low < high:
-        held = find_held_values(values, noise, channel.resolution) & ~found
+        held = find_held_values(values, channel.noise, channel.resolution) & ~found & channel.is_noise_seen
         if held.any():
-            found |= held
-            remark(Severity.ERROR, held, f"{_held_text(run, held)}; left out")
-        spikes = find_spikes(run, name, noise, model, period, ramp_time)
-        spikes = (spikes if outliers is None else spikes | outliers) & ~found
+            leave_out(held, _held_text(run, held))
+        spikes = outliers & ~found
         if spikes.any():
-            found |= spikes
-            remark(Severity.ERROR, spikes, f"{_spike_text(run, values, spikes, unit)}; left out")
-    return found, remarks
+            has_cycles = cycle_length(campaign.machine_of(run)) is not None
+            leave_out(spikes, _spike_text(run, values, spikes, unit, has_cycles))
+    if unproven:
+        more = f", and {len(unproven) - 1} more such places" if len(unproven) > 1 else ""
+        sentence = f"{name}: {unproven[0][1]}{more}; used, as the records prove no fault"
+        remarks.append(Remark(Severity.WARNING, run.file, unproven[0][0], sentence))
+    return (np.zeros(len(values), bool) if name in run.keep else found), remarks
+
+
+def left_out_remark(run: BenchRun, name: str, mask: np.ndarray, sentence: str) -> Remark:
+    """The remark on samples (mask) of a signal that are left out, or kept where the campaign says so."""
+    share = f"{100.0 * np.count_nonzero(mask) / len(mask):.2g} % of the record"
+    line = int(run.lines[int(np.argmax(mask))])
+    if name in run.keep:
+        return Remark(Severity.WARNING, run.file, line, f"{name}: {sentence}; {share}, kept as the campaign says")
+    return Remark(Severity.ERROR, run.file, line, f"{name}: {sentence}; {share}; left out")
+
+
+def removal_of(run: BenchRun, name: str, mask: np.ndarray) -> Removal:
+    """How many samples (mask) of a signal are left out."""
+    count = int(np.count_nonzero(mask))
+    return Removal(run.name, name, count, count / len(mask))
+
+
+def _others_move(campaign: Campaign, run: BenchRun, name: str, mask: np.ndarray) -> bool:
+    """Whether the other measured signals and the recorded drives, some of each where there are any, move meanwhile."""
+    others = [n for n in run.signals if n != name]
+    moving = [_range(run.signals[n][mask]) > MIN_MOTION * campaign.channels[n].noise for n in others]
+    return bool(run.drives or others) and _is_driven(run, mask) and (any(moving) or not others)
+
+
+def _range(values: np.ndarray) -> float:
+    values = values[np.isfinite(values)]
+    return float(np.ptp(values)) if len(values) else 0.0
+
+
+def _model_moves(channel: Channel, run: BenchRun, mask: np.ndarray, model: np.ndarray, resolution: float) -> bool:
+    smallest = max(MIN_MOTION * channel.noise, MIN_MODEL_ERRORS * channel.model_error, MIN_MODEL_STEPS * resolution)
+    return np.ptp(model[mask]) > smallest and _is_driven(run, mask)
 
 
 def _is_driven(run: BenchRun, mask: np.ndarray) -> bool:
     """Whether a recorded drive moves during some samples, true without any; else a model may swing, a machine rest."""
     times = run.time[mask]
     for record in run.drives.values():
-        index = (times - float(record.start)) / float(record.interval)
-        values = np.asarray(record.values, float)
-        moves = np.ptp(np.interp(index, np.arange(len(values)), values))
-        if moves > MIN_DRIVE_MOTION * np.ptp(values):
+        if np.ptp(record.sampled(times)) > MIN_DRIVE_MOTION * np.ptp(record.sampled(run.time)):
             return True
     return not run.drives
 
@@ -153,7 +200,7 @@ def _held_text(run: BenchRun, held: np.ndarray) -> str:
     return f"{what}: {', '.join(times)}{more}"
 
 
-def _spike_text(run: BenchRun, values: np.ndarray, spikes: np.ndarray, unit: str) -> str:
+def _spike_text(run: BenchRun, values: np.ndarray, spikes: np.ndarray, unit: str, has_cycles: bool) -> str:
     """How many spikes and drop-outs there are, when, and their size."""
     intervals = true_intervals(spikes)
     regular = values[~spikes & np.isfinite(values)]
@@ -166,10 +213,11 @@ def _spike_text(run: BenchRun, values: np.ndarray, spikes: np.ndarray, unit: str
         return f"{format_quantity(extreme(first, last), unit)} at {format_quantity(run.time[first], 's')}"
 
     listed = [text(*interval) for interval in intervals[:MAX_LISTED]]
+    cycles = " and from other cycles" if has_cycles else ""
     if len(intervals) == 1:
         count = int(spikes.sum())
         samples = "1 sample" if count == 1 else f"{count} samples"
-        return f"an isolated outlier of {listed[0]} ({samples}), far from its neighbours and from other cycles"
+        return f"an isolated outlier of {listed[0]} ({samples}), far from its neighbours{cycles}"
     more = f" and {len(intervals) - MAX_LISTED} more" if len(intervals) > MAX_LISTED else ""
     count = f"{len(intervals)} isolated outliers ({spikes.sum()} samples)"
-    return f"{count}, far from their neighbours and from other cycles: {', '.join(listed)}{more}"
+    return f"{count}, far from their neighbours{cycles}: {', '.join(listed)}{more}"

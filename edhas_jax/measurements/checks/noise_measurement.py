@@ -3,20 +3,26 @@
 In runs that repeat their cycles the differences between cycles give the level and the correlation of the noise. In
 other runs only its fast part can be told from the signal, by short local polynomials. Whether the noise is white there
 shows in the quietest parts of the records, from which longer polynomials remove the signal too: white noise leaves the
-same level in both. Otherwise the fast part is a lower bound, and an autoregressive model of first order gives an upper
-one. The rounding of the recorder is part of the noise.
+same level in both. Where it is less there, the rest of the fast part is signal. Where it is more, the fast part is a
+lower bound, and an autoregressive model of first order gives an upper one; where that cannot explain it, the signal is
+nowhere quiet, its own content is in the fast part, and nothing is known of the noise. The rounding of the recorder is
+part of the noise.
 
 The noise of a signal is the mean over the runs near the median, so that single disturbed runs do not matter.
+
+A fit refutes a noise that is larger than all that it leaves of the signal (`without_refuted_noise`).
 """
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from edhas_jax.core.units import from_si
-from edhas_jax.measurements.campaign import BenchRun, Campaign
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.checks.noise_correlation import (
     Autocovariance,
     autocorrelation_of,
@@ -43,7 +49,7 @@ MAX_RUN_DEVIATION = 0.2  # of the noise of a run from the median over the runs, 
 MAX_CYCLES_OVER_LOCAL = 1.3  # noise between cycles over its local upper bound; above it the cycles do not repeat
 QUIET_SHARE = 0.2  # of the blocks, the quietest
 QUIET_MEAN_SQUARE = 0.78  # largest mean square of those of white noise over that of all, from simulated noise
-MAX_WHITE_RATIO = 1.12  # mean square of slow over fast deviations of white noise, with its scatter
+MIN_WHITE_RATIO, MAX_WHITE_RATIO = 0.7, 1.12  # mean square of slow over fast deviations of white noise, with scatter
 WIDTHS = (FAST_HALF_WIDTH, SLOW_HALF_WIDTH)  # samples on either side of the local polynomials
 STANDARD_ERROR_LAGS = 200  # sample intervals of correlation that count in the standard error of a measured noise
 FIRST_ORDER = np.linspace(0.0, 0.95, 96)  # coefficients of an autoregressive model of first order
@@ -98,13 +104,14 @@ def with_measured_noise(campaign: Campaign) -> Campaign:
             used, shown, correlation = stated or math.nan, None, ()
         else:
             used = _used_noise(campaign, name, measured, stated)
-            # a lower bound alone is shown, though it does not contradict a larger stated noise
-            shown = measured.nearest(stated) if math.isfinite(measured.high) else measured.low
+            shown = measured.nearest(stated)
+            if not math.isfinite(measured.high):  # white noise is not above the fast part, which may be signal
+                shown = measured.low if stated is not None and stated > measured.low else None
             is_measured = abs(used / measured.nearest(stated) - 1.0) < MAX_NOISE_DEVIATION
             correlation = measured.correlation_at(used) if is_measured else ()
         channels[name] = dataclasses.replace(
-            channel, noise=used, stated_noise=stated, measured_noise=shown, correlation=correlation,
-            resolution=resolution,
+            channel, noise=used, sensor_noise=used, stated_noise=stated, measured_noise=shown, correlation=correlation,
+            resolution=resolution, is_noise_seen=measured is not None and measured.low == measured.high,
         )  # fmt: skip
     return dataclasses.replace(campaign, channels=channels)
 
@@ -115,12 +122,58 @@ def _used_noise(campaign: Campaign, name: str, measured: MeasuredNoise, stated: 
     smallest = MIN_NOISE_OVER_SIGNAL * max(np.nanstd(run.signals[name]) for run in campaign.runs if name in run.signals)
     if stated is None:
         return max(nearest, float(smallest))
-    correlation = autocorrelation_of(measured.correlation, STANDARD_ERROR_LAGS)[1:]
-    # Bartlett: the variance of a sum of squares grows with the squares of the correlation
-    standard_error = math.sqrt((1.0 + 2.0 * float(np.sum(np.square(correlation)))) / (2.0 * measured.samples))
+    if not math.isfinite(measured.high) or measured.low < measured.high < stated:
+        return stated  # a fit may still refute it
+    standard_error = _standard_error(measured.correlation, measured.samples)
     tolerance = max(MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS * standard_error)
     is_used = abs(nearest / stated - 1.0) > tolerance and nearest > smallest
     return nearest if is_used else stated
+
+
+def _standard_error(coefficients: Sequence[float], samples: float) -> float:
+    """The relative standard error of a standard deviation; `coefficients` are those of the noise."""
+    correlation = autocorrelation_of(coefficients, STANDARD_ERROR_LAGS)[1:]
+    # Bartlett: the variance of a sum of squares grows with the squares of the correlation
+    return math.sqrt((1.0 + 2.0 * float(np.sum(np.square(correlation)))) / (2.0 * samples))
+
+
+def without_refuted_noise(
+    campaign: Campaign, residuals: Mapping[str, Mapping[str, np.ndarray]], fitted: int
+) -> Campaign:  # fmt: skip
+    """Lower the noise of the signals of which a fit leaves less than their noise.
+
+    Args:
+        campaign: the checked measurements.
+        residuals: (measured − model)/noise (samples,) of the fitted runs, by run and signal.
+        fitted: how many numbers were fitted to them.
+
+    Returns:
+        The campaign with `Channel.fitted_noise`, and the noise in the remarks; the given one where nothing is refuted.
+    """
+    runs = [run for run in campaign.runs if run.name in residuals]
+    left = {name: [] for name in campaign.channels}
+    for run in runs:
+        for name, row in residuals[run.name].items():
+            inside = ~np.isin(run.signals[name], campaign.channels[name].limits)  # beyond them nothing is left
+            left[name].append(row[inside & np.isfinite(row)])
+    left = {name: np.concatenate(rows) for name, rows in left.items() if rows}
+    total = sum(map(len, left.values()))
+    channels = dict(campaign.channels)
+    for name, row in left.items():
+        channel = channels[name]
+        if channel.sensor_noise is None or len(row) < MIN_SAMPLES or total < 2 * fitted:
+            continue
+        level = channel.noise * math.sqrt(float(np.mean(np.square(row))) * total / (total - fitted))
+        fall = max(MAX_NOISE_DEVIATION, MAX_STANDARD_ERRORS * _standard_error(channel.correlation, len(row)))
+        if 0.0 < level < (1.0 - fall) * channel.sensor_noise:
+            noise = math.sqrt(channel.noise**2 - channel.sensor_noise**2 + level**2)
+            channels[name] = dataclasses.replace(channel, noise=noise, sensor_noise=level, fitted_noise=level)
+    if channels == campaign.channels:
+        return campaign
+    lowered = dataclasses.replace(campaign, channels=channels)
+    before = noise_sentence(campaign)
+    others = (remark for remark in campaign.remarks if remark.sentence != before)
+    return dataclasses.replace(lowered, remarks=(*noise_remarks(lowered), *others))
 
 
 def measure_noise(campaign: Campaign, name: str) -> MeasuredNoise | None:
@@ -177,7 +230,10 @@ def _local_noise(runs: list[BenchRun], name: str) -> MeasuredNoise | None:
     if sum(samples) < MIN_SAMPLES:
         return None
     level = _weighted_median(levels, samples)
-    ratio = float(np.quantile(np.concatenate(quiet), QUIET_SHARE)) / QUIET_MEAN_SQUARE
+    quiet = np.concatenate(quiet)
+    ratio = float(np.quantile(quiet, QUIET_SHARE)) / QUIET_MEAN_SQUARE if len(quiet) else 1.0
+    if ratio < MIN_WHITE_RATIO:
+        return MeasuredNoise(math.sqrt(ratio) * level, level, level, (), sum(samples))
     if ratio < MAX_WHITE_RATIO:
         return MeasuredNoise(level, level, level, (), sum(samples))
     ratios = [_mean_square_ratio(a, SLOW_HALF_WIDTH) / _mean_square_ratio(a, FAST_HALF_WIDTH) for a in FIRST_ORDER]
@@ -198,18 +254,23 @@ def _mean_square_ratio(coefficient: float, half_width: int) -> float:
 
 def noise_sentence(campaign: Campaign) -> str | None:
     """Where stated and measured noise differ, as one sentence for the beginning of every result; None if nowhere."""
-    used, kept = [], []
+    used, kept, refuted = [], [], []
     for name, channel in campaign.channels.items():
-        stated, measured = channel.stated_noise, channel.measured_noise
-        if stated is None or measured is None or abs(measured / stated - 1.0) <= MAX_NOISE_DEVIATION:
-            continue
+        stated, measured, fitted = channel.stated_noise, channel.measured_noise, channel.fitted_noise
         unit = campaign.machine.signals[name].unit
         size = from_si(1.0, unit, channel.unit) - from_si(0.0, unit, channel.unit)
-        text = f"{name} {size * stated:.3g} {channel.unit} stated, {size * measured:.3g} {channel.unit} measured"
-        (used if channel.noise == measured else kept).append(text)
-    if not used and not kept:
-        return None
+        if fitted is not None:
+            levels = ((stated, "stated"), (measured, "measured"))
+            told = [f"{size * level:.3g} {channel.unit} {word}" for level, word in levels if level]
+            refuted.append(f"{size * fitted:.3g} {channel.unit} of {name} ({', '.join(told)})")
+        elif stated is not None and measured is not None and abs(measured / stated - 1.0) > MAX_NOISE_DEVIATION:
+            text = f"{name} {size * stated:.3g} {channel.unit} stated, {size * measured:.3g} {channel.unit} measured"
+            (used if channel.sensor_noise == measured else kept).append(text)
     endings = []
+    if refuted:
+        endings.append(f"The fit leaves only {', '.join(refuted)}: the noise cannot be larger, and that is used.")
+    if not used and not kept:
+        return endings[0] if endings else None
     if used:
         endings.append("The measured noise is used" + (f" for {_names(used)}." if kept else "."))
     if kept:
@@ -222,12 +283,19 @@ def _names(texts: list[str]) -> str:
     return ", ".join(text.partition(" ")[0] for text in texts)
 
 
+def noise_remarks(campaign: Campaign) -> list[Remark]:
+    """The `noise_sentence` as a remark on the campaign's file; empty where there is none."""
+    sentence = noise_sentence(campaign)
+    return [] if sentence is None else [Remark(Severity.WARNING, campaign.folder / CAMPAIGN_FILE, 0, sentence)]
+
+
 def noise_as_json(campaign: Campaign) -> dict[str, dict[str, Any]]:
-    """Stated, measured and used noise of every signal (SI)."""
+    """Stated, measured, fitted and used noise of every signal (SI)."""
     return {
         name: {
             "stated": channel.noise if channel.stated_noise is None else channel.stated_noise,
-            "measured": channel.measured_noise, "used": channel.noise, "unit": campaign.machine.signals[name].unit,
+            "measured": channel.measured_noise, "fitted": channel.fitted_noise, "used": channel.noise,
+            "unit": campaign.machine.signals[name].unit,
         }
         for name, channel in campaign.channels.items()
     }  # fmt: skip

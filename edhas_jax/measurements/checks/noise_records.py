@@ -16,6 +16,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter
 
 from edhas_jax.machine.rigs import Rig
@@ -98,12 +99,17 @@ def cycle_residuals(run: BenchRun, name: str, machine: Rig) -> list[Residual]:
 
 
 def local_residual(run: BenchRun, name: str, half_width: int) -> Residual | None:
-    """Deviations of a signal from polynomials through the samples around each; None for uneven or short records."""
+    """Deviations of a signal from polynomials through the samples around each; None for uneven or short records.
+
+    Where all of these samples are equal, at rest or from a stuck sensor, there is nothing to see: NaN.
+    """
     values = on_even_grid(run, name)
     if jitter(run) > MAX_JITTER or len(values) < 2 * half_width + MIN_BLOCKS * BLOCK:
         return None
     coefficients = _deviation_from_polynomial(half_width, DEGREE)
-    return Residual(np.convolve(values, coefficients, "valid"), polynomial_gain(half_width))
+    found = np.convolve(values, coefficients, "valid")
+    found[sliding_window_view(np.diff(values) == 0.0, 2 * half_width).all(axis=1)] = np.nan
+    return Residual(found, polynomial_gain(half_width))
 
 
 @functools.lru_cache

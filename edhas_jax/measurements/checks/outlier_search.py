@@ -1,10 +1,17 @@
-"""Find single wrong samples of moderate size: a few standard deviations of the noise away from their neighbours.
+"""Find wrong samples of a record: those that jump away from their neighbours and back.
 
-Where the signal is smooth, its neighbours predict a sample. A sharp event of the machine, such as a valve that closes,
-disturbs the neighbours too, or repeats at the same phase of other cycles, or occurs in the model at about that time.
+Large excursions (`find_excursions`) leave and return within one sample: the straight lines through the two samples
+before and after them miss their ends by far more than anything around bends. A peak of several samples that rises and
+falls step by step is no such excursion, however high. One of more than three samples is wrong only where the recorder
+has written one value, to the last digit, in place of a moving one, or where it zigzags as no other cycle does.
 
-How many samples are called wrong is decided for all of a signal together: the expected share of mistakes among them is
-limited.
+Moderate ones, a few standard deviations of the noise, are tested where the signal is smooth, so that its neighbours
+predict a sample. How many samples are called wrong is decided for all of a signal together: the expected share of
+mistakes among them is limited.
+
+A sharp event of the machine, such as a valve that closes, disturbs the neighbours too, or repeats at the same phase of
+other cycles, or occurs in the model at about that time. The model only acquits: no sample is wrong because it is far
+from the model.
 
 Source: Benjamini, Hochberg, Controlling the false discovery rate, J. R. Stat. Soc. B 57 (1995).
 """
@@ -24,6 +31,16 @@ MIN_EXCESS = 2.5  # of a wrong sample's deviation over that at the same phase of
 PHASE_TOLERANCE = 3  # samples by which an event may move from cycle to cycle
 MODEL_TOLERANCE = 2e-3  # s by which an event of the model may come earlier or later
 MAX_FALSE_SHARE = 1e-3  # expected share of mistakes
+MAX_EXCURSION, MAX_SMOOTH = 20, 3  # samples of an excursion, and of one that neither zigzags nor is a constant
+MIN_JUMP, MIN_JUMP_WITHOUT_CYCLES = 8.0, 25.0  # standard deviations of the noise, at both ends of an excursion
+MIN_JUMP_OF_HEIGHT = 0.8  # share of the height of an excursion that its jumps have: a peak rises step by step
+MAX_DISPLACEMENT = 0.5  # of the signal from before to after an excursion, over its jumps: more is a step
+MIN_ZIGZAG = 1.2  # mean bend within a burst over its mean height; 2.4 of random values, at most 1 of a peak
+# bends on either side with which jumps are compared: all of the next two, and of the others the largest but three, so
+# that another spike, which makes three, hides none
+NEAR, REACH, OTHERS = 2, 12, 3
+MAX_EXCURSIONS = 0.02  # share of the samples; more are no exceptions
+LENGTHS = (*range(1, MAX_EXCURSION + 1), 1, 2, 3)  # in turn; the last are the flanks of what was found before
 
 
 class Record(NamedTuple):
@@ -39,18 +56,23 @@ class Record(NamedTuple):
     settled: int
 
 
-def find_outliers(records: Sequence[Record], noise: float, correlation: Sequence[float]) -> list[np.ndarray]:
+def find_outliers(
+    records: Sequence[Record], noise: float, correlation: Sequence[float], with_excursions: bool = True
+) -> list[np.ndarray]:
     """Find the wrong samples of a signal in all its runs.
 
     Args:
         records: the runs; missing samples are NaN.
         noise: standard deviation of the noise (SI).
         correlation: autoregressive coefficients of the noise.
+        with_excursions: whether large excursions are looked for first.
 
     Returns:
         A mask (samples,) for each record.
     """
     found = [np.zeros(len(record.values), bool) for record in records]
+    if with_excursions:
+        found = [find_excursions(record, noise) for record in records]
     for gap in GAPS:
         test = GapTest(gap, NEIGHBOURS, noise, correlation)
         rows = [_suspects(_bridged(r, mask), test) for r, mask in zip(records, found, strict=True)]
@@ -109,3 +131,72 @@ def _at_other_cycles(record: Record, peaks: np.ndarray, places: np.ndarray) -> t
             reached[k] = max(0.0, np.median(np.max(np.sign(peaks[place]) * peaks[at], axis=1)))
             repeats[k] = place >= record.settled
     return reached, repeats
+
+
+def find_excursions(record: Record, noise: float) -> np.ndarray:
+    """Find the samples of a record that belong to spikes and drop-outs.
+
+    Args:
+        record: the run; missing samples are NaN.
+        noise: standard deviation of the noise (SI).
+
+    Returns:
+        A mask (samples,).
+    """
+    found, missing = np.zeros(len(record.values), bool), ~np.isfinite(record.values)
+    if (~missing).sum() < 2 * (REACH + MAX_EXCURSION):
+        return found
+    for length in LENGTHS:
+        # missing samples and those already found are bridged, so that they neither hide nor cause an excursion
+        found |= _excursions(record._replace(values=bridged(record.values, found | missing)), noise, length)
+    found &= ~missing
+    return found if found.sum() <= max(MAX_EXCURSION, MAX_EXCURSIONS * len(found)) else np.zeros(len(found), bool)
+
+
+def _excursions(record: Record, noise: float, length: int) -> np.ndarray:
+    """A mask (samples,) of the excursions of so many samples that are far from everything around them."""
+    values, found = record.values, np.zeros(len(record.values), bool)
+    bends = _bends(values)
+    first = np.arange(2, len(values) - length - 1)  # the samples on either side: first − 1, first + length
+    jump = np.minimum(np.abs(bends[first - 1]), np.abs(bends[first + length]))
+    first, jump = first[jump > MIN_JUMP * noise], jump[jump > MIN_JUMP * noise]
+    around = _largest_around(np.abs(bends), first, first + length)
+    if record.model is not None:
+        reach = 2 * (MAX_EXCURSION + round(MODEL_TOLERANCE / record.interval)) + 1
+        around = np.maximum(around, maximum_filter1d(np.abs(_bends(record.model)), reach)[first])
+    for place, size in zip(first[jump > MIN_EXCESS * around], jump[jump > MIN_EXCESS * around], strict=True):
+        inside, ends = slice(place, place + length), values[[place - 1, place + length]]
+        height = np.abs(values[inside] - np.interp(np.arange(1, length + 1), [0, length + 1], ends))
+        (reached,), (repeats,) = _at_other_cycles(record, bends, np.array([place - 1]))
+        if size < max(MIN_EXCESS * reached, (MIN_JUMP if repeats else MIN_JUMP_WITHOUT_CYCLES) * noise):
+            continue
+        is_away, displacement = np.min(height) > 0.5 * size, abs(ends[1] - ends[0])
+        if length <= MAX_SMOOTH:
+            returns = displacement < MAX_DISPLACEMENT * size
+            is_wrong = is_away and returns and size > MIN_JUMP_OF_HEIGHT * np.max(height)
+        else:
+            is_wrong = is_away and np.ptp(values[inside]) == 0.0 and _moves(values, place, place + length)
+        # a step is as steep, but far from returning
+        zigzags = np.mean(np.abs(bends[inside])) > max(MIN_ZIGZAG * np.mean(height), displacement)
+        found[inside] |= is_wrong or (length > 1 and zigzags and repeats)
+    return found
+
+
+def _bends(values: np.ndarray) -> np.ndarray:
+    """The change of slope at each sample (samples,); 0 at the ends."""
+    return np.concatenate([[0.0], np.diff(values, 2), [0.0]])
+
+
+def _largest_around(bends: np.ndarray, first: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The bend that counts around excursions from samples `first` up to `end`, their neighbours not included."""
+    padded = np.pad(bends, REACH, mode="reflect")
+    sides = padded[first[:, None] - 1 + np.arange(REACH)], padded[end[:, None] + REACH + 1 + np.arange(REACH)]
+    near = sides[0][:, REACH - NEAR :].max(axis=1), sides[1][:, :NEAR].max(axis=1)
+    others = [np.partition(side, REACH - 1 - OTHERS, axis=1)[:, REACH - 1 - OTHERS] for side in sides]
+    return np.max([*near, *others], axis=0)
+
+
+def _moves(values: np.ndarray, first: int, end: int) -> bool:
+    """Whether most samples around some differ from the next one."""
+    steps = np.append(np.diff(values[max(0, first - REACH) : first]), np.diff(values[end : end + REACH]))
+    return bool(np.count_nonzero(steps) > 0.5 * len(steps))

@@ -1,16 +1,26 @@
-"""Detect wrong units: the ratio of a signal to the model is far from 1 and close to the ratio of two units."""
+"""Detect wrong units: the ratio of a signal to the model is far from 1 and close to the ratio of two units.
 
+A poor model is off by any factor. Therefore the signal must have the shape of the model's, and the factor must be more
+than the uncertain parameters can explain.
+"""
+
+import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from edhas_jax.core.units import format_quantity, to_si
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.measurements.unknown_parameters import ParameterScale, uncertain_unknowns
 
 MIN_FACTOR = 5.0  # factor between signal and model below which a wrong model may be the cause
-UNIT_TOLERANCE = 1.35  # factor within which the ratio of signal and model must match the ratio of two units
+UNIT_TOLERANCE = 1.15  # factor within which the ratio of signal and model must match the ratio of two units
+MIN_CORRELATION = 0.95  # of signal and model
+MAX_PRIOR_DISTANCE = 3.0  # standard deviations of the uncertain parameters, together, that explain a factor
 RUN_TOLERANCE = 1.3  # factor within which the ratios of all runs must agree to count as one
+NOISE_TOLERANCE = 2.7  # factor within which the noise of one run, from its fast part, must be that much larger too
 ATMOSPHERE = 101325.0  # Pa
+MAX_GAUGE_DEVIATION = 0.05  # of the atmosphere, by which a gauge pressure may miss it at the start
 COMMON_UNITS = {
     "Pa": ("Pa", "kPa", "bar", "MPa", "psi"), "m": ("µm", "mm", "cm", "m", "inch"), "A": ("mA", "A"),
     "m^3/s": ("mL/min", "mL/s", "L/h", "L/min", "L/s", "m^3/h", "m^3/s"), "V": ("mV", "V"), "m/s": ("mm/s", "m/s"),
@@ -41,6 +51,8 @@ def check_units(
     def warn(sentence: str) -> Remark:
         return Remark(Severity.WARNING, run.file, 1, f"{name}: {sentence}")
 
+    if not _has_shape(run.signals[name], models[run.name][name]):
+        return
     if max(factor, 1.0 / factor) < MIN_FACTOR:
         if unit == "Pa" and _is_gauge(run.signals[name], models[run.name][name]):
             offset = format_quantity(ATMOSPHERE, "Pa")
@@ -48,8 +60,10 @@ def check_units(
                 f"reads {offset} below the model from the start; is it a gauge pressure? Pressures must be absolute"
             )
         return
-    size = _unit_size(stated, unit)
-    ratios = {other: size / _unit_size(other, unit) for other in COMMON_UNITS.get(unit, ())}
+    if abs(math.log(factor)) < MAX_PRIOR_DISTANCE * _spread(campaign):
+        return
+    size = unit_size(stated, unit)
+    ratios = {other: size / unit_size(other, unit) for other in COMMON_UNITS.get(unit, ())}
     candidates = [o for o, ratio in ratios.items() if _ratio_of(factor, ratio) < UNIT_TOLERANCE and o != stated]
     actual = min(candidates, key=lambda other: _ratio_of(factor, ratios[other]), default=None)
     ratio = 10.0 ** round(np.log10(factor)) if actual is None else ratios[actual]
@@ -58,7 +72,7 @@ def check_units(
     factors = [_factor(other, name, models) for other in campaign.runs]
     factors = [f for f in factors if f is not None]
     in_all = len(factors) > 1 and max(factors) / min(factors) < RUN_TOLERANCE
-    noise_agrees = _ratio_of(noise_ratio, ratio) < 2.0 * UNIT_TOLERANCE
+    noise_agrees = _ratio_of(noise_ratio, ratio) < NOISE_TOLERANCE
     if in_all or noise_agrees or len(factors) == 1:
         where = "in every run" if in_all else "in this run"
         question = "is the unit right?" if actual is None else f"are these numbers in {actual}, read as {stated}?"
@@ -76,10 +90,25 @@ def _factor(run: BenchRun, name: str, models: Mapping) -> float | None:
 def _is_gauge(measured: np.ndarray, modelled: np.ndarray) -> bool:
     """Whether a pressure starts one atmosphere below the model."""
     start = slice(0, max(5, len(measured) // 100))
-    return abs(np.nanmedian(modelled[start] - measured[start]) / ATMOSPHERE - 1.0) < 0.1
+    return abs(np.nanmedian(modelled[start] - measured[start]) / ATMOSPHERE - 1.0) < MAX_GAUGE_DEVIATION
 
 
-def _unit_size(unit: str, si: str) -> float:
+def _has_shape(measured: np.ndarray, modelled: np.ndarray) -> bool:
+    used = np.isfinite(measured) & np.isfinite(modelled)
+    return bool(np.corrcoef(measured[used], modelled[used])[0, 1] > MIN_CORRELATION)
+
+
+def _spread(campaign: Campaign) -> float:
+    """Standard deviation of the logarithm of a product of all uncertain parameters."""
+    spreads = [
+        u.spread if u.scale is ParameterScale.LOGARITHMIC else u.spread / max(abs(u.centre), np.finfo(float).tiny)
+        for u in uncertain_unknowns(campaign)
+    ]
+    return math.hypot(*spreads)
+
+
+def unit_size(unit: str, si: str) -> float:
+    """The size of a unit, without its zero, in an SI unit of the same dimension."""
     return to_si(f"1 {unit}", si) - to_si(f"0 {unit}", si)
 
 

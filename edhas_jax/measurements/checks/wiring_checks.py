@@ -1,7 +1,7 @@
 """Find signals that are wired or scaled wrongly: reversed, exchanged with another one, only noise, or saturated.
 
-All of these show only in the comparison with a model. A wrong or incomplete model also deviates, but it neither turns a
-signal over nor exchanges two of them.
+All of these show only in the comparison with a model. A wrong or incomplete model also deviates, and hardly turns a
+signal over or exchanges two of them; but it proves nothing, so that these are remarks only, and all data are used.
 """
 
 import itertools
@@ -28,41 +28,38 @@ MIN_SATURATED_SAMPLES = 30
 Models = Mapping[str, Mapping[str, np.ndarray]]
 
 
-def check_wiring(campaign: Campaign, run: BenchRun, models: Models) -> tuple[set[str], list[Remark]]:
-    """Find the signals of a run that cannot be what they are said to be.
+def check_wiring(campaign: Campaign, run: BenchRun, models: Models) -> Iterator[Remark]:
+    """Find the signals of a run that are hardly what they are said to be.
 
     Args:
         campaign: gives the units of the files.
         run: the run.
         models: signals of the model (samples,) at the time stamps, by run and signal, SI.
 
-    Returns:
-        Their names, and a remark on each.
+    Yields:
+        A warning on each.
     """
     model = models.get(run.name)
-    wrong: set[str] = set()
-    remarks: list[Remark] = []
     if model is None:
-        return wrong, remarks
+        return
 
-    def leave_out(names: tuple[str, ...], problem: str) -> None:
-        wrong.update(names)
-        what = "it is" if len(names) == 1 else "both are"
-        remarks.append(Remark(Severity.ERROR, run.file, 0, f"{problem}; {what} left out of this run"))
+    def warn(problem: str) -> Remark:
+        return Remark(Severity.WARNING, run.file, 0, f"{problem} It is used as recorded")
 
     names = [n for n, values in run.signals.items() if np.isfinite(values).sum() > 10 and np.std(model[n]) > 0.0]
+    exchanged: set[str] = set()
     for one, other in itertools.combinations(names, 2):
-        if not wrong & {one, other} and _are_exchanged(campaign, run, model, one, other):
-            leave_out((one, other), f"{one} and {other} seem to be exchanged: each follows the other's model")
+        if not exchanged & {one, other} and _are_exchanged(campaign, run, model, one, other):
+            exchanged |= {one, other}
+            yield warn(f"{one} and {other} seem to be exchanged: each follows the other's model.")
     for name in names:
-        if name in wrong:
+        if name in exchanged:
             continue
         measured, modelled = _finite(run.signals[name], model[name])
         if _is_only_noise(run, name, measured, modelled):
-            leave_out((name,), f"{name} is only noise, without the motion that the model predicts; is it connected?")
+            yield warn(f"{name} is only noise, without the motion that the model predicts; is it connected?")
         elif _correlation(measured, modelled) < MAX_REVERSED_CORRELATION:
-            leave_out((name,), f"{name} has the opposite sign of the model; is its sensor reversed?")
-    return wrong, remarks
+            yield warn(f"{name} has the opposite sign of the model; is its sensor reversed?")
 
 
 def check_saturation(campaign: Campaign, name: str, models: Models) -> Iterator[Remark]:

@@ -93,7 +93,10 @@ class DiagnoseView:
             verdict = diagnosis["verdict"]
             box = ui.column().classes("gap-1 wb-verdict" + (" fine" if verdict == "adequate" else ""))
             with box.props("data-mark=verdict"):
-                ui.label(VERDICTS.get(verdict, verdict))
+                little = "The cause was not found. What explains most of it, but little:"
+                ui.label(little if diagnosis.get("explains_little") else VERDICTS.get(verdict, verdict))
+                if diagnosis.get("left"):
+                    ui.label(diagnosis["left"])
                 for row in diagnosis["candidates"]:
                     if row["accepted"]:
                         ui.label(f"{candidate_name(row)}: {sizes_text(row['parameters'])}").classes("font-semibold")

@@ -6,7 +6,7 @@ from typing import Any
 
 from nicegui import ui
 
-from edhas_jax.core.units import format_quantity, format_with_error
+from edhas_jax.core.units import estimate_text
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.interface.slots import SLOTS
 from edhas_jax.workbench.views.law_curve import show_law_curve
@@ -98,6 +98,8 @@ class Suspects:
         found = self._page.workspace.tried().get(self._chain_name(name, decisions))
         if found is None or self._page.summary is None:
             return
+        if found.get("needs_no_effect"):
+            ui.label(found["needs_no_effect"]).props("data-mark=tried-needless")
         old, new = found["before"]["error"], found["error"]
         for use, title in (("fit", "runs used"), ("holdout", "runs not used")):
             if new.get(use) is not None:
@@ -239,7 +241,6 @@ def sizes_text(parameters: dict[str, Any]) -> str:
     """Sizes with their standard errors."""
     parts = []
     for name, row in parameters.items():
-        value, std, unit = row["value"], row.get("std"), row["unit"]
-        text = format_quantity(value, unit) if std is None else format_with_error(value, std, unit)
+        text = estimate_text(row["value"], row.get("std"), row["unit"], row.get("limit"))
         parts.append(f"{name.rpartition('.')[2].replace('_', ' ')} {text}")
     return ", ".join(parts)
