@@ -42,7 +42,7 @@ def usual_deviations(rng: np.random.Generator, count: int) -> np.ndarray:
 
 def with_deviations(plan: Campaign, machine: Rig, deviations: np.ndarray) -> Rig:
     """The machine with its uncertain parameters at known · exp(σ · deviation), in the order that their laws demand."""
-    spreads = plan.uncertain_in(machine)
+    spreads = {name: spread.size for name, spread in plan.uncertain_in(machine).items()}
     values = {
         name: float(get_parameter(machine, name)) * float(np.exp(spread * deviation))
         for (name, spread), deviation in zip(spreads.items(), deviations, strict=True)
