@@ -80,7 +80,8 @@ class Steps:
         """The signal at time t [s]."""
         t = jnp.asarray(t)
         rounding = ROUNDING * jnp.finfo(jnp.result_type(t, float)).eps
-        return self.levels[jnp.searchsorted(self.times, t + rounding * jnp.abs(t), side="right")]
+        place = jnp.searchsorted(jnp.asarray(self.times), t + rounding * jnp.abs(t), side="right")
+        return jnp.asarray(self.levels)[place]
 
 
 @struct
@@ -123,7 +124,8 @@ class Recorded:
         inside = (t >= self.start) & (t <= self.start + float(last) * self.interval)
         whole = jnp.clip(jnp.floor(position), 0.0, last - 1.0)
         k, u = whole.astype(int), position - whole
-        before, left, right, after = (self.values[jnp.clip(k + j, 0, last)] for j in (-1, 0, 1, 2))
+        samples = jnp.asarray(self.values)
+        before, left, right, after = (samples[jnp.clip(k + j, 0, last)] for j in (-1, 0, 1, 2))
         left_slope = jnp.where(k > 0, 0.5 * (right - before), right - left)
         right_slope = jnp.where(k < last - 1, 0.5 * (after - left), right - left)
         rise = right - left
