@@ -184,7 +184,8 @@ class CampaignCalculations:
         self._say(f"the law of {model.effects[-1].id} as a curve")
         found = estimate_law_curve(model.evaluated.fit, model.effects[-1].id, self._say)
         if found is None:
-            raise WorkspaceError(f"the law of {model.effects[-1].id} is no function of a signal of these runs, or its size is 0")
+            reason = "is no function of a signal of these runs, or its size is 0"
+            raise WorkspaceError(f"the law of {model.effects[-1].id} {reason}")
         curve = found.curve
         place = curve.place
         x_unit, y_unit = law_units(place, float(np.abs(curve.total).max()))
