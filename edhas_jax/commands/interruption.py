@@ -1,5 +1,6 @@
 """Interruption of a command by its user or by the system: it ends with status 130 and one sentence."""
 
+import atexit
 import contextlib
 import os
 import signal
@@ -59,13 +60,16 @@ class Interruption:
     def end(self, status: int, sentence: str = KEPT) -> int:
         """End the command: its exit status, and where it was interrupted the sentence on the standard error.
 
-        A process of its own ends here and now, for its libraries would be in the way: they are slow to end, deaf to
-        signals meanwhile, and cannot do it at all where their import was interrupted.
+        A process of its own ends here, after what libraries have registered for its end, but without the end of Python,
+        which is deaf to signals: one that came meanwhile would be lost.
         """
         if self.asked:
             status = STATUS_INTERRUPTED
             print(sentence, file=sys.stderr)
         if self._is_whole_process:
+            if self.asked:  # a library whose import was interrupted cannot clean up, and need not
+                sys.unraisablehook = lambda lost: None
+            atexit._run_exitfuncs()
             for stream in (sys.stdout, sys.stderr):
                 with contextlib.suppress(OSError, ValueError, AttributeError):  # it is closed, or has no reader
                     stream.flush()

@@ -20,6 +20,7 @@ from tests.fuzz.families import (
     read_as,
     record,
 )
+from tests.fuzz.interrupts import OWN
 from tests.fuzz.worker import READ, Worker
 
 
@@ -43,3 +44,9 @@ def test_a_wrong_answer_is_noticed(worker, tmp_path):
     kind, sentence = judged(Input(files, [CHECK, [READ]], read_as(t, u, 1.01 * p)), tmp_path / "input", worker)
     assert kind == "silent" and sentence.startswith("pressure is off by")
     assert judged(Input(files, [CHECK, FIT], fitted), tmp_path / "input", worker) == ("right", "")
+
+
+def test_a_rig_without_slots_can_be_diagnosed(worker, tmp_path):
+    files = {"run.csv": plain_csv(*record(random.Random(0))), "campaign.yaml": campaign()}
+    command = ["diagnose", ".", *OWN, "--out", "result", "--quiet"]
+    assert judged(Input(files, [command]), tmp_path / "input", worker) == ("right", "")

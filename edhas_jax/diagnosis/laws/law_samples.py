@@ -85,6 +85,8 @@ def law_samples(fit: Fit, places: Sequence[LawPlace], effect: str | None = None)
 
 def samples_at_slots(fit: Fit, places: Sequence[LawPlace], effect: str | None = None) -> dict[str, LawSamples]:
     """The same for places at several slots, recorded together, by slot; the effect is one at the slot of the first."""
+    if not places:  # a rig of one's own without slots
+        return {}
     names = tuple(dict.fromkeys((place.slot, name) for place in places for name in (place.variable, *place.factors)))
     if not names:  # a machine without slots
         return {}
