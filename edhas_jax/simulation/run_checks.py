@@ -4,6 +4,7 @@ import dataclasses
 import math
 import operator
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -174,6 +175,7 @@ def growth_at_start(machine: Rig) -> tuple[str, float]:
     The step divides by 2/h − λ: one that is longer than 2/λ jumps over what grows.
     """
     with runtime.double_precision():
+        machine = jax.tree.map(jnp.asarray, machine)  # samples of a recorded drive are taken at a traced time
         y = {n: jnp.asarray(value, float) for n, value in machine.initial_state().items()}
         h = machine.time_step
         slopes = jacobian(linearize(lambda state: machine.evaluate(state, 0.0, h, y, defer_partials)[1], y))

@@ -28,12 +28,13 @@ from edhas_jax import (
 )
 from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable
-from edhas_jax.machine.effects.validation import check_effect
+from edhas_jax.machine.effects.validation import check_derivatives, check_effect
 from edhas_jax.machine.own_rig import check_rig, load_rig
 from edhas_jax.machine.parameters import ParameterError, list_parameters, short_names
 from edhas_jax.machine.rig_base import RigError
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.simulation.batch_trajectories import simulate_batch
+from edhas_jax.simulation.run_checks import growth_at_start
 from edhas_jax.simulation.run_settings import Simulation
 from edhas_jax.simulation.validity import Status
 
@@ -266,6 +267,13 @@ class Blast(Rig):
 
     def equations(self, y, s):
         return {"y": self.rate * y.y**2}
+
+
+def test_slopes_at_rest_are_those_with_a_recorded_drive_too():
+    machine = TwoLags(first_input=Recorded(values=np.linspace(0.0, 1.0, 5), interval=1.0))
+    check_derivatives(machine)
+    name, rate = growth_at_start(machine)
+    assert name == "first" and rate == pytest.approx(-1.0 / 4.0)
 
 
 def test_what_grows_faster_than_the_step_is_not_jumped_over():

@@ -140,6 +140,7 @@ def check_derivatives(machine: Any) -> None:
         return {n: v for n, v in s.values().items() if hasattr(v, "dtype")} | rates
 
     with runtime.double_precision():
+        machine = jax.tree.map(jnp.asarray, machine)  # samples of a recorded drive are taken at a traced time
         start = {n: jnp.asarray(value, float) for n, value in machine.initial_state().items()}
         _check_callbacks(jax.make_jaxpr(everything)(start).jaxpr)
         slopes = jacobian(linearize(values, start))
