@@ -88,8 +88,6 @@ def samples_at_slots(fit: Fit, places: Sequence[LawPlace], effect: str | None = 
     if not places:  # a rig of one's own without slots
         return {}
     names = tuple(dict.fromkeys((place.slot, name) for place in places for name in (place.variable, *place.factors)))
-    if not names:  # a machine without slots
-        return {}
     observer = _Probe(names, effect)
     by_run = [along_runs(fit.campaign, fit.machine, [run], fit.resolution.coarse, observer) for run in fit.runs]
     columns: dict[str, list[np.ndarray]] = {}

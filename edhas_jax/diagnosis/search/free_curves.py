@@ -65,8 +65,6 @@ def score_free_curves(test: ScoreTest, fit: Fit, report: Report) -> list[Score]:
     """
     report("looking where curves act")
     places = _distinct_places(fit.machine)
-    if not places:  # a rig of one's own may have no slot
-        return []
     samples = samples_at_slots(fit, places)
     curves = [curve for place in places if (curve := free_curve(fit, place, samples[place.slot])) is not None]
     scores = []
