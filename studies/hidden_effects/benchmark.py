@@ -28,7 +28,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from studies.hidden_effects.answers import Answer, Truth
-from studies.hidden_effects.figures import save_figures
 from studies.hidden_effects.generators.drawing import draw
 from studies.hidden_effects.generators.hidden_case import CaseKey, Family, Split, keys_of
 from studies.hidden_effects.methods import Method, SharedParts, answer_with
@@ -122,7 +121,6 @@ def main(arguments: list[str] | None = None) -> int:
     records = results.records(keys, [m.value for m in methods])
     print(f"\n{options.split.value} cases {keys[0]} … {keys[-1]}")
     print(report(records, results.not_drawn(keys)))
-    save_figures(records, options.out)
     print(last_line(records))
     return 0
 

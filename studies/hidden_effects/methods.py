@@ -24,7 +24,7 @@ class Method(enum.Enum):
 
     @property
     def title(self) -> str:
-        """The name in tables and figures."""
+        """The name in tables."""
         return TITLES[self]
 
 

@@ -1,7 +1,7 @@
 """Answers of the benchmark that are kept in a file of the project, and the tables that follow from them.
 
     python -m studies.hidden_effects.published [--split judging|tuning|varied] [--families b c …] [--methods METHOD …]
-                                               [--file FILE] [--add DIR --commit NAME] [--to DIR] [--out DIR]
+                                               [--file FILE] [--add DIR --commit NAME] [--to DIR]
 
 Prints the report of the benchmark for the kept answers, without running any case: those to judging cases, or those to
 the cases of another `--split`; with `--families` only those of some families, with `--methods` only those of some
@@ -28,7 +28,6 @@ from studies.hidden_effects.answers import (
     truth_as_json,
     truth_from_json,
 )
-from studies.hidden_effects.figures import save_figures
 from studies.hidden_effects.generators.hidden_case import CaseKey, Family, Split, key_of
 from studies.hidden_effects.methods import Method
 from studies.hidden_effects.report import last_line, report
@@ -130,14 +129,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--split", type=Split, choices=list(Split), default=Split.JUDGING,
                         metavar="judging|tuning|varied", help="which cases (default judging)")  # fmt: skip
     parser.add_argument("--families", nargs="+", choices=[f.value for f in Family], metavar="LETTER",
-                        help="tables and figures of these families only (default all)")  # fmt: skip
+                        help="tables of these families only (default all)")  # fmt: skip
     parser.add_argument("--methods", nargs="+", choices=[m.value for m in Method], metavar="METHOD",
-                        help="tables and figures of these methods only (default all that have answers)")  # fmt: skip
+                        help="tables of these methods only (default all that have answers)")  # fmt: skip
     parser.add_argument("--file", type=Path, help="file of kept answers (default: that of the project)")
     parser.add_argument("--add", type=Path, metavar="DIR", help="add the cases of this result folder to the file")
     parser.add_argument("--commit", default="", help="with --add: commit of the code that computed them")
     parser.add_argument("--to", type=Path, metavar="DIR", help="write these answers as a result folder")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write the figures to this folder")
     options = parser.parse_args(arguments)
     file, split = options.file or file_of(options.split), options.split
     kept = read_kept(file)
@@ -161,8 +159,6 @@ def main(arguments: list[str] | None = None) -> int:
     commits = sorted({commit for case in shown for m, commit in case.commits.items() if m in methods})
     print(f"answers of {', '.join(commits)}")
     print(report(records, {}))
-    if options.out is not None:
-        save_figures(records, options.out)
     print(last_line(records))
     return 0
 

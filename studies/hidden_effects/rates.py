@@ -96,12 +96,6 @@ def first_is_right_to_the_letter(truth: Truth, answer: Answer) -> bool:
     return answer.first in truth.names
 
 
-def is_among_three(truth: Truth, answer: Answer) -> bool:
-    """Whether a hidden name is among the three most probable ones, where the method finds something missing."""
-    ranked = answer.ranked[:3] if answer.named else ()
-    return any(same_as_any(name, truth.names) for name in ranked)
-
-
 def set_is_right(truth: Truth, answer: Answer) -> bool:
     """Whether a right answer is in the set."""
     return not answer.members.isdisjoint(truth.right_answers)
@@ -176,7 +170,6 @@ def rates(cases: Iterable[Answered]) -> dict[str, Rate]:
     out = {
         "right name first": rate(named, first_is_right),
         "right name first, to the letter": rate(named, first_is_right_to_the_letter),
-        "right name among three": rate(named, is_among_three),
         "truth in the set": rate(cases, set_is_right),
         "right place": rate(named, place_is_right),
     }

@@ -36,7 +36,7 @@ DEFINITIONS = {
     "docs/fitting.md": {"Compare", "Fit"},
     "docs/fmu.md": {"Time"},
     "docs/hidden_effects.md": {
-        "The benchmark of hidden effects", "What counts as right", "The cases", "Sizes", "Independent data generation",
+        "The benchmark of hidden effects", "The cases", "Sizes", "Independent data generation",
         "The methods",
     },
     "docs/model.md": {"Equations", "Notes for reading results"},

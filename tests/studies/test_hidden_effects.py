@@ -75,7 +75,7 @@ def test_rivals_get_the_exact_residual_and_the_grid_of_the_diagnosis(small):
     table = signature_table(fitted, candidates)
     for suspect, candidate in zip(table.suspects, candidates, strict=True):
         np.testing.assert_array_equal(suspect.points, screening_grid(candidate.unknowns(campaign)))
-    assert [s.parameter_count for s in table.suspects] == [3, 1]
+    assert [s.points.shape[1] for s in table.suspects] == [3, 1]
     # two parameters; gain, offset and shift of five sensors; trigger, orifice and coil of two runs
     assert table.slopes.shape[1] == 2 + 15 + 6
     whole = np.concatenate([table.slopes, np.eye(table.slopes.shape[1])])

@@ -37,7 +37,6 @@ def test_names_places_and_sets_of_single_effects():
     ]
     found = rates(cases)
     assert found["right name first"] == Rate(1, 4)
-    assert found["right name among three"] == Rate(1, 4)
     assert found["truth in the set"] == Rate(2, 4)
     assert found["right place"] == Rate(2, 4)
     assert found["all hidden effects named, and no other"] == Rate(1, 4)

@@ -1,15 +1,14 @@
-"""Tables, last line and pictures of the benchmark of hidden effects, from constructed answers."""
+"""Tables, and last line of the benchmark of hidden effects, from constructed answers."""
 
 import dataclasses
 
-from studies.hidden_effects.figures import save_figures
 from studies.hidden_effects.rates import Answered
 from studies.hidden_effects.report import last_line, probability_table, report, time_table, wrong_answer
 from studies.hidden_effects.store import Limit, Record
 from tests.support.constructed_answers import FAILED, UNKNOWN_AT_MOVER, answer, truth
 
 
-def test_tables_last_line_and_figures(tmp_path):
+def test_tables_and_last_line():
     records = [
         Record(truth("cogging_force"), {"ours": answer("cogging_force", probability=0.9, seconds=50.0)}),
         Record(truth(), {"ours": answer("eddy_drag", probability=0.6), "correlation": answer(seconds=20.0)}),
@@ -30,9 +29,6 @@ def test_tables_last_line_and_figures(tmp_path):
     assert "nothing → missing_effect eddy_drag at mover" in wrong and FAILED.failed in wrong
     assert "cogging_force" not in wrong
     assert "(withheld)" in wrong_answer(*[(r.truth, r.answers["ours"]) for r in records][2])
-    save_figures(records, tmp_path)
-    names = {path.name for path in tmp_path.glob("*.png") if path.stat().st_size > 5000}
-    assert names == {"visibility.png", "reliability.png"}
     assert report([], {}).endswith("no answer")
 
 

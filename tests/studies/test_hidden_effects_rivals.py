@@ -17,28 +17,25 @@ NAMES = ("eddy_drag", "backlash", "supply_sag", "seal_friction", "hose_complianc
 RUNS, SIGNALS, SAMPLES, PARAMETERS = 4, 2, 500, 3
 
 
-def table(sizes=None, of_parameters=0.0, drift=0.0):
+def table(sizes=None, of_parameters=0.0):
     """A table with signatures at the sizes 1 and 2, and a residual of unit noise with some of them in it.
 
     Args:
         sizes: size of each suspect in the residual.
         of_parameters: how much of the first parameter every signature contains.
-        drift: an addition to the residual of the first run only.
     """
     rng = np.random.default_rng(5)
     count = RUNS * SIGNALS * SAMPLES
-    run = np.repeat(np.arange(RUNS), SIGNALS * SAMPLES)
     slopes = rng.standard_normal((count, PARAMETERS))
     shapes = 0.2 * rng.standard_normal((len(NAMES), count)) + of_parameters * slopes[:, 0]
     residual = rng.standard_normal(count) + sum(size * shapes[NAMES.index(n)] for n, size in (sizes or {}).items())
-    residual = residual + drift * (run == 0) * shapes[0]
     suspects = [
         Signatures(types.SimpleNamespace(name=n), np.array([[0.0], [1.0]]), np.array([shape, 2.0 * shape]))
         for n, shape in zip(NAMES, shapes, strict=True)
     ]
     return SignatureTable(
-        run, np.tile(np.repeat(np.arange(SIGNALS), SAMPLES), RUNS), tuple(f"run{r}" for r in range(RUNS)),
-        ("current", "voltage"), residual, slopes, np.zeros(PARAMETERS), np.ones(PARAMETERS, bool), tuple(suspects),
+        np.tile(np.repeat(np.arange(SIGNALS), SAMPLES), RUNS), ("current", "voltage"), residual, slopes,
+        np.zeros(PARAMETERS), np.ones(PARAMETERS, bool), tuple(suspects),
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from studies.hidden_effects.generators.benches import Bench
 from studies.hidden_effects.generators.chains import Link
 from studies.hidden_effects.generators.disturbances import Disturbance
 from studies.hidden_effects.generators.hidden_case import Split
+from studies.hidden_effects.generators.judging import first_machine, second_machine
 from studies.hidden_effects.generators.laws import Law
 from studies.hidden_effects.generators.settings import RunDrift, WrongSheet
 
@@ -39,23 +40,22 @@ class Content:
 
 CONTENT = {
     Split.TUNING: Content(
-        tuning.laws.LAWS, tuning.laws.UNLISTED, tuning.disturbances.DISTURBANCES, tuning.chains.LINKS,
-        tuning.settings.DRIFTS, tuning.settings.SHEETS, tuning.benches.BENCHES,
+        tuning.LAWS, tuning.UNLISTED, tuning.DISTURBANCES, tuning.LINKS, tuning.DRIFTS, tuning.SHEETS, tuning.BENCHES
     ),
     Split.VARIED: Content(
-        varied.laws.LAWS, tuning.laws.UNLISTED, varied.disturbances.DISTURBANCES, varied.chains.LINKS,
-        varied.settings.DRIFTS, varied.settings.SHEETS, varied.benches.BENCHES,
+        varied.LAWS, tuning.UNLISTED, varied.DISTURBANCES, varied.LINKS, varied.DRIFTS, varied.SHEETS, varied.BENCHES
     ),
     Split.JUDGING: Content(
-        judging.laws.LAWS, judging.unlisted.UNLISTED, judging.disturbances.DISTURBANCES, judging.chains.LINKS,
-        judging.settings.DRIFTS, judging.settings.SHEETS, judging.benches.BENCHES,
+        judging.LAWS, judging.UNLISTED, judging.DISTURBANCES, judging.LINKS, judging.DRIFTS, judging.SHEETS,
+        judging.BENCHES,
     ),
 }  # fmt: skip
 # judging cases on machines of one's own, each with a list of effects of its own
 OWN_MACHINES = tuple(
     dataclasses.replace(
         CONTENT[Split.JUDGING], laws=rig.LAWS, unlisted=rig.UNLISTED, disturbances=rig.DISTURBANCES,
+        drifts=rig.DRIFTS,
         benches=(rig.BENCH,), library=rig.LIBRARY,
     )
-    for rig in (judging.first_machine, judging.second_machine)
+    for rig in (first_machine, second_machine)
 )  # fmt: skip

@@ -120,9 +120,9 @@ class _Draw:
         sheet, drifts, factors = "", (), {}
         deviations = usual_deviations(rng, len(plan.uncertain_in(machine)))
         if Difficulty.SETTINGS in wrong:
-            drifts, factors = draw_drifts(self.content.drifts, bench.settings, len(bench.runs), rng)
-            if not all(has_parameter(machine, name) for name in factors):
-                return None  # a drift of the oil on a bench without oil
+            # not of the oil on a bench without oil
+            known = [d for d in self.content.drifts if d.parameter is None or has_parameter(machine, d.parameter)]
+            drifts, factors = draw_drifts(known, bench.settings, len(bench.runs), rng)
             if rng.uniform() < SHARE_OF_WRONG_SHEETS:
                 sheet_kind = self.content.sheets[rng.integers(len(self.content.sheets))]
                 sheet, deviations = sheet_kind.id, sheet_kind.deviations(rng, len(deviations))
@@ -163,8 +163,7 @@ class _Draw:
         )  # fmt: skip
         return HiddenCase(
             about, campaign, tuple(kind for kind in self.content.library if kind.id not in withheld), truth,
-            disturbances.sizes if disturbances else {}, disturbances.visible if disturbances else 0.0, ids, settings,
-            {n: channel.noise for n, channel in plan.channels.items()},
+            disturbances.sizes if disturbances else {}, ids, settings,
         )  # fmt: skip
 
     def _drawn(self, test: VisibilityTest, laws: Sequence[Law], least: float) -> list[Drawn] | None:

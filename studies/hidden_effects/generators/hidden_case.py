@@ -85,10 +85,8 @@ class HiddenCase:
             less those that are withheld.
         machine: the machine that made the data, with what is hidden mounted last.
         disturbances: size of each small disturbance by name.
-        disturbances_visible: the same as `HiddenEffect.visible` for all disturbances together.
         chain: links of the sensor chain, with their parameters.
         settings: what is off from run to run, and the sheet of parameters.
-        true_noise: standard deviation of the noise by signal (SI).
     """
 
     truth: Truth
@@ -96,10 +94,8 @@ class HiddenCase:
     library: tuple[type[Effect], ...]
     machine: Rig | None = None
     disturbances: dict[str, float] = dataclasses.field(default_factory=dict)
-    disturbances_visible: float = 0.0
     chain: tuple[str, ...] = ()
     settings: tuple[str, ...] = ()
-    true_noise: dict[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def own_library(self) -> tuple[type[Effect], ...]:

@@ -10,7 +10,9 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Channel
 from studies.hidden_effects.generators.benches import Bench, planned_runs
 from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
+from studies.hidden_effects.generators.judging.settings import warmer_in_sessions
 from studies.hidden_effects.generators.laws import law
+from studies.hidden_effects.generators.settings import RunDrift
 
 AMBIENT, GRAVITY = 101325.0, 9.81  # Pa, m/s²
 TRAVEL, RELATIVE_SPEED, DROP = 5e-3, 0.08, 4e3  # m, m/s and Pa, usual ones
@@ -154,12 +156,14 @@ class AirTableDisturbances(Effect, rig=AirTable):
     draught: float = size_par("N", "draught, with the square of speed")
 
     def table_force(self, s, z):
+        """Steps, pulses and draught [N]."""
         steps = jnp.exp(8.0 * (jnp.cos(2.0 * jnp.pi * self.step_rate * s.time + self.step_phase) - 1.0))
         pulses = self.pump_pulses * jnp.sin(2.0 * jnp.pi * self.pulse_rate * s.time)
         u = s.stroke_speed / RELATIVE_SPEED
         return self.footsteps * steps + pulses - self.draught * u * jnp.abs(u)
 
     def tank_loss(self, s, z):
+        """Warming as a flow [m³/s]."""
         return self.room_warming * (s.time + 0.0 * s.stroke)
 
 
@@ -169,6 +173,7 @@ DISTURBANCES = (
     Disturbance(AirTableDisturbances, "room_warming", 1e-6),
     Disturbance(AirTableDisturbances, "draught", 0.3),
 )
+DRIFTS = (RunDrift("throttle warms up", "throttle", warmer_in_sessions),)
 BENCH = Bench(
     "air table", functools.partial(AirTable, floor=Sine(ramp_time=0.4)), (),
     {"table_mass": 0.02, "table_damping": 0.3, "spring_volume": 0.08, "tank_volume": 0.06, "throttle": 0.2,

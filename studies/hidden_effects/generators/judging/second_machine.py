@@ -9,7 +9,9 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Channel
 from studies.hidden_effects.generators.benches import Bench, planned_runs
 from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
+from studies.hidden_effects.generators.judging.settings import warmer_in_sessions
 from studies.hidden_effects.generators.laws import law
+from studies.hidden_effects.generators.settings import RunDrift
 
 
 class LadderFilter(Rig):
@@ -138,12 +140,15 @@ class LadderDisturbances(Effect, rig=LadderFilter):
     warming_load: float = size_par("1/ohm", "conductance of the load that falls with time, after 0.1 s")
 
     def first_drop(self, s, z):
+        """Hum [V]."""
         return self.mains_hum * jnp.sin(2.0 * jnp.pi * 50.0 * s.time + self.hum_phase)
 
     def second_drop(self, s, z):
+        """Rectified voltage [V]."""
         return self.rectified * jnp.square(s.second_current / 0.2)
 
     def load_loss(self, s, z):
+        """Radio signal and change of the load [A]."""
         radio = self.radio * jnp.sin(2.0 * jnp.pi * self.radio_rate * s.time)
         return radio - self.warming_load * s.load_voltage * s.time / 0.1
 
@@ -154,6 +159,7 @@ DISTURBANCES = (
     Disturbance(LadderDisturbances, "rectified", 0.02),
     Disturbance(LadderDisturbances, "warming_load", 5e-4),
 )
+DRIFTS = (RunDrift("coil warms up", "first_resistance", warmer_in_sessions),)
 BENCH = Bench(
     "ladder filter", functools.partial(LadderFilter, source=Sine(ramp_time=0.02)), (),
     {"first_inductance": 0.03, "second_inductance": 0.03, "first_capacity": 0.05, "second_capacity": 0.05,

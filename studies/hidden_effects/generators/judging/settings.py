@@ -10,7 +10,7 @@ def _hand_wheel(rng, runs):
     return 1.0 + rng.uniform(0.003, 0.009) * np.where(rng.uniform(size=runs) < 0.5, 1.0, -1.0)
 
 
-def _sessions(rng, runs):
+def warmer_in_sessions(rng, runs):
     """Warmer within each session of three runs, cold again after the pause: up to 0.6 … 1.6 %."""
     return 1.0 + rng.uniform(0.006, 0.016) * (np.arange(runs) % 3) / 2.0
 
@@ -44,8 +44,8 @@ def _one_forgotten(rng, count):
 
 DRIFTS = (
     RunDrift("hand wheel with play", None, _hand_wheel), RunDrift("thermostat", None, _oscillating),
-    RunDrift("coil warms up in sessions", "coil_resistance", _sessions),
-    RunDrift("force constant of sessions", "force_constant", _sessions),
+    RunDrift("coil warms up in sessions", "coil_resistance", warmer_in_sessions),
+    RunDrift("force constant of sessions", "force_constant", warmer_in_sessions),
     RunDrift("oil is refilled", "oil_viscosity", _refilled),
 )  # fmt: skip
 SHEETS = (WrongSheet("one group off", _one_group_off), WrongSheet("one forgotten", _one_forgotten))
