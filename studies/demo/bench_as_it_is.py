@@ -25,9 +25,10 @@ from studies.hidden_effects.generators.disturbances import draw_disturbances
 from studies.hidden_effects.generators.hidden_case import Split
 from studies.hidden_effects.generators.records import recorded
 from studies.hidden_effects.generators.settings import usual_deviations, with_deviations
-from studies.hidden_effects.generators.tuning.electrical_laws import ArctanDeadTime
+from studies.hidden_effects.generators.tuning.laws import LAWS
 from studies.hidden_effects.generators.visibility import VisibilityTest
 
+DEAD_TIME = next(law.kind for law in LAWS if law.id == "arctan_dead_time")
 LOST_VOLTAGE = 0.9  # V
 NOISE = {
     "voltage": 0.02, "current": 0.02, "piston_position": 5e-6, "outlet_pressure": 1.5e3, "outlet_flow": 2e-7
@@ -49,7 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
     if disturbances is None:
         print("no disturbances of this seed; choose another one", file=sys.stderr)
         return 1
-    effects = (*disturbances.machine.effects, ArctanDeadTime(lost_voltage=LOST_VOLTAGE))
+    effects = (*disturbances.machine.effects, DEAD_TIME(lost_voltage=LOST_VOLTAGE))
     measured = recorded(plan, dataclasses.replace(disturbances.machine, effects=effects), rng)
     unstated = {n: dataclasses.replace(c, noise=math.nan, stated_noise=None) for n, c in measured.channels.items()}
     write_campaign(dataclasses.replace(measured, channels=unstated), options.out)

@@ -27,8 +27,8 @@ from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.measurements.campaign import Campaign, Channel, Use
 from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 from studies.flow_drop.causes import SizedCause
-from studies.hidden_effects.cases import CHANNELS
-from studies.hidden_effects.cases import UNCERTAIN as USUAL
+from studies.hidden_effects.generators.tuning.benches import PUMP_CHANNELS as CHANNELS
+from studies.hidden_effects.generators.tuning.benches import PUMP_UNCERTAIN as USUAL
 from studies.paper.readings import mean_flows
 
 LIBRARY = (ValveAdhesion, SuctionLineResistance, SuctionLineInertance, SupplySag, ValveFlowForce)

@@ -12,9 +12,9 @@ drawn). The rate "right name first, to the letter" allows no such name.
 import dataclasses
 import enum
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
-from edhas_jax.machine.effects import LIBRARY
+from edhas_jax.machine.effects import LIBRARY, Effect
 
 NOTHING, UNKNOWN = "nothing", "unknown"  # answers that are no names of effects
 SENSOR_PLACE = "sensor"
@@ -66,12 +66,13 @@ class Truth:
 
     Args:
         family: letter of the family of generators.
-        split: "tuning", "practice", "varied", "earlier" or "judging".
+        split: "tuning", "varied" or "judging".
         number: number of the case within family and split.
         hidden: what is hidden; nothing where only disturbances, sensor chains or settings differ.
         withheld: whether what is hidden is withheld from the suspects.
         disturbed_signals: signals whose sensors are not as the campaign says; a fault named there is not wrong.
         description: what else differs, in words.
+        attempt: which of the draws of the case was the first one in which everything hidden is visible.
     """
 
     family: str
@@ -81,6 +82,7 @@ class Truth:
     withheld: bool = False
     disturbed_signals: tuple[str, ...] = ()
     description: str = ""
+    attempt: int = 0
 
     @property
     def names(self) -> frozenset[str]:
@@ -105,26 +107,6 @@ class Truth:
         return frozenset({UNKNOWN}) if self.withheld else frozenset().union(*map(same_names, self.names))
 
 
-class LawEstimate(NamedTuple):
-    """How near the estimated law of a rightly named effect is to the true one.
-
-    Args:
-        library_error: rms error of what the library's law contributes, over the rms of the true contribution.
-        final_error: the same for the law in the final model.
-        has_curve: whether the final model has a curve beside the library's law.
-        calibrated: residual over noise on the held-out runs without the effect,
-        with_library: with the library's law, as it was accepted,
-        final: and of the final model.
-    """
-
-    library_error: float
-    final_error: float
-    has_curve: bool
-    calibrated: float
-    with_library: float
-    final: float
-
-
 @dataclasses.dataclass(frozen=True)
 class Answer:
     """What a method says about a case.
@@ -140,10 +122,6 @@ class Answer:
         parameters: for each name, its parameters with their standard errors (SI), where the method states them.
         seconds: processor time, what several methods share included.
         failed: the error in which the method ended.
-        details: sentences for a reader.
-        evidence: what the probabilities of `edhas diagnose` follow from, to calibrate them; empty for other methods.
-        location_shares: and, for the place of an unknown cause, the share of the misfit of each component.
-        estimates: for each rightly named effect the error of its law, where a method estimates laws.
     """
 
     verdict: Verdict | None
@@ -156,10 +134,6 @@ class Answer:
     parameters: dict[str, dict[str, tuple[float, float]]] = dataclasses.field(default_factory=dict)
     seconds: float = 0.0
     failed: str = ""
-    details: tuple[str, ...] = ()
-    evidence: dict[str, Any] = dataclasses.field(default_factory=dict)
-    location_shares: dict[str, float] = dataclasses.field(default_factory=dict)
-    estimates: dict[str, LawEstimate] = dataclasses.field(default_factory=dict)
 
     @property
     def first(self) -> str:
@@ -194,7 +168,8 @@ def places_of(name: str) -> tuple[str, ...]:
     """The components on which an effect or fault acts, by its name; empty for an unknown name."""
     if " on " in name:
         return (SENSOR_PLACE,)
-    return next((tuple(dict.fromkeys(slot.location for slot in k.slots)) for k in LIBRARY if k.id == name), ())
+    kinds = (*LIBRARY, *Effect.__subclasses__())  # those of machines of one's own too
+    return next((tuple(dict.fromkeys(slot.location for slot in k.slots)) for k in kinds if k.id == name), ())
 
 
 def truth_as_json(truth: Truth) -> dict[str, Any]:
@@ -218,13 +193,12 @@ def answer_as_json(answer: Answer) -> dict[str, Any]:
 def answer_from_json(plain: dict[str, Any]) -> Answer:
     """The answer of plain data."""
     verdict = None if plain["verdict"] is None else Verdict(plain["verdict"])
-    tuples = {n: tuple(plain[n]) for n in ("named", "answer_set", "ranked", "details")}
+    tuples = {n: tuple(plain[n]) for n in ("named", "answer_set", "ranked")}
     law = {name: Law(value) for name, value in plain["law"].items()}
     parameters = {
         name: {p: (value, error) for p, (value, error) in of.items()} for name, of in plain["parameters"].items()
     }
-    estimates = {name: LawEstimate(*values) for name, values in plain.get("estimates", {}).items()}
-    return Answer(**plain | tuples | {"verdict": verdict, "law": law, "parameters": parameters, "estimates": estimates})
+    return Answer(**plain | tuples | {"verdict": verdict, "law": law, "parameters": parameters})
 
 
 def _plain(value: Any) -> Any:

@@ -1,17 +1,22 @@
 """Benchmark of hidden effects: how often do methods name the effects that are hidden in synthetic campaigns?
 
-    python -m studies.hidden_effects [--families a b …] [--split judging|tuning|practice|varied|earlier]
-                                     [--cases N] [--first K] [--workers K] [--out DIR]
-                                     [--methods ours,bic,…] [--sensor-lags] [--baselines]
+    python -m studies.hidden_effects [--split varied|tuning|judging] [--families b c …] [--first K] [--cases N]
+                                     [--methods ours,previous,bic,correlation] [--workers K] [--out DIR]
 
-Each case is a campaign made by an integrator and sensor models that no method uses. A case is determined by family,
-split and number; `--cases` from `--first` (or `--seed`) on are run of each family. Family (a), the default, has one
-effect of the library in a bench that is otherwise as the model says; there the split follows from the number: cases
-from 40000 on are judging ones, those from 11000 to 39999 earlier ones, those below 11000 tuning ones.
+Each case is a campaign made by an integrator and sensor models that no method uses. A case is determined by split,
+family and number; `--cases` from `--first` on are run of each family. The family of a judging case follows from its
+number: `--split judging --cases 340` are all of them.
 
 Each answer is stored in DIR when it is there and not computed again, so that the same command continues a study that
-was stopped, and another method can be added later. An answer that ended in an error counts as wrong. The classifier
-needs training cases in DIR, which `python -m studies.hidden_effects.training` makes.
+was stopped, and another method can be added later. An answer that ended in an error counts as wrong.
+
+`previous` is `edhas diagnose` of an earlier version of the package, whose code need not be in this one:
+
+    git archive COMMIT edhas_jax | tar -x -C EMPTY        # the earlier package alone, into a folder that exists
+    cd EMPTY; PYTHONPATH=EMPTY:THIS python -m studies.hidden_effects --methods previous --out SAME …
+
+THIS is the folder of this version, SAME the result folder, as absolute paths. The cases are drawn there too; one whose
+hidden effects are not those that are stored is left out. The rival methods can be run in the same way.
 
 The last line has the main figures of each method as `key=value`: `ours_top1=… ours_in_set=… … bic_top1=… …`.
 """
@@ -23,11 +28,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from studies.hidden_effects.answers import Answer, Truth
-from studies.hidden_effects.calibrated_case import CalibratedCase
-from studies.hidden_effects.drawing import FAMILIES, LIBRARY_FAMILY, CaseKey, draw, first_number, split_of
-from studies.hidden_effects.figures import save_figures
-from studies.hidden_effects.generators.hidden_case import Split
-from studies.hidden_effects.methods import Method, answer_with, what_is_missing
+from studies.hidden_effects.generators.drawing import draw
+from studies.hidden_effects.generators.hidden_case import CaseKey, Family, Split, keys_of
+from studies.hidden_effects.methods import Method, SharedParts, answer_with
 from studies.hidden_effects.report import last_line, report
 from studies.hidden_effects.store import ResultFolder
 from studies.hidden_effects.work import run_all
@@ -43,18 +46,24 @@ class Job:
 
 
 def run_job(job: Job) -> str:
-    """Draw a case, ask every method, store each answer; a sentence on them."""
+    """Draw a case, ask every method, store each answer; a sentence on them, which hides those to a judging case."""
+    stored = job.results.truth(job.key)
     try:
-        case = draw(job.key)
+        case = draw(job.key, stored.attempt if stored else 0)
     except RuntimeError as error:
         job.results.store_failed_draw(job.key, str(error))
         return f"{job.key}: not drawn: {error}"
-    job.results.store_truth(job.key, case.truth)
-    shared, said = CalibratedCase(case, job.results.training), []
+    if stored is None:
+        job.results.store_truth(job.key, case.truth)
+    elif not case.is_same(stored):
+        return f"{job.key}: left out, as another case has been drawn for {job.results.folder}"
+    shared, said = SharedParts(case), []
     for method in job.methods:
         answer = answer_with(method, case, shared)
         job.results.store_answer(job.key, method.value, answer)
         said.append(f"{method.value}: {_answer_text(answer)}")
+    if job.key.split is Split.JUDGING:
+        return f"{job.key}: answered by {', '.join(method.value for method in job.methods)}"
     return f"{job.key}: {_truth_text(case.truth)} → {'; '.join(said)}"
 
 
@@ -88,41 +97,21 @@ def study(keys: Iterable[CaseKey], methods: tuple[Method, ...], workers: int, re
 def main(arguments: list[str] | None = None) -> int:
     """Run the study from the command line and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--families", nargs="+", choices=FAMILIES, default=[LIBRARY_FAMILY], metavar="LETTER",
-                        help="; ".join(f"{letter}: {family.value}" for letter, family in FAMILIES.items()))  # fmt: skip
-    parser.add_argument(
-        "--split", choices=[split.value for split in Split], default=Split.JUDGING.value,
-        help="judging (default): to compare methods with; tuning: to choose thresholds with, and to train; practice: "
-        "the same with further laws; varied: for development too, with laws drawn anew in every case; earlier: for "
-        "development, what judged before",
-    )  # fmt: skip
-    parser.add_argument("--cases", type=int, default=40, help="number of cases of each family")
-    parser.add_argument("--first", "--seed", type=int, help="number of the first case")
+    parser.add_argument("--split", type=Split, choices=list(Split), default=Split.VARIED,
+                        metavar="varied|tuning|judging", help="which cases (default varied)")  # fmt: skip
+    parser.add_argument("--families", nargs="+", choices=[f.value for f in Family], default=[], metavar="LETTER",
+                        help="; ".join(f"{f.value}: {f.name.lower().replace('_', ' ')}" for f in Family))  # fmt: skip
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
+    parser.add_argument("--cases", type=int, default=40, help="how many numbers")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"))
-    parser.add_argument("--methods", type=_methods, metavar="METHOD,METHOD",
-                        help=f"of {', '.join(m.value for m in Method)}; all that can run by default")  # fmt: skip
-    parser.add_argument("--baselines", action="store_true", help="every method but ours")
-    parser.add_argument("--sensor-lags", action="store_true",
-                        help="family a: give every sensor a lag of 20 … 50 µs that is not in the library")  # fmt: skip
+    parser.add_argument("--methods", type=_methods, default=(Method.OURS,), metavar="METHOD,METHOD",
+                        help=f"of {', '.join(m.value for m in Method)}; ours by default")  # fmt: skip
     options = parser.parse_args(arguments)
-    results = ResultFolder(options.out)
-    methods = options.methods or tuple(m for m in Method if not (options.baselines and m is Method.OURS))
-    lacking = {m: sentence for m in methods if (sentence := what_is_missing(m, results.training))}
-    if lacking and options.methods:
-        parser.error("; ".join(lacking.values()))
-    for method, sentence in lacking.items():
-        print(f"without {method.value}: {sentence}")
-    methods = tuple(m for m in methods if m not in lacking)
-    keys = []
-    for family in options.families:
-        first = first_number(family, Split(options.split)) if options.first is None else options.first
-        try:
-            split = split_of(family, first, options.cases, Split(options.split))
-        except ValueError as error:
-            parser.error(str(error))
-        lags = options.sensor_lags and family == LIBRARY_FAMILY
-        keys += [CaseKey(family, split, number, lags) for number in range(first, first + options.cases)]
+    results, methods = ResultFolder(options.out), options.methods
+    keys = keys_of(options.split, options.families, options.first, options.cases)
+    if not keys:
+        parser.error(f"no {options.split.value} case of {', '.join(options.families)} among these numbers")
     try:
         study(keys, methods, options.workers, results)
     except KeyboardInterrupt:
@@ -130,10 +119,8 @@ def main(arguments: list[str] | None = None) -> int:
               file=sys.stderr)  # fmt: skip
         return 130
     records = results.records(keys, [m.value for m in methods])
-    kinds = {split: "test" if split is Split.JUDGING else "development" for split in Split}
-    print(f"\n{' and '.join(dict.fromkeys(kinds[key.split] for key in keys))} cases {keys[0]} … {keys[-1]}")
+    print(f"\n{options.split.value} cases {keys[0]} … {keys[-1]}")
     print(report(records, results.not_drawn(keys)))
-    save_figures(records, options.out)
     print(last_line(records))
     return 0
 

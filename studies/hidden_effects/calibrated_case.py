@@ -6,7 +6,6 @@ The residual is taken at a time step whose solver error is far below the noise.
 import dataclasses
 import functools
 import time
-from pathlib import Path
 
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
@@ -19,7 +18,7 @@ from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
-from studies.hidden_effects.drawing import DrawnCase
+from studies.hidden_effects.generators.hidden_case import HiddenCase
 from studies.hidden_effects.signatures import SignatureTable, signature_table
 
 MAX_EXACT_ERROR_OVER_NOISE = 0.01  # largest rms error of the solver in the residual, in units of the noise
@@ -31,11 +30,9 @@ class CalibratedCase:
 
     Args:
         drawn: the case.
-        training: folder of the training table of the classifier.
     """
 
-    drawn: DrawnCase
-    training: Path = Path("training")
+    drawn: HiddenCase
 
     @functools.cached_property
     def campaign(self) -> Campaign:
@@ -60,18 +57,13 @@ class CalibratedCase:
 
     def suspects_of(self, machine: Rig, instruments: Instruments) -> list[Candidate]:
         """The effects and sensor faults that a machine and its sensors can have in addition."""
-        found = candidates_for(self.campaign, machine, instruments)
+        found = candidates_for(self.campaign, machine, instruments, self.drawn.own_library)
         return [c for c in found if c.signal is not None or c.kind in self.drawn.library]
 
     @functools.cached_property
     def table(self) -> SignatureTable:
         """Residual and signatures of all suspects."""
         return signature_table(self.exact[0], self.suspects)
-
-    @property
-    def intervals(self) -> tuple[float, ...]:
-        """The sample interval of each fitted run [s]."""
-        return tuple(run.interval for run in self.calibrated[0].fit.problem.model().runs)
 
     @functools.cached_property
     def seconds(self) -> float:

@@ -1,39 +1,34 @@
-"""The answer of the package's own diagnosis, as the benchmark compares it with those of other methods.
+"""The answer of the package's own diagnosis, from what it writes into `diagnosis.json`.
 
-The only module of the benchmark that reads a `Diagnosis`.
+That file has one form in all versions of the package, so that an earlier one can be compared with this one.
 """
 
-import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
-from edhas_jax.diagnosis.search.conclusions import conclusions
-from edhas_jax.diagnosis.search.result import Diagnosis
 from studies.hidden_effects.answers import Answer, Law, Verdict
 
 VERDICTS_WITH_NAMES = (Verdict.MISSING_EFFECT, Verdict.AMBIGUOUS)
 MAX_RANKED = 10
 
 
-def answer_of(diagnosis: Diagnosis) -> Answer:
-    """The names, set, place, law, verdict and probability of a diagnosis."""
-    verdict, answer = Verdict(diagnosis.verdict.value), diagnosis.answer
-    accepted = sorted(
-        (t.candidate.name for t in diagnosis.named),
-        key=lambda name: (name != answer.first, -answer.probabilities.get(name, 0.0)),
-    )
+def answer_of(plain: Mapping[str, Any]) -> Answer:
+    """The names, set, place, laws, verdict and probability of a diagnosis as plain data."""
+    verdict, answer = Verdict(plain["verdict"]), plain["answer"]
+    found = {_name(row["effect"], row.get("signal")): row for row in plain["candidates"] if row["accepted"]}
+    found = {name: row for name, row in found.items() if row["effect"] in plain["effects"]}
+    accepted = sorted(found, key=lambda name: (name != answer["first"], -answer["probabilities"].get(name, 0.0)))
     named = tuple(accepted) if verdict in VERDICTS_WITH_NAMES else ()
-    place = None if verdict is Verdict.ADEQUATE else next(iter(diagnosis.location_probabilities()), None)
-    laws = {m.candidate.name: Law.DIFFERS if m.law_differs else Law.LIBRARY for m in diagnosis.members}
+    place = None if verdict is Verdict.ADEQUATE or not plain["where"] else plain["where"][0]["slot"]
+    laws = {_name(row["effect"], row["signal"]): Law(row["law"]) for row in plain["laws"]}
     parameters = {
-        t.candidate.name: {
-            n.removeprefix(t.candidate.prefix): (value, diagnosis.final.standard_errors[n])
-            for n, value in diagnosis.final.values.items()
-            if n.startswith(t.candidate.prefix)
-        }
-        for t in diagnosis.named
+        name: {n: (p["value"], p["std"]) for n, p in row["parameters"].items()} for name, row in found.items()
     }
     return Answer(
-        verdict, named, answer.members, place, float(answer.probabilities[answer.first]),
-        {name: laws[name] for name in named}, tuple(answer.probabilities)[:MAX_RANKED], parameters, diagnosis.seconds,
-        details=tuple(conclusions(diagnosis)), evidence=dataclasses.asdict(diagnosis.evidence),
-        location_shares=diagnosis.location_shares,
+        verdict, named, tuple(answer["set"]), place, answer["probabilities"][answer["first"]],
+        {name: laws[name] for name in named if name in laws}, tuple(answer["probabilities"])[:MAX_RANKED], parameters,
     )  # fmt: skip
+
+
+def _name(effect: str, signal: str | None) -> str:
+    return effect if signal is None else f"{effect} on {signal}"

@@ -1,15 +1,14 @@
 """Answers of the benchmark that are kept in a file of the project, and the tables that follow from them.
 
-    python -m studies.hidden_effects.published [--split judging|tuning|practice|varied|earlier] [--families b c …]
-                                               [--methods METHOD …] [--commits NAME …] [--file FILE]
-                                               [--add DIR --commit NAME] [--to DIR] [--out DIR]
+    python -m studies.hidden_effects.published [--split judging|tuning|varied] [--families b c …] [--methods METHOD …]
+                                               [--file FILE] [--add DIR --commit NAME] [--to DIR]
 
 Prints the report of the benchmark for the kept answers, without running any case: those to judging cases, or those to
 the cases of another `--split`; with `--families` only those of some families, with `--methods` only those of some
-methods, which are then compared on the cases that all of them were run on, and with `--commits` only answers that these
-commits of the code have computed. `--to` writes the same answers as a result folder, from which the benchmark can be
-continued with more cases or other methods. `--add` copies the finished cases of a result folder into the file, and
-notes the commit of the code that computed them; an answer that is in the file already is not replaced.
+methods, which are then compared on the cases that all of them were run on. `--to` writes the same answers as a result
+folder, from which the benchmark can be continued with more cases or other methods. `--add` copies the finished cases of
+a result folder into the file, and notes the commit of the code that computed them; an answer that is in the file
+already is not replaced.
 
 The last line has the main figures of each method as `key=value`: `ours_top1=… ours_in_set=… … bic_top1=… …`.
 """
@@ -17,7 +16,7 @@ The last line has the main figures of each method as `key=value`: `ours_top1=…
 import argparse
 import dataclasses
 import json
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +28,10 @@ from studies.hidden_effects.answers import (
     truth_as_json,
     truth_from_json,
 )
-from studies.hidden_effects.drawing import FAMILIES, CaseKey, key_of
-from studies.hidden_effects.figures import save_figures
-from studies.hidden_effects.generators.hidden_case import Split
+from studies.hidden_effects.generators.hidden_case import CaseKey, Family, Split, key_of
 from studies.hidden_effects.methods import Method
 from studies.hidden_effects.report import last_line, report
-from studies.hidden_effects.store import Record, ResultFolder
+from studies.hidden_effects.store import Record, ResultFolder, limit_from_json
 
 DIGITS = 5  # significant digits of a number in the file
 RANKED = 5  # names in the file of the most probable ones
@@ -51,20 +48,6 @@ class KeptCase:
     def key(self) -> CaseKey:
         """What determines the case."""
         return key_of(self.record.truth)
-
-    def only(self, methods: Collection[str] | None, commits: Collection[str] | None) -> "KeptCase":
-        """A copy of the case that has the answers of some methods and commits only.
-
-        Args:
-            methods: methods whose answers are kept; None for all.
-            commits: commits of the code whose answers are kept; None for all.
-        """
-        kept = {
-            method: commit for method, commit in self.commits.items()
-            if (methods is None or method in methods) and (commits is None or commit in commits)
-        }  # fmt: skip
-        answers = {method: answer for method, answer in self.record.answers.items() if method in kept}
-        return KeptCase(Record(self.record.truth, answers), kept)
 
 
 def file_of(split: Split) -> Path:
@@ -94,34 +77,41 @@ def added(kept: Mapping[CaseKey, KeptCase], records: Iterable[Record], commit: s
         case = KeptCase(record, dict.fromkeys(record.answers, commit))
         known = out.get(case.key)
         if known is not None:
-            answers = record.answers | known.record.answers
-            case = KeptCase(Record(known.record.truth, answers), case.commits | known.commits)
+            answers, limit = record.answers | known.record.answers, record.limit or known.record.limit
+            case = KeptCase(Record(known.record.truth, answers, limit), case.commits | known.commits)
         if case.record.answers:
             out[case.key] = case
     return out
 
 
-def write_folder(kept: Mapping[CaseKey, KeptCase], results: ResultFolder) -> None:
-    """Write kept cases as a result folder."""
-    for key, case in kept.items():
-        results.store_truth(key, case.record.truth)
-        for method, answer in case.record.answers.items():
+def write_folder(records: Iterable[Record], results: ResultFolder) -> None:
+    """Write cases and answers as a result folder."""
+    for record in records:
+        key = key_of(record.truth)
+        results.store_truth(key, record.truth)
+        for method, answer in record.answers.items():
             results.store_answer(key, method, answer)
+        if record.limit is not None:
+            results.store_limit(key, record.limit)
 
 
 def _plain(case: KeptCase) -> dict[str, Any]:
-    answers = {method: answer_as_json(_short(answer)) for method, answer in case.record.answers.items()}
-    return {"truth": _rounded(truth_as_json(case.record.truth)), "answers": _rounded(answers), "commits": case.commits}
+    record = case.record
+    answers = {method: answer_as_json(_short(answer)) for method, answer in record.answers.items()}
+    limit = None if record.limit is None else dataclasses.asdict(record.limit) | {"each": list(record.limit.each)}
+    parts = {"truth": truth_as_json(record.truth), "answers": answers, "limit": limit}
+    return {name: _rounded(part) for name, part in parts.items()} | {"commits": case.commits}
 
 
 def _short(answer: Answer) -> Answer:
-    """An answer without the parts that neither a table nor a figure needs."""
-    return dataclasses.replace(answer, ranked=answer.ranked[:RANKED], details=())
+    """An answer without names that neither a table nor a figure needs."""
+    return dataclasses.replace(answer, ranked=answer.ranked[:RANKED])
 
 
 def _case(plain: dict[str, Any]) -> KeptCase:
     answers = {method: answer_from_json(answer) for method, answer in plain["answers"].items()}
-    return KeptCase(Record(truth_from_json(plain["truth"]), answers), plain["commits"])
+    limit = None if plain["limit"] is None else limit_from_json(plain["limit"])
+    return KeptCase(Record(truth_from_json(plain["truth"]), answers, limit), plain["commits"])
 
 
 def _rounded(value: Any) -> Any:
@@ -137,45 +127,38 @@ def main(arguments: list[str] | None = None) -> int:
     """Add answers to the file and print their tables, from the command line; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--split", type=Split, choices=list(Split), default=Split.JUDGING,
-                        metavar="judging|tuning|practice|varied|earlier",
-                        help="which cases (default judging)")  # fmt: skip
-    parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES), metavar="LETTER",
-                        help="tables and figures of these families only (default all)")  # fmt: skip
+                        metavar="judging|tuning|varied", help="which cases (default judging)")  # fmt: skip
+    parser.add_argument("--families", nargs="+", choices=[f.value for f in Family], metavar="LETTER",
+                        help="tables of these families only (default all)")  # fmt: skip
     parser.add_argument("--methods", nargs="+", choices=[m.value for m in Method], metavar="METHOD",
-                        help="tables and figures of these methods only (default all that have answers)")  # fmt: skip
-    parser.add_argument("--commits", nargs="+", metavar="NAME",
-                        help="tables and figures of answers computed by these commits only (default all)")  # fmt: skip
+                        help="tables of these methods only (default all that have answers)")  # fmt: skip
     parser.add_argument("--file", type=Path, help="file of kept answers (default: that of the project)")
     parser.add_argument("--add", type=Path, metavar="DIR", help="add the cases of this result folder to the file")
     parser.add_argument("--commit", default="", help="with --add: commit of the code that computed them")
     parser.add_argument("--to", type=Path, metavar="DIR", help="write these answers as a result folder")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write the figures to this folder")
     options = parser.parse_args(arguments)
     file, split = options.file or file_of(options.split), options.split
     kept = read_kept(file)
+    methods = options.methods or [m.value for m in Method]
     if options.add is not None:
         if not options.commit:
             parser.error("--add needs --commit: which commit computed the answers")
         if not (options.add / split.value).is_dir():
             parser.error(f"{options.add}: no folder of results with {split.value} cases")
-        kept = added(kept, ResultFolder(options.add).all_records(split, [m.value for m in Method]), options.commit)
+        kept = added(kept, ResultFolder(options.add).all_records(split, methods), options.commit)
         write_kept(kept, file)
-    shown = [kept[key] for key in sorted(kept, key=str) if key.family in options.families]
-    shown = [case.only(options.methods, options.commits) for case in shown]
-    shown = [case for case in shown if case.record.answers]
-    if not shown:
-        of = f"to {split.value} cases" if not kept else f"of {', '.join(options.families)}"
-        of += f" by {', '.join(options.commits)}" if options.commits else ""
+    shown = [kept[key] for key in sorted(kept, key=str) if key.family in (options.families or key.family)]
+    answers = [{m: a for m, a in case.record.answers.items() if m in methods} for case in shown]
+    records = [dataclasses.replace(case.record, answers=of) for case, of in zip(shown, answers, strict=True) if of]
+    if not records:
+        of = f"of {', '.join(options.families)}" if kept and options.families else f"to {split.value} cases"
         print(f"{file}: no kept answers {of}")
         return 1
     if options.to is not None:
-        write_folder({case.key: case for case in shown}, ResultFolder(options.to))
-    records = [case.record for case in shown]
-    commits = sorted({commit for case in shown for commit in case.commits.values()})
+        write_folder(records, ResultFolder(options.to))
+    commits = sorted({commit for case in shown for m, commit in case.commits.items() if m in methods})
     print(f"answers of {', '.join(commits)}")
     print(report(records, {}))
-    if options.out is not None:
-        save_figures(records, options.out)
     print(last_line(records))
     return 0
 

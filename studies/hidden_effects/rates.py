@@ -9,16 +9,26 @@ effects or sensor faults are hidden that a method can name.
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 from studies.hidden_effects.answers import UNKNOWN, Answer, Truth, Verdict, same_as_any
-from studies.hidden_effects.store import Record
+from studies.hidden_effects.store import STANDS_OUT, Limit, Record
 
 VISIBILITY_BANDS = (0.0, 60.0, 200.0, 1e3, 1e4, 1e5, math.inf)  # limits of χ²
+STRENGTH_BANDS = (0.0, 0.3, 1.0, STANDS_OUT, 10.0, math.inf)  # limits of what an effect explains over what is left
 MAX_RELATIVE_ERROR = 0.1  # a fitted parameter is right within this share of its true value,
 MAX_STANDARD_ERRORS = 2.0  # or within this many of its standard errors
-Answered = tuple[Truth, Answer]
+
+
+class Answered(NamedTuple):
+    """A case with the answer of one method, and what the true laws explain in it, where that has been computed."""
+
+    truth: Truth
+    answer: Answer
+    limit: Limit | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +61,7 @@ class Rate:
 
 def answered(records: Iterable[Record], method: str) -> list[Answered]:
     """The cases that a method was run on, with its answers."""
-    return [(r.truth, r.answers[method]) for r in records if method in r.answers]
+    return [Answered(r.truth, r.answers[method], r.limit) for r in records if method in r.answers]
 
 
 def answered_by_all(records: Iterable[Record], methods: Iterable[str]) -> list[Record]:
@@ -62,7 +72,7 @@ def answered_by_all(records: Iterable[Record], methods: Iterable[str]) -> list[R
 
 def rate(cases: Iterable[Answered], right: Callable[[Truth, Answer], bool]) -> Rate:
     """The rate of cases for which `right` is true."""
-    found = [right(truth, answer) for truth, answer in cases]
+    found = [right(truth, answer) for truth, answer, *_ in cases]
     return Rate(sum(found), len(found))
 
 
@@ -84,12 +94,6 @@ def first_is_right(truth: Truth, answer: Answer) -> bool:
 def first_is_right_to_the_letter(truth: Truth, answer: Answer) -> bool:
     """Whether the first name is hidden under exactly this name."""
     return answer.first in truth.names
-
-
-def is_among_three(truth: Truth, answer: Answer) -> bool:
-    """Whether a hidden name is among the three most probable ones, where the method finds something missing."""
-    ranked = answer.ranked[:3] if answer.named else ()
-    return any(same_as_any(name, truth.names) for name in ranked)
 
 
 def set_is_right(truth: Truth, answer: Answer) -> bool:
@@ -131,7 +135,7 @@ def law_flags(cases: Iterable[Answered]) -> Rate:
     """The rate of right statements on the laws of rightly named effects, of those that have one."""
     found = [
         answer.law[name] is h.law
-        for truth, answer in cases
+        for truth, answer, *_ in cases
         for h in truth.hidden
         for name in answer.law
         if name in answer.named and same_as_any(name, (h.name,))
@@ -142,7 +146,7 @@ def law_flags(cases: Iterable[Answered]) -> Rate:
 def right_parameters(cases: Iterable[Answered]) -> Rate:
     """The rate of fitted parameters close to their true values, for the rightly named effects of the library's law."""
     found = []
-    for truth, answer in cases:
+    for truth, answer, *_ in cases:
         for h in truth.hidden:
             for n, (value, error) in answer.parameters.get(h.name, {}).items():
                 if n in h.values:
@@ -153,26 +157,29 @@ def right_parameters(cases: Iterable[Answered]) -> Rate:
 
 def mean_set_size(cases: Iterable[Answered]) -> float:
     """The mean number of members of the sets; NaN without any."""
-    sizes = [len(answer.members) for _, answer in cases if answer.verdict is not None]
+    sizes = [len(answer.members) for _, answer, *_ in cases if answer.verdict is not None]
     return sum(sizes) / len(sizes) if sizes else math.nan
 
 
-def rates(cases: list[Answered]) -> dict[str, Rate]:
+def rates(cases: Iterable[Answered]) -> dict[str, Rate]:
     """Every rate of the answers of one method, by its label."""
-    null = [c for c in cases if is_null(c[0])]
-    named = [c for c in cases if is_named(c[0])]
-    withheld = [c for c in cases if c[0].withheld]
-    unknown = [c for c in withheld if is_unknown(*c)]
-    of = {count: [c for c in named if len(c[0].hidden) == count] for count in (2, 3)}
-    return {
+    cases = [Answered(*case) for case in cases]
+    null, named = [c for c in cases if is_null(c.truth)], [c for c in cases if is_named(c.truth)]
+    withheld = [c for c in cases if c.truth.withheld]
+    unknown = [c for c in withheld if is_unknown(c.truth, c.answer)]
+    out = {
         "right name first": rate(named, first_is_right),
         "right name first, to the letter": rate(named, first_is_right_to_the_letter),
-        "right name among three": rate(named, is_among_three),
         "truth in the set": rate(cases, set_is_right),
         "right place": rate(named, place_is_right),
-        "both of two hidden effects named": rate(of[2], all_are_named),
-        "all three hidden effects named": rate(of[3], all_are_named),
-        "at least one of two": rate(of[2], lambda t, a: any(same_as_any(n, t.names) for n in a.named)),
+    }
+    for count, label in ((2, "both of two hidden effects named"), (3, "all three hidden effects named")):
+        several = [c for c in named if len(c.truth.hidden) == count]
+        out[label] = rate(several, all_are_named)
+        known = [c for c in several if c.limit is not None]
+        out[f"{label}, which stand out"] = rate((c for c in known if c.limit.all_stand_out), all_are_named)
+        out[f"{label}, the rest"] = rate((c for c in known if not c.limit.all_stand_out), all_are_named)
+    return out | {
         "all hidden effects named, and no other": rate(named, names_exactly),
         "a wrong effect named where one is hidden": rate(named, names_wrong_effect),
         "a wrong effect named where nothing is hidden": rate(null, names_wrong_effect),
@@ -185,26 +192,39 @@ def rates(cases: list[Answered]) -> dict[str, Rate]:
     }
 
 
+def by_strength(cases: Iterable[Answered]) -> dict[tuple[float, float], Rate]:
+    """The rate of hidden effects that are named, over what each explains beside the others, by limits of bands."""
+    pairs = [
+        (strength, same_as_any(h.name, c.answer.named))
+        for c in cases
+        if is_named(c.truth) and c.limit is not None
+        for h, strength in zip(c.truth.hidden, c.limit.each, strict=True)
+    ]
+    bands = itertools.pairwise(STRENGTH_BANDS)
+    found = {(low, high): [named for s, named in pairs if low <= max(s, 0.0) < high] for low, high in bands}
+    return {band: Rate(sum(named), len(named)) for band, named in found.items()}
+
+
 def by_visibility(cases: Iterable[Answered]) -> dict[tuple[float, float], Rate]:
     """The rate of right first names over the visible size of single hidden effects, by the limits of each band."""
     single = [c for c in cases if is_named(c[0]) and len(c[0].hidden) == 1]
-    bands = zip(VISIBILITY_BANDS, VISIBILITY_BANDS[1:], strict=False)
+    bands = itertools.pairwise(VISIBILITY_BANDS)
     return {(low, high): rate((c for c in single if low <= c[0].visible < high), first_is_right) for low, high in bands}
 
 
 @dataclasses.dataclass(frozen=True)
 class Times:
-    """Computing times [s]: the median, the one that nine of ten do not exceed, and the longest."""
+    """Computing times [s]: the median, the one that 95 % do not exceed, and the longest."""
 
     median: float
-    ninety: float
+    most: float
     worst: float
 
 
 def times(cases: Iterable[Answered]) -> Times:
     """The distribution of the computing times of some answers; NaN without any."""
-    found = sorted(answer.seconds for _, answer in cases)
+    found = sorted(answer.seconds for _, answer, *_ in cases)
     if not found:
         return Times(math.nan, math.nan, math.nan)
     middle = 0.5 * (found[(len(found) - 1) // 2] + found[len(found) // 2])
-    return Times(middle, found[math.ceil(0.9 * len(found)) - 1], found[-1])
+    return Times(middle, found[math.ceil(0.95 * len(found)) - 1], found[-1])

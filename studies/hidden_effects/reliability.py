@@ -48,7 +48,7 @@ def reliability(cases: Iterable[Answered], bins: int = BINS) -> Reliability:
     Source of the error: Naeini, Cooper, Hauskrecht (2015), Obtaining well calibrated probabilities using Bayesian
     binning, with bins of equal width.
     """
-    found = [(a.probability, first_is_right(t, a)) for t, a in cases if a.probability is not None]
+    found = [(a.probability, first_is_right(t, a)) for t, a, *_ in cases if a.probability is not None]
     if not found:
         return Reliability((), math.nan, math.nan)
     p, right = np.array(found, float).T

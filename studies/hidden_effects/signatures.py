@@ -42,20 +42,13 @@ class Signatures:
         """The name of the suspect."""
         return self.candidate.name
 
-    @property
-    def parameter_count(self) -> int:
-        """The number of its free parameters."""
-        return self.points.shape[1]
-
 
 @dataclasses.dataclass(frozen=True)
 class SignatureTable:
     """Residual, sensitivities and signatures at the m measured samples of the fitted runs, in units of noise.
 
     Args:
-        run: index of the run of each sample (m,).
         signal: index of the signal of each sample (m,).
-        run_names: names of the runs.
         signal_names: names of the signals.
         residual: measured less model (m,).
         slopes: derivatives (m, p) of the signals by the coordinates of uncertain parameters and errors of the bench.
@@ -64,9 +57,7 @@ class SignatureTable:
         suspects: the signatures of the suspects that have any.
     """
 
-    run: np.ndarray
     signal: np.ndarray
-    run_names: tuple[str, ...]
     signal_names: tuple[str, ...]
     residual: np.ndarray
     slopes: np.ndarray
@@ -92,11 +83,6 @@ class SignatureTable:
     def unexplained(self) -> np.ndarray:
         """The residual (m,) less what the coordinates explain of it within their priors."""
         return self.projected_residual[: len(self.residual)]
-
-    def unexplained_with(self, change: np.ndarray) -> np.ndarray:
-        """The same where the signals change by `change` (m,) in units of noise."""
-        rows = np.concatenate([self.residual - change, -1.0 * self.has_prior * self.x])
-        return self._project(rows[None])[0][: len(self.residual)]
 
     def projected(self, suspect: Signatures) -> np.ndarray:
         """The projected signatures (k, m + p) of a suspect; those of which only rounding errors remain are zero."""
@@ -129,7 +115,7 @@ def signature_table(fitted: Fit, candidates: Sequence[Candidate]) -> SignatureTa
 
     measured = stacked([run.signals for run in runs])
     valid = np.isfinite(measured)
-    where = [(r, signals.index(n), len(run.time)) for r, run in enumerate(runs) for n in run.signals]
+    where = [(signals.index(n), len(run.time)) for run in runs for n in run.signals]
     base = model.predict_all_runs(fitted.x, fitted.resolution.coarse)
     without = [base[r].values for r in range(len(runs))]
     start = stacked(without)
@@ -143,9 +129,7 @@ def signature_table(fitted: Fit, candidates: Sequence[Candidate]) -> SignatureTa
     errors = [stacked(changes)[valid] for changes in bench_error_changes(fitted)]
     errors = np.array([change for change in errors if np.isfinite(change).all()]).reshape(-1, int(valid.sum()))
     return SignatureTable(
-        np.repeat([r for r, _, _ in where], [n for *_, n in where])[valid],
-        np.repeat([s for _, s, _ in where], [n for *_, n in where])[valid],
-        tuple(run.name for run in runs), signals,
+        np.repeat([s for s, _ in where], [n for _, n in where])[valid], signals,
         (measured - stacked([out.values for out in fitted.outcomes]))[valid],
         np.concatenate([stacked([out.sensitivities for out in fitted.outcomes])[valid], errors.T], axis=1),
         np.concatenate([fitted.x, np.zeros(len(errors))]),

@@ -36,10 +36,9 @@ DEFINITIONS = {
     "docs/fitting.md": {"Compare", "Fit"},
     "docs/fmu.md": {"Time"},
     "docs/hidden_effects.md": {
-        "The benchmark of hidden effects", "Cases that resemble a bench", "Tuning and judging", "Sizes",
-        "The cases of family (a)", "Independent data generation", "The methods", "Constants of the probabilities",
+        "The benchmark of hidden effects", "The cases", "Sizes", "Independent data generation",
+        "The methods",
     },
-    "docs/hidden_laws.md": {"Laws of the benchmark"},
     "docs/model.md": {"Equations", "Notes for reading results"},
     "docs/python.md": {"From Python", "Pure functions for JAX", "One call for each task"},
     "docs/sweeps.md": {"Figures"},

@@ -1,25 +1,19 @@
 """Benchmark campaigns that are difficult to fit: a coarse time step is misleading, or χ² has many local minima."""
 
 import numpy as np
-import pytest
 
 from edhas_jax.diagnosis.calibration.unpredictable_part import unpredictable_part
 from edhas_jax.diagnosis.search.calibrated_model import CALIBRATION_STEPS, calibrate, misfit
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem, with_candidates
-from edhas_jax.diagnosis.search.evaluated_fit import find_minima, fit_coarse
+from edhas_jax.diagnosis.search.candidates import build_problem
+from edhas_jax.diagnosis.search.evaluated_fit import find_minima
 from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
-from edhas_jax.diagnosis.search.local_minima import fit_across_minima
-from edhas_jax.diagnosis.search.screening import ScoreTest
-from edhas_jax.diagnosis.search.settled_fit import refine_fit
-from edhas_jax.diagnosis.search.trial import TRIAL_STEPS
-from edhas_jax.machine.effects import ConstantBiasForce
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import MAX_DERIVATIVE, choose_time_resolution
-from studies.hidden_effects.drawing import CaseKey, draw
-from studies.hidden_effects.generators.hidden_case import Split
+from studies.hidden_effects.generators.drawing import draw
+from studies.hidden_effects.generators.hidden_case import CaseKey, Split
 
 
 def campaign_of(family: str, number: int, split: Split = Split.TUNING) -> Campaign:
@@ -75,19 +69,3 @@ def test_of_two_effects_that_imitate_each_other_the_plausible_one_stays():
     found = diagnose(case.campaign, case.library)
     assert [trial.candidate.name for trial in found.named] == ["parasitic_spring"]
     assert found.laws and found.laws[0].of == "parasitic_spring"
-
-
-def test_an_ensemble_leads_out_of_minima_next_to_each_other():
-    """Fits with the missing force, from nearby starts, end with very different χ²; with an ensemble it is found."""
-    calibrated, resolution = calibrate(campaign_of("f", 422, Split.EARLIER))
-    bias = Candidate(ConstantBiasForce)
-    problem = with_candidates(calibrated.fit.problem, [bias])
-    start = np.append(calibrated.fit.x, ScoreTest(calibrated.fit, ()).score(bias).x)
-    starts = start + 0.1 * np.random.default_rng(0).normal(size=(6, len(start)))
-    assert np.ptp(find_minima(problem, starts, resolution.coarse, TRIAL_STEPS).model.cost) > 300.0  # nats
-    stuck = fit_coarse(problem, start, resolution.coarse, TRIAL_STEPS)
-    found = fit_across_minima(stuck, resolution.coarse)
-    assert found.excess < 0.3 * stuck.excess
-    assert found.fit.values["constant_bias_force.bias_force"] == pytest.approx(-1.7686, rel=0.02)
-    assert fit_across_minima(found, resolution.coarse).cost <= found.cost
-    assert misfit(refine_fit(found, resolution)) == 0.0

@@ -1,5 +1,6 @@
 """The benchmark of hidden effects: drawn cases, a short run with its methods, and what the rivals get."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -7,55 +8,61 @@ import pytest
 
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
 from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid
-from edhas_jax.machine.effects import CoggingForce, ForceConstantDroop, InverterDeadTime
+from edhas_jax.machine.effects import (
+    CoggingForce,
+    EntrainedAir,
+    ForceConstantDroop,
+    InverterDeadTime,
+    PistonLeakage,
+)
+from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.measurements.sensor_models import SensorLag
-from edhas_jax.measurements.synthetic_campaign import PlannedRun
-from studies.hidden_effects import benchmark, cases
+from studies.hidden_effects import benchmark
 from studies.hidden_effects.bench_errors import bench_error_changes
 from studies.hidden_effects.calibrated_case import exact_fit
+from studies.hidden_effects.generators import drawing
+from studies.hidden_effects.generators.benches import Bench, planned_runs
+from studies.hidden_effects.generators.content import CONTENT
+from studies.hidden_effects.generators.drawing import draw
+from studies.hidden_effects.generators.hidden_case import CaseKey, Split
+from studies.hidden_effects.generators.tuning.benches import PUMP_CHANNELS
 from studies.hidden_effects.signatures import signature_table
+
+NULL, NAMED = CaseKey("d", Split.TUNING, 8), CaseKey("d", Split.TUNING, 9)
+SMALL = Bench(
+    "short runs of a pump", PumpBench, (PistonLeakage, EntrainedAir),
+    {"force_constant": 0.02, "load_orifice_area": 0.03}, PUMP_CHANNELS,
+    planned_runs(
+        {"frequency": 1.0, "amplitude": 1e-3, "load_orifice_area": 1e-6},
+        ("fit", 0.16, 30.0, 3.5, 4.2), ("fit", 0.16, 20.0, 3.0, 1.0), ("holdout", 0.16, 25.0, 3.0, 1.5),
+    ), 4e-4, 1.0,
+)  # fmt: skip
 
 
 @pytest.fixture
 def small(monkeypatch):
-    """Three short runs, three effects, two uncertain parameters."""
-    runs = [PlannedRun(run.use, 0.16, run.conditions) for run in cases.BENCH_RUNS[3:6:2] + cases.BENCH_RUNS[7:]]
-    monkeypatch.setattr(cases, "PUMP_EFFECTS", [InverterDeadTime, CoggingForce, ForceConstantDroop])
-    monkeypatch.setattr(cases, "MODEL_EFFECTS", cases.MODEL_EFFECTS[1:])
-    monkeypatch.setattr(cases, "UNCERTAIN", {"force_constant": 0.02, "load_orifice_area": 0.03})
-    monkeypatch.setattr(cases, "BENCH_RUNS", tuple(runs))
-    monkeypatch.setattr(cases, "SAMPLE_INTERVAL", 4e-4)
-
-
-def test_a_case_is_drawn_from_its_number_alone(small):
-    one, again = cases.draw_case(0), cases.draw_case(0)
-    assert one.family is cases.Family.ONE and len(one.hidden) == 1
-    hidden = one.hidden[0]
-    assert hidden.visible > cases.MIN_VISIBILITY and hidden.values == again.hidden[0].values
-    for p in hidden.candidate.free_parameters():
-        low, high = p.plausible
-        assert low <= hidden.values[p.name] <= high
-    for a, b in zip(one.campaign.runs, again.campaign.runs, strict=True):
-        np.testing.assert_array_equal(a.signals["current"], b.signals["current"])
+    """Three short runs, three effects, two uncertain parameters, and sensors without a chain."""
+    library = (InverterDeadTime, CoggingForce, ForceConstantDroop)
+    content = dataclasses.replace(CONTENT[Split.TUNING], benches=(SMALL,), library=library, links=())
+    monkeypatch.setitem(drawing.CONTENT, Split.TUNING, content)
 
 
 def test_the_benchmark_runs_its_methods_on_drawn_cases(small, tmp_path, capsys):
-    arguments = ["--cases", "2", "--seed", "0", "--workers", "1", "--out", str(tmp_path)]
-    assert benchmark.main([*arguments, "--methods", "ours,bic,subset,correlation"]) == 0
+    assert [len(draw(key).truth.hidden) for key in (NULL, NAMED)] == [0, 1]
+    arguments = ["--split", "tuning", "--families", "d", "--first", str(NULL.number), "--cases", "2", "--workers", "1"]
+    assert benchmark.main([*arguments, "--out", str(tmp_path), "--methods", "ours,bic,correlation"]) == 0
     line = dict(word.split("=") for word in capsys.readouterr().out.strip().splitlines()[-1].split())
     assert line["ours_in_set"] == line["ours_place"] == "1.000" and float(line["ours_median_s"]) > 0.0
-    for method in ("ours", "bic", "subset", "correlation"):
-        assert line[f"{method}_top1"] == "1.000", method
-    for method in ("ours", "bic", "correlation"):  # the best subset names suspects in the noise of so few runs
-        assert line[f"{method}_adequate_on_nulls"] == "1.000", method
-    stored = json.loads((tmp_path / "tuning" / "a00000" / "ours.json").read_text())
+    for method in ("ours", "bic", "correlation"):
+        assert line[f"{method}_top1"] == line[f"{method}_adequate_on_nulls"] == "1.000", method
+    stored = json.loads((tmp_path / "tuning" / str(NAMED) / "ours.json").read_text())
     assert stored["answer_set"] == stored["named"] and 0.5 < stored["probability"] <= 1.0
-    (hidden,) = json.loads((tmp_path / "tuning" / "a00000" / "case.json").read_text())["hidden"]
+    (hidden,) = json.loads((tmp_path / "tuning" / str(NAMED) / "case.json").read_text())["hidden"]
     assert stored["parameters"][hidden["name"]].keys() == hidden["values"].keys()
 
 
 def test_rivals_get_the_exact_residual_and_the_grid_of_the_diagnosis(small):
-    campaign = cases.draw_case(1).campaign
+    campaign = draw(NULL).campaign
     calibrated = calibrate(campaign)[0].fit
     model, campaign = calibrated.problem.model(), calibrated.problem.campaign
     fitted, per_sample = exact_fit(calibrated)
@@ -68,7 +75,7 @@ def test_rivals_get_the_exact_residual_and_the_grid_of_the_diagnosis(small):
     table = signature_table(fitted, candidates)
     for suspect, candidate in zip(table.suspects, candidates, strict=True):
         np.testing.assert_array_equal(suspect.points, screening_grid(candidate.unknowns(campaign)))
-    assert [s.parameter_count for s in table.suspects] == [3, 1]
+    assert [s.points.shape[1] for s in table.suspects] == [3, 1]
     # two parameters; gain, offset and shift of five sensors; trigger, orifice and coil of two runs
     assert table.slopes.shape[1] == 2 + 15 + 6
     whole = np.concatenate([table.slopes, np.eye(table.slopes.shape[1])])
@@ -78,7 +85,7 @@ def test_rivals_get_the_exact_residual_and_the_grid_of_the_diagnosis(small):
 
 
 def test_errors_of_the_bench_are_those_of_its_sensors_and_settings(small):
-    campaign = cases.draw_case(1).campaign
+    campaign = draw(NULL).campaign
     fitted = exact_fit(calibrate(campaign)[0].fit)[0]
     changes = bench_error_changes(fitted)
     before, names = [out.values for out in fitted.outcomes], list(campaign.channels)

@@ -2,8 +2,7 @@
 
 The evidence of a model is only as good as the model: where it leaves a misfit, differences of evidence below a share of
 that misfit say nothing. All comparisons are therefore relative to what is left. The constants are those that make the
-right answers of development campaigns most probable: `python -m studies.hidden_effects.calibration` finds them from
-campaigns whose laws, disturbances and benches judge no later method.
+right answers of 333 development campaigns most probable, whose laws, disturbances and benches judge no later method.
 """
 
 import dataclasses

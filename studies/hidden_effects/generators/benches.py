@@ -1,12 +1,14 @@
 """A bench: which rig is run how, what is measured, and what the engineer is unsure of."""
 
 import dataclasses
+from collections.abc import Callable
 
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Channel, Use, has_parameter
 from edhas_jax.measurements.synthetic_campaign import PlannedRun
+from edhas_jax.simulation.rk4_reference import LARGEST_RK4_STEP
 
 # conditions that a computer sets, and one that is measured well enough
 EXACT_CONDITIONS = ("frequency", "amplitude", "target.step_size", "ramp_time", "oil_temperature")
@@ -18,7 +20,7 @@ class Bench:
 
     Args:
         id: its name.
-        rig: the class of the machine.
+        rig: makes the machine with some effects: its class, or that with drives.
         refined: effects that the engineer's model has.
         uncertain: relative standard deviations by parameter.
         channels: measured signals, with the usual noise.
@@ -27,10 +29,11 @@ class Bench:
         weight: how often it is drawn, relative to the others.
         known: parameters that differ from the nominal machine, which the engineer knows (SI); those of an effect that a
             model lacks are left out.
+        step: largest time step [s] of the integrator that makes the records.
     """
 
     id: str
-    rig: type[Rig]
+    rig: Callable[..., Rig]
     refined: tuple[type[Effect], ...]
     uncertain: dict[str, float]
     channels: dict[str, Channel]
@@ -38,6 +41,7 @@ class Bench:
     interval: float
     weight: float
     known: dict[str, float] = dataclasses.field(default_factory=dict)
+    step: float = LARGEST_RK4_STEP
 
     def machine(self, *without: type[Effect] | None) -> Rig:
         """The engineer's model, less some of its effects."""

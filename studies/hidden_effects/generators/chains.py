@@ -73,9 +73,3 @@ def typical_noise(chain: Sequence[DrawnLink]) -> np.ndarray | None:
     """A long record of the noise of a chain, of unit standard deviation; None where it is white."""
     of_noise = [link for link in chain if link.link.place is Place.NOISE]
     return of_noise[0].link.act(np.random.default_rng(0), NOISE_SAMPLES, of_noise[0].value) if of_noise else None
-
-
-def late_signals(chain: Sequence[DrawnLink]) -> tuple[str, ...]:
-    """The signals that filters or the clock shift in time, so that a lag of their sensors is no wrong answer."""
-    shifting = [link for link in chain if link.link.place in (Place.SIGNAL, Place.CLOCK)]
-    return tuple(dict.fromkeys(signal for link in shifting for signal in link.signals))

@@ -81,7 +81,8 @@ def draw_disturbances(
         The disturbances; None where the machine cannot be simulated with them, or where they leave too little.
     """
     usable = [c for c in disturbances if set(c.kind.slots) <= set(test.machine.slots)]
-    chosen = [usable[k] for k in rng.choice(len(usable), rng.integers(FEWEST, MOST + 1), replace=False)]
+    count = min(int(rng.integers(FEWEST, MOST + 1)), len(usable))
+    chosen = [usable[k] for k in rng.choice(len(usable), count, replace=False)]
     target = float(np.exp(rng.uniform(*np.log(LEFT_OVER))))
     holders = {c.kind: {} for c in usable}
     sizes: dict[str, float] = {}

@@ -1,54 +1,77 @@
-"""A case: a synthetic campaign, and what is hidden in it."""
+"""What determines a case, and the case itself: a synthetic campaign, and what is hidden in it."""
 
 import dataclasses
 import enum
 
-from edhas_jax.machine.effects import Effect
+import numpy as np
+
+from edhas_jax.machine.effects import LIBRARY, Effect
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
+from studies.hidden_effects.answers import Truth
 
 
 class Split(enum.Enum):
     """What a case may be used for."""
 
     TUNING = "tuning"  # to choose thresholds and methods
-    PRACTICE = "practice"  # the same with further laws, to see what a method does with laws that it is not tuned to
     VARIED = "varied"  # the same with laws, disturbances, chains and benches drawn at random
-    EARLIER = "earlier"  # judged the method of commit a73dad3; used to develop the method since
     JUDGING = "judging"  # to count right answers; nothing may be changed because of one of them
 
 
 class Family(enum.Enum):
-    """What makes a case difficult."""
+    """What makes a case difficult, by its letter; the last four are those of judging cases."""
 
-    LIBRARY_LAWS = "library laws"  # everything as in the library: the cases of `studies.hidden_effects.cases`
-    OTHER_LAWS = "other laws"  # a mechanism of the library acts by another law
-    DISTURBANCES = "small disturbances"  # effects that are not in the library, with or without one of the library
-    SENSOR_CHAINS = "sensor chains"  # recorder and sensors are not ideal, with or without an effect of the library
-    SETTINGS = "settings"  # settings and parameters are off, with or without an effect of the library
-    SMALL_CAMPAIGNS = "small campaigns"  # few runs, few sensors, short records
-    SEVERAL = "several"  # two or three effects, and one of the difficulties above
-    WITHHELD = "withheld"  # the diagnosis may not use the mechanism, or the library has none
+    OTHER_LAWS = "b"  # a mechanism of the library acts by another law
+    DISTURBANCES = "c"  # effects that are not in the library, with or without one of the library
+    SENSOR_CHAINS = "d"  # recorder and sensors are not ideal, with or without an effect of the library
+    SETTINGS = "e"  # settings and parameters are off, with or without an effect of the library
+    SMALL_CAMPAIGNS = "f"  # few runs, few sensors, short records
+    SEVERAL = "g"  # two or three effects, and one of the difficulties above
+    WITHHELD = "h"  # the diagnosis may not use the mechanism, or the library has none
+    NULLS = "n"  # nothing is hidden, and everything else is wrong
+    PAIRS = "p"  # two or three effects, and any of the difficulties above
+    SINGLES = "s"  # one effect or sensor fault, from what can just be seen to what is plain
+    UNKNOWNS = "w"  # as WITHHELD, with any of the difficulties above
 
 
-@dataclasses.dataclass(frozen=True)
-class Hidden:
-    """One hidden effect or sensor fault.
+OF_JUDGING = (Family.NULLS, Family.PAIRS, Family.SINGLES, Family.UNKNOWNS)
+# families of the judging cases in turn: of 340 cases 100 have several effects, and 80 each belong to the others
+JUDGING_ORDER = "pnswpnspwnpswnpsw"
+
+
+@dataclasses.dataclass(frozen=True, order=True)
+class CaseKey:
+    """What determines a case: letter of the family, split and number."""
+
+    family: str
+    split: Split
+    number: int
+
+    def __str__(self):
+        return f"{self.family}{self.number:05d}"
+
+
+def keys_of(split: Split, families: list[str], first: int, count: int) -> list[CaseKey]:
+    """The cases of some numbers; that of each family, or of a judging case, whose family follows from its number.
 
     Args:
-        candidate: name that a right answer has: the id of the mechanism, with the signal for a sensor fault; empty
-            where the library has no such mechanism.
-        locations: components of the machine on which it acts.
-        law: id of the law; that of the mechanism for the law of the library.
-        values: parameters of the law (SI).
-        visible: χ² in the fitted runs that neither the uncertain parameters nor the usual errors of a bench explain.
+        split: the split.
+        families: letters of families; none for all of the split.
+        first: first number, 0 or more.
+        count: how many numbers.
     """
+    numbers = range(first, first + count)
+    if split is Split.JUDGING:
+        keys = [CaseKey(JUDGING_ORDER[n % len(JUDGING_ORDER)], split, n) for n in numbers]
+        return [key for key in keys if not families or key.family in families]
+    families = families or [f.value for f in Family if f not in OF_JUDGING]
+    return [CaseKey(family, split, n) for family in families for n in numbers]
 
-    candidate: str
-    locations: tuple[str, ...]
-    law: str
-    values: dict[str, float]
-    visible: float
+
+def key_of(truth: Truth) -> CaseKey:
+    """The key from which the case with this truth is drawn again."""
+    return CaseKey(truth.family, Split(truth.split), truth.number)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,46 +79,32 @@ class HiddenCase:
     """A synthetic campaign and the truth about it.
 
     Args:
-        family: what makes it difficult.
-        split: what it may be used for.
-        number: with family and split it determines the case.
-        campaign: what the diagnosis gets.
-        hidden: what is missing in the campaign's model; nothing for a null.
-        withheld: effects of the library that the diagnosis may not use.
-        bench: name of the bench.
+        truth: what is hidden.
+        campaign: what a method gets.
+        library: the effects that a method may name: those of the library, or of the list of a machine of one's own,
+            less those that are withheld.
+        machine: the machine that made the data, with what is hidden mounted last.
         disturbances: size of each small disturbance by name.
-        disturbances_visible: the same as `Hidden.visible` for all disturbances together.
         chain: links of the sensor chain, with their parameters.
         settings: what is off from run to run, and the sheet of parameters.
-        disturbed_signals: signals that the chain delays, so that a lag of their sensors is no wrong answer.
-        true_noise: standard deviation of the noise by signal (SI).
-        machine: the machine that made the data, with what is hidden mounted last; None in family (a).
     """
 
-    family: Family
-    split: Split
-    number: int
+    truth: Truth
     campaign: Campaign
-    hidden: tuple[Hidden, ...]
-    withheld: tuple[type[Effect], ...] = ()
-    bench: str = ""
+    library: tuple[type[Effect], ...]
+    machine: Rig | None = None
     disturbances: dict[str, float] = dataclasses.field(default_factory=dict)
-    disturbances_visible: float = 0.0
     chain: tuple[str, ...] = ()
     settings: tuple[str, ...] = ()
-    disturbed_signals: tuple[str, ...] = ()
-    true_noise: dict[str, float] = dataclasses.field(default_factory=dict)
-    machine: Rig | None = None
 
     @property
-    def description(self) -> str:
-        """What really acts, in one line."""
-        parts = [
-            f"{h.law}{f' (a law of {h.candidate})' if h.candidate not in ('', h.law) else ''}" for h in self.hidden
-        ]
-        text = " + ".join(parts) or "nothing"
-        for what, items in (("disturbances", self.disturbances), ("chain", self.chain), ("settings", self.settings)):
-            text += f"; {what}: {', '.join(items)}" if items else ""
-        if self.withheld:
-            text += f"; withheld: {', '.join(kind.id for kind in self.withheld)}"
-        return text
+    def own_library(self) -> tuple[type[Effect], ...]:
+        """Those effects that a method may name and that are not in the library of the package."""
+        return tuple(kind for kind in self.library if kind not in LIBRARY)
+
+    def is_same(self, other: Truth) -> bool:
+        """Whether the same effects of the same sizes are hidden as another truth says."""
+        pairs = zip(self.truth.hidden, other.hidden, strict=False)
+        return len(self.truth.hidden) == len(other.hidden) and all(
+            a.name == b.name and bool(np.isclose(a.visible, b.visible, rtol=0.01)) for a, b in pairs
+        )

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
-from edhas_jax.simulation.rk4_reference import trajectories
+from edhas_jax.simulation.rk4_reference import LARGEST_RK4_STEP, trajectories
 from studies.hidden_effects.generators.chains import DrawnLink, Place
 
 GRID_REFINEMENT = 5  # grid intervals per sample interval
@@ -19,7 +19,7 @@ CONVERTER_BITS, CONVERTER_HEADROOM = 16, 1.25
 
 def recorded(
     plan: Campaign, truth: Rig, rng: np.random.Generator, chain: Sequence[DrawnLink] = (),
-    of_runs: Mapping[str, np.ndarray] | None = None,
+    of_runs: Mapping[str, np.ndarray] | None = None, largest_step: float = LARGEST_RK4_STEP,
 ) -> Campaign:  # fmt: skip
     """The campaign with signals, and with the noise that its engineer states.
 
@@ -29,6 +29,7 @@ def recorded(
         rng: the random generator.
         chain: links of the sensor chain.
         of_runs: factors of parameters by run, each (runs,), which the campaign does not know.
+        largest_step: of the integrator [s].
     """
     interval = plan.runs[0].interval
     lengths = [len(run.time) for run in plan.runs]
@@ -38,7 +39,7 @@ def recorded(
     values = {n: v * (of_runs or {}).get(n, 1.0) for n, v in values.items()}
     step = interval / GRID_REFINEMENT
     samples = GRID_REFINEMENT * (max(lengths) - 1 + MARGIN) + 1
-    traces = trajectories(truth, values, step, samples, tuple(plan.channels))
+    traces = trajectories(truth, values, step, samples, tuple(plan.channels), largest_step)
     by_place = {place: [link for link in chain if link.link.place is place] for place in Place}
     signals: list[dict] = [{} for _ in plan.runs]
     channels = {}

@@ -12,8 +12,9 @@ from studies.hidden_effects.generators.visibility import VisibilityTest
 
 MIN_VISIBLE = 60.0
 MAX_DRAWS = 6  # of the shape of a law, until it can be seen
+MAX_DRAWS_WANTED = 2  # and until it can be as visible as wanted, before another law is drawn
 SIZE_RANGE = 20.0  # largest size that is drawn, over the smallest that can be seen
-UNCERTAIN_SHAPE = 0.25  # relative standard deviation of a parameter of a law that the model usually has
+TRIES, NEAR = 4, 1.3  # of a size that is as visible as wanted, and the largest factor by which it may differ
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,9 +42,8 @@ def draw_value(p: Parameter, rng: np.random.Generator) -> float:
 
 
 def draw_visible(
-    test: VisibilityTest, law: Law, rng: np.random.Generator, at_least: float = MIN_VISIBLE,
-    machine: Rig | None = None,
-) -> Drawn | None:  # fmt: skip
+    test: VisibilityTest, law: Law, rng: np.random.Generator, at_least: float = MIN_VISIBLE, wanted: float | None = None
+) -> Drawn | None:
     """Draw the parameters of a law: shapes within their ranges, the size log-uniformly above the smallest visible one.
 
     Args:
@@ -51,16 +51,16 @@ def draw_visible(
         law: the law.
         rng: the random generator.
         at_least: the smallest `visible` that is accepted.
-        machine: the machine to which the law is added; that of the test by default.
+        wanted: the `visible` that the size shall have; None for a size that is drawn.
 
     Returns:
-        The law; None where no plausible size of any drawn shape can be seen.
+        The law; None where no plausible size of any drawn shape can be seen, or is about as visible as wanted.
     """
-    machine = test.machine if machine is None else machine
+    machine = test.machine
     low, high = sorted(abs(v) for v in law.size.plausible)
     either_sign = law.size.plausible[0] < 0.0
     low = 0.02 * high if either_sign else low
-    for _ in range(MAX_DRAWS):
+    for _ in range(MAX_DRAWS if wanted is None else MAX_DRAWS_WANTED):
         values = {p.name: draw_value(p, rng) for p in law.free_parameters}
         for p in law.free_parameters:
             if p.at_least and values[p.name] < values.get(p.at_least, 0.0):
@@ -69,6 +69,11 @@ def draw_visible(
         middle, position = sign * math.sqrt(low * high), rng.uniform()
         found = _evaluated(test, machine, law, values | {law.size.name: middle})
         if not found.visible > 0.0:
+            continue
+        if wanted is not None:
+            found = _as_visible(test, law, found, wanted, sign * low, sign * high)
+            if found is not None and found.visible > at_least:
+                return found
             continue
         # the change is about in proportion to the size, so `visible` to its square
         ratio = math.sqrt(1.2 * at_least / found.visible)
@@ -85,6 +90,23 @@ def draw_visible(
         if found.visible > at_least:
             found = dataclasses.replace(found, visible=test.visible_after_fit(found.change))
         if found.visible > at_least:
+            return found
+    return None
+
+
+def _as_visible(test: VisibilityTest, law: Law, found: Drawn, wanted: float, first: float, last: float) -> Drawn | None:
+    """The law of the size that is about as visible as wanted, between a first and a last size; None without one."""
+    low, high = sorted((first, last))
+    for _ in range(TRIES):
+        step = math.sqrt(wanted / found.visible)
+        size = found.values[law.size.name] * (1.0 / step if law.falls else step)
+        if not low <= size <= high:
+            return None
+        found = _evaluated(test, test.machine, law, found.values | {law.size.name: size})
+        if not found.visible > 0.0:
+            return None
+        found = dataclasses.replace(found, visible=test.visible_after_fit(found.change))
+        if wanted / NEAR < found.visible < NEAR * wanted:
             return found
     return None
 

@@ -18,11 +18,10 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_toeplitz, solve_triangular
 from scipy.signal import lfilter
 
-from edhas_jax.diagnosis.likelihood.run_equations import bounded
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Campaign, Use
-from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.campaign import Campaign, Use, has_parameter
+from edhas_jax.measurements.measurement_model import MeasurementModel, PredictedSignals
 from edhas_jax.measurements.time_resolution import step_error
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 
@@ -33,6 +32,7 @@ SETTING = 0.005  # relative, of a setting from run to run
 WARM_UP = 0.005  # relative, of the coil resistance from run to run
 GAIN, OFFSET, SHIFT = 0.003, 0.001, 20e-6  # of a signal: relative, of its range, s
 WHITENING_ORDER = 12
+MAX_DERIVATIVE = 20.0  # by one standard deviation of a parameter, over the range of a signal
 MAX_FIT_STEPS, MAX_HALVINGS = 4, 3
 SUFFICIENT_FALL = 0.9  # a fit goes on while a step leaves less than this share
 
@@ -68,10 +68,9 @@ class VisibilityTest:
         model = MeasurementModel(plan, machine, unknowns, self.runs)
         self._steps = _accurate_steps(model)
         found = model.predict_all_runs(np.zeros(len(unknowns)), self._steps, with_sensitivities=True)
-        found = {r: bounded(run, found[r]) for r, run in enumerate(self.runs)}  # a motion that sticks may be chaotic
         self.before = [found[r].values for r in range(len(self.runs))]
         self._model = model
-        sensitivities = self.stacked([found[r].sensitivities for r in range(len(self.runs))])
+        sensitivities = self.stacked([_bounded(found[r]) for r in range(len(self.runs))])
         self.parameters = _Projection(sensitivities)
         names = [u.name for u in unknowns]
         columns = [*sensitivities.T, *self._of_runs(sensitivities, names, settings), *self._of_sensors()]
@@ -128,9 +127,9 @@ class VisibilityTest:
     def _moved(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The change of the signals by coordinates of the uncertain parameters, and its derivatives there."""
         found = self._model.predict_all_runs(x, self._steps, with_sensitivities=True)
-        found = [bounded(run, found[r]) for r, run in enumerate(self.runs)]
-        moved = self.change_to([outcome.values for outcome in found])
-        return moved, np.nan_to_num(self.stacked([outcome.sensitivities for outcome in found]))
+        outcomes = [found[r] for r in range(len(self.runs))]
+        moved = self.change_to([outcome.values for outcome in outcomes])
+        return moved, np.nan_to_num(self.stacked([_bounded(outcome) for outcome in outcomes]))
 
     def _signals(self, machine: Rig, plan: Campaign) -> list[Signals]:
         """The signals of the fitted runs with another machine, under the conditions of a plan."""
@@ -142,7 +141,8 @@ class VisibilityTest:
         """What trigger, settings and warm-up of each run change by one standard deviation."""
         columns, ends = [], np.cumsum([0] + [len(run.time) * len(self.plan.channels) for run in self.runs])
         parts = [slice(*ends[r : r + 2]) for r in range(len(self.runs))]
-        for name, spread in (("coil_resistance", WARM_UP), *((n, SETTING) for n in settings)):
+        warm = [("coil_resistance", WARM_UP)] if has_parameter(self.machine, "coil_resistance") else []
+        for name, spread in (*warm, *((n, SETTING) for n in settings)):
             if name in names:
                 whole = sensitivities[:, names.index(name)] * spread / self.plan.uncertain[name].size
             else:
@@ -185,6 +185,13 @@ class VisibilityTest:
                 ]
                 columns.append(self.stacked(rows))
         return columns
+
+
+def _bounded(predicted: PredictedSignals) -> Signals:
+    """Derivatives within `MAX_DERIVATIVE` times the range of their signal; where a motion sticks they may be huge."""
+    limits = {n: MAX_DERIVATIVE * np.ptp(v[np.isfinite(v)]) if np.isfinite(v).any() else 0.0
+              for n, v in predicted.values.items()}  # fmt: skip
+    return {n: np.clip(v, -limits[n], limits[n]) if limits[n] > 0.0 else v for n, v in predicted.sensitivities.items()}
 
 
 def _accurate_steps(model: MeasurementModel) -> int:

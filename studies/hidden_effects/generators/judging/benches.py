@@ -6,67 +6,76 @@ from edhas_jax.measurements.campaign import Channel
 from studies.hidden_effects.generators.benches import Bench, planned_runs
 
 ACTUATOR_UNCERTAIN = {
-    "coil_resistance": 0.025, "force_constant": 0.025, "mover_mass": 0.01, "mover_damping": 0.2,
-    "coulomb_friction": 0.3, "static_friction": 0.3,
+    "coil_resistance": 0.03, "force_constant": 0.03, "mover_damping": 0.3, "coulomb_friction": 0.3,
+    "static_friction": 0.3, "mover_mass": 0.02,
 }  # fmt: skip
 PUMP_UNCERTAIN = ACTUATOR_UNCERTAIN | {
-    "oil_viscosity": 0.12, "air_fraction": 0.5, "valve_preload": 0.1, "valve_damping": 0.25,
+    "oil_viscosity": 0.12, "air_fraction": 0.5, "valve_spring_rate": 0.08, "valve_damping": 0.2,
     "piston_clearance": 0.12, "load_orifice_area": 0.04, "pump_damping": 0.35,
 }  # fmt: skip
 SYSTEM_UNCERTAIN = ACTUATOR_UNCERTAIN | {
-    "oil_viscosity": 0.12, "air_fraction": 0.5, "piston_clearance": 0.12, "pump_damping": 0.35,
-    "cylinder_sliding_friction": 0.2, "cylinder_breakaway_friction": 0.3, "cylinder_damping": 0.3,
-    "reversing_valve_area": 0.06, "load_mass": 0.03,
+    "oil_viscosity": 0.12, "air_fraction": 0.5, "piston_clearance": 0.12, "cylinder_sliding_friction": 0.3,
+    "cylinder_breakaway_friction": 0.3, "cylinder_damping": 0.25, "reversing_valve_area": 0.06,
 }  # fmt: skip
-ELECTRICAL_CHANNELS = {"voltage": Channel("V", 0.025), "current": Channel("A", 0.018)}
-POSITION, PRESSURE = Channel("mm", 6e-6), Channel("MPa", 1.8e3)
-ACTUATOR_CHANNELS = ELECTRICAL_CHANNELS | {"piston_position": POSITION, "piston_velocity": Channel("m/s", 1.5e-3)}
-PUMP_CHANNELS = ELECTRICAL_CHANNELS | {
-    "piston_position": POSITION, "outlet_pressure": PRESSURE, "outlet_flow": Channel("L/min", 2.5e-7),
-}  # fmt: skip
-SYSTEM_CHANNELS = {
-    "current": Channel("A", 0.018), "piston_position": POSITION, "outlet_pressure": PRESSURE,
-    "head_pressure": PRESSURE, "rod_pressure": PRESSURE, "cylinder_position": POSITION,
-}  # fmt: skip
+VOLTAGE, CURRENT = Channel("V", 0.03), Channel("A", 0.015)
+POSITION, SPEED = Channel("mm", 4e-6), Channel("m/s", 2e-3)
+PRESSURE, FLOW = Channel("MPa", 1.8e3), Channel("L/min", 3e-7)
 PUMP_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir)
 
 BENCHES = (
     Bench(
-        "nine runs of the pump", PumpBench, PUMP_EFFECTS, PUMP_UNCERTAIN, PUMP_CHANNELS,
+        "pump with a pressure sensor in a chamber", PumpBench, PUMP_EFFECTS, PUMP_UNCERTAIN,
+        {"voltage": VOLTAGE, "current": CURRENT, "piston_position": POSITION, "chamber_pressure_a": PRESSURE,
+         "outlet_pressure": PRESSURE},
         planned_runs(
             {"frequency": 1.0, "amplitude": 1e-3, "load_orifice_area": 1e-6},
-            ("fit", 0.58, 5.5, 4.1, 2.8), ("fit", 0.30, 14.5, 2.9, 3.9), ("fit", 0.24, 21.0, 3.3, 2.2),
-            ("fit", 0.22, 28.5, 2.5, 3.4), ("fit", 0.36, 9.5, 3.4, 0.75), ("fit", 0.26, 17.0, 3.1, 1.15),
-            ("fit", 0.28, 19.0, 3.7, 4.4), ("holdout", 0.34, 11.5, 2.7, 1.8), ("holdout", 0.24, 23.5, 2.9, 1.3),
-        ), 2.2e-4, 5.0,
+            ("fit", 0.55, 6.3, 3.7, 3.6), ("fit", 0.36, 12.6, 3.1, 1.6), ("fit", 0.30, 18.7, 2.7, 4.6),
+            ("fit", 0.24, 27.3, 2.9, 0.9), ("fit", 0.40, 11.2, 2.2, 2.6), ("fit", 0.26, 23.6, 3.6, 2.1),
+            ("holdout", 0.34, 15.7, 3.3, 1.3), ("holdout", 0.24, 31.2, 2.4, 3.3),
+        ), 2e-4, 4.0,
     ),
-    Bench(  # without a current sensor
-        "seven runs of the pump between 20 and 60 °C", PumpBench, PUMP_EFFECTS, PUMP_UNCERTAIN,
-        {name: channel for name, channel in PUMP_CHANNELS.items() if name != "current"},
+    Bench(
+        "pump with speed and flow sensors at four oil temperatures", PumpBench, PUMP_EFFECTS, PUMP_UNCERTAIN,
+        {"current": CURRENT, "piston_velocity": SPEED, "piston_position": POSITION, "outlet_pressure": PRESSURE,
+         "outlet_flow": FLOW},
         planned_runs(
             {"frequency": 1.0, "amplitude": 1e-3, "load_orifice_area": 1e-6, "oil_temperature": 1.0},
-            ("fit", 0.60, 6.5, 3.2, 2.6, 306.15), ("fit", 0.38, 12.5, 3.7, 1.9, 333.15),
-            ("fit", 0.26, 24.5, 2.4, 3.1, 318.15), ("fit", 0.42, 10.5, 3.0, 0.85, 318.15),
-            ("fit", 0.28, 18.5, 2.8, 1.05, 293.15), ("holdout", 0.34, 14.5, 3.5, 1.5, 326.15),
-            ("holdout", 0.24, 21.5, 2.6, 2.3, 299.15),
-        ), 1.8e-4, 3.0, {"supply_voltage": 14.0, "piston_clearance": 28e-6},
+            ("fit", 0.50, 8.4, 3.9, 2.4, 301.15), ("fit", 0.36, 16.3, 3.2, 1.1, 322.15),
+            ("fit", 0.28, 24.7, 2.6, 3.4, 310.15), ("fit", 0.44, 10.7, 3.3, 0.8, 333.15),
+            ("fit", 0.32, 20.4, 2.1, 1.9, 301.15), ("holdout", 0.36, 13.4, 3.5, 1.7, 327.15),
+        ), 2e-4, 3.0, {"supply_voltage": 24.0},
     ),
     Bench(
-        "seven runs of the actuator", ActuatorBench, (LugreFriction,), ACTUATOR_UNCERTAIN, ACTUATOR_CHANNELS,
+        "ten short runs of the pump", PumpBench, PUMP_EFFECTS, PUMP_UNCERTAIN,
+        {"voltage": VOLTAGE, "current": CURRENT, "piston_position": POSITION, "outlet_pressure": PRESSURE,
+         "outlet_flow": FLOW},
+        planned_runs(
+            {"frequency": 1.0, "amplitude": 1e-3, "load_orifice_area": 1e-6},
+            ("fit", 0.26, 9.3, 3.6, 1.4), ("fit", 0.22, 14.4, 3.8, 4.4), ("fit", 0.20, 19.3, 3.4, 2.9),
+            ("fit", 0.20, 26.4, 2.2, 1.2), ("fit", 0.20, 33.4, 2.6, 3.1), ("fit", 0.22, 17.3, 1.7, 0.7),
+            ("fit", 0.24, 12.1, 2.8, 2.0), ("fit", 0.20, 29.3, 3.1, 4.9), ("holdout", 0.22, 21.9, 3.0, 1.8),
+            ("holdout", 0.24, 10.3, 3.2, 3.7),
+        ), 1.6e-4, 3.0,
+    ),
+    Bench(
+        "actuator with a speed sensor", ActuatorBench, (LugreFriction,), ACTUATOR_UNCERTAIN,
+        {"voltage": VOLTAGE, "current": CURRENT, "piston_position": POSITION, "piston_velocity": SPEED},
         planned_runs(
             {"frequency": 1.0, "amplitude": 1e-3},
-            ("fit", 0.56, 5.5, 4.0), ("fit", 0.40, 8.5, 3.1), ("fit", 0.30, 13.5, 3.6), ("fit", 0.24, 22.0, 2.8),
-            ("fit", 0.22, 31.0, 2.2), ("fit", 0.26, 19.5, 1.6), ("holdout", 0.28, 17.0, 2.9),
-        ), 2.4e-4, 1.0,
+            ("fit", 0.50, 6.7, 3.9), ("fit", 0.36, 14.2, 3.1), ("fit", 0.28, 22.3, 2.6), ("fit", 0.40, 9.7, 1.6),
+            ("fit", 0.24, 31.4, 2.3), ("fit", 0.24, 39.3, 1.2), ("holdout", 0.32, 17.7, 3.4),
+            ("holdout", 0.30, 26.2, 1.9),
+        ), 2e-4, 1.2,
     ),
     Bench(
-        "five moves of the cylinder", ActuatorSystem, (*PUMP_EFFECTS, KarnoppFriction), SYSTEM_UNCERTAIN,
-        SYSTEM_CHANNELS,
+        "four moves of the cylinder with both pressures", ActuatorSystem, (*PUMP_EFFECTS, KarnoppFriction),
+        SYSTEM_UNCERTAIN,
+        {"current": CURRENT, "piston_position": POSITION, "head_pressure": PRESSURE, "rod_pressure": PRESSURE,
+         "cylinder_position": POSITION},
         planned_runs(
             {"target.step_size": 1e-3, "frequency": 1.0, "ramp_time": 1.0, "load_force": 1.0},
-            ("fit", 0.50, 9.0, 12.5, 0.09, 25.0), ("fit", 0.45, 5.5, 15.5, 0.09, 85.0),
-            ("fit", 0.55, 12.0, 19.0, 0.11, 45.0), ("fit", 0.50, 7.5, 14.5, 0.11, 140.0),
-            ("holdout", 0.50, 11.0, 17.5, 0.09, 70.0),
+            ("fit", 0.55, 11.0, 17.3, 0.11, 35.0), ("fit", 0.55, 6.4, 13.6, 0.11, 120.0),
+            ("fit", 0.55, 8.7, 19.6, 0.11, 70.0), ("holdout", 0.55, 7.6, 15.4, 0.11, 95.0),
         ), 2e-4, 1.0,
     ),
 )  # fmt: skip

@@ -3,112 +3,93 @@
 import jax.numpy as jnp
 
 from edhas_jax.machine.effects import Effect, state
+from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
 from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
-from studies.hidden_effects.generators.places import valve_of
-
-MAINS = 50.0  # Hz
-SHOCK_FREQUENCY = 55.0  # Hz, at which the floor rings
+from studies.hidden_effects.generators.places import is_chamber_b, valve_of
 
 
 class JudgingDisturbances(Effect):
-    """Small disturbances of coil, amplifier and mover, each with one size.
+    """Small unlisted effects of coil, amplifier and mover; one parameter sets the size of each."""
 
-    Source: interpolation errors of encoders: Heydemann, Appl. Opt. 20 (1981) 3382; supply rejection, compression and
-    soft start of amplifiers: Self, Audio Power Amplifier Design (2013); drag of air with the square of speed: Hoerner,
-    Fluid-Dynamic Drag (1965); Coulomb's law for the side pull of a coil off centre; damping by air that flows through
-    a leak, of first order; the forms of shocks and grease are chosen.
-    """
+    floor_tremor: float = size_par("N", "three slow vibrations of the floor at once")
+    tremor_rate: float = shape_par(3.1, "Hz", "the slowest of them", (2.4, 4.6))
+    tremor_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
+    settling_bench: float = size_par("N", "force of the weight as the bench tilts, after 0.4 s")
+    oil_puddle: float = size_par("N", "drag of an oil puddle with the cube of speed, at 0.2 m/s")
+    passing_screw: float = size_par("N", "push at one position, where a screw head is passed")
+    screw_position: float = shape_par(1e-3, "m", "this position", (-2e-3, 2.5e-3))
+    clock_leak: float = size_par("-", "share of the voltage that a clock modulates")
+    clock_rate: float = shape_par(610.0, "Hz", "its frequency", (420.0, 880.0))
+    dither: float = size_par("V", "dither of the amplifier")
+    dither_rate: float = shape_par(333.0, "Hz", "its frequency", (240.0, 390.0))
+    ground_step: float = size_par("V", "step of the ground of the amplifier")
+    step_time: float = shape_par(0.1, "s", "its time", (0.05, 0.2))
+    warm_field: float = size_par("-", "force constant that recovers after each load")
 
-    encoder_error: float = size_par("m", "interpolation error of the encoder that gives the controller the position")
-    encoder_period: float = shape_par(1e-3, "m", "its period", (0.5e-3, 1.6e-3))
-    encoder_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    supply_rejection: float = size_par("-", "relative ripple of the amplifier's gain at twice the mains frequency")
-    rejection_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    amplifier_compression: float = size_par("V", "loss of the amplifier at 10 V, with the cube of its voltage")
-    soft_start: float = size_par("-", "relative lack of gain of the amplifier when it is switched on")
-    soft_start_time: float = shape_par(0.06, "s", "time constant with which it vanishes", (0.02, 0.15))
-    floor_shocks: float = size_par("N", "force of a press nearby, whose shocks let the floor ring")
-    shock_rate: float = shape_par(7.0, "Hz", "strokes of the press per second", (5.0, 13.0))
-    shock_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    windage: float = size_par("N", "drag of the air at 0.3 m/s, with the square of speed")
-    stiff_grease: float = size_par("N*s/m", "further damping by grease until it has been worked")
-    grease_time: float = shape_par(0.15, "s", "time constant with which it vanishes", (0.06, 0.4))
-    side_pull: float = size_par("N", "dry friction of the guide at 5 A, in proportion to the current")
-    trapped_air: float = size_par("N/m", "stiffness of the air behind the coil, which flows out through a leak")
-    air_time: float = shape_par(3e-3, "s", "time constant of the leak", (1.5e-3, 5e-3))
-
-    air_compression = state("m", "part of the motion that compresses the air")
+    loaded = state("-", "mean square of the current over 30 ms")
 
     def coil_voltage_change(self, s, z):
-        angle = 2.0 * jnp.pi * s.piston_position / self.encoder_period + self.encoder_phase
-        misread = -s.position_gain * self.encoder_error * (jnp.sin(angle) - jnp.sin(self.encoder_phase))
-        ripple = self.supply_rejection * jnp.sin(4.0 * jnp.pi * MAINS * s.time + self.rejection_phase)
-        u = s.voltage / 10.0
-        starting = self.soft_start * jnp.exp(-s.time / self.soft_start_time)
-        return misread + (ripple - starting) * s.voltage - self.amplifier_compression * u * u * u
+        clock = self.clock_leak * s.voltage * jnp.sin(2.0 * jnp.pi * self.clock_rate * s.time)
+        dither = self.dither * jnp.tanh(4.0 * jnp.sin(2.0 * jnp.pi * self.dither_rate * s.time))
+        return clock + dither + self.ground_step * 0.5 * (1.0 + jnp.tanh((s.time - self.step_time) / 2e-3))
 
     def mover_force(self, s, z):
-        turn = 2.0 * jnp.pi * self.shock_rate * s.time + self.shock_phase
-        strokes = jnp.exp(6.0 * (jnp.cos(turn) - 1.0)) * jnp.sin(2.0 * jnp.pi * SHOCK_FREQUENCY * s.time)
-        v = s.piston_velocity
-        grease = self.stiff_grease * v * jnp.exp(-s.time / self.grease_time)
-        pull = self.side_pull * jnp.abs(s.current) / 5.0 * jnp.tanh(v / 8e-3)
-        air = self.trapped_air * z.air_compression
-        return self.floor_shocks * strokes - self.windage * v * jnp.abs(v) / 0.09 - grease - pull - air
+        angle = 2.0 * jnp.pi * self.tremor_rate * s.time + self.tremor_phase
+        tremor = jnp.sin(angle) + jnp.sin(2.48 * angle) + jnp.sin(4.16 * angle)
+        screw = jnp.exp(-jnp.square((s.piston_position - self.screw_position) / 0.25e-3))
+        puddle = (s.piston_velocity / 0.2) * jnp.square(s.piston_velocity / 0.2)
+        slow = self.floor_tremor * tremor + self.settling_bench * s.time / 0.4
+        return slow + self.passing_screw * screw - self.oil_puddle * puddle
+
+    def force_constant_factor(self, s, z):
+        return 1.0 - self.warm_field * z.loaded
 
     def rates(self, s, z):
-        return {"air_compression": s.piston_velocity - z.air_compression / self.air_time}
+        return {"loaded": (jnp.square(s.current / 5.0) - z.loaded) / 0.03}
 
 
 class JudgingPumpDisturbances(Effect):
-    """Small disturbances of chambers and valves, each with one size.
+    """Small unlisted effects of oil, gaps and valves; one parameter sets the size of each."""
 
-    Source: elasticity of a container beside that of the oil: Merritt, Hydraulic Control Systems (1967); weight of the
-    balls: statics; the others are differences between valves that are nominally equal, and the form of the flow past
-    a moving ball is chosen.
-    """
-
-    worn_suction_seat: float = size_par("-", "relative excess of the area of suction valve B")
-    gummed_valve: float = size_par("N*s/m", "damping of delivery valve B beyond that of the others")
-    hanging_valves: float = size_par("N", "weight of the balls, which closes the suction valves and opens the others")
-    elastic_bores: float = size_par("-", "compressibility by the walls of both chambers, over that of the oil")
-    moving_ball: float = size_par("-", "relative loss of a valve's area while its ball moves away from the seat")
-
-    def suction_valve_area(self, s, z):
-        own = self.worn_suction_seat * s.valve_area if valve_of(s) == "suction_b" else 0.0 * s.valve_area
-        return own - self._lost_area(s)
-
-    def delivery_valve_area(self, s, z):
-        return -self._lost_area(s)
-
-    def _lost_area(self, s):
-        return self.moving_ball * s.valve_area * jnp.tanh(s.lift_velocity / 0.05)
-
-    def check_valve_force(self, s, z):
-        valve = valve_of(s)
-        own = -self.gummed_valve * s.lift_velocity if valve == "delivery_b" else 0.0 * s.lift_velocity
-        return own + (-self.hanging_valves if valve.startswith("suction") else self.hanging_valves)
+    bubble_train: float = size_par("-", "share of the compressibility that comes and goes with bubbles")
+    bubble_rate: float = shape_par(4.0, "Hz", "their frequency", (2.5, 9.0))
+    moving_ball: float = size_par("-", "share of the flow area that a moving ball loses, at 0.2 m/s")
+    tight_spring: float = size_par("N", "further preload of one delivery valve")
+    loose_plug: float = size_par("m^3/s", "leakage of a plug of chamber B, at 0.5 MPa")
+    conical_bore: float = size_par("-", "relative change of the viscosity in the gap along the stroke")
 
     def oil_compressibility(self, s, z):
-        known = s.values()
-        if not any(known["pressure"] is known[f"chamber_pressure_{side}"] for side in "ab"):
-            return 0.0 * s.pressure
-        return self.elastic_bores / s.oil_bulk_modulus + 0.0 * s.pressure
+        return self.bubble_train * jnp.sin(2.0 * jnp.pi * self.bubble_rate * s.time) / s.oil_bulk_modulus
+
+    def suction_valve_area(self, s, z):
+        return -self.moving_ball * s.valve_area * jnp.tanh(jnp.abs(s.lift_velocity) / 0.2)
+
+    def delivery_valve_area(self, s, z):
+        return -self.moving_ball * s.valve_area * jnp.tanh(jnp.abs(s.lift_velocity) / 0.2)
+
+    def check_valve_force(self, s, z):
+        return -self.tight_spring + 0.0 * s.lift if valve_of(s) == "delivery_b" else 0.0 * s.lift
+
+    def chamber_leakage(self, s, z):
+        over = (s.chamber_pressure - s.atmospheric_pressure) / 0.5e6
+        return self.loose_plug * over * jnp.abs(over) / (1.0 + jnp.abs(over)) if is_chamber_b(s) else 0.0 * over
+
+    def gap_viscosity_factor(self, s, z):
+        return 1.0 + self.conical_bore * jnp.tanh(s.piston_position / (0.5 * REFERENCE_TRAVEL))
 
 
 DISTURBANCES = (
-    Disturbance(JudgingDisturbances, "encoder_error", 3e-6, ("encoder_period", "encoder_phase")),
-    Disturbance(JudgingDisturbances, "supply_rejection", 0.01, ("rejection_phase",)),
-    Disturbance(JudgingDisturbances, "amplifier_compression", 0.05),
-    Disturbance(JudgingDisturbances, "soft_start", 0.02, ("soft_start_time",)),
-    Disturbance(JudgingDisturbances, "floor_shocks", 0.2, ("shock_rate", "shock_phase")),
-    Disturbance(JudgingDisturbances, "windage", 0.2),
-    Disturbance(JudgingDisturbances, "stiff_grease", 1.0, ("grease_time",)),
-    Disturbance(JudgingDisturbances, "side_pull", 0.15),
-    Disturbance(JudgingDisturbances, "trapped_air", 100.0, ("air_time",)),
-    Disturbance(JudgingPumpDisturbances, "worn_suction_seat", 0.02),
-    Disturbance(JudgingPumpDisturbances, "gummed_valve", 0.1),
-    Disturbance(JudgingPumpDisturbances, "hanging_valves", 0.02),
-    Disturbance(JudgingPumpDisturbances, "elastic_bores", 0.05),
+    Disturbance(JudgingDisturbances, "floor_tremor", 0.05, ("tremor_rate", "tremor_phase")),
+    Disturbance(JudgingDisturbances, "settling_bench", 0.1),
+    Disturbance(JudgingDisturbances, "oil_puddle", 0.1),
+    Disturbance(JudgingDisturbances, "passing_screw", 0.1, ("screw_position",)),
+    Disturbance(JudgingDisturbances, "clock_leak", 0.02, ("clock_rate",)),
+    Disturbance(JudgingDisturbances, "dither", 0.2, ("dither_rate",)),
+    Disturbance(JudgingDisturbances, "ground_step", 0.05, ("step_time",)),
+    Disturbance(JudgingDisturbances, "warm_field", 0.01),
+    Disturbance(JudgingPumpDisturbances, "bubble_train", 0.1, ("bubble_rate",)),
     Disturbance(JudgingPumpDisturbances, "moving_ball", 0.02),
-)  # fmt: skip
+    Disturbance(JudgingPumpDisturbances, "tight_spring", 0.02),
+    Disturbance(JudgingPumpDisturbances, "loose_plug", 5e-9),
+    Disturbance(JudgingPumpDisturbances, "conical_bore", 0.05),
+)

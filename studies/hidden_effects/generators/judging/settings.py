@@ -5,44 +5,47 @@ import numpy as np
 from studies.hidden_effects.generators.settings import RunDrift, WrongSheet
 
 
-def _readjusted(rng, runs):
-    """A setting that is readjusted before one of the runs and is 0.5 … 1.2 % off from then on."""
-    start = rng.integers(1, runs) if runs > 1 else 0
-    return 1.0 + rng.uniform(0.005, 0.012) * rng.choice([-1.0, 1.0]) * (np.arange(runs) >= start)
+def _hand_wheel(rng, runs):
+    """A hand wheel with play: 0.3 … 0.9 % above or below, by the direction from which a setting was reached."""
+    return 1.0 + rng.uniform(0.003, 0.009) * np.where(rng.uniform(size=runs) < 0.5, 1.0, -1.0)
 
 
-def _wandering(rng, runs):
-    """A random walk from run to run, which starts at the stated value; its steps have a deviation of 0.2 … 0.5 %."""
-    steps = rng.uniform(0.002, 0.005) * rng.standard_normal(runs)
-    return 1.0 + np.cumsum(steps) - steps[0]
+def warmer_in_sessions(rng, runs):
+    """Warmer within each session of three runs, cold again after the pause: up to 0.6 … 1.6 %."""
+    return 1.0 + rng.uniform(0.006, 0.016) * (np.arange(runs) % 3) / 2.0
 
 
-def _cold_at_first(rng, runs):
-    """A viscosity that is 2 … 5 % too high in the first run, with an error that halves from run to run."""
-    return 1.0 + rng.uniform(0.02, 0.05) * 0.5 ** np.arange(runs)
+def _refilled(rng, runs):
+    """Fresh oil after one of the runs: 2 … 5 % from then on, either sign."""
+    first = rng.integers(1, runs) if runs > 1 else 1
+    return 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.02, 0.05) * (np.arange(runs) >= first)
 
 
-def _leaving(rng, runs):
-    """An air content that falls linearly by 5 … 15 % over the campaign."""
-    return 1.0 - rng.uniform(0.05, 0.15) * np.arange(runs) / max(1, runs - 1)
+def _oscillating(rng, runs):
+    """A thermostat: two periods over the campaign, 0.3 … 0.8 %."""
+    angle = 4.0 * np.pi * np.arange(runs) / max(runs, 2) + rng.uniform(0.0, 6.0)
+    return 1.0 + rng.uniform(0.003, 0.008) * np.sin(angle)
 
 
-def _too_certain(rng, count):
-    """Deviations that are 1.5 times as large as the sheet states, at most three standard deviations."""
-    return np.clip(1.5 * rng.standard_normal(count), -3.0, 3.0)
+def _one_group_off(rng, count):
+    """The first or the last third of the sheet 1.5 … 2.3 standard deviations off in one direction."""
+    out = np.clip(rng.standard_normal(count), -1.5, 1.5)
+    third = slice(0, -(-count // 3)) if rng.uniform() < 0.5 else slice(count - count // 3 or 0, count)
+    out[third] = rng.choice([-1.0, 1.0]) * rng.uniform(1.5, 2.3)
+    return out
 
 
-def _second_half_guessed(rng, count):
-    """Guessed values in the second half of the sheet: 1.2 … 2.5 standard deviations off."""
-    out = np.clip(rng.standard_normal(count), -2.0, 2.0)
-    guessed = np.arange(count) >= count // 2
-    return np.where(guessed, rng.uniform(1.2, 2.5, count) * rng.choice([-1.0, 1.0], count), out)
+def _one_forgotten(rng, count):
+    """One parameter 2.4 … 2.9 standard deviations off, the others within half of one."""
+    out = rng.uniform(-0.5, 0.5, count)
+    out[rng.integers(count)] = rng.choice([-1.0, 1.0]) * rng.uniform(2.4, 2.9)
+    return out
 
 
 DRIFTS = (
-    RunDrift("bench readjusted", None, _readjusted),
-    RunDrift("coil temperature wanders", "coil_resistance", _wandering),
-    RunDrift("oil cold at first", "oil_viscosity", _cold_at_first),
-    RunDrift("air leaves the oil", "air_fraction", _leaving),
-)
-SHEETS = (WrongSheet("sheet too certain", _too_certain), WrongSheet("second half guessed", _second_half_guessed))
+    RunDrift("hand wheel with play", None, _hand_wheel), RunDrift("thermostat", None, _oscillating),
+    RunDrift("coil warms up in sessions", "coil_resistance", warmer_in_sessions),
+    RunDrift("force constant of sessions", "force_constant", warmer_in_sessions),
+    RunDrift("oil is refilled", "oil_viscosity", _refilled),
+)  # fmt: skip
+SHEETS = (WrongSheet("one group off", _one_group_off), WrongSheet("one forgotten", _one_forgotten))
