@@ -209,7 +209,3 @@ def main(arguments: list[str] | None = None) -> None:
         for label, stage in (("fitted", s.stages[1]), ("last", s.stages[-1]))
     )
     print(f"machines={len(stories)} right_place={right} {errors}")
-
-
-if __name__ == "__main__":
-    main()
