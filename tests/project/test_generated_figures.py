@@ -37,7 +37,6 @@ DEFINITIONS = {
     "docs/fmu.md": {"Time"},
     "docs/hidden_effects.md": {
         "The benchmark of hidden effects", "The cases", "Sizes", "Independent data generation",
-        "The methods",
     },
     "docs/model.md": {"Equations", "Notes for reading results"},
     "docs/python.md": {"From Python", "Pure functions for JAX", "One call for each task"},

@@ -53,7 +53,8 @@ class JudgingPumpDisturbances(Effect):
 
     bubble_train: float = size_par("-", "share of the compressibility that comes and goes with bubbles")
     bubble_rate: float = shape_par(4.0, "Hz", "their frequency", (2.5, 9.0))
-    moving_ball: float = size_par("-", "share of the flow area that a moving ball loses, at 0.2 m/s")
+    singing_valve: float = size_par("-", "share of the flow area that a singing valve opens and closes")
+    singing_rate: float = shape_par(140.0, "Hz", "its frequency", (110.0, 230.0))
     tight_spring: float = size_par("N", "further preload of one delivery valve")
     loose_plug: float = size_par("m^3/s", "leakage of a plug of chamber B, at 0.5 MPa")
     conical_bore: float = size_par("-", "relative change of the viscosity in the gap along the stroke")
@@ -62,10 +63,7 @@ class JudgingPumpDisturbances(Effect):
         return self.bubble_train * jnp.sin(2.0 * jnp.pi * self.bubble_rate * s.time) / s.oil_bulk_modulus
 
     def suction_valve_area(self, s, z):
-        return -self.moving_ball * s.valve_area * jnp.tanh(jnp.abs(s.lift_velocity) / 0.2)
-
-    def delivery_valve_area(self, s, z):
-        return -self.moving_ball * s.valve_area * jnp.tanh(jnp.abs(s.lift_velocity) / 0.2)
+        return self.singing_valve * s.valve_area * jnp.sin(2.0 * jnp.pi * self.singing_rate * s.time)
 
     def check_valve_force(self, s, z):
         return -self.tight_spring + 0.0 * s.lift if valve_of(s) == "delivery_b" else 0.0 * s.lift
@@ -88,7 +86,7 @@ DISTURBANCES = (
     Disturbance(JudgingDisturbances, "ground_step", 0.05, ("step_time",)),
     Disturbance(JudgingDisturbances, "warm_field", 0.01),
     Disturbance(JudgingPumpDisturbances, "bubble_train", 0.1, ("bubble_rate",)),
-    Disturbance(JudgingPumpDisturbances, "moving_ball", 0.02),
+    Disturbance(JudgingPumpDisturbances, "singing_valve", 0.05, ("singing_rate",)),
     Disturbance(JudgingPumpDisturbances, "tight_spring", 0.02),
     Disturbance(JudgingPumpDisturbances, "loose_plug", 5e-9),
     Disturbance(JudgingPumpDisturbances, "conical_bore", 0.05),

@@ -90,11 +90,6 @@ def _one_way(e, s, z):
     return {"follower": ahead / (e.rise_time * (1.6 - 0.6 * jnp.tanh(ahead / 0.5)))}
 
 
-def _convection(e, s, z):
-    loss = s.resistance * jnp.square(s.current) * (1.0 + 0.0039 * z.heat)
-    return {"heat": e.heat_up * loss - z.heat * jnp.sqrt(jnp.sqrt(jnp.abs(z.heat) + 1e-3)) / 1.5}
-
-
 def _scored(e, s, z):
     x = s.sliding_position
     zones = jnp.exp(-jnp.square((x - 2.4e-3) / 0.5e-3)) + 0.6 * jnp.exp(-jnp.square((x + 1.7e-3) / 0.5e-3))
@@ -269,11 +264,11 @@ LAWS = (
         "du_a/dt = d/(τ (1.6 − 0.6 tanh(d/0.5 V))), d = u − u_a. Source: an output stage that sources more than it "
         "sinks; Horowitz, Hill; form chosen.", {"rise_time": ("s", 0.05e-3, 1.5e-3)}, states={"follower": "V"},
         coil_voltage_change=lambda e, s, z: z.follower - s.voltage, rates=_one_way),
-    law(library.CoilHeating, "ConvectionHeating", "Heating with the rise of the resistance itself, and cooling by free "
-        "convection ∝ ϑ^1.25: dϑ/dt = q R (1 + 0.0039 ϑ) i² − ϑ^1.25/1.5 s. "
-        "Source: Churchill, Chu, Int. J. Heat Mass Transfer 18 (1975) 1323, laminar exponent 1/4.",
-        {"heat_up": ("K/J", 0.03, 1.0)}, states={"heat": "K"},
-        coil_resistance_factor=lambda e, s, z: 1.0 + 0.0039 * z.heat, rates=_convection),
+    law(library.CoilHeating, "JointHeating", "A joint of the coil whose resistance rises with the square of its heat: "
+        "R (1 + s (ϑ/5 K)²), dϑ/dt = R i²/(2 J/K) − ϑ/0.5 s. Source: PTC behaviour of a poor joint; form chosen.",
+        {"joint_rise": ("-", 0.02, 0.6)}, states={"heat": "K"},
+        coil_resistance_factor=lambda e, s, z: 1.0 + e.joint_rise * jnp.square(z.heat / 5.0),
+        rates=lambda e, s, z: {"heat": s.resistance * jnp.square(s.current) / 2.0 - z.heat / 0.5}),
     law(library.CoilHeating, "InsulatedHeating", "Heating that the winding shows late: R (1 + 0.0039 ϑ), 50 ms dϑ/dt = "
         "ϑ_i − ϑ, dϑ_i/dt = q R i² − ϑ_i/2 s. Source: two thermal masses in series; form chosen.",
         {"heat_up": ("K/J", 0.03, 1.0)}, states={"inner": "K", "outer": "K"},
@@ -331,10 +326,10 @@ LAWS = (
         "k Δ/(1 + |Δ|/50 µm) + 20 N·s/m Δ̇. Source: Payne effect of filled rubber; form chosen.",
         {"joint_compliance": ("m/N", 1e-7, 6e-6)}, coupling_force=lambda e, s, z: s.coupling_deflection
         / (e.joint_compliance * (1.0 + jnp.abs(s.coupling_deflection) / 50e-6)) + 20.0 * s.coupling_velocity),
-    law(library.CouplingCompliance, "RubbingCoupling", "A coupling with friction in its clamp: k Δ + 1.5 N "
-        "tanh(Δ̇/3 mm/s) + 5 N·s/m Δ̇. Source: Goodman, Klumpp, J. Applied Mechanics 23 (1956) 421.",
-        {"joint_compliance": ("m/N", 1e-7, 1e-5)}, coupling_force=lambda e, s, z: s.coupling_deflection
-        / e.joint_compliance + 1.5 * jnp.tanh(s.coupling_velocity / 3e-3) + 5.0 * s.coupling_velocity),
+    law(library.CouplingCompliance, "RubbingCoupling", "A coupling with friction in its clamp: "
+        "k (Δ + 12 µm tanh(Δ̇/1.5 mm/s)) + 5 N·s/m Δ̇. Source: Goodman, Klumpp, J. Applied Mechanics 23 (1956) 421.",
+        {"joint_compliance": ("m/N", 2e-7, 1e-5)}, coupling_force=lambda e, s, z: (s.coupling_deflection
+        + 12e-6 * jnp.tanh(s.coupling_velocity / 1.5e-3)) / e.joint_compliance + 5.0 * s.coupling_velocity),
     law(library.Backlash, "RubberBacklash", "Play between rubber faces: contact force 15 N (exp(d/20 µm) − 1) and "
         "15 N·s/m beyond ±b/2. Source: exponential bumpers; form chosen.", {"slot_play": ("m", 4e-6, 100e-6)},
         coupling_force=_rubber_contact),
