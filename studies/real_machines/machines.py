@@ -11,7 +11,7 @@ from edhas_jax.config.recorded_signal import recorded_from_samples
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.mover.asymmetric_friction import AsymmetricFriction
 from edhas_jax.machine.effects.mover.lugre_friction import LugreFriction
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Spread, Use
 from edhas_jax.measurements.clock_alignment import with_aligned_clocks
 from studies.emps.own_rig import campaign_of as emps_campaign
 from studies.mbari.discovery import STEPS_PER_SAMPLE as MBARI_STEPS
@@ -81,7 +81,7 @@ def silverbox_campaign(folder: Path) -> Campaign:
     """4000 samples of a multisine are fitted, 4000 of noise that grows are held out."""
     files = {"multisine.csv": Use.FIT, "arrow.csv": Use.HOLDOUT}
     runs = tuple(read_run(folder / name, use, {"force": "V1"}, {"reading": "V2"}) for name, use in files.items())
-    uncertain = {"natural_frequency": 0.05, "damping_ratio": 0.3, "gain": 0.05}
+    uncertain = {"natural_frequency": 0.05, "damping_ratio": 0.3, "gain": 0.05, "zero": Spread(5e-3, is_absolute=True)}
     return Campaign("silverbox", folder, Oscillator(), uncertain, {"reading": Channel("V", 5e-4)}, runs, ())
 
 

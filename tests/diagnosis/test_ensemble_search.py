@@ -26,7 +26,7 @@ class _Irregular:
 
     def __init__(self, model, campaign):
         self._model, self._campaign = model, campaign
-        self.runs = model.runs
+        self.runs, self.acting = model.runs, model.acting
 
     def predict(self, points, steps_per_sample, with_sensitivities):
         found = self._model.predict(points, steps_per_sample, with_sensitivities)

@@ -12,7 +12,7 @@ FREQUENCY, DAMPING, HARDENING, INTERVAL = 68.0, 0.05, 4e6, 1.0 / 610.0
 
 def write_record(file, seed, scale):
     """A record of an oscillator with a cubic spring that noise below 150 Hz drives; `scale` its amplitude over time."""
-    rng, count = np.random.default_rng(seed), 1500
+    rng, count = np.random.default_rng(seed), 700
     time = INTERVAL * np.arange(count)
     spectrum = np.fft.rfft(rng.standard_normal(count)) * (np.fft.rfftfreq(count, INTERVAL) < 150.0)
     force = scale(time) * np.fft.irfft(spectrum, count)
