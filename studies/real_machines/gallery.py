@@ -202,7 +202,7 @@ def main(arguments: list[str] | None = None) -> None:
         console.print(table)
         said = [*story.said[:2], f"known: {story.machine.known}", f"{story.seconds:.0f} s"]
         console.print("\n".join(said), style="dim")
-    right = sum(next(iter(s.places), "") == s.machine.place for s in stories.values())
+    right = sum(next(iter(s.places), "") in s.machine.places for s in stories.values())
     errors = " ".join(
         f"{name}_{label}={s.error(stage, Use.HOLDOUT):.4f}"
         for name, s in stories.items()

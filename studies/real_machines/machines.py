@@ -9,7 +9,7 @@ import numpy as np
 
 from edhas_jax.config.recorded_signal import recorded_from_samples
 from edhas_jax.machine.effects import Effect
-from edhas_jax.machine.effects.mover.asymmetric_friction import AsymmetricFriction
+from edhas_jax.machine.effects.mover.asymmetric_damping import AsymmetricDamping
 from edhas_jax.machine.effects.mover.lugre_friction import LugreFriction
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Spread, Use
 from edhas_jax.measurements.clock_alignment import with_aligned_clocks
@@ -32,7 +32,7 @@ class RealMachine(NamedTuple):
         title: what it is.
         record: what was measured, and who published it.
         known: what is known to be missing in the plain model.
-        place: the component of the model where it is missing.
+        places: the components of the model where it is missing.
         campaign: reads the records in a folder as a campaign with the plain model.
         effects: what an engineer adds once the diagnosis is known, one after the other.
         signal: the measured signal whose error is stated.
@@ -42,7 +42,7 @@ class RealMachine(NamedTuple):
     title: str
     record: str
     known: str
-    place: str
+    places: tuple[str, ...]
     campaign: Callable[[Path], Campaign]
     effects: tuple[type[Effect], ...]
     signal: str
@@ -107,34 +107,40 @@ def mbari_aligned(folder: Path) -> Campaign:
 
 MACHINES = {
     "silverbox": RealMachine(
-        "An oscillator with a spring (Silverbox)",
-        "an electronic circuit, force and position as voltages, 610 Hz; Wigren and Schoukens 2013",
-        "the stiffness grows with the square of the position", "spring", silverbox_campaign, (CubicSpring,), "reading",
-        "nothing",
+        title="An oscillator with a spring (Silverbox)",
+        record="an electronic circuit, force and position as voltages, 610 Hz; Wigren and Schoukens 2013",
+        known="the stiffness grows with the square of the position",
+        places=("spring",), campaign=silverbox_campaign, effects=(CubicSpring,), signal="reading",
+        chosen="nothing",
     ),
     "crane": RealMachine(
-        "A hydraulic actuator of a crane", "valve opening, oil pressure and travel, scaled; Sjöberg et al. 1995",
-        "nothing is published; the valve of such a crane is proportional, two-sided and saturates", "valve",
-        crane_campaign, (TwoSidedValve,), "pressure",
-        "the sampling time of 50 ms, which the file does not state; what the model may leave of both signals",
+        title="A hydraulic actuator of a crane",
+        record="valve opening, oil pressure and travel, scaled; Sjöberg et al. 1995",
+        known="nothing is published; the valve of such a crane is proportional, two-sided and saturates",
+        places=("valve",), campaign=crane_campaign, effects=(TwoSidedValve,), signal="pressure",
+        chosen="the sampling time of 50 ms, which the file does not state; what the model may leave of both signals",
     ),
     "emps": RealMachine(
-        "A linear drive with a ball screw (EMPS)", "position and voltage of a closed loop, 1 kHz; Janot et al. 2019",
-        "Coulomb and viscous friction, different in both directions", "friction",
-        lambda folder: emps_campaign(folder / "run1.csv"),
-        (LugreFriction, AsymmetricFriction), "voltage",
-        "the ranges of `lugre_friction` in the library were widened because of this drive",
+        title="A linear drive with a ball screw (EMPS)",
+        record="position and voltage of a closed loop, 1 kHz; Janot et al. 2019",
+        known="Coulomb and viscous friction, different in both directions",
+        places=("mover",), campaign=lambda folder: emps_campaign(folder / "run1.csv"),
+        effects=(LugreFriction, AsymmetricDamping), signal="voltage",
+        chosen="the ranges of `lugre_friction` in the library were widened because of this drive",
     ),
     "tanks": RealMachine(
-        "Two water tanks in cascade", "pump voltage and level of the lower tank, every 4 s; Schoukens et al. 2016",
-        "both tanks overflow, and a part of the upper one's water falls into the lower one", "lower_tank",
-        tanks_divided, (Overflow,), "level", "0.1 V that the model may leave",
+        title="Two water tanks in cascade",
+        record="pump voltage and level of the lower tank, every 4 s; Schoukens et al. 2016",
+        known="both tanks overflow, and a part of the upper one's water falls into the lower one",
+        places=("upper_tank", "lower_tank"), campaign=tanks_divided, effects=(Overflow,), signal="level",
+        chosen="0.1 V that the model may leave",
     ),
     "mbari": RealMachine(
-        "A hydraulic power take-off of a wave-energy buoy",
-        "ram, oil pressures, motor speed, force, 50 Hz; MBARI, Apache-2.0",
-        "friction of the motor, a relief valve past it, friction of the seals; no leakage can be seen", "motor",
-        mbari_aligned, (MotorViscous, MotorCoulomb, SmoothedRecord, ReliefValve), "motor_speed",
-        "what the model may leave of each signal; that the record of the ram is smoothed",
+        title="A hydraulic power take-off of a wave-energy buoy",
+        record="ram, oil pressures, motor speed, force, 50 Hz; MBARI, Apache-2.0",
+        known="friction of the motor, a relief valve past it, friction of the seals; no leakage can be seen",
+        places=("motor", "relief"), campaign=mbari_aligned,
+        effects=(MotorViscous, MotorCoulomb, SmoothedRecord, ReliefValve), signal="motor_speed",
+        chosen="what the model may leave of each signal; that the record of the ram is smoothed",
     ),
 }  # fmt: skip

@@ -1,5 +1,6 @@
 """Only what the records prove to be wrong is left out: peaks, overshoots and rests of a real machine stay."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -206,6 +207,17 @@ def test_the_campaign_can_keep_a_signal():
     assert np.isfinite(checked.runs[0].signals["spool"]).all() and not checked.removed
     (remark,) = [r for r in checked.remarks if "stuck" in r.sentence]
     assert remark.severity is Severity.WARNING and remark.sentence.endswith("kept as the campaign says")
+
+
+def test_samples_at_a_stated_limit_of_the_sensor_stay():
+    """They say that the signal is there or beyond, also where the sensor ends at it only once."""
+    signals = stuck_records()
+    limit = float(signals["spool"][700])
+    campaign = valve_campaign(signals, {"spool": 0.02, "pressure": 5e3})
+    channel = dataclasses.replace(campaign.channels["spool"], limits=(-np.inf, limit))
+    checked = checked_campaign(dataclasses.replace(campaign, channels=campaign.channels | {"spool": channel}))
+    assert np.isfinite(checked.runs[0].signals["spool"]).all()
+    assert not [r for r in checked.remarks if "stuck" in r.sentence]
 
 
 def test_a_whole_machine_at_rest_is_not_stuck():

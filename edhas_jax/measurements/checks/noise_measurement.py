@@ -266,17 +266,16 @@ def noise_sentence(campaign: Campaign) -> str | None:
         elif stated is not None and measured is not None and abs(measured / stated - 1.0) > MAX_NOISE_DEVIATION:
             text = f"{name} {size * stated:.3g} {channel.unit} stated, {size * measured:.3g} {channel.unit} measured"
             (used if channel.sensor_noise == measured else kept).append(text)
-    endings = []
-    if refuted:
-        endings.append(f"The fit leaves only {', '.join(refuted)}: the noise cannot be larger, and that is used.")
-    if not used and not kept:
-        return endings[0] if endings else None
+    sentences = [f"Stated and measured noise differ: {'; '.join(used + kept)}."] if used or kept else []
+    several = sum(map(bool, (used, kept, refuted))) > 1
     if used:
-        endings.append("The measured noise is used" + (f" for {_names(used)}." if kept else "."))
+        sentences.append("The measured noise is used" + (f" for {_names(used)}." if several else "."))
     if kept:
         reason = "without repeated cycles only the fast part of the noise can be measured"
-        endings.append("The stated noise is used" + (f" for {_names(kept)}" if used else "") + f": {reason}.")
-    return f"Stated and measured noise differ: {'; '.join(used + kept)}. " + " ".join(endings)
+        sentences.append("The stated noise is used" + (f" for {_names(kept)}" if several else "") + f": {reason}.")
+    if refuted:
+        sentences.append(f"The fit leaves only {', '.join(refuted)}: the noise cannot be larger, and that is used.")
+    return " ".join(sentences) or None
 
 
 def _names(texts: list[str]) -> str:
