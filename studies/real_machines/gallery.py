@@ -32,7 +32,7 @@ from edhas_jax.measurements.measurement_model import MeasurementModel
 from studies.real_machines.machines import MACHINES, RealMachine
 
 STEPS_PER_SAMPLE = 8
-SHOWN_SAMPLES = 600  # of a picture: the part of the unused record with the largest swing
+SHOWN_SAMPLES, SHOWN_SWINGS = 600, 15  # most samples and swings of a picture, in the part with the largest scatter
 
 
 class Stage(NamedTuple):
@@ -153,8 +153,9 @@ def _decade_parts(story: Story) -> tuple[float, float]:
 
 def _liveliest(values: np.ndarray) -> slice:
     """The part of a record that a picture shows: that with the largest scatter."""
-    count = min(SHOWN_SAMPLES, len(values))
-    squares = np.nan_to_num(np.square(values - np.nanmean(values)))
+    deviations = np.nan_to_num(values - np.nanmean(values))
+    squares, crossings = np.square(deviations), np.count_nonzero(np.diff(np.sign(deviations)))
+    count = min(SHOWN_SAMPLES, len(values), int(2 * SHOWN_SWINGS * len(values) / max(crossings, 1)))
     sums = np.convolve(squares, np.ones(count), "valid")
     first = int(np.argmax(sums))
     return slice(first, first + count)
