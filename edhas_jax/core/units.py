@@ -61,6 +61,8 @@ _DISPLAY_UNITS: dict[str, tuple[tuple[str, float, float], ...]] = {
     "V/m": _prefixed("V/m", "M", "k", ""),
     "rad": (("deg", math.pi / 180.0, 0.0),),
 }
+# as speeds of rotation are written besides rpm, which the registry takes for frequencies or does not know
+_PER_MINUTE = ("1/min", "min^-1", "min⁻¹", "U/min", "rev/min")
 _USUAL_UNITS = {"m": "mm", "m^2": "mm²", "m^3": "mL", "Pa": "MPa", "rad": "deg"}
 _POWERS = str.maketrans("234", "²³⁴")
 
@@ -102,6 +104,8 @@ def _base(unit: str) -> str | None:
 @functools.lru_cache(maxsize=1024)
 def _conversion(given: str, unit: str) -> tuple[Fraction, float] | None:
     """(size, offset) with SI = size × number + offset, None if the dimension of `given` is not that of `unit`."""
+    if "".join(given.split()) in _PER_MINUTE and _base(unit) == _base("rad/s"):
+        given = "rpm"
     if _base(given) is None or _base(given) != _base(unit):
         return None
     ureg = _registry()

@@ -40,6 +40,9 @@ from edhas_jax.core.units import (
         ("-3 mm", "m", -3e-3),
         ("6 L/(min·MPa)", "m^3/(s*Pa)", 1e-10),
         ("1.41 Ω", "ohm", 1.41),
+        ("600 1/min", "rad/s", 20.0 * math.pi),
+        ("60 U/min", "rad/s", 2.0 * math.pi),
+        ("60 1/min", "Hz", 1.0),
     ],
 )
 def test_to_si_is_exact(text, unit, value):
