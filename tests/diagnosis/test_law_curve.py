@@ -239,6 +239,11 @@ def test_a_curve_that_acts_everywhere_begins_nowhere(values):
     assert onset(SPEEDS, values) is None
 
 
+def test_dry_friction_begins_nowhere():
+    nodes = np.array([-105.0, -61.0, -35.0, -19.0, -9.6, -2.9, 2.9, 9.6, 19.0, 35.0, 61.0])  # near together around rest
+    assert onset(nodes, 0.043 * np.sign(nodes)) is None
+
+
 def test_a_curve_that_zigzags_is_not_smooth_and_real_laws_are():
     assert not is_smooth(np.array([-9.7, 0.6, -16.5, 6.1, 16.9, -7.7]))
     x = np.linspace(-1.0, 1.0, 9)

@@ -5,6 +5,7 @@ import numpy as np
 MIN_SHARE = 0.6  # of the variation of a curve that a hinge has to explain
 MIN_STILL_SHARE = 0.2  # of the range of the variable, that has to lie below the level at which a curve begins
 MIN_ADVANTAGE = 1.3  # of the variation that a straight line leaves over that which the hinge leaves
+MAX_BELOW = 0.5  # of the rms above the level, up to which the rms below it is called hardly anything
 
 
 def is_smooth(values: np.ndarray) -> bool:
@@ -29,7 +30,8 @@ def onset(nodes: np.ndarray, values: np.ndarray) -> float | None:
         values: of the curve at the nodes (n,).
 
     Returns:
-        x₀ in the unit of the nodes; None where no hinge describes the curve, or a straight line does as well.
+        x₀ in the unit of the nodes; None where no hinge describes the curve, a straight line does as well, or the curve
+        acts below the level too.
     """
     padded = np.concatenate([values[:1], values, 2.0 * values[-1:] - values[-2:-1]])
     smooth = 0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:]
@@ -46,4 +48,6 @@ def onset(nodes: np.ndarray, values: np.ndarray) -> float | None:
     best = int(np.argmin(remainders))
     if best == 0 or remainders[best] > (1.0 - MIN_SHARE) * total or left(nodes) < MIN_ADVANTAGE * remainders[best]:
         return None
-    return float(levels[best])
+    below = nodes <= levels[best]
+    acts_below = np.mean(np.square(smooth[below])) > MAX_BELOW**2 * np.mean(np.square(smooth[~below]))
+    return None if acts_below else float(levels[best])
