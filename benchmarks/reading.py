@@ -1,8 +1,11 @@
-"""Time and memory that reading a campaign takes, by the format of its files.
+"""Time and memory that reading a campaign takes, by the format of its files, and that of its check.
 
     python benchmarks/reading.py [--runs 20] [--samples 100000] [--formats csv parquet]
 
-The last line: `csv_s=… csv_gb=… parquet_s=… parquet_gb=…`.
+Last, every run is in three files: five signals of the full rate, two of a tenth and one of a hundredth of it, of a
+machine whose model is right; this campaign is checked too.
+
+The last line: `csv_s=… csv_gb=… … rates_s=… rates_gb=… check_s=… check_gb=…`.
 """
 
 import argparse
@@ -16,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.signal import lfilter
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -52,16 +56,76 @@ def write_campaign(folder: Path, ending: str, runs: int, samples: int) -> None:
     (folder / "campaign.yaml").write_text(f"rig: pump_bench\nsignals:\n{signals}runs:\n{entries}")
 
 
-def read(folder: Path) -> tuple[float, float]:
-    """Seconds and peak memory [GB] above that at the start, in this process."""
+RIG = '''"""A lag that eight sensors see."""
+from edhas_jax import Rig, drive, par, signal, state
+
+
+class Lag(Rig):
+    """A lag of first order."""
+
+    time_step, duration = 1e-3, 10.0
+    command = drive("V", "command", 0.0)
+    tau: float = par(0.1, "s", (1e-3, 10.0), "time constant")
+    level = state("V", "level")
+    seen_1 = signal("V", "a sensor")
+    seen_2 = signal("V", "a sensor")
+    seen_3 = signal("V", "a sensor")
+    seen_4 = signal("V", "a sensor")
+    seen_5 = signal("V", "a sensor")
+    seen_6 = signal("V", "a sensor")
+    seen_7 = signal("V", "a sensor")
+    seen_8 = signal("V", "a sensor")
+
+    def equations(self, y, s):
+        s.set(**{f"seen_{k}": k * y.level for k in range(1, 9)})
+        return {"level": (s.command - y.level) / self.tau}
+'''
+RATES = {1: range(1, 6), 10: range(6, 8), 100: range(8, 9)}  # numbers of the signals by what divides the rate
+
+
+def write_rates(folder: Path, runs: int, samples: int) -> None:
+    """Write a campaign whose runs have signals of three rates, each in a file of its own."""
+    random = np.random.default_rng(1)
+    time = INTERVAL * np.arange(samples)
+    command = np.sin(3.0 * time) + np.sin(7.7 * time)
+    share = INTERVAL / 0.1
+    level = lfilter([0.5 * share, 0.5 * share], [1.0 + 0.5 * share, 0.5 * share - 1.0], command)
+    for part, numbers in RATES.items():
+        columns = {"time [s]": time[::part]} | ({"command [V]": command} if part == 1 else {})
+        noise = random.standard_normal((8, len(time[::part])))
+        columns |= {f"seen_{k} [V]": k * (level[::part] + 0.01 * noise[k - 1]) for k in numbers}
+        FORMATS["csv"](pd.DataFrame(columns), folder / f"run0_{part}.csv")
+        for k in range(1, runs):
+            (folder / f"run{k}_{part}.csv").hardlink_to(folder / f"run0_{part}.csv")
+    (folder / "lag.py").write_text(RIG)
+    signals = "".join(f"  seen_{k}: {{unit: V}}\n" for k in range(1, 9))
+    entries = "".join(
+        f"  - {{files: [{', '.join(f'run{k}_{part}.csv' for part in RATES)}], use: fit}}\n" for k in range(runs)
+    )
+    text = f"rig: lag.py:Lag\ndrives: {{command: command}}\nsignals:\n{signals}runs:\n{entries}"
+    (folder / "campaign.yaml").write_text(text)
+
+
+def read(folder: Path) -> list[float]:
+    """Seconds and peak memory [GB] above that at the start, in this process; the same of a check of several rates."""
     from edhas_jax.measurements.campaign_reader import read_campaign
+    from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    started = time.perf_counter()
-    campaign = read_campaign(folder)
-    seconds = time.perf_counter() - started
-    assert all(len(run.signals) == len(SIGNALS) for run in campaign.runs)
-    return seconds, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1e6
+    figures, started = [], time.perf_counter()
+
+    def note() -> None:
+        memory = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1e6
+        figures.extend([time.perf_counter() - started, memory])
+
+    campaign = read_campaign(folder, [folder / "lag.py"])
+    assert sum(len(run.signals) for run in campaign.runs) == len(SIGNALS) * len({run.whole for run in campaign.runs})
+    note()
+    if (folder / "lag.py").exists():
+        started = time.perf_counter()
+        checked_campaign(campaign)
+        note()
+    return figures
 
 
 def main() -> None:
@@ -77,16 +141,18 @@ def main() -> None:
         return
     figures = []
     print(f"{options.runs} runs, {len(SIGNALS)} channels of {options.samples} samples")
-    print("| format | file, MB | seconds | memory, GB |\n| --- | --- | --- | --- |")
-    for ending in options.formats:
+    print("| what | seconds | memory, GB |\n| --- | --- | --- |")
+    writers = {f: lambda folder, f=f: write_campaign(folder, f, options.runs, options.samples) for f in options.formats}
+    writers["rates"] = lambda folder: write_rates(folder, options.runs, options.samples)
+    for name, write in writers.items():
         with tempfile.TemporaryDirectory() as folder:
-            write_campaign(Path(folder), ending, options.runs, options.samples)
-            size = (Path(folder) / f"run0.{ending}").stat().st_size / 1e6
+            write(Path(folder))
             command = [sys.executable, __file__, "--read", folder]
             output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-            seconds, memory = map(float, output.split())
-            print(f"| {ending} | {size:.1f} | {seconds:.1f} | {memory:.2f} |")
-            figures.append(f"{ending}_s={seconds:.1f} {ending}_gb={memory:.2f}")
+        found = list(map(float, output.split()))
+        for what, seconds, memory in zip((name, "check"), found[::2], found[1::2], strict=False):
+            print(f"| {what} | {seconds:.1f} | {memory:.2f} |", flush=True)
+            figures.append(f"{what}_s={seconds:.1f} {what}_gb={memory:.2f}")
     print(*figures)
 
 

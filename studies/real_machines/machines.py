@@ -126,7 +126,7 @@ MACHINES = {
         known="Coulomb and viscous friction, different in both directions",
         places=("mover",), campaign=lambda folder: emps_campaign(folder / "run1.csv"),
         effects=(LugreFriction, AsymmetricDamping), signal="voltage",
-        chosen="the ranges of `lugre_friction` in the library were widened because of this drive",
+        chosen="in the library, `asymmetric_damping` and the ranges of `lugre_friction`",
     ),
     "tanks": RealMachine(
         title="Two water tanks in cascade",
