@@ -55,7 +55,8 @@ class Interruption:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.unraisablehook, sys.excepthook = self._hooks
         for number, handler in self._previous.items():
-            signal.signal(number, signal.SIG_IGN if self._is_whole_process else handler)
+            late = signal.SIG_IGN if CAN_REPEAT and number == signal.SIGALRM else self._note
+            signal.signal(number, late if self._is_whole_process else handler)
 
     def end(self, status: int, sentence: str = KEPT) -> int:
         """End the command: its exit status, and where it was interrupted the sentence on the standard error.
@@ -63,13 +64,14 @@ class Interruption:
         A process of its own ends here, after what libraries have registered for its end, but without the end of Python,
         which is deaf to signals: one that came meanwhile would be lost.
         """
-        if self.asked:
-            status = STATUS_INTERRUPTED
-            print(sentence, file=sys.stderr)
         if self._is_whole_process:
             if self.asked:  # a library whose import was interrupted cannot clean up, and need not
                 sys.unraisablehook = lambda lost: None
             atexit._run_exitfuncs()
+        if self.asked:
+            status = STATUS_INTERRUPTED
+            print(sentence, file=sys.stderr)
+        if self._is_whole_process:
             for stream in (sys.stdout, sys.stderr):
                 with contextlib.suppress(OSError, ValueError, AttributeError):  # it is closed, or has no reader
                     stream.flush()
@@ -79,6 +81,10 @@ class Interruption:
     def _interrupt(self, number, frame) -> None:
         self.asked = True
         self._raise(frame)
+
+    def _note(self, number, frame) -> None:
+        """An interruption at the end of the process, when nothing is left to be stopped."""
+        self.asked = True
 
     def _raise(self, frame) -> None:
         if self._settled:

@@ -3,6 +3,8 @@
 import contextlib
 import gc
 import signal
+import subprocess
+import sys
 import threading
 import time
 from importlib.machinery import ExtensionFileLoader
@@ -111,6 +113,15 @@ def test_the_import_of_a_library_in_c_is_not_interrupted():
         names["exec_module"](ExtensionFileLoader("library", "library.so"))
         assert names["ended"]
         go_on()
+
+
+def test_an_interruption_while_the_process_ends_counts_too():
+    code = (
+        "import atexit, signal, sys; from edhas_jax.commands.cli import main\n"
+        "atexit.register(signal.raise_signal, signal.SIGINT); sys.argv[1:] = ['parameters']; main()"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stderr) == (STATUS_INTERRUPTED, SENTENCE)
 
 
 def test_a_signal_that_the_process_ignores_stays_ignored():
