@@ -61,7 +61,7 @@ _DISPLAY_UNITS: dict[str, tuple[tuple[str, float, float], ...]] = {
     "V/m": _prefixed("V/m", "M", "k", ""),
     "rad": (("deg", math.pi / 180.0, 0.0),),
 }
-# as speeds of rotation are written besides rpm, which the registry takes for frequencies or does not know
+# rpm as others write it; the registry takes these for frequencies, or does not know them
 _PER_MINUTE = ("1/min", "min^-1", "min⁻¹", "U/min", "rev/min")
 _USUAL_UNITS = {"m": "mm", "m^2": "mm²", "m^3": "mL", "Pa": "MPa", "rad": "deg"}
 _POWERS = str.maketrans("234", "²³⁴")

@@ -117,8 +117,11 @@ def find_impossible_samples(
         sentence = f"clipped: {{count}} samples are exactly {text}, none is {beyond}"
         judge(values == limit, sentence, is_noisy and limit != 0.0)
     stuck = [(0, len(values) - 1)] if low == high else stuck_intervals(values)
-    at_an_end = [values[first] in limits or is_sensor_limit(campaign, name, values[first]) for first, _ in stuck]
-    stuck = [interval for interval, is_at_an_end in zip(stuck, at_an_end, strict=True) if not is_at_an_end]
+    stuck = [
+        (first, last)
+        for first, last in stuck
+        if values[first] not in limits and not is_sensor_limit(campaign, name, values[first])
+    ]
     for first, last in stuck:
         mask = np.zeros(len(values), bool)
         mask[first : last + 1] = True
