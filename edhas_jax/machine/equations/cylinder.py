@@ -22,6 +22,9 @@ def cylinder_rates(m, y: dict, s: Signals, y_start: dict) -> dict:
 
     Returns:
         The rates of both pressures (strain pressures, see `Oil`), position and velocity of the cylinder.
+
+    Source: Actuators 2022, 11(10), 281, Eq. (10), whose simplification of the low-pressure side is not made, and
+    Eq. (11), with the force of the end stops added.
     """
     c = m.cylinder
     x, v = s.cylinder_position, s.cylinder_velocity

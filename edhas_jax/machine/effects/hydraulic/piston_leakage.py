@@ -11,7 +11,10 @@ class PistonLeakage(Effect):
 
     Q_L = π d δ³ (p − p_s) / (8.68 μ L_fit) − (π d δ / 2) v_p,   v_p the plunger's speed into the chamber
 
-    8.68 = 12 atan(√1.5)/√1.5 replaces the factor 12 of a concentric gap. Valid for Re < 1000.
+    Assumed: the plunger is tilted about its middle until it touches the bore at both ends. At a distance x from the
+    middle the gap is then eccentric by ε = 2 x/L_fit of its width, Eq. (6) and Eq. (7), and passes 1 + 1.5 ε² times
+    the flow of a concentric one. The pressure drop integrated over the length, Eq. (8), has the factor
+    12 atan(√1.5)/√1.5 = 8.68, which a concentric gap has as 12. Valid for Re < 1000.
 
     Source: Actuators 2022, 11(10), 281, Eq. (9), with the sign of the shear term such that it follows the plunger.
     """
