@@ -1,4 +1,4 @@
-"""The messages of the workbench for malformed files, as a table for docs/workbench.md.
+"""The messages of the workbench for malformed files.
 
     python benchmarks/workbench_uploads.py
 

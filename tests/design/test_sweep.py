@@ -283,8 +283,7 @@ def test_the_examples_of_the_documentation_are_read(workdir, finished):
     assert len(pumps) == 10_000 and pumps.settings.precision.value == "float32"
     runs = (CONFIGS.parent / "docs" / "configuration.md").read_text(encoding="utf-8")
     for status, reason in REASONS.items():
-        row = f"| `{status.name.lower()}` | {reason} |"
-        assert row in runs and (row in page or status is Status.FEW_SAMPLES)  # a batch has no samples
+        assert f"| `{status.name.lower()}` | {reason} |" in runs
     shown = edhas.open_sweep(finished)
     assert shown.shown("mean_flow") == pytest.approx(shown.frame["mean_flow"].to_numpy() * 60e3, nan_ok=True)
 
