@@ -16,7 +16,7 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
-from edhas_jax.design.batch.batch import REASONS, Status, plan_chunks
+from edhas_jax.design.batch.batch import REASONS, plan_chunks
 from edhas_jax.design.sweep import chunk_job, folder, identity
 from edhas_jax.simulation.metrics import METRICS
 from tests.support import CONFIGS

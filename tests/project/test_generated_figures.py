@@ -42,7 +42,6 @@ DEFINITIONS = {
     "docs/model.md": {"Equations", "Notes for reading results"},
     "docs/python.md": {"From Python", "Pure functions for JAX", "One call for each task"},
     "docs/sweeps.md": {"Figures"},
-    "docs/workbench.md": {"Who may do what"},
 }
 
 
