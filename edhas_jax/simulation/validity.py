@@ -32,6 +32,9 @@ class Status(enum.IntEnum):
     RELIEF_OPEN = 8
     FEW_SAMPLES = 9
 
+    def __str__(self) -> str:
+        return self.name.lower()
+
     @property
     def is_valid(self) -> bool:
         """Whether the numbers are those of the model; if not, the run or the settings have to be changed."""

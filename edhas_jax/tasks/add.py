@@ -73,7 +73,7 @@ class AddResult(Result):
 
     def plot(self):
         """Plot residual over noise (rms) of every model, on fitted and held-out runs, as a matplotlib figure."""
-        from matplotlib.figure import Figure
+        from edhas_jax.core.figure import Figure
 
         figure = Figure(figsize=(7.0, 1.3 + 0.5 * len(self.models)), layout="constrained")
         axes, rows = figure.subplots(), range(len(self.models))

@@ -45,14 +45,14 @@ class RunResult(Run):
         return save_run(self, folder, overwrite, figure)
 
     def __repr__(self) -> str:
-        return f"<RunResult: {self.summary().title}, {self.duration:g} s, {self.status.name.lower()}>"
+        return f"<RunResult: {self.summary().title}, {self.duration:g} s, {self.status}>"
 
     def _repr_html_(self) -> str:
         return self.summary()._repr_html_()
 
     def _status(self) -> Toned:
         """The status with its reason: good if all is well, a caution for a warning, bad if the run is not valid."""
-        name = self.status.name.lower()
+        name = str(self.status)
         if self.status is Status.OK:
             return Toned(f"valid: {self.reason}", Tone.GOOD)
         head = f"valid, with a warning: {name}" if self.valid else f"not valid: {name}"
