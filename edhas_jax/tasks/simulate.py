@@ -69,7 +69,7 @@ class RunResult(Run):
         rows, records = [], []
         for name, metric in metrics.items():
             unit = "" if metric.display_unit == "-" else metric.display_unit
-            rows.append((name, f"{from_si(metric.value, metric.unit, metric.display_unit):.5g}", unit, metric.doc))
+            rows.append((name, metric.shown(), unit, metric.doc))
             records.append({"metric": name, "value": metric.value, "unit": metric.unit, "meaning": metric.doc})
         return SummaryTable.of("metrics", ("metric", "value", "unit", "meaning"), rows, records)
 
