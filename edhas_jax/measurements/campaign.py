@@ -202,6 +202,7 @@ class Campaign:
         tightening: divides the deviations of settings and sensors that a fit allows; above 1 where much is left.
         unpredictable: by signal, standard deviation (SI) of what the model cannot predict because its signals depend
             irregularly on its parameters; part of `noise` of the channels. Empty where they depend smoothly.
+        file: the description that it was read from; None for a campaign that was made in memory.
     """
 
     name: str
@@ -216,6 +217,7 @@ class Campaign:
     stated_accuracy: BenchAccuracy = dataclasses.field(default_factory=BenchAccuracy)
     tightening: float = 1.0
     unpredictable: dict[str, float] = dataclasses.field(default_factory=dict)
+    file: Path | None = None
 
     def __post_init__(self):
         spreads = {n: s if isinstance(s, Spread) else Spread(s) for n, s in self.uncertain.items()}
