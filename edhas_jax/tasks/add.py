@@ -17,7 +17,7 @@ from edhas_jax.diagnosis.chosen_effects import USES, ChosenModel, fit_with_effec
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.loading import effect_spec, load_effect
 from edhas_jax.machine.parameters import find_parameter, short_names
-from edhas_jax.measurements.campaign import Campaign, CampaignError, Spread, Use, spread_entry
+from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.campaign_reader import OF_RUNS, as_campaign
 from edhas_jax.measurements.campaign_with_effects import description_with_effects
@@ -94,8 +94,8 @@ class AddResult(Result):
                 name, value = short_names(self.machine)[path, p.name], estimates[u.name]["value"]
                 is_relative = u.scale is ParameterScale.LOGARITHMIC and value > 0.0
                 size = u.spread if is_relative or u.scale is not ParameterScale.LOGARITHMIC else u.spread * u.centre
-                spread = f"{{{spread_entry(Spread(float(f'{size:.3g}'), not is_relative), p.unit)}}}"
-                parameters[name], uncertain[name] = _short_quantity(value, p), spread
+                spread = f"relative: {size:.3g}" if is_relative else f"absolute: {format_quantity(size, p.unit)}"
+                parameters[name], uncertain[name] = _short_quantity(value, p), f"{{{spread}}}"
         specs = [effect_spec(candidate.kind) for candidate in self.models[-1].effects]
         text = description_with_effects(self.campaign.file, folder, specs, parameters, uncertain)
         return MODEL_REMARK.format(" and ".join(candidate.id for candidate in self.models[-1].effects)) + text

@@ -40,6 +40,8 @@ def test_add_writes_the_model_and_the_campaign_with_the_effect(campaign_folder, 
     assert {e.id for e in after.machine.effects} - {e.id for e in before.machine.effects} == {"constant_bias_force"}
     assert edhas.get(after.machine, "bias_force") == pytest.approx(BIAS, rel=0.05)
     assert set(after.uncertain) == {*before.uncertain, "bias_force"} and after.uncertain["bias_force"].size > 0.1
+    (line,) = (row for row in Path("made/for/it/campaign.yaml").read_text().splitlines() if "  bias_force: {" in row)
+    assert len(line) < 40, "a spread with three or four digits"
     for old, new in zip(before.runs, after.runs, strict=True):
         assert old.conditions == new.conditions and (old.time == new.time).all()
     assert main(arguments) == 2
