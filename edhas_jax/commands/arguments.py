@@ -22,8 +22,15 @@ def add_output_folder(parser: argparse.ArgumentParser, parent: str) -> None:
     parser.add_argument("--out", type=Path, help=f"folder to write (default: {parent}/NAME, numbered if it exists)")
     parser.add_argument(
         "--overwrite", action="store_true",
-        help="replace an earlier result in the folder of --out; other files there stay",
+        help=f"replace an earlier result in the folder of --out, or in {parent}/NAME; other files there stay",
     )  # fmt: skip
+
+
+def output_folder(options, parent: str, name: str) -> Path:
+    """The folder that a command writes: that of `--out`, else `parent/name`, numbered unless it may be overwritten."""
+    from edhas_jax.config.run_folder import named_folder, unused_folder
+
+    return options.out or (named_folder if options.overwrite else unused_folder)(Path(parent), name)
 
 
 def add_output_file(parser: argparse.ArgumentParser, description: str) -> None:

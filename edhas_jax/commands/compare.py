@@ -7,6 +7,7 @@ from edhas_jax.commands.arguments import (
     add_output_folder,
     add_output_options,
     add_own_code,
+    output_folder,
     own_code,
     require_own_code,
 )
@@ -32,7 +33,6 @@ def add_parser(commands) -> None:
 def run(options) -> None:
     """Simulate the runs of a campaign, write a report, print the residuals and their patterns."""
     from edhas_jax.config.machine_config import read_config
-    from edhas_jax.config.run_folder import unused_folder
     from edhas_jax.measurements.campaign_reader import read_campaign, with_values_of_runs
     from edhas_jax.measurements.replay import Replay
     from edhas_jax.tasks.compare import ComparisonResult, compare
@@ -43,7 +43,7 @@ def run(options) -> None:
         machine = read_config(options.model, trust=own_code(options)).machine
         campaign = with_values_of_runs(campaign, options.model)
     require_own_code(options, campaign.machine, *([] if machine is None else [machine]))
-    folder = options.out or unused_folder(Path("comparisons"), campaign.name)
+    folder = output_folder(options, "comparisons", campaign.name)
     ComparisonResult.reserve(folder, options.overwrite)
     out = console(options)
     with WorkProgress(options) as progress:

@@ -10,6 +10,7 @@ from edhas_jax.commands.arguments import (
     add_output_options,
     add_own_code,
     add_user_effects,
+    output_folder,
     own_code,
     require_own_code,
 )
@@ -113,13 +114,13 @@ def _choose_folder(options, name: str, identity: dict[str, str]) -> tuple[Path, 
         ResultFileError: the folder of `--out` exists and is not that of an unfinished diagnosis.
     """
     from edhas_jax.config.result_files import holds_nothing
-    from edhas_jax.config.run_folder import require_new_folder, unused_folder
+    from edhas_jax.config.run_folder import require_new_folder
     from edhas_jax.diagnosis.search.checkpoint import CHECKPOINT_FOLDER, stored_identity
 
     if options.out:
         folder, places = options.out, [options.out]
     else:
-        folder = unused_folder(DEFAULT_PARENT, name)
+        folder = output_folder(options, str(DEFAULT_PARENT), name)
         places = sorted(p for p in DEFAULT_PARENT.glob("*") if _without_number(p.name) == _without_number(folder.name))
     sentences, unfinished = [], {p: stored_identity(p / CHECKPOINT_FOLDER) for p in places}
     for place, stored in unfinished.items():

@@ -1,12 +1,11 @@
 """The command `edhas fit`."""
 
-from pathlib import Path
-
 from edhas_jax.commands.arguments import (
     add_campaign_folder,
     add_output_folder,
     add_output_options,
     add_own_code,
+    output_folder,
     own_code,
     require_own_code,
     whole_number,
@@ -45,7 +44,7 @@ def run(options) -> int:
         CampaignError: a profile is asked of a parameter that is not uncertain, or the fit fails.
         ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.run_folder import report_write_errors, unused_folder
+    from edhas_jax.config.run_folder import report_write_errors
     from edhas_jax.diagnosis.calibration.result import save_calibration
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -57,7 +56,7 @@ def run(options) -> int:
     out = console(options)
     with WorkProgress(options, "checking the data"):
         campaign = checked_campaign(campaign)
-    folder = options.out or unused_folder(Path("fits"), campaign.name)
+    folder = output_folder(options, "fits", campaign.name)
     files = FitResult.reserve(folder, options.overwrite)
     require_uncertain(options.profile, [u.name for u in uncertain_unknowns(campaign)])
     print_data_check(out, campaign)

@@ -1,13 +1,12 @@
 """The command `edhas plan`."""
 
-from pathlib import Path
-
 from edhas_jax.commands.arguments import (
     add_campaign_folder,
     add_output_folder,
     add_output_options,
     add_own_code,
     add_user_effects,
+    output_folder,
     own_code,
     require_own_code,
 )
@@ -33,7 +32,7 @@ def run(options) -> None:
     Raises:
         ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.run_folder import report_write_errors, unused_folder
+    from edhas_jax.config.run_folder import report_write_errors
     from edhas_jax.core.units import to_si
     from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -41,7 +40,7 @@ def run(options) -> None:
 
     campaign = read_planned_campaign(options.campaign, to_si(options.rate, "Hz", "5 kHz"), own_code(options))
     require_own_code(options, campaign.machine)
-    folder = options.out or unused_folder(Path("plans"), campaign.name)
+    folder = output_folder(options, "plans", campaign.name)
     files = PlanResult.reserve(folder, options.overwrite)
     out = console(options)
     with WorkProgress(options, "checking the data"):

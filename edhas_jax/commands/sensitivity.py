@@ -6,6 +6,7 @@ from edhas_jax.commands.arguments import (
     add_output_folder,
     add_output_options,
     add_own_code,
+    output_folder,
     own_code,
     require_own_code,
 )
@@ -25,13 +26,12 @@ def add_parser(commands) -> None:
 
 def run(options) -> None:
     """Run a sensitivity analysis, write tables and pictures, print the largest elasticities."""
-    from edhas_jax.config.run_folder import unused_folder
     from edhas_jax.design.sensitivity.config import load_sensitivity
     from edhas_jax.tasks.sensitivity import SensitivityResult, sensitivity
 
     task = load_sensitivity(options.config, own_code(options))
     require_own_code(options, task.machine)
-    folder = options.out or unused_folder(Path("runs"), options.config.stem)
+    folder = output_folder(options, "runs", options.config.stem)
     SensitivityResult.reserve(folder, options.overwrite)
     out = console(options)
     with WorkProgress(options, "compiling") as progress:

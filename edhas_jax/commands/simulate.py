@@ -8,6 +8,7 @@ from edhas_jax.commands.arguments import (
     add_output_options,
     add_overrides,
     add_own_code,
+    output_folder,
     own_code,
     require_own_code,
 )
@@ -36,12 +37,12 @@ def run(options) -> int:
         The exit status: 0, or 3 if the result is not valid.
     """
     from edhas_jax.config.machine_config import read_config
-    from edhas_jax.config.run_folder import require_new_folder, unused_folder
+    from edhas_jax.config.run_folder import require_new_folder
     from edhas_jax.tasks.simulate import simulate
 
     config = read_config(options.config, options.overrides, own_code(options))
     require_own_code(options, config.machine)
-    folder = options.out or unused_folder(Path("runs"), options.config.stem)
+    folder = output_folder(options, "runs", options.config.stem)
     require_new_folder(folder, options.overwrite)
     out = console(options)
     began = time.perf_counter()

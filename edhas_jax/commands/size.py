@@ -6,6 +6,7 @@ from edhas_jax.commands.arguments import (
     add_output_folder,
     add_output_options,
     add_own_code,
+    output_folder,
     own_code,
     require_own_code,
 )
@@ -25,13 +26,12 @@ def add_parser(commands) -> None:
 
 def run(options) -> None:
     """Size a machine, write configurations, search path and pictures, print dimensions, metrics and active limits."""
-    from edhas_jax.config.run_folder import unused_folder
     from edhas_jax.design.sizing.config import load_sizing
     from edhas_jax.tasks.size import SizeResult, size
 
     task = load_sizing(options.config, own_code(options))
     require_own_code(options, task.machine)
-    folder = options.out or unused_folder(Path("runs"), options.config.stem)
+    folder = output_folder(options, "runs", options.config.stem)
     SizeResult.reserve(folder, options.overwrite)
     out = console(options)
     with WorkProgress(options, "compiling") as progress:

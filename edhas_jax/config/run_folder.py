@@ -44,12 +44,16 @@ ENERGY_PREFIX, VOLUME_PREFIX = "energy: ", "volume: "  # of the columns of the l
 
 def unused_folder(parent: Path, name: str) -> Path:
     """The first of `parent/name`, `parent/name-2`, `parent/name-3`, … that does not exist; `name` is no path."""
-    name, n = file_name(name), 1
-    folder = parent / name
+    folder, n = named_folder(parent, name), 1
     while folder.exists():
         n += 1
-        folder = parent / f"{name}-{n}"
+        folder = parent / f"{file_name(name)}-{n}"
     return folder
+
+
+def named_folder(parent: Path, name: str) -> Path:
+    """The folder `parent/name`, where `name` is any text and no path."""
+    return parent / file_name(name)
 
 
 def require_new_folder(folder: Path, overwrite: bool) -> None:
@@ -134,7 +138,7 @@ def _write_files(folder: Path, run: Run, figure: bool) -> None:
         metrics = {n: {"value": m.value, "unit": m.unit, "doc": m.doc} for n, m in run.metrics.items()}
     except RunTooShortError:
         metrics = {}
-    validity = {"status": run.status.name.lower(), "valid": run.valid, "reason": run.reason}
+    validity = {"status": str(run.status), "valid": run.valid, "reason": run.reason}
     write_json(folder / METRICS_FILE, replace_nonfinite(validity | metrics))
     (folder / CONFIG_FILE).write_text(dump_config(run.machine, run.simulation), encoding="utf-8")
     manifest = {

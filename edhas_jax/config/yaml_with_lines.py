@@ -1,5 +1,6 @@
 """YAML text as plain data together with the line of every key, so that messages can name the line."""
 
+import itertools
 import re
 import sys
 from collections.abc import Iterator, Mapping
@@ -14,6 +15,7 @@ from edhas_jax.machine.rigs import RIGS
 MAX_BYTES = 250_000_000  # of a file; the samples of a recording may be among them
 MAX_VALUES, MAX_DEPTH = 20_000, 50  # of a file: keys and values, levels of nesting
 NOT_TEXT = re.compile("[\x00\ud800-\udfff]")  # from escapes such as "\\0"; no file name may hold them
+_WHOLE_NUMBER = re.compile(r"[+-]?\d+")
 FAST_FROM = 100_000  # characters; the fast parser has other words for syntax errors
 KeyPath = tuple[str | int, ...]  # keys and list indices from the top of the file, such as ("effects", 0)
 
@@ -36,8 +38,8 @@ def parse_yaml(
         example: a key with its value that such a text has, for messages.
 
     Returns:
-        The data, with scalars as text, bool or None; the line (from 1) of every key; keys that are given twice, as line
-        and message.
+        The data, with scalars as text, bool or None; the line (from 1) of every key; as line and message, keys that are
+        given twice and numbers with a decimal comma, of which braces and brackets make two values.
 
     Raises:
         YamlError: the text is not valid YAML, has aliases, is too large or too deep, or is not a mapping.
@@ -68,8 +70,8 @@ def parse_yaml(
         message = f"a mapping with keys such as `{example}` is needed, not {kind}"
         raise YamlError(node.start_mark.line + 1, message)
     lines: dict[KeyPath, int] = {(): 1}
-    duplicates: list[tuple[int, str]] = []
-    return _convert(node, (), lines, duplicates), lines, duplicates
+    problems: list[tuple[int, str]] = []
+    return _convert(node, (), lines, problems), lines, problems
 
 
 def _check_size(events: Iterator[yaml.Event]) -> None:
@@ -89,26 +91,48 @@ def _check_size(events: Iterator[yaml.Event]) -> None:
             raise YamlError(line, f"too large; at most {MAX_VALUES:,} keys and values")
 
 
-def _convert(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], duplicates: list[tuple[int, str]]) -> Any:
-    """The data of one node; adds the lines of its keys to `lines` and repeated keys to `duplicates`."""
+def _convert(node: yaml.Node, key: KeyPath, lines: dict[KeyPath, int], problems: list[tuple[int, str]]) -> Any:
+    """The data of one node; adds the lines of its keys to `lines`, repeated keys and decimal commas to `problems`."""
     if isinstance(node, yaml.ScalarNode):
         if node.tag == "tag:yaml.org,2002:bool":
             return node.value.lower() in ("true", "yes", "on")
         return None if node.tag == "tag:yaml.org,2002:null" else node.value
     if isinstance(node, yaml.SequenceNode):
         lines |= {(*key, i): item.start_mark.line + 1 for i, item in enumerate(node.value)}
-        return [_convert(item, (*key, i), lines, duplicates) for i, item in enumerate(node.value)]
+        for i, (first, second) in enumerate(itertools.pairwise(node.value)):
+            if (number := _cut_number(first, second)) and not second.value.replace(".", "").isdecimal():
+                message = f'{key_text((*key, i))}: "{number}" in brackets is two values; write '
+                message += f"{number.replace(',', '.', 1)} if it is one, or a unit with each"
+                problems.append((lines[*key, i], message))
+        return [_convert(item, (*key, i), lines, problems) for i, item in enumerate(node.value)]
     data: dict[str, Any] = {}
+    last_name, last_value = "", None
     for name_node, value in node.value:
         line = name_node.start_mark.line + 1
+        if (number := _cut_number(last_value, name_node)) and isinstance(value, yaml.ScalarNode) and not value.value:
+            corrected = number.replace(",", ".", 1)
+            message = f'{key_text((*key, last_name))}: "{number}" has a decimal comma; write "{corrected}"'
+            problems.append((line, message))
+            data[last_name] = corrected  # one problem is enough
+            continue
         name = name_node.value if isinstance(name_node, yaml.ScalarNode) else "?"
         inner = (*key, name)
         if name in data:
-            duplicates.append((line, f"{key_text(inner)}: given twice, first in line {lines[inner]}"))
+            problems.append((line, f"{key_text(inner)}: given twice, first in line {lines[inner]}"))
             continue
         lines[inner] = line
-        data[name] = _convert(value, inner, lines, duplicates)
+        data[name] = _convert(value, inner, lines, problems)
+        last_name, last_value = name, value
     return data
+
+
+def _cut_number(first: yaml.Node | None, second: yaml.Node) -> str:
+    """The number with a decimal comma, and its unit, of which YAML has made two plain values; empty for any others."""
+    if not (isinstance(first, yaml.ScalarNode) and isinstance(second, yaml.ScalarNode)):
+        return ""
+    adjacent = second.start_mark.index == first.end_mark.index + 1
+    numbers = _WHOLE_NUMBER.fullmatch(first.value) and second.value[:1].isdecimal()
+    return f"{first.value},{second.value}" if adjacent and numbers and not (first.style or second.style) else ""
 
 
 def read_text_file(path: Path, error: type[Exception]) -> str:

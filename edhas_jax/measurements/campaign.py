@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.core.structs import replace
-from edhas_jax.core.units import exact_quantity
+from edhas_jax.core.units import exact_quantity, format_quantity
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, set_parameters
 from edhas_jax.machine.rigs import Rig
@@ -121,7 +121,7 @@ def spread_entry(spread: Spread, unit: str) -> str:
     return f"absolute: {exact_quantity(spread.size, unit)}"
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class BenchRun:
     """A run of the test bench in SI units, starting from rest at time 0.
 
@@ -174,12 +174,16 @@ class BenchRun:
         """Number of samples of all signals that are not missing."""
         return sum(int(np.isfinite(values).sum()) for values in self.signals.values())
 
+    def __repr__(self) -> str:
+        size = f"{len(self.time):,} samples in {format_quantity(self.time[-1] - self.time[0], 's')}"
+        return f"<BenchRun: {self.name}, {self.use.value}, {size}; {', '.join(self.signals)}>"
+
     def without_signals(self, names: Collection[str]) -> "BenchRun":
         """The run without some of its signals."""
         return dataclasses.replace(self, signals={n: v for n, v in self.signals.items() if n not in names})
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Campaign:
     """Runs of a test bench, and the engineer's present model of it.
 
@@ -198,6 +202,7 @@ class Campaign:
         tightening: divides the deviations of settings and sensors that a fit allows; above 1 where much is left.
         unpredictable: by signal, standard deviation (SI) of what the model cannot predict because its signals depend
             irregularly on its parameters; part of `noise` of the channels. Empty where they depend smoothly.
+        file: the description that it was read from; None for a campaign that was made in memory.
     """
 
     name: str
@@ -212,10 +217,16 @@ class Campaign:
     stated_accuracy: BenchAccuracy = dataclasses.field(default_factory=BenchAccuracy)
     tightening: float = 1.0
     unpredictable: dict[str, float] = dataclasses.field(default_factory=dict)
+    file: Path | None = None
 
     def __post_init__(self):
         spreads = {n: s if isinstance(s, Spread) else Spread(s) for n, s in self.uncertain.items()}
         object.__setattr__(self, "uncertain", spreads)
+
+    def __repr__(self) -> str:
+        uses = (f"{count_runs(self.runs_for(use))} {use.value}" for use in Use)
+        counted = f"{count_runs(self.runs)} runs ({', '.join(uses)}), {len(self.channels)} signals"
+        return f"<Campaign: {self.name}, {self.machine.name}, {counted}, {len(self.uncertain)} uncertain parameters>"
 
     @functools.cached_property
     def accuracy(self) -> BenchAccuracy:

@@ -114,7 +114,7 @@ class CampaignDescription(ProblemList):
         return {}
 
     def _read_machine(self) -> Rig | None:
-        """The rig with its parameters and all default effects except those listed under `without`."""
+        """The rig with its parameters, the effects that are listed, and the usual ones except those under `without`."""
         data = self._data
         if self.rig is None:
             return None
@@ -135,9 +135,13 @@ class CampaignDescription(ProblemList):
         for k, name in enumerate(without):
             if name not in available:
                 self.add(("without", k), f"no refined effect `{name}` of this rig; {suggest(str(name), available)}")
-        config["effects"] = [name for name in available if name not in without]
-        if self.rig.is_own:
-            config["effects"] = data.get("effects")
+        config["effects"] = listed = data.get("effects")
+        if isinstance(listed, list | None):
+            more = [name for name in available if name not in [*without, *(listed or [])]]
+            config["effects"] = [*(listed or []), *more]  # in this order, so that problems name the listed ones
+        for k, name in enumerate(listed if isinstance(listed, list) else []):
+            if name in without:
+                self.add(("effects", k), f"`{name}` is listed under `without` too")
         reader = MachineReader(config, self.folder, (), self._trust)
         self.problems += reader.problems
         return None if self.problems else reader.machine

@@ -44,7 +44,7 @@ def read_campaign(path: Path | str, trust: Trust = (), planned: bool = False) ->
         machine = structs.replace(machine, **runs[0].recordings)
     campaign = Campaign(
         description.name, path.parent, machine, description.uncertain, description.channels, tuple(runs), remarks,
-        stated_accuracy=description.accuracy,
+        stated_accuracy=description.accuracy, file=path,
     )  # fmt: skip
     return dataclasses.replace(campaign, remarks=(*remarks, *limits_remarks(campaign)))
 

@@ -9,6 +9,7 @@ import numpy as np
 from edhas_jax.core import structs
 from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity, from_si
+from edhas_jax.machine.effects.loading import effect_spec
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
@@ -97,6 +98,8 @@ def campaign_text(campaign: Campaign) -> str:
     present = {effect.id for effect in machine.effects}
     without = [e.id for e in DEFAULT_EFFECTS if e.id not in present and set(e.slots) <= set(machine.slots)]
     lines += [f"without: [{', '.join(without)}]"] if without else []
+    more = [yaml_text(effect_spec(type(e))) for e in machine.effects if type(e) not in DEFAULT_EFFECTS]
+    lines += [f"effects: [{', '.join(more)}]"] if more else []
     rows = list_parameters(machine)
     names = short_names(machine)
     changed = [(p, value, path) for p, value, path in rows if float(value) != p.default]

@@ -26,7 +26,7 @@ MOST_BINNED = 5  # signals of a rig of one's own over which errors are drawn
 
 def draw_traces(comparison: Comparison, signal: str):
     """A matplotlib figure of one signal in every run: measured and model ± 2 standard deviations, error below."""
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     runs = [compared for compared in comparison.runs if signal in compared.residuals]
     columns = min(4, len(runs))
@@ -72,7 +72,7 @@ def draw_binned_residuals(comparison: Comparison):
 
     One line per run.
     """
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     machine, binned = comparison.machine, BINNED_OVER
     if machine.is_own:
@@ -103,7 +103,7 @@ def draw_binned_residuals(comparison: Comparison):
 
 def draw_residuals_over_conditions(comparison: Comparison):
     """A matplotlib figure of residual over noise against the conditions that vary between runs; None if none does."""
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     names = dict.fromkeys(n for compared in comparison.runs for n in compared.run.conditions)
     conditions = {n: [compared.run.conditions.get(n, np.nan) for compared in comparison.runs] for n in names}
@@ -129,8 +129,9 @@ def draw_residuals_over_conditions(comparison: Comparison):
 
 def draw_spectra(comparison: Comparison):
     """A matplotlib figure of the power spectra of the residuals over that of white sensor noise, which is 1."""
-    from matplotlib.figure import Figure
     from scipy.signal import welch
+
+    from edhas_jax.core.figure import Figure
 
     signals = comparison.signals
     figure = Figure(figsize=(2.9 * len(signals) + 1.4, 3.0), layout="constrained")
@@ -155,7 +156,7 @@ def draw_spectra(comparison: Comparison):
 
 def draw_pattern(comparison: Comparison, pattern: Pattern):
     """A matplotlib figure of the error of one signal over the quantity of its pattern, all runs."""
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     figure = Figure(figsize=(6.4, 3.4), layout="constrained")
     axes = figure.subplots()

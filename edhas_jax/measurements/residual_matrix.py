@@ -28,7 +28,8 @@ def draw_residual_matrix(
         A matplotlib figure.
     """
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
-    from matplotlib.figure import Figure
+
+    from edhas_jax.core.figure import Figure
 
     runs = list(next(iter(panels.values())))
     signals = list(dict.fromkeys(n for table in panels.values() for row in table.values() for n in row))

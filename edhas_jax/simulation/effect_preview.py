@@ -92,7 +92,7 @@ def _machine_for(effect: Effect) -> Rig:
 
 def plot_preview(preview: EffectPreview):
     """A matplotlib figure: each signal without and with the effect, and the difference beside it."""
-    from matplotlib.figure import Figure  # slow to import
+    from edhas_jax.core.figure import Figure  # slow to import
 
     names = list(preview.without_effect)
     figure = Figure(figsize=(11.0, 1.3 + 1.35 * len(names)), layout="constrained")

@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from edhas_jax.core.units import from_si
+from edhas_jax.machine.effects import PistonLeakage
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
 
 SETTLING_BAND = 0.02  # share of the step within which the cylinder counts as settled
@@ -13,12 +15,19 @@ GRID_PER_CYCLE = 400  # points per cycle of the grid on which a first harmonic i
 
 
 class Metric(NamedTuple):
-    """A metric of a run: SI value, SI unit, unit for display, meaning."""
+    """A metric of a run: SI value, SI unit, unit for display, meaning; as text it is in the unit for display."""
 
     value: float
     unit: str
     display_unit: str
     doc: str
+
+    def __str__(self) -> str:
+        return f"{self.shown()} {self.display_unit}".removesuffix(" -")
+
+    def shown(self) -> str:
+        """The number in the unit for display, with five digits."""
+        return f"{from_si(self.value, self.unit, self.display_unit):.5g}"
 
 
 # name: (SI unit, unit for display, meaning); the same for a single run and for a batch
@@ -39,7 +48,7 @@ METRICS: dict[str, tuple[str, str, str]] = {
     "peak_outlet_pressure": ("Pa", "MPa", "largest outlet pressure, absolute"),
     "pressure_rise": ("Pa", "MPa", "largest outlet pressure above the accumulator"),
     "pressure_ripple": ("Pa", "MPa", "outlet pressure, peak to peak"),
-    "volumetric_efficiency": ("-", "%", "mean flow over swept volume"),
+    "volumetric_efficiency": ("-", "%", "mean flow over swept volume, half of the gap swept too"),
     "delivered_power": ("W", "W", "mean power at the load"),
     "overall_efficiency": ("-", "%", "delivered over electrical power"),
     "steady_error": ("m", "µm", "target − cylinder at the end of the run"),
@@ -170,7 +179,7 @@ def _hydraulic(machine, signals, energy, volume, t, first, last, inside) -> dict
     flow = mean_rate(t, volume["outlet_flow"], first, last, q)
     speed = np.abs(signals["piston_velocity"])
     travel = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (speed[1:] + speed[:-1]))])
-    swept_flow = float(machine.pump.area()) * mean_rate(t, travel, first, last)
+    swept_flow = float(swept_area(machine)) * mean_rate(t, travel, first, last)
     hydraulic = mean_rate(t, energy["load orifice" if "load orifice" in energy else "load"], first, last)
     electrical = mean_rate(t, energy["electrical input"], first, last)
     out = {
@@ -186,6 +195,15 @@ def _hydraulic(machine, signals, energy, volume, t, first, last, inside) -> dict
     if electrical > 0:
         out["overall_efficiency"] = hydraulic / electrical
     return out
+
+
+def swept_area(machine):
+    """The area [m²] with which a pump displaces oil: that of a plunger, and half of the gap that leakage gives it.
+
+    The oil in the gap is dragged along by the plunger, with half of its speed on average.
+    """
+    gaps = [e.piston_clearance for e in machine.effects if isinstance(e, PistonLeakage)]
+    return machine.pump.area() + sum(0.5 * math.pi * machine.pump.piston_diameter * gap for gap in gaps)
 
 
 def _step_response(machine, signals, t) -> dict[str, float]:

@@ -55,7 +55,7 @@ def plot_run(machine: Rig, signals: dict, ledger, names: list[str] | None = None
     Raises:
         ValueError: a name is no signal of this run.
     """
-    from matplotlib.figure import Figure  # slow to import
+    from edhas_jax.core.figure import Figure  # slow to import
 
     if names is None:
         listed = _panels_by_unit(machine) if machine.is_own else PANELS

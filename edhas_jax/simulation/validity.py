@@ -14,6 +14,7 @@ from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
 
 STEP_SENSITIVITY = 0.01  # relative change of flow, power or stroke with the step, above which they are not trusted
 BALANCE_TOLERANCE = 0.02  # share by which a result may miss a bound of physics
+EFFICIENCY_TOLERANCE = 5e-4  # of an efficiency above 1: with one decimal, 100.0 % is shown at most
 SMALLEST_POWER = 1e-9  # W, below which a balance of powers says nothing
 BEYOND_RANGE = "_beyond_range"  # among the metrics: > 0 where a limited signal left its valid range
 
@@ -31,6 +32,9 @@ class Status(enum.IntEnum):
     IMPLAUSIBLE = 7
     RELIEF_OPEN = 8
     FEW_SAMPLES = 9
+
+    def __str__(self) -> str:
+        return self.name.lower()
 
     @property
     def is_valid(self) -> bool:
@@ -117,14 +121,15 @@ def _breaks_a_bound(m: Rig, values: Mapping[str, Any]):
 
     Where a line has inertia the oil flows on through open valves, and more is delivered than swept.
     """
-    supplied = values["mean_electrical_power"]
-    excess = values["copper_loss"] + values.get("delivered_power", 0.0) - supplied
+    supplied, delivered = values["mean_electrical_power"], values.get("delivered_power", 0.0)
+    excess = values["copper_loss"] + delivered - supplied
     broken = excess > BALANCE_TOLERANCE * abs(supplied) + SMALLEST_POWER
+    broken = broken | (delivered > (1.0 + EFFICIENCY_TOLERANCE) * supplied + SMALLEST_POWER)
     if "volumetric_efficiency" in values:
         efficiency = values["volumetric_efficiency"]
         broken = broken | (efficiency < -BALANCE_TOLERANCE)
         if not any(slots.is_used(slot, m.effects) for slot in (slots.SUCTION_LINE_FLOW, slots.OUTLET_LINE_FLOW)):
-            broken = broken | (efficiency > 1.0 + BALANCE_TOLERANCE)
+            broken = broken | (efficiency > 1.0 + EFFICIENCY_TOLERANCE)
     return broken
 
 

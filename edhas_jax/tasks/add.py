@@ -8,19 +8,25 @@ from pathlib import Path
 from edhas_jax.config.run_folder import write_json
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.core.structs import Parameter
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.core.units import format_quantity
+from edhas_jax.core.units import exact_quantity, format_quantity, to_si
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.chosen_effects import USES, ChosenModel, fit_with_effects, save_model
 from edhas_jax.machine.effects import Effect
-from edhas_jax.machine.effects.loading import load_effect
+from edhas_jax.machine.effects.loading import effect_spec, load_effect
+from edhas_jax.machine.parameters import find_parameter, short_names
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
+from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.campaign_reader import OF_RUNS, as_campaign
+from edhas_jax.measurements.campaign_with_effects import description_with_effects
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.unknown_parameters import ParameterScale
 from edhas_jax.tasks.result import Result, save_figure
 
 CONFIG_FILE, DATA_FILE, FIGURE_FILE = "config.yaml", "result.json", "errors.png"
+MODEL_REMARK = "# with {} in its machine, the sizes as `edhas add` has fitted them\n"
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -34,7 +40,7 @@ class AddResult(Result):
 
     campaign: Campaign
     models: tuple[ChosenModel, ...]
-    files = (CONFIG_FILE, DATA_FILE, FIGURE_FILE)
+    files = (CAMPAIGN_FILE, CONFIG_FILE, DATA_FILE, FIGURE_FILE)
 
     @property
     def machine(self):
@@ -60,7 +66,39 @@ class AddResult(Result):
         columns = "model", *USES.values()
         table = SummaryTable.of("residual_over_noise", columns, rows, records, "residual over noise")
         needless = [Toned(m.needs_no_effect, Tone.CAUTION) for m in self.models if m.needs_no_effect]
-        return Summary(f"{self.campaign.name}: fitted with {self.models[-1].name}", (*needless, table, self._sizes()))
+        parts = [*needless, table, self._sizes()]
+        if self._changes_campaign:
+            names = " and ".join(candidate.id for candidate in self.models[-1].effects)
+            parts.append(
+                f"{CAMPAIGN_FILE} is the campaign with {names} in its machine; the measurements stay where they are. "
+                f"{CONFIG_FILE} is the machine with everything fitted."
+            )
+        return Summary(f"{self.campaign.name}: fitted with {self.models[-1].name}", tuple(parts))
+
+    @property
+    def _changes_campaign(self) -> bool:
+        """Whether there is a description of the campaign, and an effect to be added to it."""
+        return self.campaign.file is not None and bool(self.models[-1].effects)
+
+    def campaign_text(self, folder: Path) -> str:
+        """The description of the campaign with the effects in its machine, as it reads in a folder.
+
+        The sizes are the fitted ones, as uncertain as they were before the fit, so that a fit of this campaign uses the
+        measurements once. Everything else is as the campaign states it.
+        """
+        parameters, uncertain = {}, {}
+        estimates = self.models[-1].as_json()["parameters"]
+        for candidate in self.models[-1].effects:
+            for u in candidate.unknowns(self.campaign):
+                p, path = find_parameter(self.machine, u.name)
+                name, value = short_names(self.machine)[path, p.name], estimates[u.name]["value"]
+                is_relative = u.scale is ParameterScale.LOGARITHMIC and value > 0.0
+                size = u.spread if is_relative or u.scale is not ParameterScale.LOGARITHMIC else u.spread * u.centre
+                spread = f"relative: {size:.3g}" if is_relative else f"absolute: {format_quantity(size, p.unit)}"
+                parameters[name], uncertain[name] = _short_quantity(value, p), f"{{{spread}}}"
+        specs = [effect_spec(candidate.kind) for candidate in self.models[-1].effects]
+        text = description_with_effects(self.campaign.file, folder, specs, parameters, uncertain)
+        return MODEL_REMARK.format(" and ".join(candidate.id for candidate in self.models[-1].effects)) + text
 
     def _sizes(self) -> SummaryTable:
         rows, records = [], []
@@ -73,7 +111,7 @@ class AddResult(Result):
 
     def plot(self):
         """Plot residual over noise (rms) of every model, on fitted and held-out runs, as a matplotlib figure."""
-        from matplotlib.figure import Figure
+        from edhas_jax.core.figure import Figure
 
         figure = Figure(figsize=(7.0, 1.3 + 0.5 * len(self.models)), layout="constrained")
         axes, rows = figure.subplots(), range(len(self.models))
@@ -102,11 +140,19 @@ class AddResult(Result):
 
     def write_files(self, folder: Path) -> Sequence[str]:
         """See `Result.write_files`."""
+        if self._changes_campaign:
+            (folder / CAMPAIGN_FILE).write_text(self.campaign_text(folder), encoding="utf-8")
         save_model(self.models[-1], folder / CONFIG_FILE)
         rows = [model.as_json() for model in self.models]
         write_json(folder / DATA_FILE, {"models": rows, OF_RUNS: rows[-1][OF_RUNS]})
         save_figure(self.plot(), folder / FIGURE_FILE)
         return ()
+
+
+def _short_quantity(value: float, p: Parameter) -> str:
+    """A value (SI) as text with four digits, or with all of them where rounding would leave the span."""
+    text = format_quantity(value, p.unit)
+    return text if p.span[0] <= to_si(text, p.unit) <= p.span[1] else exact_quantity(value, p.unit)
 
 
 def add(

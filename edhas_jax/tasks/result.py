@@ -104,16 +104,18 @@ def require_picture_name(path: Path) -> None:
 
 
 def save_figure(figure, path: Path) -> None:
-    """Write a matplotlib figure in the format that the suffix of `path` names.
+    """Write a matplotlib figure in the format that the suffix of `path` names; its folder is made.
 
     Raises:
         ResultFileError: the file cannot be written, or the format is unknown.
     """
     require_picture_name(path)
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=FIGURE_DPI)
     except (OSError, ValueError) as error:
-        raise ResultFileError(f"{path}: cannot be written: {error}") from None
+        reason = getattr(error, "strerror", None) or error
+        raise ResultFileError(f"{path}: cannot be written: {reason}") from None
 
 
 @dataclasses.dataclass(frozen=True)

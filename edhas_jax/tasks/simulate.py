@@ -45,14 +45,14 @@ class RunResult(Run):
         return save_run(self, folder, overwrite, figure)
 
     def __repr__(self) -> str:
-        return f"<RunResult: {self.summary().title}, {self.duration:g} s, {self.status.name.lower()}>"
+        return f"<RunResult: {self.summary().title}, {self.duration:g} s, {self.status}>"
 
     def _repr_html_(self) -> str:
         return self.summary()._repr_html_()
 
     def _status(self) -> Toned:
         """The status with its reason: good if all is well, a caution for a warning, bad if the run is not valid."""
-        name = self.status.name.lower()
+        name = str(self.status)
         if self.status is Status.OK:
             return Toned(f"valid: {self.reason}", Tone.GOOD)
         head = f"valid, with a warning: {name}" if self.valid else f"not valid: {name}"
@@ -69,7 +69,7 @@ class RunResult(Run):
         rows, records = [], []
         for name, metric in metrics.items():
             unit = "" if metric.display_unit == "-" else metric.display_unit
-            rows.append((name, f"{from_si(metric.value, metric.unit, metric.display_unit):.5g}", unit, metric.doc))
+            rows.append((name, metric.shown(), unit, metric.doc))
             records.append({"metric": name, "value": metric.value, "unit": metric.unit, "meaning": metric.doc})
         return SummaryTable.of("metrics", ("metric", "value", "unit", "meaning"), rows, records)
 

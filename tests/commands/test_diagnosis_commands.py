@@ -1,6 +1,7 @@
 """The commands `edhas add` and `edhas plan` on a small campaign, run in this process."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -25,16 +26,42 @@ def campaign_folder(tmp_path_factory):
     return folder
 
 
-def test_add_fits_the_effect_and_writes_its_configuration(campaign_folder, tmp_path, capsys):
-    path = tmp_path / "with_bias.yaml"
-    arguments = ["add", str(campaign_folder), "constant_bias_force", "--out", str(path)]
+def test_add_writes_the_model_and_the_campaign_with_the_effect(campaign_folder, tmp_path, monkeypatch, capsys):
+    """Folders are made; the campaign that is written begins where the effect was added, with the same measurements."""
+    monkeypatch.chdir(tmp_path)
+    arguments = ["add", str(campaign_folder), "constant_bias_force", "--out", "made/for/it"]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
     assert "constant_bias_force.bias_force" in printed and "held-out runs" in printed
-    machine = edhas.load(path).machine
-    assert edhas.get(machine, "bias_force") == pytest.approx(BIAS, rel=0.05)
+    assert "campaign.yaml is the campaign with constant_bias_force in its machine" in printed
+    assert printed.splitlines()[-1] == "next: edhas diagnose made/for/it"
+    assert edhas.get(edhas.load("made/for/it/config.yaml").machine, "bias_force") == pytest.approx(BIAS, rel=0.05)
+    before, after = edhas.read_campaign(campaign_folder), edhas.read_campaign("made/for/it")
+    assert {e.id for e in after.machine.effects} - {e.id for e in before.machine.effects} == {"constant_bias_force"}
+    assert edhas.get(after.machine, "bias_force") == pytest.approx(BIAS, rel=0.05)
+    assert set(after.uncertain) == {*before.uncertain, "bias_force"} and after.uncertain["bias_force"].size > 0.1
+    (line,) = (row for row in Path("made/for/it/campaign.yaml").read_text().splitlines() if "  bias_force: {" in row)
+    assert len(line) < 40, "a spread with three or four digits"
+    for old, new in zip(before.runs, after.runs, strict=True):
+        assert old.conditions == new.conditions and (old.time == new.time).all()
     assert main(arguments) == 2
     assert "exists already" in capsys.readouterr().err
+
+
+def test_add_takes_what_a_diagnosis_names(campaign_folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    diagnosis = Path("found")
+    diagnosis.mkdir()
+    (diagnosis / "summary.json").write_text(
+        json.dumps({"task": "diagnose", "edhas_jax": "0.1.0", "date": "", "summary": {"title": "", "sentences": []}})
+    )
+    (diagnosis / "diagnosis.json").write_text(json.dumps({"effects": ["constant_bias_force"]}))
+    assert main(["add", str(campaign_folder), "found", "--quiet"]) == 0
+    (folder,) = Path("added").iterdir()
+    assert folder.name.endswith("_constant_bias_force") and edhas.read_campaign(folder).machine.effects
+    (diagnosis / "diagnosis.json").write_text(json.dumps({"effects": []}))
+    assert main(["add", str(campaign_folder), "found"]) == 2
+    assert "names no effect" in capsys.readouterr().err
 
 
 def test_add_refuses_an_unknown_effect(campaign_folder, capsys):

@@ -59,6 +59,17 @@ def test_quiet_prints_nothing(capsys):
     assert not caught.out and not caught.err and edhas.open_result("runs/actuator").valid
 
 
+def test_overwriting_replaces_the_folder_of_the_same_name(here, capsys):
+    """Without --out: numbered beside it without --overwrite, in its place with it."""
+    config = str(CONFIGS / "actuator.yaml")
+    for more in ([], [], ["--overwrite"], ["--overwrite"], ["--set", "frequency=20Hz", "--overwrite"]):
+        assert main(["simulate", config, *SHORT, *more]) == 0
+    assert {p.name for p in (here / "runs").iterdir()} == {"actuator", "actuator-2"}
+    assert "written to runs/actuator:" in capsys.readouterr().out.splitlines()[-2]
+    saved = [edhas.open_result(f"runs/{name}") for name in ("actuator", "actuator-2")]
+    assert [edhas.get(run.machine, "frequency") for run in saved] == [20.0, 10.0]
+
+
 def test_a_command_ends_with_the_next_one_and_cuts_nothing(capsys):
     assert main(["parameters", str(CONFIGS / "paper.yaml")]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -130,6 +130,7 @@ def test_the_command_writes_a_configuration_that_runs(tmp_path, capsys):
 
 @pytest.mark.parametrize(("old", "new", "message"), [
     ("{max: 4 A}", "{max: 0.1 A}", "cannot be met together: rms_current ≤ 0.1 A.*nearest design"),
+    ("rms_current: {max: 4 A}", "overall_efficiency: {min: 99.5 %}", "overall_efficiency ≥ 99.5 % .[0-9.]+ %"),
     ("mean_flow: 1, overall_efficiency: 1", "peak_voltage: 1", None),
 ])  # fmt: skip
 def test_an_unsolvable_task_is_refused(tmp_path, old, new, message):

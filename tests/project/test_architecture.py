@@ -77,6 +77,12 @@ def test_the_core_imports_no_heavy_package():
     assert not loaded & set(HEAVY)
 
 
+def test_a_notebook_draws_every_figure():
+    """All figures are of the class that draws itself."""
+    plain = [path for path in PACKAGE if "matplotlib.figure.Figure" in imported(path)]
+    assert not plain, f"import edhas_jax.core.figure.Figure: {', '.join(map(relative, plain))}"
+
+
 def public(node: ast.Module | ast.ClassDef, owner: str = ""):
     """The public functions, classes and methods of a module by dotted name; a slot documents what fills it."""
     for inner in node.body:

@@ -88,5 +88,5 @@ def test_a_fresh_environment(built, tmp_path):
     assert "run8.csv" in {p.name for p in (here / "examples" / "campaign").iterdir()}
     assert json.loads(edhas("schema"))["title"]
     found = json.loads(run(python, "-c", PROGRAM, cwd=here, env=variables).splitlines()[-1])
-    assert Path(found["from"]).is_relative_to(packages) and found["ok"] == 4 and found["saved"] == "0"
+    assert Path(found["from"]).is_relative_to(packages) and found["ok"] == 4 and found["saved"] == "ok"
     assert (here / "heat.png").stat().st_size > 10_000

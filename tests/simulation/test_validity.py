@@ -16,7 +16,7 @@ from edhas_jax.design.batch.batch import BatchSettings, run_designs
 from edhas_jax.machine.effects import Effect, EffectError, EntrainedAir, LugreFriction, PistonLeakage
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.simulation.run_checks import check_run, largest_change, step_change
-from edhas_jax.simulation.validity import STEP_SENSITIVITY, Status
+from edhas_jax.simulation.validity import STEP_SENSITIVITY, Status, failed_tests
 from tests.support import CONFIGS, ROOT
 
 PAPER = CONFIGS / "paper.yaml"
@@ -47,6 +47,41 @@ def test_the_default_step_is_halved_until_the_result_is_right(tmp_path, capsys):
     # 0.61 L/min at 20 µs
     assert flow(run) == pytest.approx(flow(run_of(*HARD_VALVES, "step=1us")), rel=5e-3)
     assert run.valid and run.status is Status.OK and run.step < 20e-6
+
+
+def test_oil_that_a_plunger_drags_through_its_gap_counts_as_swept():
+    """Without it a pump with a wide gap would have more than 100 %; the same in a run and in a batch."""
+    wide = {"piston_clearance": np.array([80e-6]), "load_orifice_area": np.array([10e-6])}
+    run = edhas.simulate(PUMP, edhas.Simulation(duration=0.5), **{n: float(v[0]) for n, v in wide.items()})
+    efficiency = run.metrics["volumetric_efficiency"]
+    assert 0.985 < efficiency.value < 1.0 and str(efficiency) == f"{100 * efficiency.value:.5g} %"
+    assert run.metrics["mean_flow"].value > PUMP.pump.area() * mean_speed(run) > 0.0
+    batch = run_designs(PUMP, wide, BatchSettings())
+    assert float(batch["volumetric_efficiency"][0]) == pytest.approx(efficiency.value, rel=1e-3)
+
+
+def mean_speed(run) -> float:
+    """Mean of the speed of the piston over the last whole cycles [m/s]."""
+    t, cycle = run.signals["time"], 1.0 / float(run.machine.reference.frequency)
+    inside = t >= t[-1] - 2.0 * cycle
+    return float(np.abs(run.signals["piston_velocity"][inside]).mean())
+
+
+@pytest.mark.parametrize(
+    ("changed", "fails"),
+    [
+        ({}, False),
+        ({"volumetric_efficiency": 1.0004}, False),
+        ({"volumetric_efficiency": 1.001}, True),
+        ({"volumetric_efficiency": -0.03}, True),
+        ({"delivered_power": 10.02, "copper_loss": 0.0}, True),
+        ({"delivered_power": 9.9, "copper_loss": 0.0}, False),
+    ],
+)
+def test_an_efficiency_above_one_is_not_valid(changed, fails):
+    values = {"mean_electrical_power": 10.0, "copper_loss": 2.0, "delivered_power": 5.0, "volumetric_efficiency": 0.9}
+    applies = dict(failed_tests(PUMP, values | changed, periodic=True, xp=np))
+    assert bool(applies[Status.IMPLAUSIBLE]) is fails and not Status.IMPLAUSIBLE.is_valid
 
 
 def test_a_step_that_is_too_large_gives_an_invalid_result(tmp_path, capsys):

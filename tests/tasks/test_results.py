@@ -1,16 +1,21 @@
 """Results of the tasks: summaries in every form, short texts, folders that open again, tasks in plain Python."""
 
+import io
 import json
 
+import matplotlib.figure
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 import edhas_jax as edhas
+from edhas_jax.config.examples import FOLDER
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.config.result_files import ResultFileError
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.design.sizing.config import load_sizing
 from edhas_jax.measurements.campaign_writer import write_campaign
+from edhas_jax.simulation.validity import Status
 from edhas_jax.tasks.result import SavedResult
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
@@ -38,8 +43,27 @@ def test_a_run_says_what_it_is(tmp_path):
     assert edhas.get(run.machine, "frequency") == 12.0
     assert len(repr(run)) < 120 and "actuator_bench" in repr(run)
     assert "rms_current" in str(run.summary()) and "<table" in run._repr_html_()
+    assert str(run.status) == f"{run.status}" == "ok" and str(Status.STEP_TOO_LARGE) == "step_too_large"
     again = edhas.open_result(run.save(tmp_path / "run", figure=False))
     assert again.summary().as_json()["metrics"] == run.summary().as_json()["metrics"]
+
+
+def test_a_notebook_draws_the_figure_of_a_run():
+    """IPython asks the last value of a cell for its picture; without `pyplot` a figure of matplotlib has none."""
+    run = edhas.simulate(BENCH, edhas.Simulation(duration=0.35, step=1e-4, sample_rate=2000.0))
+    figure = run.plot()
+    assert isinstance(figure, matplotlib.figure.Figure)
+    picture = plt.imread(io.BytesIO(figure._repr_png_()), format="png")
+    width, height = figure.get_size_inches() * figure.dpi
+    assert picture.shape[:2] == pytest.approx((height, width), abs=1) and picture[..., :3].std() > 0.05
+
+
+def test_a_campaign_and_its_runs_fit_a_line():
+    campaign = edhas.read_campaign(FOLDER / "campaign")
+    text = repr(campaign)
+    assert len(text) < 120 and "demo_bench" in text and "pump_bench" in text and "4 runs (3 fit, 1 holdout)" in text
+    text = repr(campaign.runs[-1])
+    assert len(text) < 120 and "run8, holdout, 1,201 samples" in text and "outlet_pressure" in text
 
 
 def test_sizing_in_plain_python(tmp_path):

@@ -11,6 +11,7 @@ from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.config.result_files import ResultFileError
 from edhas_jax.design.batch.batch import BatchSettings
+from edhas_jax.machine.effects import EntrainedAir
 from edhas_jax.machine.parameters import ParameterError
 
 BENCH = edhas.ActuatorBench()
@@ -72,6 +73,16 @@ def test_pictures_and_summary(swept):
     figure = swept.plot_heat("rms_current", x="frequency", y="coil_resistance")
     assert "rms current over frequency and coil resistance" in figure.get_suptitle()
     assert swept.plot_parallel("rms_current").axes and swept.sel(frequency=8.0).summary().title.count("3 designs")
+
+
+def test_an_efficiency_has_the_unit_that_a_run_shows():
+    pump = edhas.PumpBench(effects=(EntrainedAir(),))
+    swept = edhas.sweep(pump, frequency=[10.0], settings=BatchSettings(step=1e-4, max_cycles=12))
+    rows = {row[0]: row[2] for row in swept.summary().tables["ranges"].rows}
+    for name in ("overall_efficiency", "volumetric_efficiency"):
+        number, unit = rows[name].split()
+        assert unit == "%" and float(number) == pytest.approx(100.0 * swept[name].item(), rel=1e-3)
+    assert rows["amplitude_ratio"] == f"{swept['amplitude_ratio'].item():.4g}"
 
 
 def test_samples_have_one_dimension():

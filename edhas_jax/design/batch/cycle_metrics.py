@@ -10,6 +10,7 @@ from edhas_jax.core import structs
 from edhas_jax.machine.components.set_points import CyclicSine
 from edhas_jax.machine.rigs import ActuatorBench, Rig
 from edhas_jax.simulation.integrator import step_with_outputs
+from edhas_jax.simulation.metrics import swept_area
 from edhas_jax.simulation.validity import BEYOND_RANGE, valid_ranges
 
 
@@ -133,7 +134,7 @@ def cycle_metrics(m: Rig, sums, share) -> dict[str, Any]:
             "mean_flow": mean["flow"], "mean_leakage": mean["leakage"], "peak_leakage": peak["leakage"],
             "peak_outlet_pressure": peak["pressure"], "pressure_rise": peak["rise"],
             "pressure_ripple": peak["pressure"] + peak["-pressure"],
-            "volumetric_efficiency": mean["flow"] / (m.pump.area() * mean["swept"]),
+            "volumetric_efficiency": mean["flow"] / (swept_area(m) * mean["swept"]),
             "delivered_power": mean["delivered"], "overall_efficiency": mean["delivered"] / mean["power"],
         }  # fmt: skip
     return out

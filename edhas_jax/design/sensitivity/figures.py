@@ -44,7 +44,7 @@ def draw_sobol(result: SensitivityResult, units: dict[str, str]):
 
 def draw_morris(result: SensitivityResult):
     """Draw magnitude (with confidence) and deviation of the elementary effects, averaged over the operating points."""
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     outputs = list(result.morris["output"].unique())
     tables = {
@@ -72,7 +72,8 @@ def draw_morris(result: SensitivityResult):
 
 def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title: str, label: str, signed: bool):
     from matplotlib.colors import PowerNorm, SymLogNorm
-    from matplotlib.figure import Figure
+
+    from edhas_jax.core.figure import Figure
 
     strength = pd.concat(values.values()).abs().max(axis=1).groupby(level=0).max().sort_values(ascending=False)
     shown = list(strength[strength > MIN_SHOWN].index[:MAX_ROWS]) or list(strength.index[:1])

@@ -13,7 +13,7 @@ from edhas_jax.config.yaml_with_lines import KeyPath
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.core.units import UnitError, format_quantity, to_si
+from edhas_jax.core.units import UnitError, format_quantity, format_result, to_si
 from edhas_jax.design.batch.batch import BatchSettings
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.batch.experiment_design import Axis, full_factorial
@@ -35,15 +35,21 @@ class Constraint:
         upper: whether `value` is an upper bound, or else a lower one.
         value: the bound, SI.
         unit: SI unit of the metric.
+        shown: the unit in which it is shown.
     """
 
     metric: str
     upper: bool
     value: float
     unit: str
+    shown: str
 
     def __str__(self) -> str:
-        return f"{self.metric} {'≤' if self.upper else '≥'} {format_quantity(self.value, self.unit)}"
+        return f"{self.metric} {'≤' if self.upper else '≥'} {self.text(self.value)}"
+
+    def text(self, value: float) -> str:
+        """A value of the metric (SI) as text."""
+        return format_result(value, self.unit, self.shown)
 
 
 class ToleranceKind(enum.Enum):
@@ -231,13 +237,13 @@ def _read_constraints(r: TaskReader, known: list[str] | None) -> tuple[Constrain
             r.add(key, f"`max:` or `min:` and a quantity in {declared[name][0]} belong here")
         else:
             r.add_unknown_keys(key, spec, ("min", "max"))
-            unit = declared[name][0]
-            p = Parameter(name, 1.0, unit, (-np.inf, np.inf), declared[name][2], "", Constraint)
+            unit, shown, doc = declared[name]
+            p = Parameter(name, 1.0, unit, (-np.inf, np.inf), doc, "", Constraint)
             for bound in ("min", "max"):
                 if bound in spec:
                     value = _read_quantity(r, (*key, bound), p, spec[bound])
                     if value is not None:
-                        constraints.append(Constraint(name, bound == "max", value, unit))
+                        constraints.append(Constraint(name, bound == "max", value, unit, shown))
             if {"min", "max"} <= set(spec) and len(constraints) > 1 and constraints[-2].value > constraints[-1].value:
                 r.add(key, "`min` lies above `max`: they cannot be met together")
     return tuple(constraints)

@@ -16,7 +16,7 @@ BEST_COLOUR, START_COLOUR = COLOURS[1], COLOURS[0]
 
 def draw_path(task: SizingTask, result: SizingResult):
     """A matplotlib figure: best feasible objective of each start, and each design variable, over the iterations."""
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     names = [axis.name for axis in task.variables]
     columns = 1 + len(names)
@@ -75,7 +75,7 @@ def _set_log_scale(axes, low: float, high: float) -> None:
 
 def draw_front(task: SizingTask, result: SizingResult):
     """A matplotlib figure: the two metrics of the objective, averaged over the cases, and the designs on the front."""
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     metrics, declared = list(task.weights), metric_declarations(task.machine)
     figure = Figure(figsize=(10.5, 4.6), layout="constrained")

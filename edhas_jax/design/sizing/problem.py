@@ -89,7 +89,7 @@ class SizingProblem:
         self.supply = float(get_parameter(self.task.machine, "supply_voltage"))
         unsaturated = min(SUPPLY_FACTOR * self.supply, MAX_SUPPLY_VOLTAGE)
         self._machine = set_parameters(self.task.machine, {"supply_voltage": unsaturated})
-        limit = Constraint("peak_voltage", True, self.supply * (1.0 - SUPPLY_MARGIN), "V")
+        limit = Constraint("peak_voltage", True, self.supply * (1.0 - SUPPLY_MARGIN), "V", "V")
         self.constraints = (*self.constraints, limit)
 
     def initial_fractions(self) -> np.ndarray:

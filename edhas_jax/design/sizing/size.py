@@ -232,7 +232,7 @@ def _check_feasible(task: SizingTask, problem: SizingProblem, machines: list[Siz
         worst = values.max() if constraint.upper else values.min()
         excess = (worst - constraint.value) * (1 if constraint.upper else -1)
         if excess > FEASIBILITY_TOLERANCE * abs(constraint.value):
-            violated.append(f"{constraint} ({format_quantity(worst, constraint.unit)})")
+            violated.append(f"{constraint} ({constraint.text(worst)})")
     design = ", ".join(
         f"{n} {format_quantity(best.design[n], resolve_parameter(task.machine, n)[0].unit)}" for n in problem.names
     )

@@ -40,7 +40,7 @@ def draw_heat_map(selection: DesignSelection, metric: str, x: str | None, y: str
     Raises:
         FigureError: fewer than two parameters vary, or `x` or `y` is none of them.
     """
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     varied = selection.varied()
     if len(varied) < 2:

@@ -33,7 +33,8 @@ def draw_parallel_coordinates(selection: DesignSelection, metric: str):
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
+
+    from edhas_jax.core.figure import Figure
 
     if not selection.ok.any():
         raise FigureError("every design that would be shown has failed", missing=True)

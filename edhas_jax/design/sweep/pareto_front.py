@@ -64,7 +64,7 @@ def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | No
     Raises:
         FigureError: not two metrics of this sweep with directions, or every design has failed.
     """
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     metrics = selection.result.metrics
     if objectives is None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
-from edhas_jax.core.units import format_quantity
+from edhas_jax.core.units import format_result
 from edhas_jax.design.sweep.table import NOT_RUN, SweepResult
 
 
@@ -42,7 +42,10 @@ def summary_of_parts(parts: Iterable[SweepResult]) -> Summary:
         for name in names
         if name in low
     ]
-    texts = [(r["name"], r["role"], *(format_quantity(float(r[e]), r["unit"]) for e in ("from", "to"))) for r in ranges]
+    texts = []
+    for r in ranges:
+        unit, shown, _ = part.fields[r["name"]]
+        texts.append((r["name"], r["role"], *(format_result(float(r[end]), unit, shown) for end in ("from", "to"))))
     title = f"{part.manifest.get('name') or 'sweep'}: {total:,} designs of {', '.join(part.parameters)}"
     return Summary(title, (
         SummaryTable.of("statuses", ("status", "designs", "meaning"), rows, records),

@@ -13,7 +13,7 @@ PRIOR_COLOUR = "#d8dee4"
 
 def draw_estimates(calibration: Calibration):
     """A matplotlib figure: estimates with 95 % intervals, in standard deviations of their priors."""
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     fit = calibration.fit
     count = len(fit.x)
@@ -58,7 +58,7 @@ def draw_correlations(calibration: Calibration):
 
 def draw_profiles(calibration: Calibration):
     """A matplotlib figure: χ² along each unknown that was profiled, with its parabola; None without profiles."""
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     profiles = calibration.profiles
     if not profiles:
@@ -89,7 +89,7 @@ def draw_profiles(calibration: Calibration):
 def _annotated_matrix(
     values: np.ndarray, columns: list[str], rows: list[str], limit: float, title: str, number: str
 ):
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     figure = Figure(figsize=(2.6 + 0.72 * len(columns), 1.6 + 0.36 * len(rows)), layout="constrained")
     axes = figure.subplots()

@@ -24,7 +24,7 @@ def draw_law_curve(curve: LawCurve, law_name: str = ""):
     Returns:
         A matplotlib figure.
     """
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     figure = Figure(figsize=(7.6, 4.6), layout="constrained")
     axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(5, 1))

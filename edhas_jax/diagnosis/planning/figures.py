@@ -14,7 +14,7 @@ SHARE_RANGE = 1e-5, 3.0  # of the axis: threshold over the strongest plausible e
 
 def draw_thresholds(plan: DetectabilityPlan):
     """A matplotlib figure: detection threshold of each candidate as a share of the strongest plausible effect."""
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     candidates = plan.candidates
     figure = Figure(figsize=(9.0, 1.2 + 0.21 * len(candidates)), layout="constrained")
@@ -51,9 +51,10 @@ def draw_thresholds(plan: DetectabilityPlan):
 
 def draw_similarity(plan: DetectabilityPlan):
     """A matplotlib figure: cosines between the signatures of detectable candidates, ordered by clustering."""
-    from matplotlib.figure import Figure
     from scipy.cluster.hierarchy import leaves_list, linkage
     from scipy.spatial.distance import squareform
+
+    from edhas_jax.core.figure import Figure
 
     detectable = np.flatnonzero([s.detectable for s in plan.candidates])
     values = plan.cosines[np.ix_(detectable, detectable)]

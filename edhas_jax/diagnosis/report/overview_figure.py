@@ -23,7 +23,7 @@ def draw_overview(diagnosis: Diagnosis):
     Returns:
         A matplotlib figure.
     """
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     campaign = diagnosis.campaign
     runs = campaign.runs_for(Use.HOLDOUT) or campaign.runs

@@ -18,7 +18,7 @@ def draw_parameter_shifts(diagnosis: Diagnosis):
     Returns:
         A matplotlib figure.
     """
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     final, calibrated = diagnosis.final, diagnosis.calibrated.fit
     common = [k for k, u in enumerate(final.problem.unknowns) if u.name in calibrated.values]

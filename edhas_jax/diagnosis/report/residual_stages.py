@@ -47,7 +47,7 @@ def draw_waterfall(diagnosis: Diagnosis):
     Returns:
         A matplotlib figure.
     """
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     table = residual_stages(diagnosis)
     uses = [use for use in Use if all(use in row for row in table.values())]

@@ -13,7 +13,7 @@ def draw_sensor_fault(error: SensorError):
     Returns:
         A matplotlib figure.
     """
-    from matplotlib.figure import Figure
+    from edhas_jax.core.figure import Figure
 
     about = error.about
     figure = Figure(figsize=(7.6, 4.2), layout="constrained")
