@@ -17,6 +17,7 @@ from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
 from edhas_jax.diagnosis.report.result_file import CURVE_CONFIG_FILE, save_diagnosis
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint, program_versions
 from edhas_jax.diagnosis.search.conclusions import (
+    QUIET_OUTCOMES,
     bench_rows,
     conclusions,
     explains_little,
@@ -85,10 +86,11 @@ class DiagnosisResult(Result, Diagnosis):
             sizes = [f"{n} {sized.text(u.name, candidate.unit(u, self.machine))}" for n, u in own.items()]
             rms = model_with(self, trial).rms_over_noise(Use.HOLDOUT)
             new_runs = f"{rms:.3f}" if math.isfinite(rms) else "none is held out"
-            done = outcome(self, candidate).value
-            rows.append((candidate.name, done, candidate.location, ", ".join(sizes), f"{p:.3f}", new_runs))
-            records.append({"effect": candidate.name, "outcome": done, "where": candidate.location, "size": values,
-                            "probability": p, "residual_over_noise_on_new_runs": rms})  # fmt: skip
+            done = outcome(self, candidate)
+            texts = candidate.name, done.value, candidate.location, ", ".join(sizes), f"{p:.2f}", new_runs
+            rows.append([Toned(text, Tone.QUIET) for text in texts] if done in QUIET_OUTCOMES else texts)
+            records.append({"effect": candidate.name, "outcome": done.value, "where": candidate.location,
+                            "size": values, "probability": p, "residual_over_noise_on_new_runs": rms})  # fmt: skip
         columns = "effect", "outcome", "where", "size", "probability", "new runs, residual over noise"
         return SummaryTable.of("candidates", columns, rows, records, "candidates")
 

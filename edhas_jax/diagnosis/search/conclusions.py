@@ -23,12 +23,16 @@ from edhas_jax.measurements.campaign import Use
 DEVIATION_UNITS = {DeviationKind.TRIGGER: "s", DeviationKind.CLOCK: "s", DeviationKind.SHIFT: "s"}
 MAX_ACCURACIES, MOST_EXCESSIVE = 3.0, 3  # of a deviation of the bench: beyond them it is no usual one; sentences
 MIN_UNPREDICTABLE = 0.02  # of the noise of a signal: less of it is not named
-MIN_PROBABLE = 0.5  # of an effect that was removed from the model: one that is less probable is not named
+MIN_PROBABLE = 0.5  # of an effect that is possible; one that was removed and is less probable is not named
 MIN_NAMED_SHARE = 1e-4  # of a signal's rms, left unexplained, below which the signal is not named
 
 MUCH_LEFT = 2.0  # residual over noise: from here on a model does not describe the measurements, and the answer says so
 MOST_LEFT = 0.5  # of the residual over noise before the search: an answer that leaves more explains little
 MOST_RUNS = 3  # that are named as those in which it is left
+
+# log-evidence [nats] below which it is called so; a model that leaves much can gain thousands with a wrong effect
+EVIDENCE_WORDS = ((3.0, "weak"), (12.0, "clear"), (100.0, "strong"), (math.inf, "overwhelming"))
+RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 CORRECTED = (
     "The residuals of fitted models are those after correction of the estimated deviations of the bench (triggers, "
@@ -39,10 +43,15 @@ CORRECTED = (
 class Outcome(enum.Enum):
     """What the search has done with a candidate."""
 
-    ACCEPTED = "accepted"  # it is in the final model
+    MISSING = "missing"  # it is in the final model, and the verdict names it
+    POSSIBLE = "possibly missing"  # it is in the final model and more probable than not, but not clear enough to name
+    UNLIKELY = "probably not missing"  # it improves the final model, but stands in for other causes more probably
     IMITATING = "imitates an unknown cause"  # it is in the final model, with implausible values
-    REMOVED = "removed"  # it was accepted first, and the backward pass has removed it
-    TRIED = "tried"  # it was fitted and not accepted
+    REMOVED = "removed"  # it was in the model first, and the backward pass has removed it
+    TRIED = "tried"  # it was fitted, and is not in the final model
+
+
+QUIET_OUTCOMES = frozenset({Outcome.UNLIKELY, Outcome.REMOVED, Outcome.TRIED})  # shown in grey
 
 
 def conclusions(diagnosis: Diagnosis) -> list[str]:
@@ -66,9 +75,10 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
             out.append(f"{sizes} {'is' if one else 'are'} missing.")
         out += left
         out += [
-            f"{t.candidate.name} improves the model too, but may stand in for several small causes."
+            f"{t.candidate.name} improves the model too, but is {found.value}: it may stand in for several small "
+            "causes."
             for t in diagnosis.accepted
-            if t.candidate not in named
+            if (found := outcome(diagnosis, t.candidate)) is not Outcome.MISSING
         ]
         out += _law_sentences(diagnosis)
         out += _removed_sentences(diagnosis)
@@ -78,14 +88,37 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
     for group in diagnosis.confounded_groups():
         names = " and ".join(candidate.name for candidate in group)
         out.append(f"These runs cannot distinguish {names}.")
+    with_more = diagnosis.accepted and diagnosis.verdict is not Verdict.ADEQUATE
     out.append(
         f"Residual over noise on {runs}: {rms[0]:.2f} as it was, {rms[1]:.2f} calibrated"
-        + ("." if diagnosis.verdict is Verdict.ADEQUATE else f", {rms[2]:.2f} with the accepted candidates.")
+        + (f", {rms[2]:.2f} with {' and '.join(t.candidate.name for t in diagnosis.accepted)}." if with_more else ".")
     )
     if diagnosis.after.bench.has_deviations:
         out[-1] += f" {CORRECTED}"
     out += [diagnosis.holdout_split] if diagnosis.holdout_split else []
     return out + excessive_deviations(diagnosis) + uncertainty_sentences(diagnosis)
+
+
+def evidence_text(gain: float) -> str:
+    """How strongly the runs speak for a model with something more, in words with the rounded number.
+
+    Args:
+        gain: of log-evidence [nats]; NaN or infinite where there is none.
+    """
+    if not math.isfinite(gain):
+        return "none"
+    if gain < 1.0:
+        return "none" if gain > -1.0 else f"against it ({_rounded(gain)} nats)"
+    word = next(word for limit, word in EVIDENCE_WORDS if gain < limit)
+    return f"{word} ({_rounded(gain)} nats)"
+
+
+def _rounded(value: float) -> str:
+    """Two significant digits, large numbers with a power of ten: "34", "1.3·10⁶"."""
+    mantissa, exponent = f"{value:.1e}".split("e")
+    if int(exponent) < 4:
+        return f"{float(f'{value:.2g}'):g}".replace("-", "−")
+    return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}".replace("-", "−")
 
 
 def _judged(diagnosis: Diagnosis) -> tuple[Use, list[float]]:
@@ -304,9 +337,14 @@ def is_in_final_model(diagnosis: Diagnosis, candidate: Candidate) -> bool:
 def outcome(diagnosis: Diagnosis, candidate: Candidate) -> Outcome:
     """What the search has done with a candidate that it has fitted."""
     if is_in_final_model(diagnosis, candidate):
+        names_any = diagnosis.verdict not in (Verdict.ADEQUATE, Verdict.UNKNOWN_EFFECT)
+        if names_any and candidate in [t.candidate for t in diagnosis.named]:
+            return Outcome.MISSING
         implausible = {m.candidate for m in diagnosis.members if m.implausible}
-        imitates = diagnosis.verdict is Verdict.UNKNOWN_EFFECT and candidate in implausible
-        return Outcome.IMITATING if imitates else Outcome.ACCEPTED
+        if diagnosis.verdict is Verdict.UNKNOWN_EFFECT and candidate in implausible:
+            return Outcome.IMITATING
+        p = diagnosis.answer.probabilities.get(candidate.name, 0.0)
+        return Outcome.POSSIBLE if p > MIN_PROBABLE else Outcome.UNLIKELY
     return Outcome.REMOVED if candidate in [test.candidate for _, test in diagnosis.rejected] else Outcome.TRIED
 
 
