@@ -17,7 +17,6 @@ from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
 from edhas_jax.diagnosis.report.result_file import CURVE_CONFIG_FILE, save_diagnosis
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint, program_versions
 from edhas_jax.diagnosis.search.conclusions import (
-    QUIET_OUTCOMES,
     bench_rows,
     conclusions,
     explains_little,
@@ -88,7 +87,7 @@ class DiagnosisResult(Result, Diagnosis):
             new_runs = f"{rms:.3f}" if math.isfinite(rms) else "none is held out"
             done = outcome(self, candidate)
             texts = candidate.name, done.value, candidate.location, ", ".join(sizes), f"{p:.2f}", new_runs
-            rows.append([Toned(text, Tone.QUIET) for text in texts] if done in QUIET_OUTCOMES else texts)
+            rows.append([Toned(text, Tone.QUIET) for text in texts] if done.is_quiet else texts)
             records.append({"effect": candidate.name, "outcome": done.value, "where": candidate.location,
                             "size": values, "probability": p, "residual_over_noise_on_new_runs": rms})  # fmt: skip
         columns = "effect", "outcome", "where", "size", "probability", "new runs, residual over noise"

@@ -21,10 +21,8 @@ from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.conclusions import (
-    QUIET_OUTCOMES,
     bench_rows,
     conclusions,
-    evidence_text,
     fit_of_parameters,
     model_with,
     outcome,
@@ -32,6 +30,7 @@ from edhas_jax.diagnosis.search.conclusions import (
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_curve
 from edhas_jax.diagnosis.search.law_deviation import deviation_of
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm
+from edhas_jax.diagnosis.search.outcome import evidence_text
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.measurements.campaign import Use, count_runs
 from edhas_jax.measurements.checks.data_summary import data_sentences
@@ -252,7 +251,7 @@ def _candidate_table(diagnosis: Diagnosis) -> str:
         remarks += [] if trial is None else [outcome(diagnosis, candidate).value]
         remarks += [f"group {groups[candidate]}"] if candidate in groups else []
         rms = math.nan if fitted is None else fitted.rms_over_noise(Use.HOLDOUT)
-        quiet.append(trial is None or outcome(diagnosis, candidate) in QUIET_OUTCOMES)
+        quiet.append(trial is None or outcome(diagnosis, candidate).is_quiet)
         has_gain = trial is not None and math.isfinite(trial.log_evidence_gain)
         body.append([
             candidate.name,

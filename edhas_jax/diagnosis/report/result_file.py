@@ -14,7 +14,6 @@ from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_jso
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.conclusions import (
     conclusions,
-    evidence_text,
     explains_little,
     fit_of_parameters,
     is_in_final_model,
@@ -25,6 +24,7 @@ from edhas_jax.diagnosis.search.conclusions import (
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_of
 from edhas_jax.diagnosis.search.memory_term import TIMES
+from edhas_jax.diagnosis.search.outcome import evidence_text
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
@@ -100,6 +100,7 @@ def as_json(
         OF_RUNS: values_of_runs_as_json(final),
         **confounding_as_json(weak_combinations(final), diagnosis.assumed),
         "error": diagnosis.errors(),
+        "bench_corrected": diagnosis.after.bench.has_deviations,
         "next_experiment": next_experiment,
         "holdout_split": diagnosis.holdout_split or None,
         "failed_parts": list(failures),

@@ -1,6 +1,5 @@
 """The conclusions of a diagnosis as sentences, the verdict first."""
 
-import enum
 import math
 
 import numpy as np
@@ -15,6 +14,7 @@ from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.law_deviation import deviation_of
+from edhas_jax.diagnosis.search.outcome import Outcome
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
@@ -30,28 +30,10 @@ MUCH_LEFT = 2.0  # residual over noise: from here on a model does not describe t
 MOST_LEFT = 0.5  # of the residual over noise before the search: an answer that leaves more explains little
 MOST_RUNS = 3  # that are named as those in which it is left
 
-# log-evidence [nats] below which it is called so; a model that leaves much can gain thousands with a wrong effect
-EVIDENCE_WORDS = ((3.0, "weak"), (12.0, "clear"), (100.0, "strong"), (math.inf, "overwhelming"))
-RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
-
 CORRECTED = (
     "The residuals of fitted models are those after correction of the estimated deviations of the bench (triggers, "
     "settings, sensors), which `edhas compare` does not correct."
 )
-
-
-class Outcome(enum.Enum):
-    """What the search has done with a candidate."""
-
-    MISSING = "missing"  # it is in the final model, and the verdict names it
-    POSSIBLE = "possibly missing"  # it is in the final model and more probable than not, but not clear enough to name
-    UNLIKELY = "probably not missing"  # it improves the final model, but stands in for other causes more probably
-    IMITATING = "imitates an unknown cause"  # it is in the final model, with implausible values
-    REMOVED = "removed"  # it was in the model first, and the backward pass has removed it
-    TRIED = "tried"  # it was fitted, and is not in the final model
-
-
-QUIET_OUTCOMES = frozenset({Outcome.UNLIKELY, Outcome.REMOVED, Outcome.TRIED})  # shown in grey
 
 
 def conclusions(diagnosis: Diagnosis) -> list[str]:
@@ -97,28 +79,6 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
         out[-1] += f" {CORRECTED}"
     out += [diagnosis.holdout_split] if diagnosis.holdout_split else []
     return out + excessive_deviations(diagnosis) + uncertainty_sentences(diagnosis)
-
-
-def evidence_text(gain: float) -> str:
-    """How strongly the runs speak for a model with something more, in words with the rounded number.
-
-    Args:
-        gain: of log-evidence [nats]; NaN or infinite where there is none.
-    """
-    if not math.isfinite(gain):
-        return "none"
-    if gain < 1.0:
-        return "none" if gain > -1.0 else f"against it ({_rounded(gain)} nats)"
-    word = next(word for limit, word in EVIDENCE_WORDS if gain < limit)
-    return f"{word} ({_rounded(gain)} nats)"
-
-
-def _rounded(value: float) -> str:
-    """Two significant digits, large numbers with a power of ten: "34", "1.3·10⁶"."""
-    mantissa, exponent = f"{value:.1e}".split("e")
-    if int(exponent) < 4:
-        return f"{float(f'{value:.2g}'):g}".replace("-", "−")
-    return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}".replace("-", "−")
 
 
 def _judged(diagnosis: Diagnosis) -> tuple[Use, list[float]]:
