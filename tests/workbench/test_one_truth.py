@@ -69,7 +69,7 @@ def test_one_verdict_in_page_command_report_and_json_and_all_of_the_page_follows
     card.get_by_role("button", name="Add", exact=True).click()
     mark(page, "error-inverter_dead_time").wait_for()
     size = re.search(r"dead time voltage (\d+\.\d+ ± \d\.\d+ V)", card.inner_text())[1]
-    wait_until(lambda: "is in the model" in mark(page, "verdict").inner_text(), "the verdict after the effect was added")
+    wait_until(lambda: "is in the model" in mark(page, "verdict").inner_text(), "the verdict with the effect")
     now = mark(page, "verdict").inner_text()
     assert now.startswith(f"inverter_dead_time (dead_time_voltage {size}) is in the model. Nothing else is missing")
     assert "is missing." not in now and "fine" in mark(page, "verdict").get_attribute("class")
@@ -83,6 +83,16 @@ def test_one_verdict_in_page_command_report_and_json_and_all_of_the_page_follows
     tab(page, "Data")
     page.get_by_role("cell", name="5 µm").first.wait_for()
     assert mark(page, "command").inner_text() == ""
+
+    file = folder / "campaign.yaml"
+    file.write_text(file.read_text().replace("frequency: 10 Hz", "frequency: 10.01 Hz"))
+    changed = mark(page, "changed")
+    for sentence in ("The diagnosis was made before campaign.yaml changed", "The model with inverter_dead_time was"):
+        changed.get_by_text(sentence).wait_for()
+    tab(page, "Diagnose")
+    card.get_by_role("button", name="Try again").click()
+    changed.get_by_text("The model with inverter_dead_time was fitted").wait_for(state="detached")
+    assert "The diagnosis was made before campaign.yaml changed: diagnose again." in changed.inner_text()
 
 
 def test_a_campaign_that_changes_while_a_job_runs_is_said(campaign_folder, workbench, look):

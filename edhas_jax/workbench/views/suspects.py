@@ -88,7 +88,7 @@ class Suspects:
             if name in decisions.rejected:
                 ui.label(f"Rejected: {decisions.rejected[name]}")
             self._tried_matrix(tried)
-            self._buttons(name, is_sensor, decisions)
+            self._buttons(name, is_sensor, decisions, tried)
 
     def _found(self, row: dict[str, Any]) -> None:
         """What the diagnosis has found of a suspect."""
@@ -121,7 +121,7 @@ class Suspects:
             error_matrix(found["error_by_run"], list(self._page.summary["signals"]), notes,
                          before=found["before"]["error_by_run"])  # fmt: skip
 
-    def _buttons(self, name: str, is_sensor: bool, decisions) -> None:
+    def _buttons(self, name: str, is_sensor: bool, decisions, tried: dict[str, Any] | None) -> None:
         with ui.row().classes("gap-1 mt-auto"):
             if is_sensor:
                 ui.label("Not a part of the machine: correct the sensor or its column.").classes("wb-quiet")
@@ -133,7 +133,8 @@ class Suspects:
             else:
                 ui.button("Try", on_click=lambda: self._try(name)).props("no-caps flat dense icon=science")
                 ui.button("Add", on_click=lambda: self._add(name)).props("no-caps flat dense icon=add")
-            tried = self._page.workspace.tried().get(self._chain_name(name, decisions))
+            if name in decisions.added and tried is not None and not is_of_present_inputs(self._page.workspace, tried):
+                ui.button("Try again", on_click=lambda: self._try(name)).props("no-caps flat dense icon=science")
             if tried is not None and not is_sensor:
                 ui.button("Law", on_click=lambda: show_law_curve(self._page, tried["named"])).props(
                     "no-caps flat dense"
