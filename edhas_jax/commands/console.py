@@ -74,7 +74,8 @@ def _in_tone(text):
 
     if not isinstance(text, Toned):
         return text
-    return styled(text.text, {Tone.GOOD: "green", Tone.CAUTION: "yellow", Tone.BAD: "bold red"}.get(text.tone, "bold"))
+    styles = {Tone.GOOD: "green", Tone.CAUTION: "yellow", Tone.BAD: "bold red", Tone.QUIET: "dim"}
+    return styled(text.text, styles.get(text.tone, "bold"))
 
 
 def finish(options, out, summary, folder: Path | None = None, next_command: str = "", written: str = "") -> None:

@@ -19,7 +19,7 @@ figure { margin: 1em 0 } figcaption { color: #57606a; font-size: 0.9em }
 a:focus-visible, button:focus-visible, summary:focus-visible, [tabindex]:focus-visible { outline: 3px solid #0b62c4 }
 @media (max-width: 700px) { body { padding: 0 0.6em } table { display: block; overflow-x: auto } }
 footer { color: #57606a; font-size: 0.85em; margin-top: 3em; border-top: 1px solid #d8dee4; padding-top: 0.5em }
-img { max-width: 100% } p.quiet { color: #6e7781 } li { margin: 0.3em 0 }
+img { max-width: 100% } .quiet { color: #6e7781 } li { margin: 0.3em 0 }
 """
 
 
@@ -52,15 +52,17 @@ def numbered_list(sentences: Sequence[str]) -> str:
     return "<ol>" + "".join(f"<li>{html.escape(s)}</li>" for s in sentences) + "</ol>"
 
 
-def table(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
-    """A table; all columns but the first and the last are aligned as numbers."""
+def table(header: Sequence[str], body: Sequence[Sequence[str]], quiet: Sequence[bool] = ()) -> str:
+    """A table; all columns but the first and the last are aligned as numbers; rows that are `quiet` are grey."""
 
     def cell(column: int, text: str) -> str:
         number = ' class="number"' if 0 < column < len(header) - 1 else ""
         return f"<td{number}>{html.escape(text)}</td>"
 
     head = "".join(f"<th>{html.escape(text)}</th>" for text in header)
-    lines = "".join("<tr>" + "".join(cell(k, t) for k, t in enumerate(row)) + "</tr>" for row in body)
+    kinds = [' class="quiet"' if grey else "" for grey in quiet] or [""] * len(body)
+    rows = zip(kinds, body, strict=True)
+    lines = "".join(f"<tr{kind}>" + "".join(cell(k, t) for k, t in enumerate(row)) + "</tr>" for kind, row in rows)
     return f"<table><tr>{head}</tr>{lines}</table>"
 
 

@@ -18,6 +18,7 @@ class Tone(enum.Enum):
     CAUTION = "caution"
     BAD = "bad"
     HEAD = "head"
+    QUIET = "quiet"
 
 
 class Toned(NamedTuple):
@@ -28,7 +29,9 @@ class Toned(NamedTuple):
 
 
 Text = str | Toned
-TONE_COLOURS = {Tone.GOOD: "#1a7f4b", Tone.CAUTION: "#9a6700", Tone.BAD: "#b42318", Tone.HEAD: "inherit"}
+TONE_COLOURS = {
+    Tone.GOOD: "#1a7f4b", Tone.CAUTION: "#9a6700", Tone.BAD: "#b42318", Tone.HEAD: "inherit", Tone.QUIET: "#6e7781",
+}  # fmt: skip
 
 
 def plain(text: Text) -> str:

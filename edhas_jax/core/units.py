@@ -40,7 +40,7 @@ def _prefixed(unit: str, *prefixes: str) -> tuple[tuple[str, float, float], ...]
 _DISPLAY_UNITS: dict[str, tuple[tuple[str, float, float], ...]] = {
     "-": (("", 1.0, 0.0),),
     "m": _prefixed("m", "", "m", "µ", "n"),
-    "m^2": (("m²", 1.0, 1e-3), ("mm²", 1e-6, 1e-8), ("µm²", 1e-12, 0.0)),
+    "m^2": (("m²", 1.0, 1e-3), ("mm²", 1e-6, 1e-9), ("µm²", 1e-12, 0.0)),
     "m^3": (("m³", 1.0, 0.1), ("L", 1e-3, 1e-3), ("mL", 1e-6, 1e-7), ("mm³", 1e-9, 0.0)),
     "m^3/s": (("L/min", 1.0 / 6e4, 0.0),),
     "m^3/(s*Pa)": (("L/(min·MPa)", 1.0 / 6e10, 0.0),),
@@ -289,7 +289,7 @@ def _mismatch(text: str, given: str, unit: str, example: str) -> str:
 
 
 def format_with_error(value: float, error: float, unit: str) -> str:
-    """A value in SI with its standard error, in the unit that suits the value: "0.80020 ± 0.00038 V".
+    """A value in SI with two digits of its standard error, in the unit that suits the value: "0.80020 ± 0.00038 V".
 
     A power of ten is common to both: "(4.0010 ± 0.0016)e-13 m³/Pa".
     """
@@ -300,8 +300,11 @@ def format_with_error(value: float, error: float, unit: str) -> str:
         exponent = math.floor(math.log10(size))
         scale = 10.0**exponent
         return f"({format_with_error(number / scale, spread / scale, '-')})e{exponent} {shown}".rstrip()
-    digits = min(7, max(0, 1 - math.floor(math.log10(spread)))) if spread > 0.0 else 4
-    return f"{number:.{digits}f} ± {spread:.2g} {shown}".rstrip()
+    if not spread > 0.0:
+        return f"{number:.4f} ± {spread:.2g} {shown}".rstrip()
+    digits = min(7, 1 - math.floor(math.log10(spread)))  # two of the error; both end at the same place
+    texts = (f"{round(x, digits):.{max(digits, 0)}f}" for x in (number, spread))
+    return f"{' ± '.join(texts)} {shown}".rstrip()
 
 
 def estimate_text(value: float, error: float | None, unit: str, limit: str | None = None) -> str:

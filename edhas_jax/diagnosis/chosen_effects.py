@@ -101,6 +101,7 @@ class ChosenModel:
             OF_RUNS: values_of_runs_as_json(fit),
             "error": {use: value if math.isfinite(value) else None for use, value in errors.items()},
             "error_by_run": self.rms_over_noise(),
+            "bench_corrected": self.evaluated.bench.has_deviations,
             "needs_no_effect": self.needs_no_effect,
         }
 

@@ -11,9 +11,9 @@ from edhas_jax.core.units import display_unit, format_quantity, from_si
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.measurements.comparison import Comparison, RunComparison
+from edhas_jax.measurements.residual_matrix import ERROR_LABEL
 from edhas_jax.measurements.residual_patterns import Pattern
 
-ERROR_LABEL = "(model − measured) / noise"
 MAX_STATED_POINTS = 2000  # of a dashed line
 SHOWN_CYCLES = 2.0  # cycles at the end of a run that are drawn
 SHOWN_SHARE = 0.4  # share of the length that is drawn of a run without cycles

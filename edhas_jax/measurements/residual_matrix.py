@@ -10,6 +10,7 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.measurements.campaign import Campaign, Use
 
+ERROR_LABEL = "(model − measured) / noise"  # of residuals wherever they are shown
 COLOUR_RANGE = (0.7, 30.0)  # residual over noise at the palest and at the darkest colour
 COLOUR_STOPS = ("#f3f6f4", "#fdf3d0", "#f9c76a", "#ea7a2e", "#b3261e", "#5a0f14")
 WHITE_TEXT_ABOVE = 7.0  # residual over noise from which the cell is too dark for dark text

@@ -85,10 +85,11 @@ class DiagnosisResult(Result, Diagnosis):
             sizes = [f"{n} {sized.text(u.name, candidate.unit(u, self.machine))}" for n, u in own.items()]
             rms = model_with(self, trial).rms_over_noise(Use.HOLDOUT)
             new_runs = f"{rms:.3f}" if math.isfinite(rms) else "none is held out"
-            done = outcome(self, candidate).value
-            rows.append((candidate.name, done, candidate.location, ", ".join(sizes), f"{p:.3f}", new_runs))
-            records.append({"effect": candidate.name, "outcome": done, "where": candidate.location, "size": values,
-                            "probability": p, "residual_over_noise_on_new_runs": rms})  # fmt: skip
+            done = outcome(self, candidate)
+            texts = candidate.name, done.value, candidate.location, ", ".join(sizes), f"{p:.2f}", new_runs
+            rows.append([Toned(text, Tone.QUIET) for text in texts] if done.is_quiet else texts)
+            records.append({"effect": candidate.name, "outcome": done.value, "where": candidate.location,
+                            "size": values, "probability": p, "residual_over_noise_on_new_runs": rms})  # fmt: skip
         columns = "effect", "outcome", "where", "size", "probability", "new runs, residual over noise"
         return SummaryTable.of("candidates", columns, rows, records, "candidates")
 

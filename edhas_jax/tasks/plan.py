@@ -31,9 +31,9 @@ class PlanResult(Result, DetectabilityPlan):
         pairs = self.indistinguishable_pairs()
         parts = [self._sizes()]
         if pairs:
-            columns = "one", "other", "cosine"
+            columns = "one", "other", "how alike (1: the same)"
             rows = [(one, other, f"{cosine:.4f}") for one, other, cosine in pairs[:MAX_SHOWN_PAIRS]]
-            records = [dict(zip(columns, pair, strict=True)) for pair in pairs]
+            records = [dict(zip(("one", "other", "cosine"), pair, strict=True)) for pair in pairs]
             title = "detectable, but not distinguishable"
             parts.append(SummaryTable.of("indistinguishable", columns, rows, records, title))
         if len(pairs) > MAX_SHOWN_PAIRS:

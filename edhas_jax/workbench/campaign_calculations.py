@@ -13,6 +13,7 @@ from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
 from edhas_jax.diagnosis.laws.curve_figure import Z_95
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
+from edhas_jax.diagnosis.report.report import law_sentence
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.interface.slots import Rule
@@ -47,6 +48,7 @@ class CampaignCalculations:
         self._workspace, self._say = workspace, say
         self._campaign: Campaign | None = None
         self._read_as: tuple = ()
+        self._inputs: dict[str, str] = {}
         self._comparisons: dict[tuple, tuple[Comparison, list[Pattern]]] = {}
         self._chosen: dict[tuple[str, ...], ChosenModel] = {}
 
@@ -89,7 +91,7 @@ class CampaignCalculations:
         self, model: str, replay: str, trust: list[str], panels: list[tuple[str, str]], first: float, last: float,
         width: int,
     ) -> list[dict[str, Any]]:  # fmt: skip
-        """Measured and modelled signal and residual over noise of some panels, thinned to the width of the plot.
+        """Measured and modelled signal and (model − measured)/noise of some panels, thinned to the width of the plot.
 
         Args:
             model: name of the model.
@@ -112,7 +114,7 @@ class CampaignCalculations:
             rows = {
                 "measured": self._shown(signals[signal], compared.run.signals[signal]),
                 "model": self._shown(signals[signal], compared.model[signal]),
-                "residual": residual,
+                "residual": -residual,  # shown as model − measured
             }
             panel: dict[str, Any] = {
                 "run": run, "signal": signal, "unit": signals[signal].display_unit,
@@ -131,7 +133,7 @@ class CampaignCalculations:
         comparison, _ = self._comparison(model, replay, trust)
         runs = [compared for compared in comparison.runs if signal in compared.residuals]
         x = [self._variable(comparison, compared, variable) for compared in runs]
-        y = [compared.residuals[signal] for compared in runs]
+        y = [-compared.residuals[signal] for compared in runs]  # shown as model − measured
         step = max(1, sum(map(len, x)) // MAX_POINTS)
         all_x, all_y = np.concatenate(x), np.concatenate(y)
         valid = np.isfinite(all_x) & np.isfinite(all_y)
@@ -168,7 +170,7 @@ class CampaignCalculations:
         folder.mkdir(parents=True, exist_ok=True)
         name = file_name(model.name)
         save_model(model, self._workspace.inside(Path(RESULTS, TRIED, f"{name}.yaml")))
-        summary = model.as_json() | {"before": before.as_json(), "named": list(names)}
+        summary = model.as_json() | {"before": before.as_json(), "named": list(names), "made_from": self._inputs}
         self._workspace.save_tried(name, summary)
         return summary | {"name": name}
 
@@ -197,7 +199,8 @@ class CampaignCalculations:
 
         over = "".join(f" / {name.replace('_', ' ')}" for name in place.factors)
         return {
-            "effect": model.effects[-1].id, "explained_share": curve.explained_share,
+            "effect": model.effects[-1].id,
+            "sentence": None if curve.law_values is None else law_sentence(curve),
             "x": from_si(curve.nodes, place.variable_unit, x_unit), "total": shown(curve.total),
             "half": Z_95 * (shown(curve.std) - shown(np.zeros_like(curve.std))), "law": shown(curve.law_values),
             "x_title": f"{place.variable.replace('_', ' ')}, {x_unit}",
@@ -212,6 +215,7 @@ class CampaignCalculations:
         read_as = tuple((path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in files)
         if self._campaign is None or read_as != self._read_as:
             self._say("reading and checking the data")
+            self._inputs = self._workspace.inputs()
             self._campaign, self._read_as = checked_campaign(read_campaign(self._workspace.folder)), read_as
             self._comparisons.clear()
             self._chosen.clear()

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.measurements.residual_matrix import COLOUR_RANGE, COLOUR_STOPS
+from edhas_jax.measurements.residual_matrix import COLOUR_RANGE, COLOUR_STOPS, ERROR_LABEL
 from edhas_jax.workbench.plot_theme import Theme, theme
 
 PANEL, BELOW, BETWEEN = 150.0, 62.0, 26.0  # px: a signal, its residual, the space after them
 TOP, BOTTOM = 26.0, 46.0  # px
+RESIDUAL, ERROR = "residual", "error / noise"  # a row of the answer; a title where ERROR_LABEL has no room
 SET_POINT = "set point"  # the name of the curve that is drawn as a band
 CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d", "toImage"]}
 
@@ -49,7 +50,7 @@ def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequen
         start = 1.0 - (k * (PANEL + BELOW + BETWEEN) + BETWEEN) / whole
         layout[f"yaxis{upper}"] = _y_axis(colours, [start - PANEL / whole, start], panel["unit"] or "–")
         end = start - PANEL / whole - 4.0 / whole
-        layout[f"yaxis{lower}"] = _y_axis(colours, [max(end - BELOW / whole, 0.0), end], "× noise") | {"nticks": 5}
+        layout[f"yaxis{lower}"] = _y_axis(colours, [max(end - BELOW / whole, 0.0), end], ERROR) | {"nticks": 5}
         layout["annotations"].append({
             "text": f"<b>{_plain(panel['run'])} · {panel['signal'].replace('_', ' ')}</b>   {panel['rms']:.2f} × noise",
             "xref": "paper", "yref": "paper", "x": 0.0, "y": start, "xanchor": "left", "yanchor": "bottom",
@@ -60,12 +61,13 @@ def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequen
              "fillcolor": colours.good, "opacity": 0.13, "line": {"width": 0}, "layer": "below"}
         ]  # fmt: skip
         styles = (("measured", upper, colours.measured, 1.6), ("model", upper, colours.model, 1.4),
-                  ("residual", lower, colours.residual, 1.0))  # fmt: skip
+                  (RESIDUAL, lower, colours.residual, 1.0))  # fmt: skip
         for name, axis, colour, width in styles:
+            title = ERROR_LABEL if name == RESIDUAL else name
             data.append({
-                "type": "scatter", "mode": "lines", "name": name, "x": panel[name]["x"].tolist(),
+                "type": "scatter", "mode": "lines", "name": title, "x": panel[name]["x"].tolist(),
                 "y": _numbers(panel[name]["y"]), "yaxis": f"y{axis}", "line": {"color": colour, "width": width},
-                "legendgroup": name, "showlegend": k == 0, "hovertemplate": "%{y:.4g}<extra>" + name + "</extra>",
+                "legendgroup": name, "showlegend": k == 0, "hovertemplate": "%{y:.4g}<extra>" + title + "</extra>",
             })  # fmt: skip
     layout["xaxis"] = _x_axis(colours, "time, s") | {"anchor": f"y{_axis(2 * len(panels) - 1)}"}
     if shown is not None:
@@ -91,7 +93,7 @@ def residual_figure(found: Mapping[str, Any], signal: str, variable: str, dark: 
     unit = f", {found['unit']}" if found["unit"] not in ("", "-") else ""
     what = variable if variable == "time" else f"{variable.replace('_', ' ')} of the model"
     layout["xaxis"] = _x_axis(colours, what + unit)
-    layout["yaxis"] = _y_axis(colours, [0.0, 1.0], f"residual of {signal.replace('_', ' ')}, × noise")
+    layout["yaxis"] = _y_axis(colours, [0.0, 1.0], f"{signal.replace('_', ' ')}: {ERROR_LABEL}")
     return {"data": data, "layout": layout, "config": CONFIG}
 
 

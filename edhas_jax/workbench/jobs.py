@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from edhas_jax.core.atomic_file import atomic_write
@@ -36,6 +37,7 @@ class Job:
         started: when that process was started, as the system says; another process may get its number later.
         ended: when it ended [s since 1970]; None while it runs.
         status: running, done, failed or cancelled.
+        inputs: the files of the campaign when it was started, with a hash of each.
     """
 
     number: int
@@ -46,6 +48,7 @@ class Job:
     started: str = ""
     ended: float | None = None
     status: str = RUNNING
+    inputs: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @property
     def command(self) -> str:
@@ -97,7 +100,8 @@ class JobList:
         jobs = self.all()
         if (other := next((job for job in jobs if job.status == RUNNING), None)) is not None:
             raise WorkspaceError(f"“{other.title}” runs; one job at a time. Cancel it, or wait until it is done")
-        job = Job(max((job.number for job in jobs), default=0) + 1, title, tuple(arguments), time.time())
+        number, inputs = max((job.number for job in jobs), default=0) + 1, self._workspace.inputs()
+        job = Job(number, title, tuple(arguments), time.time(), inputs=inputs)
         path = self._folder() / f"{job.number}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         _save(job, path)

@@ -7,8 +7,10 @@ from typing import Any
 from nicegui import ui
 
 from edhas_jax.workbench.calculator import CalculationCancelled, CalculationError
+from edhas_jax.workbench.connection import watch_script
 from edhas_jax.workbench.jobs import RUNNING
 from edhas_jax.workbench.session import Session
+from edhas_jax.workbench.standing import BENCH_CORRECTED, USES, Standing, standing
 from edhas_jax.workbench.style import CSS, PRIMARY
 from edhas_jax.workbench.views.compare import CompareView
 from edhas_jax.workbench.views.data import DataView
@@ -17,16 +19,21 @@ from edhas_jax.workbench.views.diagnose import DiagnoseView
 from edhas_jax.workbench.views.machine import MachineView
 from edhas_jax.workbench.views.report import ReportView
 from edhas_jax.workbench.views.steps import StepsView
-from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, WorkspaceError, effect_id
+from edhas_jax.workbench.workspace import WorkspaceError
 
 PATIENCE = 300.0  # s, with a browser on a busy computer
 POLL = 1.0  # s, between two looks whether the folder has changed
 MAX_LISTED_PROBLEMS = 40
-VIEWS: dict[str, tuple[type, str]] = {
-    "Data": (DataView, "upload_file"), "Compare": (CompareView, "show_chart"),
-    "Diagnose": (DiagnoseView, "troubleshoot"), "Machine": (MachineView, "precision_manufacturing"),
-    "Report": (ReportView, "description"), "Design": (DesignView, "tune"), "Steps": (StepsView, "terminal"),
-}  # fmt: skip
+# by name: the view, its icon, and how the steps begin that made what it shows
+VIEWS: dict[str, tuple[type, str, tuple[str, ...]]] = {
+    "Data": (DataView, "upload_file", ("write campaign", "change campaign")),
+    "Compare": (CompareView, "show_chart", ("compare",)),
+    "Diagnose": (DiagnoseView, "troubleshoot", ("calibrate", "diagnose", "try")),
+    "Machine": (MachineView, "precision_manufacturing", ("diagnose", "try")),
+    "Report": (ReportView, "description", ("calibrate", "diagnose", "report")),
+    "Design": (DesignView, "tune", ("simulate", "sweep", "size", "sensitivity")),
+    "Steps": (StepsView, "terminal", ("",)),
+}
 
 
 class Page:
@@ -47,7 +54,7 @@ class Page:
         self.floor: Any = None
         self._views: dict[str, Any] = {}
         self._places: dict[str, Any] = {}
-        self._is_ready = False
+        self._is_ready, self._changed = False, ()
         self._mark: tuple = ()
         self._begun: set[str] = set()  # views whose building has begun, and those that are built
         self._built: set[str] = set()
@@ -59,6 +66,7 @@ class Page:
         ui.colors(primary=PRIMARY)
         self.floor = ui.element("div")  # of dialogs, which outlive what was clicked
         ui.add_css(CSS)
+        ui.add_body_html(watch_script(self.workspace.shown))
         mode = ui.dark_mode()
         with ui.header(elevated=False).classes("wb-header"), ui.row().classes("w-full items-center no-wrap wb-title"):
             ui.icon("monitor_heart").classes("text-xl")
@@ -70,10 +78,12 @@ class Page:
             turn = ui.button(icon="dark_mode", on_click=lambda: self._turn(mode))
             turn.props("flat round dense color=white aria-label='Light or dark page'")
         with ui.tabs(on_change=lambda event: self._open(event.value)).classes("wb-tabs w-full") as self._tabs:
-            for name, (_, icon) in VIEWS.items():
+            for name, (_, icon, _) in VIEWS.items():
                 ui.tab(name, icon=icon).props("no-caps")
+        self._notice = ui.column().classes("wb-notice w-full").props("data-mark=changed role=status")
+        self._notice.set_visibility(False)
         with ui.tab_panels(self._tabs, animated=False, keep_alive=False).classes("w-full wb-panels"):
-            for name, (view, _) in VIEWS.items():
+            for name, (view, _, _) in VIEWS.items():
                 with ui.tab_panel(name), ui.column().classes("w-full gap-2") as place:
                     self._views[name], self._places[name] = view(self), place
         with ui.footer().classes("wb-footer"), ui.row().classes("w-full items-center no-wrap gap-2"):
@@ -162,7 +172,7 @@ class Page:
     def did(self, what: str, command: str, python: str) -> None:
         """Note what was done, with the command and the Python line that do the same."""
         self.attempt(lambda: self.workspace.add_step(what, command, python))
-        self._command.set_text(command)
+        self._show_command()
 
     def say(self, sentence: str) -> None:
         """Show what is being calculated."""
@@ -177,43 +187,45 @@ class Page:
         """A view by the name of its tab."""
         return self._views[name]
 
-    def stages(self) -> dict[str, dict[str, float]]:
-        """Residual over noise of the stages so far, by use of the runs: as given, calibrated, after each effect."""
-        diagnosis, fit = self.workspace.result(DIAGNOSED), self.workspace.result(CALIBRATED)
-        tried, added = self.workspace.tried(), self.workspace.decisions().added
-        errors = (diagnosis or fit or {}).get("error", {})
-        out = {"as given": errors.get("before"), "calibrated": errors.get("calibrated")}
-        stages = {name: {use: v.get("overall") for use, v in row.items()} for name, row in out.items() if row}
-        for k, name in enumerate(added):
-            row = tried.get("+".join(map(effect_id, added[: k + 1])))
-            if row is not None:
-                stages.setdefault("calibrated", row["before"]["error"])
-                stages[f"+ {effect_id(name)}"] = row["error"]
-        return stages
+    def standing(self) -> Standing:
+        """Where the model stands: what every view shows of errors, verdict and parts that miss something."""
+        return standing(self.workspace, self.session.jobs)
 
     def show_state(self) -> None:
         """Show what stands above every view: the errors so far, the job that runs, the last command."""
-        stages = self.stages()
+        now = self.standing()
         self._errors.clear()
         with self._errors:
-            for k, (name, row) in enumerate(stages.items()):
-                use = "holdout" if row.get("holdout") is not None else "fit"
-                value = row.get(use)
+            for k, (name, row) in enumerate(now.stages.items()):
+                value = row.get(now.use)
                 if value is not None:
                     mark = "error-before" if k == 0 else "error-" + name.strip("+ ")
-                    what = "runs not used" if use == "holdout" else "runs used"
+                    of = f", {BENCH_CORRECTED}" if name in now.corrected else ""
                     shown = ui.html(f"{'→ ' if k else ''}{html.escape(name)} <b>{value:.2f}</b>", sanitize=False)
                     shown.props["data-mark"] = mark
-                    shown.tooltip(f"residual over noise on the {what}; 1 is the noise of the sensors")
-        steps = self.workspace.steps()
-        if steps:
-            self._command.set_text(steps[-1].command)
+                    shown.tooltip(f"residual over noise on the {USES[now.use]}{of}; 1 is the noise of the sensors")
+            if now.corrected:
+                ui.label(f"({BENCH_CORRECTED})").classes("gt-sm")
+        if now.changed != self._changed:
+            self._changed = now.changed
+            self._notice.clear()
+            with self._notice:
+                for sentence in now.changed:
+                    ui.label(sentence)
+            self._notice.set_visibility(bool(now.changed))
+        self._show_command()
         job = self.session.jobs.running()
         if job is not None and not self.session.calculator.busy_with:
             rows = self.session.jobs.progress(job)
             self.say(f"{job.title}: {rows[-1]['what'] if rows else 'starting'}")
         elif not self.session.calculator.busy_with:
             self.say("")
+
+    def _show_command(self) -> None:
+        """Show the last command that made what the view in front shows."""
+        begins = VIEWS[self._tabs.value][2] if self._tabs.value in VIEWS else ()
+        steps = [step for step in self.workspace.steps() if step.what.startswith(begins)] if begins else []
+        self._command.set_text(steps[-1].command if steps else "")
 
     def _cancel_running(self) -> None:
         if self.session.calculator.busy_with:
@@ -232,6 +244,7 @@ class Page:
     async def _open(self, name: str) -> None:
         if not self._is_ready:
             return
+        self._show_command()
         if name in self._built:
             await self._views[name].refresh()
         elif name in self._views and name not in self._begun:

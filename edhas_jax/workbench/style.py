@@ -49,7 +49,12 @@ ol.wb-list { list-style: decimal } ol.wb-list li > * { vertical-align: top }
   border-bottom: 1px solid rgba(128,128,128,.5) }
 .wb-table td.n, .wb-table th.n { text-align: right; font-variant-numeric: tabular-nums }
 .wb-verdict { border-left: 5px solid #de4a1c; padding: 2px 0 2px 12px; font-size: 17px }
-.wb-verdict.fine { border-color: #1a7f4b }
+.wb-verdict.fine { border-color: #1a7f4b } .wb-verdict > :not(:first-child) { font-size: 14.5px }
+.wb-grey { opacity: 0.62 }
+.wb-notice { background: rgba(212,160,23,.2); border-bottom: 1px solid rgba(212,160,23,.6); padding: 6px 20px;
+  gap: 2px }
+.wb-ended { position: fixed; inset: auto 0 0 0; z-index: 9999; background: #10375c; color: #fff; padding: 14px 20px;
+  font-size: 15px; line-height: 1.45 }
 .wb-paper { background: #fff; border-radius: 10px; padding: 8px; max-width: 750px; width: 100% }
 .wb-paper [data-part] { cursor: pointer }
 .wb-log { max-height: 230px; overflow: auto; font-size: 13px; width: 100% }

@@ -4,6 +4,7 @@ Everything that the page shows comes from here, so that a second window and a re
 """
 
 import dataclasses
+import hashlib
 import json
 import os
 import shlex
@@ -20,6 +21,7 @@ from edhas_jax.core.regular_file import read_regular_file
 CAMPAIGN_FILE = "campaign.yaml"
 RESULTS = "workbench"  # folder of everything that the workbench writes, besides the campaign itself
 CALIBRATED, DIAGNOSED, TRIED, JOBS, DESIGNS = "calibrated", "diagnosed", "tried", "jobs", "designs"
+RESULT_FILES = {CALIBRATED: "fit.json", DIAGNOSED: "diagnosis.json"}
 DECISIONS_FILE, STEPS_FILE = "decisions.json", "steps.jsonl"
 TRIED_KEYS = {"effects", "named", "before", "parameters", "error", "error_by_run"}
 MAX_JSON_BYTES, MAX_STEPS = 100_000_000, 200
@@ -65,6 +67,7 @@ class Workspace:
         self.folder = Path(os.path.realpath(folder))
         self.shown = folder  # as the user has written it, for commands
         self.config = None if config is None else self.inside(config.name)
+        self._hashes: dict[Path, tuple[tuple[int, int], str]] = {}
 
     @property
     def campaign_file(self) -> Path:
@@ -112,6 +115,43 @@ class Workspace:
         for name in _named_files(data):
             self.inside(name)
 
+    def inputs(self) -> dict[str, str]:
+        """The files of the campaign, `campaign.yaml` first and then what it names, with a hash of each."""
+        try:
+            data = parse_yaml(read_regular_file(self.campaign_file, MAX_YAML_BYTES).decode("utf-8"))[0]
+        except (OSError, UnicodeDecodeError, YamlError):
+            data = None
+        found = {}
+        for name in (CAMPAIGN_FILE, *_texts(data)):
+            try:
+                path = self.inside(name.partition(".py:")[0] + ".py" if ".py:" in name else name)
+                found[str(path.relative_to(self.folder))] = self._hash(path)
+            except (OSError, ValueError):  # a text that is no file of the folder
+                continue
+        return found
+
+    def changed_inputs(self, before: Mapping[str, str]) -> list[str]:
+        """The files of the campaign that differ from those with earlier hashes; none where there are no such hashes."""
+        if not before or not isinstance(before, Mapping):
+            return []
+        now = self.inputs()
+        return [name for name in dict.fromkeys([*now, *before]) if now.get(name) != before.get(name)]
+
+    def inputs_after(self, time: float) -> list[str]:
+        """The files of the campaign that were written after a time [s since 1970]."""
+        return [name for name in self.inputs() if self.inside(name).stat().st_mtime > time]
+
+    def _hash(self, path: Path) -> str:
+        """A hash of a file, computed again when it was written again."""
+        if not path.is_file():
+            raise FileNotFoundError(path)
+        state = path.stat()
+        mark = state.st_mtime_ns, state.st_size
+        if self._hashes.get(path, (None, ""))[0] != mark:
+            with path.open("rb") as file:
+                self._hashes[path] = mark, hashlib.file_digest(file, "sha256").hexdigest()
+        return self._hashes[path][1]
+
     def models(self) -> dict[str, Path | None]:
         """The models that exist: path of the configuration by name; None for the campaign's own, "as given"."""
         found: dict[str, Path | None] = {"as given": None}
@@ -125,8 +165,12 @@ class Workspace:
 
     def result(self, name: str) -> dict[str, Any] | None:
         """`fit.json` of the calibration or `diagnosis.json` of the diagnosis; None where there is none."""
-        file = {CALIBRATED: "fit.json", DIAGNOSED: "diagnosis.json"}[name]
-        return self._read_json(Path(RESULTS, name, file))
+        return self._read_json(Path(RESULTS, name, RESULT_FILES[name]))
+
+    def result_time(self, name: str) -> float | None:
+        """When that file was written [s since 1970]; None where there is none."""
+        path = self.inside(Path(RESULTS, name, RESULT_FILES[name]))
+        return path.stat().st_mtime if path.is_file() else None
 
     def tried(self) -> dict[str, dict[str, Any]]:
         """What was tried: effects, sizes and errors by name, such as "coil_heating+cogging_force"."""
@@ -231,6 +275,15 @@ def _named_files(data: Any) -> Iterator[str]:
     elif isinstance(data, list):
         for value in data:
             yield from _named_files(value)
+
+
+def _texts(data: Any) -> Iterator[str]:
+    """Every text in plain data."""
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, Mapping | list):
+        for value in data.values() if isinstance(data, Mapping) else data:
+            yield from _texts(value)
 
 
 def effect_id(name: str) -> str:

@@ -3,6 +3,7 @@
 import base64
 import dataclasses
 import json
+import math
 import re
 from html.parser import HTMLParser
 
@@ -10,21 +11,23 @@ import numpy as np
 import pytest
 
 from edhas_jax.core import structs
+from edhas_jax.core.summary import SummaryTable, Tone, Toned, plain
 from edhas_jax.core.units import format_quantity, format_with_error
 from edhas_jax.diagnosis.calibration.unpredictable_part import with_unpredictable_part
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.diagnosis.report.machine_schematic import draw_schematic, probability_colour
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
-from edhas_jax.diagnosis.report.report import explaining_candidates, law_sentence, write_report
+from edhas_jax.diagnosis.report.report import diagnosis_report, explaining_candidates, law_sentence, write_report
 from edhas_jax.diagnosis.report.residual_stages import draw_waterfall, residual_stages
 from edhas_jax.diagnosis.report.result_file import as_json
 from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.conclusions import Outcome, conclusions, fit_of_parameters, outcome
+from edhas_jax.diagnosis.search.conclusions import conclusions, fit_of_parameters, outcome
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
+from edhas_jax.diagnosis.search.outcome import Outcome, evidence_text
 from edhas_jax.diagnosis.search.result import Verdict
 from edhas_jax.machine.effects import ConstantBiasForce, ForceConstantDroop, InverterDeadTime
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
@@ -155,6 +158,47 @@ def test_a_value_and_its_error_share_a_unit():
     assert format_with_error(0.8002, 3.8e-4, "V") == "0.80020 ± 0.00038 V"
     assert format_with_error(1.441, 1.7e-4, "ohm") == "1.44100 ± 0.00017 ohm"
     assert format_with_error(4.0e-8, 1.6e-10, "m^2") == "0.04000 ± 0.00016 mm²"
+    assert format_with_error(8.855e-9, 1.2e-10, "m^2") == "0.00886 ± 0.00012 mm²"
+
+
+def test_value_and_error_end_at_the_same_place_with_two_digits_of_the_error():
+    assert format_with_error(0.7993, 5.0e-4, "V") == "0.79930 ± 0.00050 V"
+    assert format_with_error(12345.0, 123.0, "-") == "12340 ± 120"
+    assert format_with_error(5e-6, 2e-7, "m") == "5.00 ± 0.20 µm"
+    assert format_with_error(2.0, 0.0, "V") == "2.0000 ± 0 V"
+
+
+@pytest.mark.parametrize(
+    ("gain", "text"),
+    [(1322034.0, "overwhelming (1.3·10⁶ nats)"), (34.2, "strong (34 nats)"), (5.6, "clear (5.6 nats)"),
+     (1.2, "weak (1.2 nats)"), (0.2, "none"), (-20.0, "against it (−20 nats)"), (math.nan, "none")],
+)  # fmt: skip
+def test_evidence_is_said_in_words(gain, text):
+    assert evidence_text(gain) == text
+
+
+def test_what_improves_the_model_and_is_probably_nothing_has_another_word_everywhere(diagnosis):
+    """One verdict for sentences, JSON, report, command and Python: what it does not name is grey, with its own word."""
+    (trial,) = diagnosis.accepted
+    name, other = trial.candidate.name, next(t for t in diagnosis.rounds[0].trials if t is not trial)
+    more = dataclasses.replace(diagnosis.rounds[-1], trials=(other,), accepted=other)
+    found = dataclasses.replace(diagnosis, rounds=(diagnosis.rounds[0], more))
+    found.__dict__["named"] = [trial]
+    unlikely = other.candidate
+    assert outcome(found, trial.candidate) is Outcome.MISSING and outcome(found, unlikely) is Outcome.UNLIKELY
+    said, data = conclusions(found), as_json(found)
+    assert name in said[0] and unlikely.name not in said[0]
+    word = "improves the model too, but is probably not missing: it may stand in for several small causes."
+    assert f"{unlikely.name} {word}" in said
+    assert data["conclusions"] == said and data["effects"] == [trial.candidate.id]
+    words = {" on ".join(filter(None, (c["effect"], c.get("signal")))): c["outcome"] for c in data["candidates"]}
+    assert (words[name], words[unlikely.name]) == ("missing", "probably not missing")
+    tables = [part for part in with_methods(DiagnosisResult, found).summary().parts if isinstance(part, SummaryTable)]
+    rows = {plain(row[0]): row for table in tables if table.name == "candidates" for row in table.rows}
+    assert rows[name][1] == "missing" and rows[unlikely.name][1] == Toned("probably not missing", Tone.QUIET)
+    html = diagnosis_report(found, pictures=False)
+    assert re.search(rf'<tr class="quiet"><td>{unlikely.name}</td>.*?probably not missing', html)
+    assert re.search(rf"<tr><td>{name}</td>[^\n]*?; missing", html)
 
 
 def test_the_size_of_an_effect_with_another_law_is_that_of_the_library_law_alone():
@@ -208,7 +252,7 @@ def test_a_member_with_implausible_values_is_not_called_accepted_where_the_cause
     members = tuple(m._replace(implausible=("dead_time_voltage",)) for m in diagnosis.members)
     unknown = dataclasses.replace(diagnosis, members=members)
     unknown.__dict__["verdict"] = Verdict.UNKNOWN_EFFECT
-    assert outcome(diagnosis, trial.candidate) is Outcome.ACCEPTED
+    assert outcome(diagnosis, trial.candidate) is Outcome.MISSING
     assert outcome(unknown, trial.candidate) is Outcome.IMITATING
     assert any("inverter_dead_time only imitates it" in sentence for sentence in conclusions(unknown))
 

@@ -41,12 +41,12 @@ def campaign_folder(measured_campaign, tmp_path):
 
 @pytest.fixture
 def workbench():
-    """`workbench(folder)` serves it; the result has `address`, `stop()`. All are stopped at the end."""
+    """`workbench(folder, *options)` serves it; the result has `address`, `stop()`. All are stopped at the end."""
     started = []
 
-    def start(folder):
+    def start(folder, *options):
         environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
-        command = [sys.executable, "-m", "edhas_jax.commands.cli", "workbench", str(folder), "--no-browser"]
+        command = [sys.executable, "-m", "edhas_jax.commands.cli", "workbench", str(folder), "--no-browser", *options]
         streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
         process = subprocess.Popen(command, text=True, env=environment, **streams)
         started.append(process)

@@ -113,7 +113,7 @@ class Calibration:
         if implausible := self.implausible():
             pulls = dict(zip((u.name for u in self.fit.problem.unknowns), self.fit.x, strict=True))
             order = sorted(implausible, key=lambda n: -abs(pulls[n]))
-            listed = ", ".join(f"{name} ({pulls[name]:+.1f} σ)" for name in order)
+            listed = ", ".join(f"{name} ({pulls[name]:+.1f} times its stated spread)" for name in order)
             sentences.append(f"Estimated far from the prior: {listed}. They may compensate for physics that the model "
                              "lacks.")  # fmt: skip
         for name in self.drifting()[:3]:

@@ -76,7 +76,7 @@ def draw_similarity(plan: DetectabilityPlan):
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
     bar = figure.colorbar(image, ax=axes, shrink=0.5, pad=0.01)
-    bar.set_label("cosine of the signatures that known parameters cannot explain", fontsize=8, color=INK)
+    bar.set_label("how alike, beyond what known parameters explain (1: the same)", fontsize=8, color=INK)
     bar.ax.tick_params(labelsize=7, colors=GREY)
     bar.outline.set_visible(False)
     axes.set_title(f"framed: above {INDISTINGUISHABLE_COSINE}, indistinguishable", fontsize=9, loc="left", color=INK)

@@ -17,7 +17,7 @@ from edhas_jax.measurements.measurement_model import MeasurementModel
 
 MAX_RIVALS = 3
 MAX_LINEARISED_RUNS = 4  # feasible runs, largest difference at fixed parameters first, whose derivatives are computed
-DECISIVE_SEPARATION = 5.0  # standard deviations
+DECISIVE_SEPARATION, FAR_SEPARATION = 5.0, 20.0  # standard deviations
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,11 +162,18 @@ def _distance_after_refit(difference: np.ndarray, jacobian: np.ndarray, covarian
     return math.sqrt(max(float(square), 0.0)) if np.isfinite(square) else -math.inf
 
 
+def _beyond_noise(separation: float) -> str:
+    """How large a separation [standard deviations of the noise] is, in words."""
+    if separation >= FAR_SEPARATION:
+        return "far more than the noise could hide"
+    return f"by {separation:.1f} times what the noise makes uncertain"
+
+
 def _sentence(
     names: tuple[str, ...], conditions: dict[str, str], separation: float, signal: str, decided: bool
 ) -> str:  # fmt: skip
     run = "A run with " + ", ".join(f"{n.replace('_', ' ')} {text}" for n, text in conditions.items())
-    distance = f"their predictions differ by {separation:.0f} σ, most in {signal.replace('_', ' ')}"
+    distance = f"what they predict differs {_beyond_noise(separation)}, most in {signal.replace('_', ' ')}"
     if decided:
         return f"{run} would confirm {names[0]} most clearly against its best rival, {names[1]}: {distance}."
     verb = "decides between" if separation >= DECISIVE_SEPARATION else "separates best, but not decisively,"

@@ -41,7 +41,7 @@ def draw_parameter_shifts(diagnosis: Diagnosis):
     axes.set_xlim(-1.1 * half_range, 1.1 * half_range)
     axes.set_yticks(rows, names, fontsize=9, color=INK)
     axes.set_xlabel("distance from the prior mean, in prior standard deviations (grey: ±1, ±2)", fontsize=9, color=INK)
-    legend = "○ calibrated without candidates   ● with the accepted candidates   (95 %)"
+    legend = "○ calibrated without candidates   ● with what was found   (95 %)"
     axes.set_title(legend, fontsize=9, loc="left", color=INK)
     axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
     axes.set_axisbelow(True)

@@ -20,10 +20,17 @@ from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions, fit_of_parameters, model_with, outcome
+from edhas_jax.diagnosis.search.conclusions import (
+    bench_rows,
+    conclusions,
+    fit_of_parameters,
+    model_with,
+    outcome,
+)
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_curve
 from edhas_jax.diagnosis.search.law_deviation import deviation_of
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm
+from edhas_jax.diagnosis.search.outcome import evidence_text
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.measurements.campaign import Use, count_runs
 from edhas_jax.measurements.checks.data_summary import data_sentences
@@ -195,9 +202,13 @@ def _law_curve(diagnosis: Diagnosis, fitted: Fit, candidate: Candidate) -> LawCu
 def law_sentence(curve: LawCurve) -> str:
     """How the law of the library and the estimated curve agree, as a sentence."""
     share = 100.0 * curve.explained_share
+    explained = "nearly all" if share >= 99.95 else f"{share:.1f} %"
     if curve.log_evidence_gain < DIFFERENT_LAW:
-        return f"The law of the library explains {share:.1f} % of it, and the runs need no other."
-    return f"The law of the library explains {share:.1f} % of it at its best size; the runs need another law."
+        return f"The law of the library explains {explained} of it, and the runs need no other."
+    return (
+        f"The law of the library explains {explained} of it at its best size, but the runs are precise enough to show "
+        f"that the law is another one (evidence: {evidence_text(curve.log_evidence_gain)})."
+    )
 
 
 def _ambiguity_section(diagnosis: Diagnosis, experiment: Experiment | None) -> list[str]:
@@ -230,7 +241,7 @@ def _candidate_table(diagnosis: Diagnosis) -> str:
     falls = {s.candidate: s.chi_square_fall for r in reversed(diagnosis.rounds) for s in r.scores}
     # without a trial, candidates differ more in their predicted fall than in their probability
     order = {c: (c not in accepted, c not in trials, -p if c in trials else -falls[c]) for c, p in probability.items()}
-    body = []
+    body, quiet = [], []
     for candidate in sorted(probability, key=order.__getitem__)[:MAX_LISTED_CANDIDATES]:
         p, trial = probability[candidate], trials.get(candidate)
         fitted = None if trial is None else model_with(diagnosis, trial)
@@ -240,20 +251,21 @@ def _candidate_table(diagnosis: Diagnosis) -> str:
         remarks += [] if trial is None else [outcome(diagnosis, candidate).value]
         remarks += [f"group {groups[candidate]}"] if candidate in groups else []
         rms = math.nan if fitted is None else fitted.rms_over_noise(Use.HOLDOUT)
+        quiet.append(trial is None or outcome(diagnosis, candidate).is_quiet)
         has_gain = trial is not None and math.isfinite(trial.log_evidence_gain)
         body.append([
             candidate.name,
             f"{p:.3f}" if p >= MIN_SHOWN_PROBABILITY else "0",
             f"{falls[candidate]:.3g}" if candidate in falls else "",
-            f"{trial.log_evidence_gain:+.3g}" if has_gain else "",
+            evidence_text(trial.log_evidence_gain) if has_gain else "",
             f"{rms:.3f}" if math.isfinite(rms) else "",
             "; ".join(remarks),
         ])  # fmt: skip
     header = (
-        "candidate", "probability", "predicted fall of χ²", "gain of log-evidence", "residual/noise on held-out runs",
+        "candidate", "probability", "predicted fall of χ²", "evidence", "residual/noise on held-out runs",
         "location and parameters",
     )  # fmt: skip
-    return html_page.table(header, body)
+    return html_page.table(header, body, quiet)
 
 
 def parameter_texts(candidate: Candidate, fitted: Fit) -> list[str]:

@@ -13,15 +13,18 @@ from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json, values_of_runs_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.conclusions import (
+    conclusions,
     explains_little,
     fit_of_parameters,
     is_in_final_model,
     model_with,
+    outcome,
     what_is_left,
 )
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_of
 from edhas_jax.diagnosis.search.memory_term import TIMES
+from edhas_jax.diagnosis.search.outcome import evidence_text
 from edhas_jax.diagnosis.search.result import Diagnosis, MemberTest
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
@@ -73,6 +76,7 @@ def as_json(
         "campaign": diagnosis.campaign.name,
         "data": data_as_json(diagnosis.campaign),
         "verdict": diagnosis.verdict.value,
+        "conclusions": conclusions(diagnosis),
         "effects": [t.candidate.id for t in diagnosis.named],
         "candidates": [
             _candidate_data(diagnosis, candidate, p, trial)
@@ -96,6 +100,7 @@ def as_json(
         OF_RUNS: values_of_runs_as_json(final),
         **confounding_as_json(weak_combinations(final), diagnosis.assumed),
         "error": diagnosis.errors(),
+        "bench_corrected": diagnosis.after.bench.has_deviations,
         "next_experiment": next_experiment,
         "holdout_split": diagnosis.holdout_split or None,
         "failed_parts": list(failures),
@@ -138,10 +143,12 @@ def _candidate_data(
     return out | {
         "slot": candidate.location,
         "accepted": is_in_final_model(diagnosis, candidate),
+        "outcome": None if trial is None else outcome(diagnosis, candidate).value,
         "probability": probability,
         "parameters": {} if sized is None else _own_estimates(sized, candidate),
         "holdout_error": None if fitted is None else fitted.rms_over_noise(Use.HOLDOUT),
         "gain": None if trial is None else trial.log_evidence_gain,
+        "evidence": None if trial is None else evidence_text(trial.log_evidence_gain),
         "gain_on_new_runs": None if trial is None else trial.holdout_half_chi_square_fall,
     }
 

@@ -23,7 +23,7 @@ def draw_sensor_fault(error: SensorError):
         from_si(v, about.unit, about.display_unit) - zero for v in (error.x, error.measured, error.modelled, error.std)
     )
     x = x if error.over_rate else x + zero
-    axes.plot(x, modelled, color=COLOURS[1], lw=1.6, label=f"accepted fault: {error.candidate.name}")
+    axes.plot(x, modelled, color=COLOURS[1], lw=1.6, label=f"fault that was found: {error.candidate.name}")
     axes.errorbar(x, measured, yerr=Z_95 * std, fmt="o", ms=5, color=COLOURS[0], capsize=3, elinewidth=1.4,
                   label="measured − model, mean, 95 %")  # fmt: skip
     axes.axhline(0.0, color=GREY, lw=0.8)

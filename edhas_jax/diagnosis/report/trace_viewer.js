@@ -69,7 +69,7 @@
     for (const v of tt.at) out += `<text x="${X(v)}" y="${H - 20}" text-anchor="middle">${v.toFixed(tt.digits)}</text>`;
     out += `<text x="${(L + W) / 2}" y="${H - 4}" text-anchor="middle">time, ms</text>` +
       `<text transform="translate(14 ${TOP / 2}) rotate(-90)" text-anchor="middle">${name.replace(/_/g, " ")}, ${unit}</text>` +
-      `<text transform="translate(14 ${mid}) rotate(-90)" text-anchor="middle">residual / noise</text>`;
+      `<text transform="translate(14 ${mid}) rotate(-90)" text-anchor="middle">(model − measured) / noise</text>`;
     out += `<rect x="${L}" width="${W - L - R}" y="${Z(2)}" height="${Z(-2) - Z(2)}" fill="#e7ebef"/>`;
     const dots = inside.filter((k, i) => i % Math.max(1, Math.floor(inside.length / 700)) === 0 && !isNaN(measured[k]));
     out += `<g fill="${data.colour}" fill-opacity="0.6">` + dots.map(k => `<circle cx="${x(k).toFixed(1)}" cy="${Y(measured[k]).toFixed(1)}" r="2.2"/>`).join("") + "</g>";
@@ -81,7 +81,7 @@
           `stroke-width="${Math.max(2 * half, 3).toFixed(1)}"/>`;
       }
       out += `<path d="${path(x, pixel, inside)}" fill="none" stroke="${colour}" stroke-width="1.5"/>`;
-      out += `<path d="${path(x, row.map((v, k) => Z((measured[k] - v) / noise)), inside)}" fill="none" ` +
+      out += `<path d="${path(x, row.map((v, k) => Z((v - measured[k]) / noise)), inside)}" fill="none" ` +
         `stroke="${colour}" stroke-width="1"/>`;
     });
     out += `<rect id="traces-zoom" y="8" height="${H - B - 8}" width="0" fill="#0b62c4" fill-opacity="0.12"/>` +

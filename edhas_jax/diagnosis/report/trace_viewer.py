@@ -23,7 +23,7 @@ MISSING_CODE, MAX_CODE = -32768, 32000  # 16-bit codes of a missing sample, and 
 INITIAL_CYCLES = 2.0  # shown at first, of a run with a sinusoidal set point
 STYLE = """
 #traces select { font: inherit; margin-right: 1em } #traces [data-model] { cursor: pointer; margin-right: 1.4em }
-#traces [data-model].off { opacity: 0.35; text-decoration: line-through } #traces i { color: #6e7781 }
+#traces [data-model].off { opacity: 0.5 } #traces .off::after { content: "(hidden)" } #traces i { color: #6e7781 }
 #traces svg { width: 100%; font-size: 12px; fill: #1b1f24; cursor: crosshair; user-select: none }
 #traces .reading { min-height: 1.5em; color: #6e7781; font-variant-numeric: tabular-nums }
 """

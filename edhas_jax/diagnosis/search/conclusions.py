@@ -1,6 +1,5 @@
 """The conclusions of a diagnosis as sentences, the verdict first."""
 
-import enum
 import math
 
 import numpy as np
@@ -15,6 +14,7 @@ from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.law_deviation import deviation_of
+from edhas_jax.diagnosis.search.outcome import Outcome
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
@@ -23,7 +23,7 @@ from edhas_jax.measurements.campaign import Use
 DEVIATION_UNITS = {DeviationKind.TRIGGER: "s", DeviationKind.CLOCK: "s", DeviationKind.SHIFT: "s"}
 MAX_ACCURACIES, MOST_EXCESSIVE = 3.0, 3  # of a deviation of the bench: beyond them it is no usual one; sentences
 MIN_UNPREDICTABLE = 0.02  # of the noise of a signal: less of it is not named
-MIN_PROBABLE = 0.5  # of an effect that was removed from the model: one that is less probable is not named
+MIN_PROBABLE = 0.5  # of an effect that is possible; one that was removed and is less probable is not named
 MIN_NAMED_SHARE = 1e-4  # of a signal's rms, left unexplained, below which the signal is not named
 
 MUCH_LEFT = 2.0  # residual over noise: from here on a model does not describe the measurements, and the answer says so
@@ -34,15 +34,6 @@ CORRECTED = (
     "The residuals of fitted models are those after correction of the estimated deviations of the bench (triggers, "
     "settings, sensors), which `edhas compare` does not correct."
 )
-
-
-class Outcome(enum.Enum):
-    """What the search has done with a candidate."""
-
-    ACCEPTED = "accepted"  # it is in the final model
-    IMITATING = "imitates an unknown cause"  # it is in the final model, with implausible values
-    REMOVED = "removed"  # it was accepted first, and the backward pass has removed it
-    TRIED = "tried"  # it was fitted and not accepted
 
 
 def conclusions(diagnosis: Diagnosis) -> list[str]:
@@ -66,9 +57,10 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
             out.append(f"{sizes} {'is' if one else 'are'} missing.")
         out += left
         out += [
-            f"{t.candidate.name} improves the model too, but may stand in for several small causes."
+            f"{t.candidate.name} improves the model too, but is {found.value}: it may stand in for several small "
+            "causes."
             for t in diagnosis.accepted
-            if t.candidate not in named
+            if (found := outcome(diagnosis, t.candidate)) is not Outcome.MISSING
         ]
         out += _law_sentences(diagnosis)
         out += _removed_sentences(diagnosis)
@@ -78,9 +70,10 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
     for group in diagnosis.confounded_groups():
         names = " and ".join(candidate.name for candidate in group)
         out.append(f"These runs cannot distinguish {names}.")
+    with_more = diagnosis.accepted and diagnosis.verdict is not Verdict.ADEQUATE
     out.append(
         f"Residual over noise on {runs}: {rms[0]:.2f} as it was, {rms[1]:.2f} calibrated"
-        + ("." if diagnosis.verdict is Verdict.ADEQUATE else f", {rms[2]:.2f} with the accepted candidates.")
+        + (f", {rms[2]:.2f} with {' and '.join(t.candidate.name for t in diagnosis.accepted)}." if with_more else ".")
     )
     if diagnosis.after.bench.has_deviations:
         out[-1] += f" {CORRECTED}"
@@ -304,9 +297,14 @@ def is_in_final_model(diagnosis: Diagnosis, candidate: Candidate) -> bool:
 def outcome(diagnosis: Diagnosis, candidate: Candidate) -> Outcome:
     """What the search has done with a candidate that it has fitted."""
     if is_in_final_model(diagnosis, candidate):
+        names_any = diagnosis.verdict not in (Verdict.ADEQUATE, Verdict.UNKNOWN_EFFECT)
+        if names_any and candidate in [t.candidate for t in diagnosis.named]:
+            return Outcome.MISSING
         implausible = {m.candidate for m in diagnosis.members if m.implausible}
-        imitates = diagnosis.verdict is Verdict.UNKNOWN_EFFECT and candidate in implausible
-        return Outcome.IMITATING if imitates else Outcome.ACCEPTED
+        if diagnosis.verdict is Verdict.UNKNOWN_EFFECT and candidate in implausible:
+            return Outcome.IMITATING
+        p = diagnosis.answer.probabilities.get(candidate.name, 0.0)
+        return Outcome.POSSIBLE if p > MIN_PROBABLE else Outcome.UNLIKELY
     return Outcome.REMOVED if candidate in [test.candidate for _, test in diagnosis.rejected] else Outcome.TRIED
 
 

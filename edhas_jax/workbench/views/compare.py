@@ -4,10 +4,12 @@ from typing import Any
 
 from nicegui import ui
 
+from edhas_jax.measurements.residual_matrix import ERROR_LABEL
 from edhas_jax.workbench.figures import residual_figure, traces_figure
+from edhas_jax.workbench.standing import USES
 from edhas_jax.workbench.views.matrix import error_matrix
 from edhas_jax.workbench.views.plot import Plot
-from edhas_jax.workbench.workspace import CALIBRATED
+from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, effect_id
 
 REPLAYS = {
     "set_point": "set point", "voltage": "measured voltage", "current": "measured current",
@@ -117,6 +119,8 @@ class CompareView:
             with ui.column().classes("gap-1"):
                 ui.label("Residual over noise").classes("wb-h")
                 ui.label("1 is the noise of the sensors. Click a cell to see the signal.").classes("wb-quiet")
+                if (note := self._bench_note()) is not None:
+                    ui.label(note).classes("wb-quiet").props("data-mark=bench-note")
                 error_matrix(found["matrix"], list(found["signals"]), page.summary["conditions"], self._click_cell)
             with ui.column().classes("gap-1"):
                 ui.label("Where the model deviates").classes("wb-h")
@@ -139,13 +143,29 @@ class CompareView:
             self._which = ui.select([]).props("dense options-dense outlined").classes("min-w-40")
             self._which.on_value_change(self._choose_which)
             ui.button("Whole record", on_click=self._whole).props("flat dense no-caps icon=zoom_out_map size=sm")
-            ui.label("Drag to zoom; all panels follow. Green band: ± 2 × noise.").classes("wb-quiet gt-sm")
+            ui.label(f"Drag to zoom; all panels follow. Below each signal: {ERROR_LABEL}, band ± 2.").classes(
+                "wb-quiet gt-sm"
+            )
         self._plot = Plot("traces", {"plotly_relayout": self._zoomed})
         with ui.row().classes("items-center gap-4 w-full"):
-            ui.label("Residual over").classes("wb-h")
+            ui.label(f"{ERROR_LABEL} over").classes("wb-h")
             self._variables = ui.select(found["variables"], value=self._variable)
             self._variables.props("dense options-dense outlined").on_value_change(self._choose_variable)
         self._over = Plot("over")
+
+    def _bench_note(self) -> str | None:
+        """Why the errors differ from those above the page; None where the bench is not corrected there either."""
+        now, added = self._page.standing(), self._page.workspace.decisions().added
+        stages = {CALIBRATED: "calibrated", DIAGNOSED: "diagnosed"}
+        for k, name in enumerate(added):
+            stages[f"with {'+'.join(map(effect_id, added[: k + 1]))}"] = f"+ {effect_id(name)}"
+        stage = stages.get(self._model)
+        if stage not in now.corrected:
+            return None
+        return (
+            "What the bench did (triggers, settings, sensors) is not corrected here. Corrected, the residual over "
+            f"noise on the {USES[now.use]} is {now.judged(stage):.2f}."
+        )
 
     async def _click_cell(self, run: str, signal: str) -> None:
         self._run, self._signal, self._shown = run, signal, None

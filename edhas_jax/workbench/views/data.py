@@ -1,14 +1,15 @@
 """Data: files become a campaign; what is wrong with them is said all at once, each with a remedy."""
 
 import asyncio
+import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from nicegui import ui
 
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import file_name
+from edhas_jax.core.units import format_quantity
 from edhas_jax.measurements.tables.table import MAX_BYTES
 from edhas_jax.workbench.calculator import CalculationError
 from edhas_jax.workbench.figures import record_figure
@@ -156,15 +157,16 @@ class DataView:
     def _noise_table(self, summary: dict[str, Any]) -> None:
         with ui.element("div").classes("wb-scroll"), ui.element("table").classes("wb-table"):
             with ui.element("tr"):
-                for head in ("noise, SI", "stated", "measured", "used"):
+                for head in ("noise", "stated", "measured", "used"):
                     with ui.element("th"):
                         ui.label(head)
             for name, row in summary["noise_table"].items():
                 with ui.element("tr"):
-                    cells = [f"{row[key]:.3g}" if row[key] is not None and np.isfinite(row[key]) else "–"
-                             for key in ("stated", "measured", "used")]  # fmt: skip
-                    unit = "" if row["unit"] == "-" else f", {row['unit']}"
-                    for text in (name.replace("_", " ") + unit, *cells):
+                    values = (row[key] for key in ("stated", "measured", "used"))
+                    cells = [
+                        "–" if v is None or not math.isfinite(v) else format_quantity(v, row["unit"]) for v in values
+                    ]
+                    for text in (name.replace("_", " "), *cells):
                         with ui.element("td"):
                             ui.label(text)
 

@@ -3,17 +3,10 @@
 from nicegui import ui
 
 from edhas_jax.workbench.figures import waterfall_figure
+from edhas_jax.workbench.standing import BENCH_CORRECTED, sizes_text
 from edhas_jax.workbench.views.job_panel import JobPanel
 from edhas_jax.workbench.views.plot import Plot
-from edhas_jax.workbench.views.suspects import Suspects, candidate_name, sizes_text
-from edhas_jax.workbench.workspace import DIAGNOSED
-
-VERDICTS = {
-    "adequate": "Nothing is missing that these runs show.",
-    "missing_effect": "Missing in the model:",
-    "ambiguous": "Missing in the model, but another effect explains the runs nearly as well:",
-    "unknown_effect": "Something is missing that no effect of the library explains.",
-}
+from edhas_jax.workbench.views.suspects import Suspects
 
 
 class DiagnoseView:
@@ -33,6 +26,7 @@ class DiagnoseView:
             self._verdict = ui.column().classes("gap-2 w-full")
             with ui.column().classes("gap-0 w-full"):
                 ui.label("Residual over noise after each stage").classes("wb-h")
+                self._which = ui.label("").classes("wb-quiet")
                 self._waterfall = Plot("waterfall")
         self._suspects = Suspects(self._page, self.refresh)
         self._tried = ui.column().classes("w-full gap-1 mt-4")
@@ -71,50 +65,33 @@ class DiagnoseView:
         self.show_progress()
 
     def _draw_waterfall(self) -> None:
-        stages = self._page.stages()
-        diagnosis = self._page.workspace.result(DIAGNOSED)
-        if diagnosis is not None and diagnosis.get("effects"):
-            after = {use: row.get("overall") for use, row in diagnosis["error"]["after"].items()}
-            stages["diagnosed: " + " + ".join(diagnosis["effects"])] = after
-        if stages:
-            self._waterfall.show(waterfall_figure(stages, self._page.dark))
+        now = self._page.standing()
+        names = ", ".join(stage for stage in now.stages if stage in now.corrected)
+        note = f"{BENCH_CORRECTED.capitalize()}: {names}. “Compare” does not correct it."
+        self._which.set_text(note if names else "")
+        if now.stages:
+            self._waterfall.show(waterfall_figure(now.stages, self._page.dark))
         else:
             self._waterfall.hide()
 
     def _build_verdict(self) -> None:
-        diagnosis = self._page.workspace.result(DIAGNOSED)
+        now = self._page.standing()
         self._verdict.clear()
         with self._verdict:
             ui.label("Verdict").classes("wb-h")
-            if diagnosis is None:
+            if not now.verdict:
                 ui.label("A diagnosis has not been made yet. It calibrates the model, tries what the library has, and "
                          "says what is missing, where, and how certain that is.").classes("wb-quiet")  # fmt: skip
                 return
-            verdict = diagnosis["verdict"]
-            box = ui.column().classes("gap-1 wb-verdict" + (" fine" if verdict == "adequate" else ""))
+            box = ui.column().classes("gap-1 wb-verdict" + (" fine" if now.is_fine else ""))
             with box.props("data-mark=verdict"):
-                little = "The cause was not found. What explains most of it, but little:"
-                ui.label(little if diagnosis.get("explains_little") else VERDICTS.get(verdict, verdict))
-                if diagnosis.get("left"):
-                    ui.label(diagnosis["left"])
-                for row in diagnosis["candidates"]:
-                    if row["accepted"]:
-                        ui.label(f"{candidate_name(row)}: {sizes_text(row['parameters'])}").classes("font-semibold")
-                if (form := diagnosis.get("form")) is not None:
-                    ui.label(f"What explains most of it: {form['formula']}").classes("font-semibold")
-            errors = diagnosis["error"]
-            use = "holdout" if errors["after"]["holdout"] else "fit"
-            values = [errors[state][use]["overall"] for state in ("before", "calibrated", "after")]
-            runs = "runs not used" if use == "holdout" else "runs used"
-            ui.label(f"Residual over noise on the {runs}: {values[0]:.2f} as given, {values[1]:.2f} calibrated, "
-                     f"{values[2]:.2f} with what was found.")  # fmt: skip
-            members = [name for name in diagnosis["answer"]["set"]]
-            if len(members) > 1:
-                p = diagnosis["answer"]["probabilities"]
-                ui.label("Not ruled out: " + ", ".join(f"{m} {p.get(m, 0.0):.2f}" for m in members))
-            for key in ("holdout_split",):
-                if diagnosis.get(key):
-                    ui.label(diagnosis[key]).classes("wb-quiet")
+                for sentence in now.verdict:
+                    ui.label(sentence)
+            if now.before:
+                earlier = ui.expansion("what the diagnosis said of the model before").classes("w-full wb-quiet")
+                with earlier.props("dense data-mark=verdict-before"):
+                    for sentence in now.before:
+                        ui.label(sentence)
 
     def _build_tried(self) -> None:
         """The models that were tried, side by side."""
@@ -136,7 +113,7 @@ class DiagnoseView:
                         texts = [
                             name.replace("_", " "),
                             *(_error(row["error"].get(u)) for u in ("fit", "holdout")),
-                            sizes_text(row["parameters"]),
+                            sizes_text(row["parameters"]).replace("_", " "),
                         ]
                         for head, text in zip(heads, texts, strict=True):
                             with ui.element("td").classes("n" if head.startswith("runs") else ""):

@@ -9,6 +9,7 @@ from edhas_jax.workbench.jobs import CANCELLED, DONE, FAILED, RUNNING, Job
 STATES = {
     RUNNING: "runs", DONE: "is done", FAILED: "has failed", CANCELLED: "was cancelled; finished parts are kept",
 }  # fmt: skip
+CHANGED = "{} changed after this has begun: its result will be that of the campaign as it was."
 MAX_REPORTS = 14
 MAX_OUTPUT = 3000  # characters of a job that has failed
 
@@ -43,6 +44,8 @@ class JobPanel:
     def _update(self, job: Job) -> None:
         """Update time and log; the buttons stay, because a click on one that is replaced at that moment is lost."""
         self._title.set_text(f"“{job.title}” {STATES[job.status]} · {job.seconds:.0f} s")
+        changed = self._page.workspace.changed_inputs(job.inputs) if job.status == RUNNING else []
+        self._changed.set_text(CHANGED.format(" and ".join(changed)) if changed else "")
         rows = self._page.session.jobs.progress(job) if job.status in (RUNNING, CANCELLED) else []
         if len(rows) == self._reports:
             return
@@ -65,6 +68,7 @@ class JobPanel:
                 ui.button("Cancel", on_click=lambda: jobs.cancel(job)).props("no-caps flat dense data-mark=cancel-job")
             elif job.status == CANCELLED:
                 ui.button("Resume", on_click=self._starts[job.title]).props("no-caps flat dense icon=play_arrow")
+        self._changed = ui.label("").props("data-mark=job-changed")
         self._log = ui.column().classes("w-full gap-1")
         if job.status == FAILED:
             ui.label(jobs.output(job)[-MAX_OUTPUT:]).classes("wb-block")

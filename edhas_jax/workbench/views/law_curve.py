@@ -19,8 +19,8 @@ async def show_law_curve(page, names: list[str]) -> None:
     with page.floor, ui.dialog() as dialog, ui.card().classes("wb-problems").props("data-mark=law"):
         ui.label(f"{effect}: estimated curve and law of the library").classes("font-semibold")
         ui.plotly(law_figure(found, page.dark)).classes("w-full")
-        if found["explained_share"] is not None:
-            ui.label(f"The law of the library explains {found['explained_share']:.1%} of the curve.")
+        if found["sentence"] is not None:
+            ui.label(found["sentence"])
         ui.label("The curve assumes no formula: it is fitted to the runs together with all other unknowns. "
                  "Band: 95 %.").classes("wb-quiet")  # fmt: skip
         ui.button("Close", on_click=dialog.close).props("flat no-caps")

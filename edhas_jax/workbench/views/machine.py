@@ -5,7 +5,8 @@ from nicegui import ui
 from edhas_jax.diagnosis.report.machine_schematic import draw_parts, draw_schematic
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.rigs import RIGS
-from edhas_jax.workbench.workspace import DIAGNOSED
+from edhas_jax.workbench.views.suspects import candidate_name, is_quiet, status_text
+from edhas_jax.workbench.workspace import DIAGNOSED, effect_id
 
 CLICK = "(e) => { const p = e.target.closest('[data-part]'); if (p) emit(p.dataset.part) }"
 
@@ -34,15 +35,14 @@ class MachineView:
         if summary is None:
             self._note.set_text("There is no campaign in this folder yet.")
             return
-        probabilities = self._probabilities()
+        now = self._page.standing()
+        probabilities = now.where
         rig, measured = RIGS.get(summary["rig"]), tuple(summary["signals"])
         parts = list(dict.fromkeys([*(slot["location"] for slot in summary["slots"]), "sensor"]))
         drawn = draw_parts(parts[:-1], probabilities, measured) if rig is None else None
         self._drawing.set_content(drawn or draw_schematic(rig(), probabilities, measured))
-        self._note.set_text(
-            "Click a part." if self._page.workspace.result(DIAGNOSED) else
-            "Colours come with a diagnosis. Click a part to see its equations, effects and suspects."
-        )  # fmt: skip
+        colours = next(iter(now.verdict), "Colours come with a diagnosis.")
+        self._note.set_text(f"{colours} Click a part to see its equations, effects and suspects.")
         self._parts.clear()
         with self._parts:
             for part in parts:
@@ -53,12 +53,6 @@ class MachineView:
     async def redraw(self) -> None:
         """The schematic is on white paper on any page."""
 
-    def _probabilities(self) -> dict[str, float]:
-        diagnosis = self._page.workspace.result(DIAGNOSED)
-        if diagnosis is None or diagnosis.get("verdict") == "adequate":
-            return {}
-        return {str(row["slot"]): float(row["probability"]) for row in diagnosis.get("where", [])}
-
     def _choose(self, part: str) -> None:
         self._part = part
         summary, workspace = self._page.summary, self._page.workspace
@@ -66,7 +60,7 @@ class MachineView:
         self._detail.clear()
         with self._detail:
             title = part.replace("_", " ").capitalize()
-            p = self._probabilities().get(part)
+            p = self._page.standing().where.get(part)
             ui.label(title + (f": {p:.0%}" if p is not None else "")).classes("wb-h").props("data-mark=part")
             slots = [slot for slot in summary["slots"] if slot["location"] == part]
             names = {slot["name"] for slot in summary["slots"]}
@@ -78,7 +72,8 @@ class MachineView:
                             unit = "" if slot["unit"] == "-" else f" [{slot['unit']}]"
                             ui.label(f"{slot['name'].replace('_', ' ')}{unit}: {slot['doc']}")
             here = [k for k in LIBRARY if k.slots[0].location == part and {s.name for s in k.slots} <= names]
-            mounted = [kind for kind in here if kind.id in summary["effects"]]
+            added = [effect_id(name) for name in workspace.decisions().added]
+            mounted = [kind for kind in here if kind.id in (*summary["effects"], *added)]
             self._list_effects("In the model", mounted)
             ui.label("Suspects").classes("font-semibold")
             suspects = [c for c in diagnosis.get("candidates", []) if c.get("slot") == part]
@@ -86,9 +81,9 @@ class MachineView:
                 ui.label("None was fitted here." if diagnosis else "A diagnosis has not been made yet.")
             with ui.element("ul").classes("wb-list"):
                 for c in suspects:
-                    name = f"{c['effect']} on {c['signal']}" if c.get("signal") else c["effect"]
-                    with ui.element("li"):
-                        ui.label(f"{name}: probability {c['probability']:.2f}")
+                    is_added = c["effect"] in added
+                    with ui.element("li").classes("wb-grey" if is_quiet(c) and not is_added else ""):
+                        ui.label(f"{candidate_name(c)}: {'in the model' if is_added else status_text(c)}")
             self._list_effects("Others of the library", [k for k in here if k not in mounted])
 
     @staticmethod

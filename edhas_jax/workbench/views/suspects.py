@@ -6,9 +6,10 @@ from typing import Any
 
 from nicegui import ui
 
-from edhas_jax.core.units import estimate_text
+from edhas_jax.diagnosis.search.outcome import Outcome
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.interface.slots import SLOTS
+from edhas_jax.workbench.standing import is_of_present_inputs, sizes_text
 from edhas_jax.workbench.views.law_curve import show_law_curve
 from edhas_jax.workbench.views.matrix import error_matrix
 from edhas_jax.workbench.workspace import DIAGNOSED, effect_id
@@ -64,6 +65,9 @@ class Suspects:
         is_sensor = bool(row.get("signal"))
         card = ui.card().classes("wb-card")
         card.props["data-mark"] = f"card-{name}"
+        tried = self._page.workspace.tried().get(self._chain_name(name, decisions))
+        if tried is None and name not in (*decisions.added, *decisions.rejected) and is_quiet(row):
+            card.classes("wb-grey")
         with card:
             with ui.row().classes("items-center w-full no-wrap"):
                 ui.label(name.replace("_", " ")).classes("font-semibold")
@@ -73,31 +77,34 @@ class Suspects:
                 elif name in decisions.rejected:
                     ui.label("rejected").classes("wb-chip wb-bad")
                 elif row.get("probability") is not None:
-                    ui.label(f"probability {row['probability']:.2f}").classes("wb-chip")
+                    ui.label(status_text(row)).classes("wb-chip")
             place = "sensor" if is_sensor else row.get("slot") or (kind.slots[0].location if kind else "")
             summary = f"a fault of the sensor of {row['signal'].replace('_', ' ')}" if is_sensor else _summary(kind)
             ui.label(f"{place.replace('_', ' ')} · {summary}" if place else summary).classes("wb-quiet")
-            if row.get("parameters"):
-                ui.label(sizes_text(row["parameters"]))
-            evidence = []
-            if row.get("gain") is not None:
-                evidence.append(f"evidence {row['gain']:+.0f} nats")
-            if row.get("holdout_error") is not None:
-                evidence.append(f"residual over noise with it {row['holdout_error']:.2f} on runs not used")
-            if evidence:
-                ui.label("; ".join(evidence))
+            if tried is None:  # one size is shown, that of the present model where it was fitted
+                self._found(row)
             if kind is not None and kind.looks_like:
                 ui.label(f"Looks like: {kind.looks_like}").classes("wb-quiet")
             if name in decisions.rejected:
                 ui.label(f"Rejected: {decisions.rejected[name]}")
-            self._tried_matrix(name, decisions)
-            self._buttons(name, is_sensor, decisions)
+            self._tried_matrix(tried)
+            self._buttons(name, is_sensor, decisions, tried)
 
-    def _tried_matrix(self, name: str, decisions) -> None:
+    def _found(self, row: dict[str, Any]) -> None:
+        """What the diagnosis has found of a suspect."""
+        if row.get("parameters"):
+            ui.label(sizes_text(row["parameters"]).replace("_", " "))
+        if row.get("evidence"):
+            ui.label(f"evidence: {row['evidence']}")
+        if row.get("holdout_error") is not None:
+            ui.label(f"residual over noise with it {row['holdout_error']:.2f} on runs not used")
+
+    def _tried_matrix(self, found: dict[str, Any] | None) -> None:
         """What falls where, if the effect was tried on the present model."""
-        found = self._page.workspace.tried().get(self._chain_name(name, decisions))
         if found is None or self._page.summary is None:
             return
+        if not is_of_present_inputs(self._page.workspace, found):
+            ui.label("Tried before the campaign changed; try it again.").props("data-mark=tried-before")
         if found.get("needs_no_effect"):
             ui.label(found["needs_no_effect"]).props("data-mark=tried-needless")
         old, new = found["before"]["error"], found["error"]
@@ -106,7 +113,7 @@ class Suspects:
                 ui.label(f"{title}: {old[use]:.2f} → {new[use]:.2f}").classes("font-semibold").props(
                     f"data-mark=tried-{use}"
                 )
-        ui.label(sizes_text(found["parameters"])).classes("wb-quiet")
+        ui.label(sizes_text(found["parameters"]).replace("_", " "))
         notes = {
             run: "not used" if row["use"] == "holdout" else "used" for run, row in self._page.summary["runs"].items()
         }
@@ -114,7 +121,7 @@ class Suspects:
             error_matrix(found["error_by_run"], list(self._page.summary["signals"]), notes,
                          before=found["before"]["error_by_run"])  # fmt: skip
 
-    def _buttons(self, name: str, is_sensor: bool, decisions) -> None:
+    def _buttons(self, name: str, is_sensor: bool, decisions, tried: dict[str, Any] | None) -> None:
         with ui.row().classes("gap-1 mt-auto"):
             if is_sensor:
                 ui.label("Not a part of the machine: correct the sensor or its column.").classes("wb-quiet")
@@ -126,7 +133,8 @@ class Suspects:
             else:
                 ui.button("Try", on_click=lambda: self._try(name)).props("no-caps flat dense icon=science")
                 ui.button("Add", on_click=lambda: self._add(name)).props("no-caps flat dense icon=add")
-            tried = self._page.workspace.tried().get(self._chain_name(name, decisions))
+            if name in decisions.added and tried is not None and not is_of_present_inputs(self._page.workspace, tried):
+                ui.button("Try again", on_click=lambda: self._try(name)).props("no-caps flat dense icon=science")
             if tried is not None and not is_sensor:
                 ui.button("Law", on_click=lambda: show_law_curve(self._page, tried["named"])).props(
                     "no-caps flat dense"
@@ -168,7 +176,9 @@ class Suspects:
 
     async def _add(self, name: str) -> None:
         decisions = self._page.workspace.decisions()
-        if self._chain_name(name, decisions) not in self._page.workspace.tried() and not await self._try(name):
+        found = self._page.workspace.tried().get(self._chain_name(name, decisions))
+        is_present = found is not None and is_of_present_inputs(self._page.workspace, found)
+        if not is_present and not await self._try(name):
             return
         await self._change(self._page.session.add, name)
 
@@ -233,14 +243,18 @@ def candidate_name(row: dict[str, Any]) -> str:
     return f"{row['effect']} on {row['signal']}" if row.get("signal") else str(row["effect"])
 
 
+def status_text(row: dict[str, Any]) -> str:
+    """What a diagnosis says of a candidate, in the words that it uses everywhere."""
+    probability = f"probability {row['probability']:.2f}"
+    return f"{row['outcome']}, {probability}" if row.get("outcome") else probability
+
+
+def is_quiet(row: dict[str, Any]) -> bool:
+    """Whether a candidate of `diagnosis.json` is probably nothing, and shown in grey."""
+    if row.get("probability") is None:  # the engineer has chosen it
+        return False
+    return row.get("outcome") not in {o.value for o in Outcome if not o.is_quiet}
+
+
 def _summary(kind) -> str:
     return "" if kind is None else (kind.__doc__ or "").strip().splitlines()[0]
-
-
-def sizes_text(parameters: dict[str, Any]) -> str:
-    """Sizes with their standard errors."""
-    parts = []
-    for name, row in parameters.items():
-        text = estimate_text(row["value"], row.get("std"), row["unit"], row.get("limit"))
-        parts.append(f"{name.rpartition('.')[2].replace('_', ' ')} {text}")
-    return ", ".join(parts)
