@@ -119,7 +119,7 @@ class Answer:
         probability: of the first answer, 0 … 1; None for a method that states none.
         law: for names in `named`, whether the law is the library's, where the method says so.
         ranked: the most probable names, whether or not they are answered.
-        parameters: for each name, its parameters with their standard errors (SI), where the method states them.
+        parameters: for each name, its parameters with their standard errors (SI, None at a limit), where stated.
         seconds: processor time, what several methods share included.
         failed: the error in which the method ended.
     """
@@ -131,7 +131,7 @@ class Answer:
     probability: float | None = None
     law: dict[str, Law] = dataclasses.field(default_factory=dict)
     ranked: tuple[str, ...] = ()
-    parameters: dict[str, dict[str, tuple[float, float]]] = dataclasses.field(default_factory=dict)
+    parameters: dict[str, dict[str, tuple[float, float | None]]] = dataclasses.field(default_factory=dict)
     seconds: float = 0.0
     failed: str = ""
 

@@ -11,13 +11,14 @@ import time
 
 from studies.hidden_effects.answers import Answer
 from studies.hidden_effects.generators.hidden_case import HiddenCase
-from studies.hidden_effects.our_answer import answer_of
+from studies.hidden_effects.our_answer import answer_of, answer_of_sets
 
 
 class Method(enum.Enum):
     """A method; the values are the words of the command line and the names of the result files."""
 
     OURS = "ours"
+    SETS = "sets"
     PREVIOUS = "previous"
     BIC = "bic"
     CORRELATION = "correlation"
@@ -29,7 +30,8 @@ class Method(enum.Enum):
 
 
 TITLES = {
-    Method.OURS: "edhas diagnose", Method.PREVIOUS: "edhas diagnose, previous",
+    Method.OURS: "edhas diagnose", Method.SETS: "posterior over sets",
+    Method.PREVIOUS: "edhas diagnose, previous",
     Method.BIC: "forward selection by BIC", Method.CORRELATION: "residual correlation",
 }  # fmt: skip
 
@@ -60,6 +62,8 @@ def answer_with(method: Method, case: HiddenCase, shared: SharedParts) -> Answer
     try:
         if method in (Method.OURS, Method.PREVIOUS):
             return _diagnosed(case)
+        if method is Method.SETS:
+            return _from_sets(case)
         common = shared.calibrated.seconds  # computed by the first of them, counted for all
         start = time.process_time()
         return dataclasses.replace(_rival(method, shared.calibrated), seconds=common + _since(start))
@@ -86,6 +90,15 @@ def _diagnosed(case: HiddenCase) -> Answer:
     found = diagnose(case.campaign, case.library, case.own_library)
     seconds = _since(start)
     return dataclasses.replace(answer_of(as_json(found)), seconds=seconds)
+
+
+def _from_sets(case: HiddenCase) -> Answer:
+    """The answer of the search over sets of effects."""
+    from edhas_jax.diagnosis.sets.posterior import posterior_over_sets
+
+    start = time.process_time()
+    found = posterior_over_sets(case.campaign, case.library, case.own_library)
+    return dataclasses.replace(answer_of_sets(found), seconds=_since(start))
 
 
 def _since(start: float) -> float:

@@ -6,6 +6,8 @@ That file has one form in all versions of the package, so that an earlier one ca
 from collections.abc import Mapping
 from typing import Any
 
+from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN
+from edhas_jax.diagnosis.search.free_term import FreeTerm
 from studies.hidden_effects.answers import Answer, Law, Verdict
 
 VERDICTS_WITH_NAMES = (Verdict.MISSING_EFFECT, Verdict.AMBIGUOUS)
@@ -28,6 +30,21 @@ def answer_of(plain: Mapping[str, Any]) -> Answer:
         verdict, named, tuple(answer["set"]), place, answer["probabilities"][answer["first"]],
         {name: laws[name] for name in named if name in laws}, tuple(answer["probabilities"])[:MAX_RANKED], parameters,
     )  # fmt: skip
+
+
+def answer_of_sets(found) -> Answer:
+    """The answer of a posterior over sets of effects: the set with the largest weight, and the sums over all sets.
+
+    A cause without a name is reported where the best set has a free curve alone.
+    """
+    best, p = found.sets[0], found.probabilities
+    curve = next((c for c in best.members if isinstance(c, FreeTerm)), None)
+    names = sorted((c for c in best.members if c is not curve), key=lambda c: -p[c.name])
+    first = names[0].name if names else UNKNOWN if curve else NOTHING
+    verdict = {UNKNOWN: Verdict.UNKNOWN_EFFECT, NOTHING: Verdict.ADEQUATE}.get(first, Verdict.MISSING_EFFECT)
+    place = next((c.location for c in (*names, curve) if c is not None), None)
+    named = tuple(c.name for c in names)
+    return Answer(verdict, named, found.credible, place, p[first], ranked=tuple(p)[:MAX_RANKED])
 
 
 def _name(effect: str, signal: str | None) -> str:

@@ -149,7 +149,7 @@ def right_parameters(cases: Iterable[Answered]) -> Rate:
     for truth, answer, *_ in cases:
         for h in truth.hidden:
             for n, (value, error) in answer.parameters.get(h.name, {}).items():
-                if n in h.values:
+                if n in h.values and error is not None:  # a value at its limit has no standard error
                     limit = max(MAX_RELATIVE_ERROR * abs(h.values[n]), MAX_STANDARD_ERRORS * error)
                     found.append(abs(value - h.values[n]) <= limit)
     return Rate(sum(found), len(found))

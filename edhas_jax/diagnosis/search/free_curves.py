@@ -64,7 +64,7 @@ def score_free_curves(test: ScoreTest, fit: Fit, report: Report) -> list[Score]:
         report: called with a sentence on the progress.
     """
     report("looking where curves act")
-    places = _distinct_places(fit.machine)
+    places = free_places_of(fit.machine)
     samples = samples_at_slots(fit, places)
     curves = [curve for place in places if (curve := free_curve(fit, place, samples[place.slot])) is not None]
     scores = []
@@ -115,7 +115,7 @@ def _id_at(place: LawPlace) -> str:
     return "_".join((place.slot, "curve_over", place.variable, *place.factors))
 
 
-def _distinct_places(machine: Rig) -> list[LawPlace]:
+def free_places_of(machine: Rig) -> list[LawPlace]:
     """The places of a machine, without those that have a curve or where a curve is the same term as at another one."""
     found: dict[tuple, LawPlace] = {}
     present = {effect.id for effect in machine.effects}

@@ -63,6 +63,23 @@ class Score:
         return 0.5 * self.chi_square_fall
 
 
+@dataclasses.dataclass(frozen=True)
+class Signatures:
+    """The signatures of a candidate at the grid points where they are finite and not zero.
+
+    Args:
+        candidate: the candidate.
+        points: coordinates (k, n) of its unknowns.
+        rows: whitened changes of the signals (k, m), in single precision.
+        exponent: see `Score`.
+    """
+
+    candidate: Candidate
+    points: np.ndarray
+    rows: np.ndarray
+    exponent: float
+
+
 class ScoreTest:
     """The score test of candidates against one calibrated model.
 
@@ -129,6 +146,28 @@ class ScoreTest:
         change = projected @ x
         direction = change / max(float(np.linalg.norm(change)), np.finfo(float).tiny)
         return Score(candidate, float(overlap @ x), x, direction)
+
+    def signatures(self, candidate: Candidate) -> Signatures:
+        """The whitened signatures of a candidate at its grid points."""
+        unknowns = candidate.unknowns(self._campaign)
+        points, rows = screening_grid(unknowns), len(self.residual) - self._prior_rows
+        every = [(x, row[:rows]) for x, row in zip(points, self._signatures(candidate, points), strict=True)]
+        found = [(x, row) for x, row in every if (np.abs(row) < OVERFLOW_LIMIT).all() and row.any()]
+        stack = np.array([row for _, row in found], np.float32).reshape(len(found), rows)
+        return Signatures(candidate, np.array([x for x, _ in found]), stack, _size_exponent(unknowns, found))
+
+    def whitened(self, columns: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
+        """Columns by fitted run and signal (samples, k) in SI as whitened ones (m, k) of all runs together."""
+        return np.concatenate([self._whitened_run(r, run)[self._valid[r]] for r, run in enumerate(columns)])
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Where the signals of the runs end among the m samples of `whitened`."""
+        lengths = []
+        for run, valid in zip(self._model.runs, self._valid, strict=True):
+            starts = np.cumsum([0, *(len(values) for values in run.signals.values())])[:-1]
+            lengths += list(np.add.reduceat(valid.astype(int), starts))
+        return np.cumsum(lengths)
 
     def projected_residual(self) -> np.ndarray:
         """The residual (m,) without the part that the fitted parameters can still reproduce."""

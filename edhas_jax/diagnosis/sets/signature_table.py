@@ -1,0 +1,107 @@
+"""What every cause would change in the measurements: signatures of all candidates, and slopes of all free curves.
+
+All of them are simulated once, at one fit, and whitened; see `linear_model` for what is made of them. The background is
+what the curves at all places together can do: the directions of their smoothest shapes, each of unit length.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.least_squares import OVERFLOW_LIMIT
+from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
+from edhas_jax.diagnosis.laws.deviation import added_slopes, curve_term
+from edhas_jax.diagnosis.laws.law_samples import samples_at_slots
+from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
+from edhas_jax.diagnosis.search.free_curves import GROUP, free_curve, free_places_of
+from edhas_jax.diagnosis.search.screening import ScoreTest, Signatures
+
+SHAPES = 4  # of each curve in the background: its four smoothest shapes, about a cubic
+SMOOTHNESS = 0.3  # size of the bends over that of the values of these curves
+MAX_DIRECTIONS, MIN_EIGENVALUE = 100, 1e-4  # of the background: their number, and the smallest one over the largest
+
+
+@dataclasses.dataclass(frozen=True)
+class CurveSlopes:
+    """A free curve, and its rows (nodes, m): the change by a prior standard deviation of each value, whitened."""
+
+    curve: CurveCandidate
+    rows: np.ndarray
+    gram: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class SignatureTable:
+    """The signatures of all causes at one fit.
+
+    Args:
+        candidates: effects and sensor faults with their signatures, rows (k, m) of one matrix each.
+        curves: the free curves.
+        background: directions (m, g) of the background, whitened.
+        background_columns: the same by fitted run and signal (samples, g), SI.
+        ends: where the signals end among the m samples.
+    """
+
+    candidates: tuple[Signatures, ...]
+    curves: tuple[CurveSlopes, ...]
+    background: np.ndarray
+    background_columns: tuple[dict[str, np.ndarray], ...]
+    ends: np.ndarray
+
+
+def signature_table(fit: Fit, candidates: Sequence[Candidate], report: Callable[[str], None]) -> SignatureTable:
+    """Simulate the signatures of all causes at a fit.
+
+    Args:
+        fit: the fit of a model without any of them.
+        candidates: effects and sensor faults.
+        report: called with a sentence on the progress.
+    """
+    test = ScoreTest(fit, ())
+    report("signatures of all effects and sensor faults")
+    named = tuple(found for candidate in candidates if len((found := test.signatures(candidate)).rows))
+    places = free_places_of(fit.machine)
+    samples = samples_at_slots(fit, places)
+    curves = [curve for place in places if (curve := free_curve(fit, place, samples[place.slot])) is not None]
+    found, columns = [], []
+    for first in range(0, len(curves), GROUP):
+        some = curves[first : first + GROUP]
+        report(f"slopes of free curves, {first + len(some)} of {len(curves)}")
+        slopes = added_slopes(fit, [curve_term(c.place, np.array(c.nodes), c.id) for c in some])
+        for curve, of_runs in zip(some, slopes, strict=True):
+            scaled = [{n: curve.spread * v for n, v in run.items()} for run in of_runs]
+            rows = test.whitened(scaled).T
+            if (np.abs(rows) < OVERFLOW_LIMIT).all() and np.abs(rows).max() > 0.0:
+                found.append(CurveSlopes(curve, rows.astype(np.float32), rows @ rows.T))
+                columns.append(scaled)
+    return SignatureTable(named, tuple(found), *_background(found, columns, int(test.ends[-1])), test.ends)
+
+
+def _background(
+    curves: Sequence[CurveSlopes], columns: Sequence[Sequence[dict[str, np.ndarray]]], samples: int
+) -> tuple[np.ndarray, tuple[dict[str, np.ndarray], ...]]:
+    """The directions of the background (m, g), whitened, and the same by run and signal (samples, g) in SI."""
+    if not curves:  # a rig of one's own without slots
+        return np.zeros((samples, 0)), ()
+    shapes = []
+    for of in curves:
+        vectors, sizes, _ = np.linalg.svd(CurvePrior(1.0, SMOOTHNESS).factor(np.array(of.curve.nodes)))
+        smooth = vectors[:, :SHAPES] * sizes[:SHAPES]
+        lengths = np.linalg.norm(of.rows.T @ smooth, axis=0)
+        shapes.append(smooth[:, lengths > 0.0] / lengths[lengths > 0.0])
+    stack = np.concatenate([of.rows.T @ smooth for of, smooth in zip(curves, shapes, strict=True)], axis=1)
+    values, vectors = np.linalg.eigh(stack.T @ stack)
+    kept = np.argsort(-values)[:MAX_DIRECTIONS]
+    directions = vectors[:, kept[values[kept] > MIN_EIGENVALUE * values.max()]]
+    parts = [
+        {
+            n: np.concatenate([of[r][n] @ smooth for of, smooth in zip(columns, shapes, strict=True)], axis=1)
+            @ directions
+            for n in columns[0][r]
+        }
+        for r in range(len(columns[0]))
+    ]
+    return stack @ directions, tuple(parts)
