@@ -210,7 +210,8 @@ class SetSearch:
     def _fit_move(self, move: Move) -> FittedSet | None:
         self._report(f"fitting {' + '.join(sorted(move.key))}")
         members, of = (*move.to.members, move.added), move.to
-        promised = of.log_weight + KEPT_PROMISE * (move.predicted - of.log_weight)
+        gain = move.predicted - of.log_weight
+        promised = of.log_weight + KEPT_PROMISE * gain if gain > 0.0 else -math.inf
         values, starts = of.evaluated.fit.values, []
         unknowns = move.added.unknowns(self._base.fit.problem.campaign)
         for k, x in enumerate(move.starts):
