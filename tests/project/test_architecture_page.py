@@ -10,8 +10,10 @@ import pytest
 from tests.support import ROOT
 
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+METHOD = (ROOT / "docs" / "diagnosis_method.md").read_text(encoding="utf-8")
 PICTURE = (ROOT / "docs" / "pictures" / "architecture.svg").read_text(encoding="utf-8")
 EQUATIONS = {str(number) for number in range(1, 13)}
+FUNCTION = r"`[\w/]+\.py: [\w.]+`"
 MIN_STEPS = 8  # of a journey; fewer would mean that the pattern below no longer finds them
 
 
@@ -87,6 +89,13 @@ def test_page_agrees_with_the_code():
     assert page_problems(PAGE, PICTURE) == []
 
 
+def test_functions_of_the_page_on_the_diagnosis_exist():
+    assert len(re.findall(FUNCTION, METHOD)) >= 8 and function_problems(METHOD) == []
+    assert function_problems(METHOD.replace("answer.py: answer_from", "answer.py: no_such")) == [
+        "diagnosis/search/answer.py: no_such"
+    ]
+
+
 def test_page_has_three_journeys_and_its_tables():
     journeys = re.split(r"^### ", section(PAGE, "Journeys"), flags=re.MULTILINE)[1:]
     assert len(journeys) == 3
@@ -98,7 +107,6 @@ def test_page_has_three_journeys_and_its_tables():
         assert "`" in section(PAGE, heading)
 
 
-FUNCTION = r"`[\w/]+\.py: [\w.]+`"
 REFERENCE = r"`edhas_jax[\w.]+:[\w.]+`"
 
 

@@ -134,8 +134,9 @@ def test_fit_page(here):
     assert free and all(found.interval(n)[0] < found.values[n] < found.interval(n)[1] for n in free)
 
 
-def test_imports_of_the_diagnosis_page():
-    lines = "\n".join(blocks("docs/diagnosis.md", "python")).splitlines()
+def test_imports_of_the_diagnosis_and_its_curves():
+    codes = [*blocks("docs/diagnosis.md", "python"), blocks("docs/effects.md", "python")[1]]
+    lines = "\n".join(codes).splitlines()
     names = execute("\n".join(line for line in lines if "import" in line))
     assert all(callable(names[name]) for name in ("diagnose", "estimate_law_curve", "write_curve_model"))
 
@@ -169,7 +170,7 @@ def test_shell_lines(here):
 
 
 def test_own_effect(here):
-    code = blocks("docs/effects.md", "python")[-1]
+    code = blocks("docs/effects.md", "python")[0]
     name = re.search(r"class (\w+)\(Effect\)", code)[1]
     (here / "my_effects.py").write_text(code)
     (here / "my_pump.yaml").write_text(f"rig: actuator_bench\neffects: [my_effects.py:{name}]\n")
