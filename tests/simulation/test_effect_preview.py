@@ -27,6 +27,9 @@ def test_command_line(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "looks like" in printed and "confused with" in printed and "plausible" in printed
     assert (tmp_path / "sag.png").stat().st_size > 10_000
-    assert main(["effects", "supply_sag", "--picture", str(tmp_path / "missing" / "sag.png")]) == 2
+    assert main(["effects", "supply_sag", "--picture", str(tmp_path / "made" / "sag.png")]) == 0
+    assert (tmp_path / "made" / "sag.png").exists()
+    (tmp_path / "file").touch()
+    assert main(["effects", "supply_sag", "--picture", str(tmp_path / "file" / "sag.png")]) == 2
     with pytest.raises(SystemExit):
         main(["effects", "--picture"])

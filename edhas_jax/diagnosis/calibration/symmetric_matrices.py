@@ -31,6 +31,16 @@ def log_determinant(matrix: np.ndarray) -> float:
     return float(np.sum(np.log(values)) - 2.0 * np.sum(np.log(scale)))
 
 
+def inverse_factor(matrix: np.ndarray) -> tuple[np.ndarray, float]:
+    """A factor W (n, n) of the inverse W Wᵀ of a symmetric, positive semidefinite matrix, and the ln det of the matrix.
+
+    Both under the rule of this module; the matrix is finite.
+    """
+    scale, values, vectors = _scaled_eigenvalues(matrix)
+    factor = scale[:, None] * (vectors / np.sqrt(values))
+    return factor, float(np.sum(np.log(values)) - 2.0 * np.sum(np.log(scale)))
+
+
 def square_root(covariance: np.ndarray) -> np.ndarray:
     """A factor L (n, n) of a symmetric, positive semidefinite matrix: L Lᵀ, its negative eigenvalues taken as 0.
 

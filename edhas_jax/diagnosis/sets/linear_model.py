@@ -6,17 +6,17 @@ Around a fit the measurements are a linear Gaussian model of independent noise o
 
 with r the whitened residual, J the sensitivities to the unknowns (x with the priors of these), B the deviations of the
 bench, D those of the laws from the library's, and G the background: all that could act anywhere (`signature_table`).
-Products of these columns are taken once; every size τ and noise ν, and every further column, then costs a small
-Cholesky factor.
+Products of these columns are taken once; every size τ and noise ν, and every further column, then costs the factor of a
+small matrix.
 """
 
 import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.symmetric_matrices import inverse_factor
 from edhas_jax.diagnosis.likelihood.run_equations import run_columns
 
 NOISE_SIGMAS = 2.0  # scatter of a χ² of noise, in its standard deviations, that counts as none left
@@ -64,6 +64,7 @@ class LinearModel:
         self._penalty = float(self._prior[:unknowns] @ np.square(fit.x))
         self._gram, self._right = self._columns.T @ self._columns, self._columns.T @ self.residual
         self._square = float(self.residual @ self.residual)
+        self._last: tuple[Floor, tuple[np.ndarray, float, np.ndarray]] | None = None
 
     @property
     def samples(self) -> int:
@@ -77,26 +78,21 @@ class LinearModel:
 
     def left(self, floor: Floor) -> np.ndarray:
         """The residual (m,) without what all columns take of it, in units of the noise."""
-        matrix, right = self._system(floor)
-        return self.residual - self._columns @ (self._scale(floor) * np.linalg.solve(matrix, right))
+        factor, _, half = self._solved(floor)
+        return self.residual - self._columns @ (self._scale(floor) * (factor @ half))
 
     def misfit(self, floor: Floor) -> float:
         """What the set leaves beyond the noise, and what its numbers cost [nats]: less is better.
 
         ½ (Σ left² − samples), where that is more than the scatter of noise, + ½ Σ squares of all coefficients + ½ ln
         det of their information (the penalty of Laplace's method). Without a floor it is the negative log marginal
-        likelihood of the set but for a constant; +∞ where the information is singular.
+        likelihood of the set but for a constant.
         """
-        matrix, right = self._system(floor)
-        try:
-            factor = np.linalg.cholesky(matrix)
-        except np.linalg.LinAlgError:
-            return np.inf
+        _, log_information, half = self._solved(floor)
         left = self.left(floor)
         square = float(left @ left)
-        half = solve_triangular(factor, right, lower=True, check_finite=False)
         numbers = self._square / floor.noise**2 + self._penalty - half @ half - square / floor.noise**2
-        return 0.5 * excess(square, self.samples) + 0.5 * max(numbers, 0.0) + float(np.log(np.diag(factor)).sum())
+        return 0.5 * excess(square, self.samples) + 0.5 * max(float(numbers), 0.0) + 0.5 * log_information
 
     def products(self, rows: np.ndarray) -> np.ndarray:
         """The products (k, q + 1) of further columns, given as rows (k, m), with all columns and with the residual."""
@@ -114,13 +110,10 @@ class LinearModel:
         Returns:
             The same as `gram`, and (k,), both in units of the noise of the floor.
         """
-        matrix, right = self._system(floor)
-        variance, factor = floor.noise**2, np.linalg.cholesky(matrix)
-        scaled = products[:, :-1] * (self._scale(floor) / variance)
-        half = solve_triangular(factor, scaled.T, lower=True, check_finite=False)
-        x = solve_triangular(factor, right, lower=True, check_finite=False)
-        taken = np.sum(half**2, axis=0) if gram.ndim == 1 else half.T @ half
-        return gram / variance - taken, products[:, -1] / variance - half.T @ x
+        variance, (factor, _, right) = floor.noise**2, self._solved(floor)
+        half = (products[:, :-1] * (self._scale(floor) / variance)) @ factor
+        taken = np.sum(half**2, axis=1) if gram.ndim == 1 else half @ half.T
+        return gram / variance - taken, products[:, -1] / variance - half @ right
 
     def _scale(self, floor: Floor) -> np.ndarray:
         """Factors (q,) of the columns: τ for those of the background."""
@@ -128,11 +121,17 @@ class LinearModel:
         scale[self._scaled_by_size :] = floor.size
         return scale
 
-    def _system(self, floor: Floor) -> tuple[np.ndarray, np.ndarray]:
-        """Information (q, q) and right side (q,) of the coefficients of all columns."""
-        scale = self._scale(floor) / floor.noise
-        matrix = self._gram * scale[:, None] * scale + np.diag(self._prior)
-        return matrix, self._right * scale / floor.noise + self._pull
+    def _solved(self, floor: Floor) -> tuple[np.ndarray, float, np.ndarray]:
+        """With A the information of the coefficients of all columns and a its right side: W, ln det A and Wᵀa.
+
+        W (q, q) is a factor of the inverse W Wᵀ of A. Those of the last floor are kept.
+        """
+        if self._last is None or self._last[0] != floor:
+            scale = self._scale(floor) / floor.noise
+            factor, log_information = inverse_factor(self._gram * scale[:, None] * scale + np.diag(self._prior))
+            half = factor.T @ (self._right * scale / floor.noise + self._pull)
+            self._last = floor, (factor, log_information, half)
+        return self._last[1]
 
 
 def excess(square: float, samples: int) -> float:

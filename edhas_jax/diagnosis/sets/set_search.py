@@ -27,6 +27,7 @@ import numpy as np
 
 from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
+from edhas_jax.diagnosis.calibration.symmetric_matrices import inverse_factor
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
@@ -319,9 +320,10 @@ class SetSearch:
         for floor in floors:
             inner, overlap = of.model.reduced(products, slopes.gram, floor)
             information = inner + np.eye(len(inner))
-            x = np.linalg.solve(information, overlap)
-            cost = 0.5 * float(np.linalg.slogdet(information)[1])
-            found.append((_gain(of, floor, 0.5 * float(overlap @ x), cost), tuple(x)))
+            factor, log_information = inverse_factor(information)
+            half = factor.T @ overlap
+            gain = _gain(of, floor, 0.5 * float(half @ half), 0.5 * log_information)
+            found.append((gain, tuple(factor @ half)))
         gain, x = max(found)
         return Move(of, slopes.curve, (np.array(x),), of.log_weight + gain + self._log_free)
 
