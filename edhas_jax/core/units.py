@@ -197,7 +197,7 @@ def format_quantity(value: float, unit: str) -> str:
 
 def format_result(value: float, unit: str, shown: str) -> str:
     """A result in SI as text: in per cent where that is what it is `shown` in, else as of `format_quantity`."""
-    return f"{format_number(100.0 * value)} %" if shown == "%" else format_quantity(value, unit)
+    return f"{format_number(from_si(value, unit, shown))} %" if shown == "%" else format_quantity(value, unit)
 
 
 def format_number(value: float, digits: int = 4) -> str:

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from edhas_jax.core.units import estimate_text
+from edhas_jax.diagnosis.search.outcome import MUCH_LEFT
 from edhas_jax.workbench.jobs import DONE, JobList
 from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, Workspace, effect_id
 
-MUCH_LEFT = 2.0  # residual over noise from which a model does not describe the measurements
 TITLES = {CALIBRATED: ("calibrate", "calibration"), DIAGNOSED: ("diagnose", "diagnosis")}
 USES = {"holdout": "runs not used", "fit": "runs used"}
 OLD = "This diagnosis was made by an earlier version; diagnose again to read its verdict."

@@ -1,4 +1,4 @@
-"""A number with a decimal comma is refused in one sentence, also where YAML makes two values of it."""
+"""A decimal comma gives one clear message, also inside braces and brackets, where YAML reads two values."""
 
 import pytest
 

@@ -35,9 +35,15 @@ def model(fitted):
     return LinearModel(fitted.fit, None, np.random.default_rng(1).standard_normal((samples, 7)) / np.sqrt(samples))
 
 
+def scaled_columns(model, floor):
+    """The columns (m, q) of a linear model, those of the background times the size of the floor."""
+    of_background = np.arange(model.columns.shape[1]) >= model.first_of_background
+    return model.columns * np.where(of_background, floor.size, 1.0)
+
+
 def dense_covariance(model, floor):
     """The covariance (m, m) of the residual that the columns of a linear model give, all priors proper."""
-    columns = model._columns * model._scale(floor)
+    columns = scaled_columns(model, floor)
     return floor.noise**2 * np.eye(model.samples) + columns @ columns.T
 
 
@@ -48,14 +54,14 @@ def test_the_misfit_is_the_negative_log_evidence(model):
     """
 
     def negative_log_density(floor):
-        offset = model.residual - (model._columns * model._scale(floor)) @ model._pull  # the prior is around −pull
+        offset = model.residual - scaled_columns(model, floor) @ model.pull  # the prior is around −pull
         matrix = dense_covariance(model, floor)
         return 0.5 * offset @ np.linalg.solve(matrix, offset) + 0.5 * np.linalg.slogdet(matrix)[1]
 
     def misfit(floor):
-        left = model.left(floor)
+        left = model.at(floor).left
         forgiven = model.samples + 2.0 * np.sqrt(2.0 * model.samples)
-        return model.misfit(floor) + 0.5 * min(left @ left, forgiven)
+        return model.at(floor).misfit + 0.5 * min(left @ left, forgiven)
 
     small, large = Floor(0.0), Floor(30.0)
     difference = negative_log_density(large) - negative_log_density(small)
@@ -66,11 +72,11 @@ def test_further_columns_are_reduced_as_by_dense_matrices(model):
     rows = np.random.default_rng(2).standard_normal((3, model.samples))
     floor = Floor(3.0, 1.7)
     inverse = np.linalg.inv(dense_covariance(model, floor))
-    inner, overlap = model.reduced(model.products(rows), rows @ rows.T, floor)
+    inner, overlap = model.at(floor).reduced(model.products(rows), rows @ rows.T)
     assert inner == pytest.approx(rows @ inverse @ rows.T, rel=1e-6)
-    offset = model.residual - (model._columns * model._scale(floor)) @ model._pull
+    offset = model.residual - scaled_columns(model, floor) @ model.pull
     assert overlap == pytest.approx(rows @ inverse @ offset, rel=1e-5, abs=1e-6 * np.abs(overlap).max())
-    diagonal, _ = model.reduced(model.products(rows), np.sum(rows**2, axis=1), floor)
+    diagonal, _ = model.at(floor).reduced(model.products(rows), np.sum(rows**2, axis=1))
     assert diagonal == pytest.approx(np.diag(inner))
 
 
@@ -115,7 +121,7 @@ def test_far_above_the_noise_only_the_ratio_of_misfits_counts():
 
 
 def a_set(weight, *kinds):
-    return FittedSet(tuple(Candidate(kind) for kind in kinds), None, None, Floor(), 0.0, np.log(weight))
+    return FittedSet(tuple(Candidate(kind) for kind in kinds), None, None, Floor(), np.log(weight))
 
 
 def test_probabilities_are_sums_over_sets():

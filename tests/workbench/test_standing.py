@@ -1,4 +1,4 @@
-"""One state of the model, from which header, verdict and coloured machine follow; no browser."""
+"""Header, verdict and coloured machine are derived from one state of the model; tested without a browser."""
 
 import json
 import os

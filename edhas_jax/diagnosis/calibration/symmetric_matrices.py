@@ -28,7 +28,7 @@ def log_determinant(matrix: np.ndarray) -> float:
     if not np.isfinite(matrix).all():
         return float("nan")
     scale, values, _ = _scaled_eigenvalues(matrix)
-    return float(np.sum(np.log(values)) - 2.0 * np.sum(np.log(scale)))
+    return _log_determinant(scale, values)
 
 
 def inverse_factor(matrix: np.ndarray) -> tuple[np.ndarray, float]:
@@ -37,8 +37,7 @@ def inverse_factor(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     Both under the rule of this module; the matrix is finite.
     """
     scale, values, vectors = _scaled_eigenvalues(matrix)
-    factor = scale[:, None] * (vectors / np.sqrt(values))
-    return factor, float(np.sum(np.log(values)) - 2.0 * np.sum(np.log(scale)))
+    return scale[:, None] * (vectors / np.sqrt(values)), _log_determinant(scale, values)
 
 
 def square_root(covariance: np.ndarray) -> np.ndarray:
@@ -70,3 +69,8 @@ def _scaled_eigenvalues(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
     values, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
     rounding = len(values) * np.finfo(float).eps * max(float(values.max(initial=0.0)), np.finfo(float).tiny)
     return scale, np.maximum(values, rounding), vectors
+
+
+def _log_determinant(scale: np.ndarray, values: np.ndarray) -> float:
+    """ln det of the matrix with these scale factors and eigenvalues, see `_scaled_eigenvalues`."""
+    return float(np.sum(np.log(values)) - 2.0 * np.sum(np.log(scale)))

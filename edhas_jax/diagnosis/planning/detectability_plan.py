@@ -120,10 +120,7 @@ def plan_detectability(
     steps = choose_time_resolution(model, np.zeros(len(known))).coarse
     campaign = with_predicted_signals(campaign, steps)
     runs = campaign.runs_for(Use.FIT) or campaign.runs
-    candidates = candidates_for(campaign, campaign.machine, Instruments(), more)
-    if library is not None:
-        allowed = {kind.id for kind in (*library, *more)}
-        candidates = [c for c in candidates if c.signal is not None or c.id in allowed]
+    candidates = candidates_for(campaign, campaign.machine, Instruments(), more, library)
     ladders = [CandidatePoints(c, strength_points(c.unknowns(campaign))) for c in candidates]
     gram = SignatureGram(campaign, runs, ladders, steps, lambda stage, share: report(stage, 0.7 * share))
     unexplained = gram.unexplained()

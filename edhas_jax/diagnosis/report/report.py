@@ -20,13 +20,7 @@ from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.conclusions import (
-    bench_rows,
-    conclusions,
-    fit_of_parameters,
-    model_with,
-    outcome,
-)
+from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions, fit_of_parameters, model_with, outcome
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_curve
 from edhas_jax.diagnosis.search.law_deviation import deviation_of
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm

@@ -134,8 +134,9 @@ class Candidate:
 
 
 def candidates_for(
-    campaign: Campaign, machine: Rig, instruments: Instruments, more: Iterable[type[Effect]] = ()
-) -> list[Candidate]:
+    campaign: Campaign, machine: Rig, instruments: Instruments, more: Iterable[type[Effect]] = (),
+    library: Iterable[type[Effect]] | None = None,
+) -> list[Candidate]:  # fmt: skip
     """List the effects that a machine could have and lacks, and the sensor faults that its chains lack.
 
     Args:
@@ -143,11 +144,13 @@ def candidates_for(
         machine: the model, with the effects accepted so far.
         instruments: the measurement chains, with the sensor faults accepted so far.
         more: effect classes to consider beside those of the library.
+        library: effect classes of the library to consider; all by default.
     """
-    present = {effect.id for effect in machine.effects}
+    present, more = {effect.id for effect in machine.effects}, tuple(more)
+    allowed = {kind.id for kind in (*(LIBRARY if library is None else library), *more)}
     effects = [
         Candidate(kind)
-        for kind in dict.fromkeys((*LIBRARY, *more))
+        for kind in dict.fromkeys((*(kind for kind in LIBRARY if kind.id in allowed), *more))
         if kind.id not in present and can_mount(machine, kind)
     ]
     links = {(signal, type(link)) for signal, chain in instruments.chains.items() for link in chain}

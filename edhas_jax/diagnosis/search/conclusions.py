@@ -14,7 +14,7 @@ from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.law_deviation import deviation_of
-from edhas_jax.diagnosis.search.outcome import Outcome
+from edhas_jax.diagnosis.search.outcome import MUCH_LEFT, Outcome
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.diagnosis.search.trial import Trial
 from edhas_jax.measurements.campaign import Use
@@ -26,7 +26,6 @@ MIN_UNPREDICTABLE = 0.02  # of the noise of a signal: less of it is not named
 MIN_PROBABLE = 0.5  # of an effect that is possible; one that was removed and is less probable is not named
 MIN_NAMED_SHARE = 1e-4  # of a signal's rms, left unexplained, below which the signal is not named
 
-MUCH_LEFT = 2.0  # residual over noise: from here on a model does not describe the measurements, and the answer says so
 MOST_LEFT = 0.5  # of the residual over noise before the search: an answer that leaves more explains little
 MOST_RUNS = 3  # that are named as those in which it is left
 

@@ -78,11 +78,7 @@ class _Search:
 
     def candidates(self, fitted: FitProblem) -> list[Candidate]:
         """The candidates that a model lacks."""
-        found = candidates_for(self.campaign, fitted.machine, fitted.instruments, self.more)
-        if self.library is None:
-            return found
-        allowed = {kind.id for kind in (*self.library, *self.more)}
-        return [c for c in found if c.signal is not None or c.id in allowed]
+        return candidates_for(self.campaign, fitted.machine, fitted.instruments, self.more, self.library)
 
 
 @single_threaded_algebra

@@ -8,14 +8,14 @@ What acts at several places is followed by one curve after another. One curve of
 that after each curve all numbers are fitted again, those of earlier curves too, and the places are scored anew.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.curve_start import start_from_nothing
-from edhas_jax.diagnosis.laws.deviation import added_slopes, curve_term
+from edhas_jax.diagnosis.laws.deviation import Columns, added_slopes, curve_term
 from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.law_samples import LawSamples, samples_at_slots
 from edhas_jax.diagnosis.search.candidates import Candidate
@@ -63,17 +63,26 @@ def score_free_curves(test: ScoreTest, fit: Fit, report: Report) -> list[Score]:
         fit: the fit of this model.
         report: called with a sentence on the progress.
     """
+    found = [score_free_term(test, curve, columns) for curve, columns in curves_with_slopes(fit, report)]
+    return sorted(found, key=lambda score: -score.chi_square_fall)
+
+
+def curves_with_slopes(fit: Fit, report: Report) -> Iterator[tuple[CurveCandidate, Columns]]:
+    """The free curves at all places of a machine, each with the derivatives of all signals by its values.
+
+    Args:
+        fit: the fit of the model to which they are added.
+        report: called with a sentence on the progress.
+    """
     report("looking where curves act")
-    places = free_places_of(fit.machine)
+    places = _distinct_places(fit.machine)
     samples = samples_at_slots(fit, places)
     curves = [curve for place in places if (curve := free_curve(fit, place, samples[place.slot])) is not None]
-    scores = []
     for first in range(0, len(curves), GROUP):
         some = curves[first : first + GROUP]
         report(f"looking for free curves, {first + len(some)} of {len(curves)}")
         slopes = added_slopes(fit, [curve_term(curve.place, np.array(curve.nodes), curve.id) for curve in some])
-        scores += [score_free_term(test, curve, columns) for curve, columns in zip(some, slopes, strict=True)]
-    return sorted(scores, key=lambda score: -score.chi_square_fall)
+        yield from zip(some, slopes, strict=True)
 
 
 @single_threaded_algebra
@@ -115,7 +124,7 @@ def _id_at(place: LawPlace) -> str:
     return "_".join((place.slot, "curve_over", place.variable, *place.factors))
 
 
-def free_places_of(machine: Rig) -> list[LawPlace]:
+def _distinct_places(machine: Rig) -> list[LawPlace]:
     """The places of a machine, without those that have a curve or where a curve is the same term as at another one."""
     found: dict[tuple, LawPlace] = {}
     present = {effect.id for effect in machine.effects}

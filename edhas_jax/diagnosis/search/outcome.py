@@ -1,8 +1,9 @@
-"""What a diagnosis has done with a candidate, and how strongly the runs speak for one: in words."""
+"""What a diagnosis has done with a candidate, how strong the evidence for it is, and when much is left: in words."""
 
 import enum
 import math
 
+MUCH_LEFT = 2.0  # residual over noise: from here on a model does not describe the measurements, and the answer says so
 # log-evidence [nats] below which it is called so; a model that leaves much can gain thousands with a wrong effect
 EVIDENCE_WORDS = ((3.0, "weak"), (12.0, "clear"), (100.0, "strong"), (math.inf, "overwhelming"))
 RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")

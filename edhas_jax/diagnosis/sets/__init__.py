@@ -1,1 +1,1 @@
-"""A posterior over sets of effects: one evidence, one search; in work, see `search` for the diagnosis in use."""
+"""Probabilities of sets of effects. Unfinished: `edhas diagnose` does not use it yet, but `diagnosis.search`."""

@@ -11,6 +11,7 @@ small matrix.
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -54,17 +55,16 @@ class LinearModel:
             of_run[:, own * r : own * (r + 1)] = rows[:, :own]
             blocks.append(np.concatenate([rows[:, own:-1], of_run], axis=1))
             residuals.append(rows[:, -1])
-        self._columns = np.concatenate([np.concatenate(blocks), background], axis=1)
+        self.columns = np.concatenate([np.concatenate(blocks), background], axis=1)
         self.residual = np.concatenate(residuals)
-        self._scaled_by_size = len(self._columns.T) - background.shape[1]
-        self._prior = np.ones(self._columns.shape[1])
-        self._prior[:unknowns] = [float(u.has_prior) for u in problem.unknowns]
-        self._pull = np.zeros(self._columns.shape[1])
-        self._pull[:unknowns] = -self._prior[:unknowns] * fit.x
-        self._penalty = float(self._prior[:unknowns] @ np.square(fit.x))
-        self._gram, self._right = self._columns.T @ self._columns, self._columns.T @ self.residual
-        self._square = float(self.residual @ self.residual)
-        self._last: tuple[Floor, tuple[np.ndarray, float, np.ndarray]] | None = None
+        self.first_of_background = self.columns.shape[1] - background.shape[1]
+        self.prior = np.ones(self.columns.shape[1])
+        self.prior[:unknowns] = [float(u.has_prior) for u in problem.unknowns]
+        self.pull = np.zeros(self.columns.shape[1])
+        self.pull[:unknowns] = -self.prior[:unknowns] * fit.x
+        self.penalty = float(self.prior[:unknowns] @ np.square(fit.x))
+        self.gram, self.right = self.columns.T @ self.columns, self.columns.T @ self.residual
+        self.square = float(self.residual @ self.residual)
 
     @property
     def samples(self) -> int:
@@ -74,64 +74,66 @@ class LinearModel:
     @property
     def is_finite(self) -> bool:
         """Whether the model and its derivatives are finite at every measured sample."""
-        return bool(np.isfinite(self._gram).all() and np.isfinite(self._square))
+        return bool(np.isfinite(self.gram).all() and np.isfinite(self.square))
 
-    def left(self, floor: Floor) -> np.ndarray:
+    def products(self, rows: np.ndarray) -> np.ndarray:
+        """The products (k, q + 1) of further columns, given as rows (k, m), with all columns and with the residual."""
+        columns = np.concatenate([self.columns, self.residual[:, None]], axis=1)
+        return (rows @ columns.astype(rows.dtype)).astype(float)
+
+    def at(self, floor: Floor) -> "FlooredModel":
+        """The model with a floor; each call factors the information of all coefficients anew."""
+        return FlooredModel(self, floor)
+
+
+class FlooredModel:
+    """A linear model with a floor, its coefficients marginalised.
+
+    Args:
+        model: the model.
+        floor: the floor.
+    """
+
+    def __init__(self, model: LinearModel, floor: Floor):
+        self.floor, self._of = floor, model
+        self._scale = np.ones(model.columns.shape[1])  # of the columns: τ for those of the background
+        self._scale[model.first_of_background :] = floor.size
+        scale = self._scale / floor.noise
+        # a factor W of the inverse W Wᵀ of the information A of the coefficients, ln det A, and Wᵀ times its right side
+        self._factor, self._log_information = inverse_factor(model.gram * scale[:, None] * scale + np.diag(model.prior))
+        self._right = self._factor.T @ (model.right * scale / floor.noise + model.pull)
+
+    @functools.cached_property
+    def left(self) -> np.ndarray:
         """The residual (m,) without what all columns take of it, in units of the noise."""
-        factor, _, half = self._solved(floor)
-        return self.residual - self._columns @ (self._scale(floor) * (factor @ half))
+        return self._of.residual - self._of.columns @ (self._scale * (self._factor @ self._right))
 
-    def misfit(self, floor: Floor) -> float:
+    @functools.cached_property
+    def misfit(self) -> float:
         """What the set leaves beyond the noise, and what its numbers cost [nats]: less is better.
 
         ½ (Σ left² − samples), where that is more than the scatter of noise, + ½ Σ squares of all coefficients + ½ ln
         det of their information (the penalty of Laplace's method). Without a floor it is the negative log marginal
         likelihood of the set but for a constant.
         """
-        _, log_information, half = self._solved(floor)
-        left = self.left(floor)
-        square = float(left @ left)
-        numbers = self._square / floor.noise**2 + self._penalty - half @ half - square / floor.noise**2
-        return 0.5 * excess(square, self.samples) + 0.5 * max(float(numbers), 0.0) + 0.5 * log_information
+        square, variance = float(self.left @ self.left), self.floor.noise**2
+        numbers = (self._of.square - square) / variance + self._of.penalty - self._right @ self._right
+        return 0.5 * excess(square, self._of.samples) + 0.5 * max(float(numbers), 0.0) + 0.5 * self._log_information
 
-    def products(self, rows: np.ndarray) -> np.ndarray:
-        """The products (k, q + 1) of further columns, given as rows (k, m), with all columns and with the residual."""
-        columns = np.concatenate([self._columns, self.residual[:, None]], axis=1)
-        return (rows @ columns.astype(rows.dtype)).astype(float)
-
-    def reduced(self, products: np.ndarray, gram: np.ndarray, floor: Floor) -> tuple[np.ndarray, np.ndarray]:
+    def reduced(self, products: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products of further columns with each other and with the residual, all present columns marginalised.
 
         Args:
-            products: their products with the present columns, see `products`.
+            products: their products with the present columns, see `LinearModel.products`.
             gram: their products (k, k) with each other, or only the diagonal (k,) of these.
-            floor: the floor.
 
         Returns:
             The same as `gram`, and (k,), both in units of the noise of the floor.
         """
-        variance, (factor, _, right) = floor.noise**2, self._solved(floor)
-        half = (products[:, :-1] * (self._scale(floor) / variance)) @ factor
+        variance = self.floor.noise**2
+        half = (products[:, :-1] * (self._scale / variance)) @ self._factor
         taken = np.sum(half**2, axis=1) if gram.ndim == 1 else half @ half.T
-        return gram / variance - taken, products[:, -1] / variance - half @ right
-
-    def _scale(self, floor: Floor) -> np.ndarray:
-        """Factors (q,) of the columns: τ for those of the background."""
-        scale = np.ones(self._columns.shape[1])
-        scale[self._scaled_by_size :] = floor.size
-        return scale
-
-    def _solved(self, floor: Floor) -> tuple[np.ndarray, float, np.ndarray]:
-        """With A the information of the coefficients of all columns and a its right side: W, ln det A and Wᵀa.
-
-        W (q, q) is a factor of the inverse W Wᵀ of A. Those of the last floor are kept.
-        """
-        if self._last is None or self._last[0] != floor:
-            scale = self._scale(floor) / floor.noise
-            factor, log_information = inverse_factor(self._gram * scale[:, None] * scale + np.diag(self._prior))
-            half = factor.T @ (self._right * scale / floor.noise + self._pull)
-            self._last = floor, (factor, log_information, half)
-        return self._last[1]
+        return gram / variance - taken, products[:, -1] / variance - half @ self._right
 
 
 def excess(square: float, samples: int) -> float:
@@ -162,16 +164,15 @@ def floor_of(model: LinearModel, ends: np.ndarray, sizes: np.ndarray) -> Floor:
         ends: see `effective_samples`.
         sizes: sizes that are compared.
     """
-    return min((_with_noise_left(model, ends, float(size)) for size in sizes), key=model.misfit)
+    return min((_with_noise_left(model, ends, float(size)) for size in sizes), key=lambda at: at.misfit).floor
 
 
-def _with_noise_left(model: LinearModel, ends: np.ndarray, size: float) -> Floor:
-    """The floor with a size of the background: ν² = Σ left²/effective samples."""
-    noise = 1.0
+def _with_noise_left(model: LinearModel, ends: np.ndarray, size: float) -> FlooredModel:
+    """The model with a size of the background, and ν² = Σ left²/effective samples."""
+    found = model.at(Floor(size))
     for _ in range(4):
-        left = model.left(Floor(size, noise))
-        new = max(1.0, float(np.sqrt(left @ left / effective_samples(left, ends))))
-        if abs(np.log(new / noise)) < 0.03:
+        noise = max(1.0, float(np.sqrt(found.left @ found.left / effective_samples(found.left, ends))))
+        if abs(np.log(noise / found.floor.noise)) < 0.03:
             break
-        noise = new
-    return Floor(size, noise)
+        found = model.at(Floor(size, noise))
+    return found

@@ -13,7 +13,7 @@ from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.sets.set_search import FittedSet, SetSearch
 from edhas_jax.diagnosis.sets.signature_table import signature_table
-from edhas_jax.machine.effects import LIBRARY, Effect
+from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 
@@ -68,26 +68,24 @@ def labels(of: FittedSet) -> tuple[str, ...]:
 
 @single_threaded_algebra
 def posterior_over_sets(
-    campaign: Campaign, library: Iterable[type[Effect]] = LIBRARY, more: Iterable[type[Effect]] = (),
+    campaign: Campaign, library: Iterable[type[Effect]] | None = None, more: Iterable[type[Effect]] = (),
     on_progress: Callable[[str], None] | None = None,
 ) -> SetPosterior:  # fmt: skip
     """Calibrate the model of a campaign and search for the sets of effects and sensor faults that it may lack.
 
     Args:
         campaign: measurements, model, prior of the uncertain parameters, and noise of the sensors.
-        library: effect classes to consider; sensor faults are always considered.
+        library: effect classes to consider, all of the library by default; sensor faults are always considered.
         more: effect classes of the user's own.
         on_progress: called with a sentence on the progress.
 
     Raises:
         FitError: there is nothing to fit, or the model cannot be fitted.
     """
-    report, more = on_progress or (lambda sentence: None), tuple(more)
-    allowed = {kind.id for kind in (*library, *more)}
+    report = on_progress or (lambda sentence: None)
     campaign, _ = split_for_holdout(checked_campaign(campaign))
     calibrated, resolution = calibrate(campaign, report)
     fitted = calibrated.fit.problem
-    candidates = candidates_for(campaign, fitted.machine, fitted.instruments, more)
-    candidates = [c for c in candidates if c.signal is not None or c.id in allowed]
+    candidates = candidates_for(campaign, fitted.machine, fitted.instruments, more, library)
     table = signature_table(calibrated.fit, candidates, report)
     return SetPosterior(tuple(SetSearch(calibrated, table, resolution, report).run()))

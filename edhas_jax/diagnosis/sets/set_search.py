@@ -25,15 +25,14 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.symmetric_matrices import inverse_factor
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
+from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.law_deviation import law_deviation_columns
-from edhas_jax.diagnosis.search.screening import MAX_SCALE, MIN_SCALE, with_scaled_size
-from edhas_jax.diagnosis.sets.linear_model import Floor, LinearModel, floor_of
+from edhas_jax.diagnosis.search.screening import MAX_SCALE, MIN_SCALE, Signatures, with_scaled_size
+from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel, floor_of
 from edhas_jax.diagnosis.sets.signature_table import CurveSlopes, SignatureTable
 from edhas_jax.measurements.time_resolution import TimeResolution
 
@@ -83,7 +82,6 @@ class FittedSet:
         evaluated: the fit.
         model: the linear model around it.
         floor: the floor of robust fits.
-        misfit: what it leaves and costs [nats].
         log_weight: logarithm of its weight.
         untried: further starts of its fit.
         moves: predicted additions; None before they are predicted.
@@ -93,7 +91,6 @@ class FittedSet:
     evaluated: EvaluatedFit
     model: LinearModel
     floor: Floor
-    misfit: float
     log_weight: float
     untried: list[Start] = dataclasses.field(default_factory=list)
     moves: list[Move] | None = None
@@ -141,7 +138,6 @@ class SetSearch:
                 pass  # the model fails near the prior means: then only the calibrated parameters serve as a start
         self.sets[empty.key] = empty
 
-    @single_threaded_algebra
     def run(self) -> list[FittedSet]:
         """Search, and return all sets that were fitted, the one with the largest weight first."""
         for _ in range(MAX_ROUNDS):
@@ -152,7 +148,7 @@ class SetSearch:
             for move in moves:
                 self._add(self._fit_move(move), move.key)
             for members in dropped:
-                starts = self._starts(members, best.evaluated.fit.values, best.floor)
+                starts = self._starts(members, best, {})
                 self._add(self._best_of(members, starts, math.inf), frozenset(c.name for c in members))
             self._let_compete()
             self._report(f"best so far: {self.ranked()[0]}")
@@ -213,23 +209,26 @@ class SetSearch:
         members, of = (*move.to.members, move.added), move.to
         gain = move.predicted - of.log_weight
         promised = of.log_weight + KEPT_PROMISE * gain if gain > 0.0 else -math.inf
-        values, starts = of.evaluated.fit.values, []
         unknowns = move.added.unknowns(self._base.fit.problem.campaign)
-        for k, x in enumerate(move.starts):
-            own = {u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)}
-            starts += self._starts(members, values | own, of.floor, own)[k:]
+        first, *others = [{u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)} for x in move.starts]
+        starts = self._starts(members, of, first)
+        starts += [self._robust_start(members, of, own) for own in others]
         return self._best_of(members, starts, promised)
 
-    def _starts(
-        self, members: tuple[Candidate, ...], values: Mapping[str, float], floor: Floor,
-        own: Mapping[str, float] | None = None,
-    ) -> list[Start]:  # fmt: skip
-        """The two starts of a fit: at known values (SI), and with the undistorted ones of the machine."""
-        problem = self._problem(members)
-        undistorted = {**values, **self._undistorted, **(own or {})}
-        return [
-            Start(start_coordinates(problem, dict(values))), Start(start_coordinates(problem, undistorted), floor),
-        ]  # fmt: skip
+    def _starts(self, members: tuple[Candidate, ...], of: FittedSet, own: Mapping[str, float]) -> list[Start]:
+        """The two starts of a fit: at the values of a known set, and with the undistorted ones of the machine.
+
+        Args:
+            members: the members of the new set.
+            of: the known set.
+            own: values (SI) of the unknowns that it has not.
+        """
+        at_known = start_coordinates(self._problem(members), {**of.evaluated.fit.values, **own})
+        return [Start(at_known), self._robust_start(members, of, own)]
+
+    def _robust_start(self, members: tuple[Candidate, ...], of: FittedSet, own: Mapping[str, float]) -> Start:
+        values = {**of.evaluated.fit.values, **self._undistorted, **own}
+        return Start(start_coordinates(self._problem(members), values), of.floor)
 
     def _best_of(self, members: tuple[Candidate, ...], starts: Sequence[Start], promised: float) -> FittedSet | None:
         """The best of fits from some starts, further ones of which wait where it is as good as promised."""
@@ -258,30 +257,21 @@ class SetSearch:
         return self._weighed(members, evaluated, model) if model.is_finite else None
 
     def _weighed(self, members: tuple[Candidate, ...], evaluated: EvaluatedFit, model: LinearModel) -> FittedSet:
-        floor, misfit = floor_of(model, self._table.ends, SIZES), model.misfit(Floor())
-        return FittedSet(
-            members, evaluated, model, floor, misfit, log_student(misfit) + sum(map(self._log_prior, members))
-        )
+        log_weight = log_student(model.at(Floor()).misfit) + sum(map(self._log_prior, members))
+        return FittedSet(members, evaluated, model, floor_of(model, self._table.ends, SIZES), log_weight)
 
     def _log_prior(self, candidate: Candidate) -> float:
         return self._log_free if isinstance(candidate, FreeTerm) else self._log_named
 
     def _problem(self, members: Sequence[Candidate], floor: Floor = Floor()) -> FitProblem:
         """The fit problem of a set; with a floor, that of a robust fit."""
-        known = self._base.fit.problem
-        machine, instruments = known.machine, known.instruments
-        for candidate in members:
-            machine, instruments = candidate.mounted(machine, instruments)
-        problem = build_problem(
-            known.campaign, machine, instruments, members, None, known.solver_error, known.time_errors
-        )
-        background = {
-            run.name: {n: floor.size * v for n, v in columns.items()}
-            for run, columns in zip(known.model().runs, self._table.background_columns, strict=False)
-        }
-        return dataclasses.replace(
-            problem, background=background if floor.size > 0.0 else None, noise_factor=floor.noise
-        )
+        problem, background = with_candidates(self._base.fit.problem, members), None
+        if floor.size > 0.0:
+            background = {
+                run.name: {n: floor.size * v for n, v in columns.items()}
+                for run, columns in zip(problem.model().runs, self._table.background_columns, strict=True)
+            }
+        return dataclasses.replace(problem, background=background, noise_factor=floor.noise)
 
     def _predicted_moves(self, of: FittedSet) -> list[Move]:
         """The additions to a set, their log weights predicted from signatures.
@@ -289,46 +279,39 @@ class SetSearch:
         A signature predicts the fall of what is left without a floor, and with that of robust fits, where what the
         background can do counts little. The larger relative fall is taken.
         """
-        floors = [Floor(), of.floor] if of.floor.size > 0.0 else [Floor()]
-        present, moves, campaign = of.key, [], self._base.fit.problem.campaign
-        for signatures in self._table.candidates:
-            candidate, rows = signatures.candidate, signatures.rows
-            if candidate.name in present:
-                continue
-            squares, products = np.einsum("km,km->k", rows, rows, dtype=float), of.model.products(rows)
-            best = (-math.inf, 0, 0.0)
-            for floor in floors:
-                inner, overlap = of.model.reduced(products, squares, floor)
-                usable = inner > MIN_INDEPENDENT * squares / floor.noise**2
-                scale = np.where(usable, np.clip(overlap / np.where(usable, inner, 1.0), 0.0, MAX_SCALE), 0.0)
-                falls = scale * (overlap - 0.5 * scale * inner)
-                k = int(np.argmax(falls))
-                best = max(best, (_gain(of, floor, falls[k], 0.0), k, float(scale[k])))
-            gain, k, scale = best
-            x = with_scaled_size(
-                candidate.unknowns(campaign), signatures.points[k], max(scale, MIN_SCALE), signatures.exponent
-            )
-            starts = (x, signatures.points[k])
-            moves.append(Move(of, candidate, starts, of.log_weight + gain + self._log_named))
-        moves += [
-            self._curve_move(of, slopes, floors) for slopes in self._table.curves if slopes.curve.name not in present
-        ]
-        return moves
+        with_floors = [of.model.at(floor) for floor in ([Floor(), of.floor] if of.floor.size > 0.0 else [Floor()])]
+        moves = [self._named_move(of, found, with_floors) for found in self._table.candidates]
+        moves += [self._curve_move(of, slopes, with_floors) for slopes in self._table.curves]
+        return [move for move in moves if move.added.name not in of.key]
 
-    def _curve_move(self, of: FittedSet, slopes: CurveSlopes, floors: Sequence[Floor]) -> Move:
+    def _named_move(self, of: FittedSet, signatures: Signatures, with_floors: Sequence[FlooredModel]) -> Move:
+        rows, best = signatures.rows, (-math.inf, 0, 0.0)
+        squares, products = np.einsum("km,km->k", rows, rows, dtype=float), of.model.products(rows)
+        for model in with_floors:
+            inner, overlap = model.reduced(products, squares)
+            usable = inner > MIN_INDEPENDENT * squares / model.floor.noise**2
+            scale = np.where(usable, np.clip(overlap / np.where(usable, inner, 1.0), 0.0, MAX_SCALE), 0.0)
+            falls = scale * (overlap - 0.5 * scale * inner)
+            k = int(np.argmax(falls))
+            best = max(best, (_gain(model, falls[k], 0.0), k, float(scale[k])))
+        gain, k, scale = best
+        point, unknowns = signatures.points[k], signatures.candidate.unknowns(self._base.fit.problem.campaign)
+        x = with_scaled_size(unknowns, point, max(scale, MIN_SCALE), signatures.exponent)
+        return Move(of, signatures.candidate, (x, point), of.log_weight + gain + self._log_named)
+
+    def _curve_move(self, of: FittedSet, slopes: CurveSlopes, with_floors: Sequence[FlooredModel]) -> Move:
         products, found = of.model.products(slopes.rows), []
-        for floor in floors:
-            inner, overlap = of.model.reduced(products, slopes.gram, floor)
-            information = inner + np.eye(len(inner))
-            factor, log_information = inverse_factor(information)
+        for model in with_floors:
+            inner, overlap = model.reduced(products, slopes.gram)
+            factor, log_information = inverse_factor(inner + np.eye(len(inner)))
             half = factor.T @ overlap
-            gain = _gain(of, floor, 0.5 * float(half @ half), 0.5 * log_information)
+            gain = _gain(model, 0.5 * float(half @ half), 0.5 * log_information)
             found.append((gain, tuple(factor @ half)))
         gain, x = max(found)
         return Move(of, slopes.curve, (np.array(x),), of.log_weight + gain + self._log_free)
 
 
-def _gain(of: FittedSet, floor: Floor, fall: float, cost: float) -> float:
+def _gain(model: FlooredModel, fall: float, cost: float) -> float:
     """The gain of log weight [nats] by a fall of the misfit in units of a floor, less what the new numbers cost."""
-    misfit = of.model.misfit(floor)
-    return log_student(max(misfit - floor.noise**2 * fall, 0.0) + cost) - log_student(misfit)
+    misfit = max(model.misfit - model.floor.noise**2 * fall, 0.0) + cost
+    return log_student(misfit) - log_student(model.misfit)

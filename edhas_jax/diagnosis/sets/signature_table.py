@@ -12,11 +12,9 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.least_squares import OVERFLOW_LIMIT
 from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
-from edhas_jax.diagnosis.laws.deviation import added_slopes, curve_term
-from edhas_jax.diagnosis.laws.law_samples import samples_at_slots
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
-from edhas_jax.diagnosis.search.free_curves import GROUP, free_curve, free_places_of
+from edhas_jax.diagnosis.search.free_curves import curves_with_slopes
 from edhas_jax.diagnosis.search.screening import ScoreTest, Signatures
 
 SHAPES = 4  # of each curve in the background: its four smoothest shapes, about a cubic
@@ -63,20 +61,13 @@ def signature_table(fit: Fit, candidates: Sequence[Candidate], report: Callable[
     test = ScoreTest(fit, ())
     report("signatures of all effects and sensor faults")
     named = tuple(found for candidate in candidates if len((found := test.signatures(candidate)).rows))
-    places = free_places_of(fit.machine)
-    samples = samples_at_slots(fit, places)
-    curves = [curve for place in places if (curve := free_curve(fit, place, samples[place.slot])) is not None]
     found, columns = [], []
-    for first in range(0, len(curves), GROUP):
-        some = curves[first : first + GROUP]
-        report(f"slopes of free curves, {first + len(some)} of {len(curves)}")
-        slopes = added_slopes(fit, [curve_term(c.place, np.array(c.nodes), c.id) for c in some])
-        for curve, of_runs in zip(some, slopes, strict=True):
-            scaled = [{n: curve.spread * v for n, v in run.items()} for run in of_runs]
-            rows = test.whitened(scaled).T
-            if (np.abs(rows) < OVERFLOW_LIMIT).all() and np.abs(rows).max() > 0.0:
-                found.append(CurveSlopes(curve, rows.astype(np.float32), rows @ rows.T))
-                columns.append(scaled)
+    for curve, slopes in curves_with_slopes(fit, report):
+        scaled = [{n: curve.spread * v for n, v in run.items()} for run in slopes]
+        rows = test.whitened(scaled).T
+        if (np.abs(rows) < OVERFLOW_LIMIT).all() and np.abs(rows).max() > 0.0:
+            found.append(CurveSlopes(curve, rows.astype(np.float32), rows @ rows.T))
+            columns.append(scaled)
     return SignatureTable(named, tuple(found), *_background(found, columns, int(test.ends[-1])), test.ends)
 
 
