@@ -111,18 +111,17 @@ class Page:
         ui.timer(POLL, self._look)
 
     async def read_campaign(self) -> None:
-        """Read the campaign anew; what is wrong with it stands in `problems`."""
-        self.summary, self.problems = None, []
+        """Read the campaign anew; what is wrong with it stands in `problems`. Until then, the earlier one is shown."""
+        summary, problems = None, []
+        if self.workspace.has_campaign:
+            try:
+                summary = await self.session.calculator.call("campaign.open", say=self.say)
+                self._title.set_text(summary["name"])
+            except CalculationError as error:
+                problems = str(error).splitlines()
+            self.say("")
+        self.summary, self.problems = summary, problems
         self.readings += 1
-        if not self.workspace.has_campaign:
-            return
-        try:
-            self.summary = await self.session.calculator.call("campaign.open", say=self.say)
-            self._title.set_text(self.summary["name"])
-        except CalculationError as error:
-            self.problems = str(error).splitlines()
-        self.readings += 1
-        self.say("")
 
     async def ask(self, name: str, *arguments: Any) -> Any:
         """The answer of the calculating process; None where there is none, which the user was told.

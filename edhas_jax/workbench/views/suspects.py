@@ -36,9 +36,10 @@ class Suspects:
             self._own = ui.input("an effect of your own, FILE.py:Class").props("dense outlined").classes("min-w-64")
             ui.button("Try your own", on_click=self._try_own).props("no-caps flat dense icon=science")
         self._cards = ui.element("div").classes("wb-cards mt-3")
+        self._shown: Any = None  # all that the cards are made of
 
     def refresh(self) -> None:
-        """Follow the folder."""
+        """Follow the folder; cards that would be the same stay, so that no click on one is lost."""
         diagnosis, workspace = self._page.workspace.result(DIAGNOSED) or {}, self._page.workspace
         decisions, summary = workspace.decisions(), self._page.summary
         rows = {candidate_name(row): row for row in diagnosis.get("candidates", [])[:MAX_CARDS]}
@@ -48,6 +49,12 @@ class Suspects:
             names = {slot["name"] for slot in summary["slots"]}
             free = [k.id for k in LIBRARY if {s.name for s in k.slots} <= names and k.id not in summary["effects"]]
             self._effect.set_options({name: name.replace("_", " ") for name in free}, value=self._effect.value)
+        tried = workspace.tried()
+        is_present = [is_of_present_inputs(workspace, row) for row in tried.values()]
+        shown = rows, decisions, tried, is_present, summary
+        if shown == self._shown:
+            return
+        self._shown = shown
         self._cards.clear()
         with self._cards:
             for name, row in rows.items():
