@@ -94,7 +94,7 @@ def look(browser):
         contexts.append(context)
         page = context.new_page()
         page.set_default_timeout(1e3 * PATIENCE)
-        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+        page.on("console", lambda said: complaints.append(f"{said.text} {said.location}") if said.type == "error" else 0)
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("request", lambda request: elsewhere.append(request.url) if not OWN.match(request.url) else None)
         page.on("websocket", lambda socket: elsewhere.append(socket.url) if not OWN.match(socket.url) else None)
