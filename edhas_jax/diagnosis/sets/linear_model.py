@@ -170,7 +170,7 @@ def effective_samples(left: np.ndarray, ends: np.ndarray) -> float:
 
 
 def floor_of(model: LinearModel, ends: np.ndarray, sizes: np.ndarray) -> Floor:
-    """The floor for robust fits: the size of the background with the smallest misfit, and the noise that is left then.
+    """The floor for predictions: the size of the background with the smallest misfit, and the noise that is left then.
 
     Args:
         model: the model.

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidates import candidates_for
+from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.sets.set_search import FittedSet, SetSearch
@@ -47,6 +47,14 @@ class SetPosterior:
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
     @functools.cached_property
+    def members(self) -> tuple[tuple[Candidate, float], ...]:
+        """The members of the most probable set, each with its fall of the misfit [nats], the largest first."""
+        fitted, best = {of.key: of for of in self.sets}, self.sets[0]
+        without = {c: fitted.get(best.key - {c.name}) for c in best.members}
+        falls = {c: math.inf if of is None else of.misfit - best.misfit for c, of in without.items()}
+        return tuple(sorted(falls.items(), key=lambda item: -item[1]))
+
+    @functools.cached_property
     def credible(self) -> tuple[str, ...]:
         """The fewest names of which one at least is right with a probability of `COVERAGE`; taken one by one."""
         left, chosen = list(zip(map(labels, self.sets), self.weights, strict=True)), []
@@ -61,9 +69,8 @@ class SetPosterior:
 
 
 def labels(of: FittedSet) -> tuple[str, ...]:
-    """The names of the effects and faults of a set; `UNKNOWN` for a curve alone, and `NOTHING` for the empty set."""
-    names = tuple(c.name for c in of.members if not isinstance(c, FreeTerm))
-    return names or ((UNKNOWN,) if of.members else (NOTHING,))
+    """The names of the effects and faults of a set, `UNKNOWN` for a free term, and `NOTHING` for the empty set."""
+    return tuple(UNKNOWN if isinstance(c, FreeTerm) else c.name for c in of.members) or (NOTHING,)
 
 
 @single_threaded_algebra

@@ -13,8 +13,8 @@ The search begins with the empty set. Each round predicts every addition to the 
 one of its members (an exchange), from signatures; refits the most promising ones; and drops members of the best set in
 turn. It ends where nothing is promising.
 
-Every fit has two kinds of start: the parameters of the set from which it comes, and those of a robust fit, in which
-the background may take what it can (`Floor`), so that they are not distorted by what the model lacks.
+A fit begins at the parameters of the set from which it comes. Where that leaves much, and the fit gains less than it
+promised, growing parts of the runs are fitted, because the cost of whole runs then has many minima.
 
 Source: Student distribution in place of a normal one for model error: Miller and Dunson, J. Am. Stat. Assoc. 114 (2019)
 1113 (coarsened posterior); average over sets: Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535.
@@ -29,10 +29,12 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.symmetric_matrices import inverse_factor
+from edhas_jax.diagnosis.search.calibrated_model import PROGRESSIVE_EXCESS
 from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
 from edhas_jax.diagnosis.search.evaluated_fit import COST_TOLERANCE, EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.law_deviation import law_deviation_columns
+from edhas_jax.diagnosis.search.local_minima import fit_progressively
 from edhas_jax.diagnosis.search.screening import MAX_SCALE, MIN_SCALE, Signatures, with_scaled_size
 from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel, floor_of, noise_level
 from edhas_jax.diagnosis.sets.signature_table import FreeSlopes, SignatureTable
@@ -47,7 +49,7 @@ WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted 
 SMALL_SIZE = 0.1  # of a cause where its predicted size ends above the set without it
 PREDICTION_ERROR = 0.5 * FREEDOMS  # nats: a signature may predict e times the misfit that a fit leaves
 KEPT_PROMISE = 0.5  # of a predicted gain: a fit that gains less probably ended elsewhere; another start is tried
-FIT_STEPS, ROBUST_STEPS = 15, 8  # maximum numbers of Levenberg-Marquardt steps
+FIT_STEPS = 15  # maximum number of Levenberg-Marquardt steps of a fit, and of each part of one on growing parts
 CHECKED_STEPS, LEAST_FALL = 3, 0.01  # of these steps a fall by this share of the misfit: 0.15 nats of weight
 SIZES = np.concatenate([[0.0], 10.0 ** np.arange(0.0, 4.01, 0.5)])  # of the background that are compared
 MIN_INDEPENDENT = 1e-9  # share of a signature that the columns of a set leave, below which it is rounding errors
@@ -57,10 +59,15 @@ Report = Callable[[str], None]
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """Where a fit begins (n,), and the floor of a robust fit that comes first."""
+    """Where a fit begins (n,), of the whole runs or, from there and from the prior means, of growing parts of them.
+
+    Args:
+        x: coordinates of all unknowns.
+        scanned: number of the last ones that are scanned before growing parts are fitted; 0 for whole runs.
+    """
 
     x: np.ndarray
-    floor: Floor = Floor()
+    scanned: int = 0
 
 
 @dataclasses.dataclass
@@ -70,14 +77,14 @@ class Move:
     Args:
         to: the set.
         added: the cause.
-        starts: coordinates at which its fit may start.
+        start: coordinates at which its fit begins.
         small: coordinates at which it is hardly felt.
         fall: predicted fall of the misfit [nats].
     """
 
     to: "FittedSet"
     added: Candidate
-    starts: tuple[np.ndarray, ...]
+    start: np.ndarray
     small: np.ndarray
     fall: float
 
@@ -95,9 +102,10 @@ class FittedSet:
         members: effects, sensor faults and free terms.
         evaluated: the fit.
         model: the linear model around it.
-        floor: the floor of robust fits.
+        floor: the floor of predictions.
         misfit: see `FlooredModel`, without a floor.
         numbers: the same.
+        excess: the same.
         log_weight: logarithm of its weight [nats]; NaN before the search has ended.
         untried: further starts of its fit.
         moves: predicted additions; None before they are predicted.
@@ -109,6 +117,7 @@ class FittedSet:
     floor: Floor
     misfit: float
     numbers: float
+    excess: float
     log_weight: float = math.nan
     untried: list[Start] = dataclasses.field(default_factory=list)
     moves: list[Move] | None = None
@@ -195,17 +204,6 @@ class SetSearch:
         self._failed: set[frozenset[str]] = set()
         empty = self._weighed((), calibrated, LinearModel(calibrated.fit, None, table.background))
         self._add(empty, empty.key)
-        self._undistorted: Mapping[str, float] = {}
-        if empty.floor.size > 0.0:
-            try:
-                start = np.zeros(len(calibrated.fit.x))
-                robust = fit_coarse(self._problem((), empty.floor), start, resolution.coarse, FIT_STEPS)
-                self._undistorted = robust.fit.values
-                again = self._fitted((), Start(robust.fit.x))
-                if again is not None and again.misfit < empty.misfit:
-                    self._add(again, again.key)
-            except FitError:
-                pass  # the model fails near the prior means: then only the calibrated parameters serve as a start
 
     def run(self) -> list[FittedSet]:
         """Search, and return all sets that were fitted, the one with the largest weight first."""
@@ -218,7 +216,7 @@ class SetSearch:
                 if self.weight.predicted(move) > self.weight.of(self.ranked()[0]) - PREDICTION_ERROR:
                     self._add(self._fit_move(move), move.key)
             for members in dropped:
-                starts = self._starts(members, best, [{}])
+                starts = self._starts(members, best, {}, 0)
                 self._add(self._best_of(members, starts, best.misfit), frozenset(c.name for c in members))
             self._let_compete()
             self._report(f"best so far: {self.ranked()[0]}")
@@ -284,34 +282,28 @@ class SetSearch:
         members, of = (*move.to.members, move.added), move.to
         promised = of.misfit - KEPT_PROMISE * max(move.fall, 0.0)
         unknowns = move.added.unknowns(self._base.fit.problem.campaign)
-        own = [{u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)} for x in move.starts]
-        starts = self._starts(members, of, own)
-        found = self._best_of(members, starts, promised)
+        own, small = ({u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)} for x in (move.start, move.small))
+        scanned = 0 if isinstance(move.added, FreeTerm) else len(unknowns)
+        found = self._best_of(members, self._starts(members, of, own, scanned), promised)
         if found is None or found.misfit > of.misfit:  # begin where the cause is hardly felt
-            small = {u.name: u.value(v) for u, v in zip(unknowns, move.small, strict=True)}
-            again = self._fitted(members, self._start_at(members, of, small))
+            again = self._fitted(members, self._starts(members, of, small, 0)[0])
             found = again if again is not None and (found is None or again.misfit < found.misfit) else found
         return found
 
-    def _starts(self, members: tuple[Candidate, ...], of: FittedSet, own: Sequence[Mapping[str, float]]) -> list[Start]:
-        """The starts of a fit: at the values of a known set, and where that is not at the noise of robust fits.
+    def _starts(
+        self, members: tuple[Candidate, ...], of: FittedSet, own: Mapping[str, float], scanned: int
+    ) -> list[Start]:
+        """The starts of a fit: at the values of a known set, and, where that leaves much, on growing parts.
 
         Args:
             members: the members of the new set.
             of: the known set.
-            own: values (SI) of the unknowns that it has not, the first ones for a start without a robust fit.
+            own: values (SI) of the unknowns that it has not.
+            scanned: see `Start`.
         """
-        starts = [self._start_at(members, of, own[0])]
-        if of.floor.size > 0.0:
-            starts += [self._robust_start(members, of, values) for values in own]
-        return starts
-
-    def _start_at(self, members: tuple[Candidate, ...], of: FittedSet, own: Mapping[str, float]) -> Start:
-        return Start(start_coordinates(self._problem(members), {**of.evaluated.fit.values, **own}))
-
-    def _robust_start(self, members: tuple[Candidate, ...], of: FittedSet, own: Mapping[str, float]) -> Start:
-        values = {**of.evaluated.fit.values, **self._undistorted, **own}
-        return Start(start_coordinates(self._problem(members), values), of.floor)
+        x = start_coordinates(self._problem(members), {**of.evaluated.fit.values, **own})
+        has_minima = of.excess > PROGRESSIVE_EXCESS * noise_level(int(self._table.ends[-1]))
+        return [Start(x), Start(x, scanned)] if scanned and has_minima else [Start(x)]
 
     def _best_of(self, members: tuple[Candidate, ...], starts: Sequence[Start], promised: float) -> FittedSet | None:
         """The best of fits from some starts, further ones of which wait where it is as good as promised."""
@@ -327,15 +319,21 @@ class SetSearch:
 
     def _fitted(self, members: tuple[Candidate, ...], start: Start) -> FittedSet | None:
         """The fit of a set; None where the model fails."""
-        x, coarse = start.x, self._resolution.coarse
+        problem, coarse = self._problem(members), self._resolution.coarse
         try:
-            if start.floor.size > 0.0:
-                x = fit_coarse(self._problem(members, start.floor), x, coarse, ROBUST_STEPS).fit.x
-            evaluated = fit_coarse(self._problem(members), x, coarse, FIT_STEPS, self._keep_on_rule(members))
+            if not start.scanned:
+                evaluated = fit_coarse(problem, start.x, coarse, FIT_STEPS, self._keep_on_rule(members))
+            else:
+                starts = np.array([np.zeros(len(start.x)), start.x])
+                evaluated = fit_progressively(problem, starts, start.scanned, coarse, FIT_STEPS)
         except FitError:
             return None
+        if evaluated is None:
+            return None
         named = [c for c in members if not isinstance(c, FreeTerm)]
-        laws = law_deviation_columns(evaluated.fit, named) if named else None
+        best = self.weight.of(self.ranked()[0])
+        is_near = self.weight.at(evaluated.cost, members) > best - PREDICTION_ERROR
+        laws = law_deviation_columns(evaluated.fit, named) if named and is_near else None
         model = LinearModel(evaluated.fit, laws, self._table.background)
         return self._weighed(members, evaluated, model) if model.is_finite else None
 
@@ -361,23 +359,16 @@ class SetSearch:
 
     def _weighed(self, members: tuple[Candidate, ...], evaluated: EvaluatedFit, model: LinearModel) -> FittedSet:
         at, floor = model.at(Floor()), floor_of(model, self._table.ends, SIZES)
-        return FittedSet(members, evaluated, model, floor, at.misfit, at.numbers)
+        return FittedSet(members, evaluated, model, floor, at.misfit, at.numbers, at.excess)
 
-    def _problem(self, members: Sequence[Candidate], floor: Floor = Floor()) -> FitProblem:
-        """The fit problem of a set; with a floor, that of a robust fit."""
-        problem, background = with_candidates(self._base.fit.problem, members), None
-        if floor.size > 0.0:
-            background = {
-                run.name: {n: floor.size * v for n, v in columns.items()}
-                for run, columns in zip(problem.model().runs, self._table.background_columns, strict=True)
-            }
-        return dataclasses.replace(problem, background=background, noise_factor=floor.noise)
+    def _problem(self, members: Sequence[Candidate]) -> FitProblem:
+        return with_candidates(self._base.fit.problem, members)
 
     def _predicted_moves(self, of: FittedSet) -> list[Move]:
         """The additions to a set, their log weights predicted from signatures.
 
-        A signature predicts the fall of what is left without a floor, and with that of robust fits, where what the
-        background can do counts little. The larger relative fall is taken.
+        A signature predicts the fall of what is left without a floor, and with one, where what the background can do
+        counts little. The larger relative fall is taken.
         """
         plain = of.model.at(Floor())
         scaled = [Scaled(plain, 1.0, math.inf)]
@@ -403,7 +394,7 @@ class SetSearch:
         point, unknowns = signatures.points[k], signatures.candidate.unknowns(self._base.fit.problem.campaign)
         x = with_scaled_size(unknowns, point, max(scale, MIN_SCALE), signatures.exponent)
         small = with_scaled_size(unknowns, point, SMALL_SIZE, signatures.exponent)
-        return Move(of, signatures.candidate, (x, point), small, fall)
+        return Move(of, signatures.candidate, x, small, fall)
 
     def _free_move(self, of: FittedSet, slopes: FreeSlopes, scaled: Sequence[Scaled]) -> Move:
         products, found = of.model.products(slopes.rows), []
@@ -413,4 +404,4 @@ class SetSearch:
             half = whitening.T @ overlap
             found.append((by.fall(0.5 * half @ half) - 0.5 * log_information, tuple(whitening @ half)))
         fall, x = max(found)
-        return Move(of, slopes.term, (np.array(x),), SMALL_SIZE * np.array(x), fall)
+        return Move(of, slopes.term, np.array(x), SMALL_SIZE * np.array(x), fall)

@@ -41,14 +41,12 @@ class SignatureTable:
         candidates: effects and sensor faults with their signatures, rows (k, m) of one matrix each.
         free: the free terms: curves, memories and resonances.
         background: directions (m, g) of the background, whitened.
-        background_columns: the same by fitted run and signal (samples, g), SI.
         ends: where the signals end among the m samples.
     """
 
     candidates: tuple[Signatures, ...]
     free: tuple[FreeSlopes, ...]
     background: np.ndarray
-    background_columns: tuple[dict[str, np.ndarray], ...]
     ends: np.ndarray
 
 
@@ -63,40 +61,27 @@ def signature_table(fit: Fit, candidates: Sequence[Candidate], report: Callable[
     test = ScoreTest(fit, ())
     report("signatures of all effects and sensor faults")
     named = tuple(found for candidate in candidates if len((found := test.signatures(candidate)).rows))
-    found, columns = [], []
+    found = []
     for term, slopes in (*curves_with_slopes(fit, report), *memories_with_slopes(fit, report)):
-        scaled = [{n: term.spread * v for n, v in run.items()} for run in slopes]
-        rows = test.whitened(scaled).T
+        rows = test.whitened([{n: term.spread * v for n, v in run.items()} for run in slopes]).T
         if (np.abs(rows) < OVERFLOW_LIMIT).all() and np.abs(rows).max() > 0.0:
             found.append(FreeSlopes(term, rows.astype(np.float32), rows @ rows.T))
-            columns.append(scaled)
-    curves = [k for k, of in enumerate(found) if isinstance(of.term, CurveCandidate)]
-    background = _background([found[k] for k in curves], [columns[k] for k in curves], int(test.ends[-1]))
-    return SignatureTable(named, tuple(found), *background, test.ends)
+    return SignatureTable(named, tuple(found), _background(found, int(test.ends[-1])), test.ends)
 
 
-def _background(
-    curves: Sequence[FreeSlopes], columns: Sequence[Sequence[dict[str, np.ndarray]]], samples: int
-) -> tuple[np.ndarray, tuple[dict[str, np.ndarray], ...]]:
-    """The directions of the background (m, g), whitened, and the same by run and signal (samples, g) in SI."""
-    if not curves:  # a rig of one's own without slots
-        return np.zeros((samples, 0)), ()
+def _background(free: Sequence[FreeSlopes], samples: int) -> np.ndarray:
+    """The directions of the background (m, g), whitened."""
     shapes = []
-    for of in curves:
+    for of in free:
+        if not isinstance(of.term, CurveCandidate):
+            continue
         vectors, sizes, _ = np.linalg.svd(CurvePrior(1.0, SMOOTHNESS).factor(np.array(of.term.nodes)))
-        smooth = vectors[:, :SHAPES] * sizes[:SHAPES]
-        lengths = np.linalg.norm(of.rows.T @ smooth, axis=0)
-        shapes.append(smooth[:, lengths > 0.0] / lengths[lengths > 0.0])
-    stack = np.concatenate([of.rows.T @ smooth for of, smooth in zip(curves, shapes, strict=True)], axis=1)
+        columns = of.rows.T @ (vectors[:, :SHAPES] * sizes[:SHAPES])
+        lengths = np.linalg.norm(columns, axis=0)
+        shapes.append(columns[:, lengths > 0.0] / lengths[lengths > 0.0])
+    if not shapes:  # a rig of one's own without slots
+        return np.zeros((samples, 0))
+    stack = np.concatenate(shapes, axis=1)
     values, vectors = np.linalg.eigh(stack.T @ stack)
     kept = np.argsort(-values)[:MAX_DIRECTIONS]
-    directions = vectors[:, kept[values[kept] > MIN_EIGENVALUE * values.max()]]
-    parts = [
-        {
-            n: np.concatenate([of[r][n] @ smooth for of, smooth in zip(columns, shapes, strict=True)], axis=1)
-            @ directions
-            for n in columns[0][r]
-        }
-        for r in range(len(columns[0]))
-    ]
-    return stack @ directions, tuple(parts)
+    return stack @ vectors[:, kept[values[kept] > MIN_EIGENVALUE * values.max()]]
