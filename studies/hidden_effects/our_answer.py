@@ -37,9 +37,13 @@ def answer_of_sets(found) -> Answer:
 
     A cause without a name is reported where that set has a free term that explains more than any name in it.
     """
+    from edhas_jax.diagnosis.sets.posterior import labels  # which an earlier version of the package does not have
+
     p, members = found.probabilities, [candidate for candidate, _ in found.members]
     if not members:
-        return Answer(Verdict.ADEQUATE, (), found.credible, None, p[NOTHING], ranked=tuple(p)[:MAX_RANKED])
+        (only,) = labels(found.sets[0])
+        verdict = Verdict.ADEQUATE if only == NOTHING else Verdict.UNKNOWN_EFFECT
+        return Answer(verdict, (), found.credible, None, p[only], ranked=tuple(p)[:MAX_RANKED])
     names = tuple(c.name for c in members if not isinstance(c, FreeTerm))
     is_unknown = isinstance(members[0], FreeTerm)
     verdict = Verdict.UNKNOWN_EFFECT if is_unknown else Verdict.MISSING_EFFECT

@@ -11,6 +11,7 @@ from edhas_jax.diagnosis.search.calibrated_model import calibrate
 from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
+from edhas_jax.diagnosis.search.outcome import MUCH_LEFT
 from edhas_jax.diagnosis.sets.set_search import FittedSet, SetSearch
 from edhas_jax.diagnosis.sets.signature_table import signature_table
 from edhas_jax.machine.effects import Effect
@@ -69,8 +70,13 @@ class SetPosterior:
 
 
 def labels(of: FittedSet) -> tuple[str, ...]:
-    """The names of the effects and faults of a set, `UNKNOWN` for a free term, and `NOTHING` for the empty set."""
-    return tuple(UNKNOWN if isinstance(c, FreeTerm) else c.name for c in of.members) or (NOTHING,)
+    """The names of the effects and faults of a set, and `UNKNOWN` for a free term.
+
+    `NOTHING` for the empty set; `UNKNOWN` where that leaves more than `MUCH_LEFT` times the noise.
+    """
+    leaves_much = of.excess > 0.5 * (MUCH_LEFT**2 - 1.0) * of.samples
+    of_empty = UNKNOWN if leaves_much else NOTHING
+    return tuple(UNKNOWN if isinstance(c, FreeTerm) else c.name for c in of.members) or (of_empty,)
 
 
 @single_threaded_algebra

@@ -106,6 +106,7 @@ class FittedSet:
         misfit: see `FlooredModel`, without a floor.
         numbers: the same.
         excess: the same.
+        samples: number of samples of the fit.
         log_weight: logarithm of its weight [nats]; NaN before the search has ended.
         untried: further starts of its fit.
         moves: predicted additions; None before they are predicted.
@@ -118,6 +119,7 @@ class FittedSet:
     misfit: float
     numbers: float
     excess: float
+    samples: int
     log_weight: float = math.nan
     untried: list[Start] = dataclasses.field(default_factory=list)
     moves: list[Move] | None = None
@@ -359,7 +361,7 @@ class SetSearch:
 
     def _weighed(self, members: tuple[Candidate, ...], evaluated: EvaluatedFit, model: LinearModel) -> FittedSet:
         at, floor = model.at(Floor()), floor_of(model, self._table.ends, SIZES)
-        return FittedSet(members, evaluated, model, floor, at.misfit, at.numbers, at.excess)
+        return FittedSet(members, evaluated, model, floor, at.misfit, at.numbers, at.excess, model.samples)
 
     def _problem(self, members: Sequence[Candidate]) -> FitProblem:
         return with_candidates(self._base.fit.problem, members)
