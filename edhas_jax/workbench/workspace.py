@@ -21,6 +21,12 @@ from edhas_jax.core.regular_file import read_regular_file
 CAMPAIGN_FILE = "campaign.yaml"
 RESULTS = "workbench"  # folder of everything that the workbench writes, besides the campaign itself
 CALIBRATED, DIAGNOSED, TRIED, JOBS, DESIGNS = "calibrated", "diagnosed", "tried", "jobs", "designs"
+AS_GIVEN = "as given"  # the campaign's own model
+# the model of a calibration is that of a diagnosis too, which calibrates first
+MODEL_FILES = {
+    CALIBRATED: (f"{CALIBRATED}/config.yaml", f"{DIAGNOSED}/config_calibrated.yaml"),
+    DIAGNOSED: (f"{DIAGNOSED}/config.yaml",),
+}
 RESULT_FILES = {CALIBRATED: "fit.json", DIAGNOSED: "diagnosis.json"}
 DECISIONS_FILE, STEPS_FILE = "decisions.json", "steps.jsonl"
 TRIED_KEYS = {"effects", "named", "before", "parameters", "error", "error_by_run"}
@@ -154,10 +160,10 @@ class Workspace:
 
     def models(self) -> dict[str, Path | None]:
         """The models that exist: path of the configuration by name; None for the campaign's own, "as given"."""
-        found: dict[str, Path | None] = {"as given": None}
-        for name in (CALIBRATED, DIAGNOSED):
-            path = self.inside(Path(RESULTS, name, "config.yaml"))
-            if path.is_file():
+        found: dict[str, Path | None] = {AS_GIVEN: None}
+        for name, files in MODEL_FILES.items():
+            paths = [self.inside(Path(RESULTS, file)) for file in files]
+            if (path := next((path for path in paths if path.is_file()), None)) is not None:
                 found[name] = path
         for path in sorted(self.inside(Path(RESULTS, TRIED)).glob("*.yaml")):
             found[f"with {path.stem}"] = self.inside(Path(RESULTS, TRIED, path.name))

@@ -39,6 +39,21 @@ def campaign_folder(measured_campaign, tmp_path):
     return Path(shutil.copytree(measured_campaign, tmp_path / "bench"))
 
 
+@pytest.fixture(scope="session")
+def diagnosis_of_campaign(measured_campaign, tmp_path_factory):
+    """A copy of that folder with a diagnosis in it, and what the command has printed."""
+    folder = Path(shutil.copytree(measured_campaign, tmp_path_factory.mktemp("diagnosed") / "bench"))
+    words = "diagnose", folder, "--out", folder / "workbench" / "diagnosed"
+    command = [sys.executable, "-m", "edhas_jax.commands.cli", *map(str, words)]
+    return folder, subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.fixture
+def diagnosed_folder(diagnosis_of_campaign, tmp_path):
+    """A copy of the folder with the diagnosis."""
+    return Path(shutil.copytree(diagnosis_of_campaign[0], tmp_path / "bench"))
+
+
 @pytest.fixture
 def workbench():
     """`workbench(folder, *options)` serves it; the result has `address`, `stop()`. All are stopped at the end."""

@@ -49,7 +49,9 @@ class ReportView:
             self._show(next(iter(found)))
 
     async def redraw(self) -> None:
-        """A report is on white paper on any page."""
+        """Show the report that is in front in the colours of the page."""
+        if self._frame.default_slot.children:
+            self._frame.default_slot.children[0].style(replace=self._colours())
 
     def _show_next(self) -> None:
         diagnosis = self._page.workspace.result(DIAGNOSED)
@@ -79,3 +81,8 @@ class ReportView:
             frame = ui.element("iframe").classes("wb-report").props("sandbox=allow-scripts")
             frame.props["src"] = self._address(name)
             frame.props["title"] = f"report of the {name}"
+            frame.style(self._colours())
+
+    def _colours(self) -> str:
+        """A report follows the colours that its frame prefers."""
+        return f"color-scheme: {'dark' if self._page.dark else 'light'}"
