@@ -10,7 +10,7 @@ import numpy as np
 from edhas_jax.config.law_file import law_units
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core.literal_text import file_name
-from edhas_jax.core.units import from_si
+from edhas_jax.core.units import exact_quantity, from_si
 from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
 from edhas_jax.diagnosis.laws.curve_figure import Z_95
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
@@ -28,7 +28,7 @@ from edhas_jax.measurements.comparison_report import sentences
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
 from edhas_jax.measurements.residual_patterns import Pattern, find_patterns
-from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
+from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter, uncertain_unknowns
 from edhas_jax.workbench.thinning import thinned
 from edhas_jax.workbench.workspace import RESULTS, TRIED, Workspace, WorkspaceError
 
@@ -70,7 +70,7 @@ class CampaignCalculations:
             "noise_table": noise_as_json(campaign),
             "runs": {run.name: {"use": run.use.value, "samples": len(run.time)} for run in campaign.runs},
             "conditions": run_descriptions(campaign),
-            "uncertain": [u.name for u in uncertain_unknowns(campaign)],
+            "uncertain": {u.name: _prior(u) for u in uncertain_unknowns(campaign)},
             "sentences": data_sentences(campaign),
             "remarks": [(r.severity.value, r.file.name, r.line, r.sentence) for r in remarks],
         }
@@ -289,3 +289,13 @@ class CampaignCalculations:
 
     def _difference(self, about: Signal, value: float) -> float:
         return float(self._shown(about, value) - self._shown(about, 0.0))
+
+
+def _prior(unknown: UnknownParameter) -> dict[str, Any]:
+    """What is known of a parameter, and between which values (SI) it is sought."""
+    unit, spread = unknown.unit, unknown.spread
+    known = f"{100.0 * spread:.3g} %" if unknown.scale is ParameterScale.LOGARITHMIC else exact_quantity(spread, unit)
+    smallest, largest = sorted(float(unknown.value(x)) for x in unknown.bounds())
+    return {
+        "given": unknown.centre, "unit": unit, "smallest": smallest, "largest": largest, "known_to": f"± {known}",
+    }  # fmt: skip

@@ -125,7 +125,7 @@ class Page:
         if self._tabs.value in self._views:  # one was clicked meanwhile
             await self._open(self._tabs.value)
         else:
-            await self._arrive(found["address"])
+            await self._arrive(found["address"] or self.workspace.packed_place())
         self.show_state()
         ui.timer(POLL, self._look)
 
@@ -271,7 +271,7 @@ class Page:
     async def _arrive(self, address: str) -> None:
         """Go where an address says; a campaign opens with the overview."""
         self.place = Place.read(address)
-        if self.place.view not in VIEWS:
+        if self.place.view not in VIEWS:  # a packed place may be of anybody
             first = "Overview" if self.workspace.has_campaign else "Design" if self.workspace.config else "Data"
             self.place = dataclasses.replace(self.place, view=first)
         await self._show_place()

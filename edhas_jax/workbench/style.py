@@ -68,7 +68,7 @@ ol.wb-list { list-style: decimal } ol.wb-list li > * { vertical-align: top }
 .wb-ended { position: fixed; inset: auto 0 0 0; z-index: 9999; background: #10375c; color: #fff; padding: 14px 20px;
   font-size: 15px; line-height: 1.45 }
 .wb-paper { background: #fff; border-radius: 10px; padding: 8px; max-width: 750px; width: 100% }
-.wb-paper [data-part] { cursor: pointer }
+.wb-paper [data-part] { cursor: pointer } .wb-paper :is(line, path) { pointer-events: none }
 .wb-log { max-height: 230px; overflow: auto; font-size: 13px; width: 100% }
 .wb-report { width: 100%; height: 75vh; border: 1px solid rgba(128,128,128,.35); border-radius: 8px; background: #fff }
 .body--dark .wb-report { background: #121212 }

@@ -19,7 +19,7 @@ from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DEAD_TIME = 0.8  # V, of the inverter of the bench; the model has none
-PATIENCE = 1200.0  # s, for a machine that is busy with other things
+PATIENCE = float(os.environ.get("PATIENCE", 1200.0))  # s, for a machine that is busy with other things
 HIDDEN_PLOT = "Resize must be passed a displayed plot"  # Plotly's error where the page changes while it draws a plot
 OWN = re.compile(r"(https?|wss?)://(127\.0\.0\.1|localhost)[:/]|data:|blob:|about:")
 
@@ -104,7 +104,8 @@ def look(browser):
     complaints, elsewhere, contexts = [], [], []
 
     def open_window(address, width=1280, height=900, dark=False):
-        scheme = "dark" if dark else "light"
+        # None: that of the browser, so that frames may have another one than the window
+        scheme = {True: "dark", False: "light", None: "null"}[dark]
         context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
         contexts.append(context)
         page = context.new_page()

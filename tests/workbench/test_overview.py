@@ -137,7 +137,7 @@ def test_plots_and_tables_are_saved(diagnosed_folder, workbench, look):
 
 
 def test_a_narrow_page_shows_matrix_and_errors_and_a_dark_one_a_dark_report(diagnosed_folder, workbench, look):
-    page = look(workbench(diagnosed_folder).address, width=390)
+    page = look(workbench(diagnosed_folder).address, width=390, dark=None)
     mark(page, "overlay").locator(".main-svg").first.wait_for()
     assert page.evaluate("document.documentElement.scrollWidth") == 390
     for name in ("error-before", "error-calibrated", "error-diagnosed", "matrix-as given"):

@@ -4,12 +4,13 @@ from nicegui import ui
 
 from edhas_jax.workbench.standing import sizes_text
 from edhas_jax.workbench.views.job_panel import JobPanel
+from edhas_jax.workbench.views.parameters import Parameters
 from edhas_jax.workbench.views.save import csv_button
 from edhas_jax.workbench.views.suspects import Suspects
 
 
 class DiagnoseView:
-    """Jobs, suspects, what was tried."""
+    """Jobs, parameters, suspects, what was tried."""
 
     def __init__(self, page):
         self._page = page
@@ -21,6 +22,7 @@ class DiagnoseView:
             ui.button("Diagnose", on_click=self._diagnose).props("no-caps unelevated icon=troubleshoot")
             ui.label("in a process of its own; it goes on when this page is closed").classes("wb-quiet gt-xs")
         self._job = JobPanel(self._page, {"calibrate": self._calibrate, "diagnose": self._diagnose})
+        self._parameters = Parameters(self._page)
         self._suspects = Suspects(self._page, self.refresh)
         self._tried = ui.column().classes("w-full gap-1 mt-4")
         await self.refresh()
@@ -28,6 +30,7 @@ class DiagnoseView:
     async def refresh(self) -> None:
         """Follow the folder."""
         self.show_progress()
+        self._parameters.refresh()
         self._suspects.refresh()
         self._build_tried()
 

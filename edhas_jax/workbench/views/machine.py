@@ -17,7 +17,7 @@ class MachineView:
     async def build(self) -> None:
         """Build the view."""
         ui.label("Equations, effects and suspects of each part").classes("wb-h")
-        self._note = ui.label("Click a part; the more colour, the more probable is something missing there.")
+        self._note = ui.label("Click a part; a darker colour is a higher probability that something is missing there.")
         self._note.classes("wb-quiet")
         with ui.element("div").classes("wb-two mt-2"):
             with ui.column().classes("gap-2"):

@@ -1,5 +1,6 @@
 """Report: the next experiment, and the HTML files that one sends."""
 
+import dataclasses
 import urllib.parse
 from pathlib import Path
 
@@ -22,6 +23,9 @@ class ReportView:
         self._next = ui.column().classes("gap-1")
         ui.label("Reports").classes("wb-h mt-4")
         ui.label("One HTML file each, with its figures in it: send the file.").classes("wb-quiet")
+        pack = ui.button("Campaign and results as one file", on_click=self._pack)
+        pack.props("no-caps flat dense icon=archive")
+        pack.tooltip("a ZIP file; `edhas workbench` on the unpacked folder opens on the same run and signal")
         self._list = ui.column().classes("gap-1 w-full")
         self._frame = ui.column().classes("w-full mt-3")
         await self.refresh()
@@ -47,6 +51,14 @@ class ReportView:
                     ui.link("Open", self._address(name), new_tab=True)
         if found and self._shown not in found:
             self._show(next(iter(found)))
+
+    def _pack(self) -> None:
+        """Hand the browser everything, to be opened with the run, signal and model of this page."""
+        workspace = self._page.workspace
+        address = dataclasses.replace(self._page.place, view="Overview").address
+        packed = self._page.attempt(lambda: workspace.packed(address))
+        if packed is not None:
+            ui.download.content(packed, f"{workspace.folder.name}.zip")
 
     async def redraw(self) -> None:
         """Show the report that is in front in the colours of the page."""
