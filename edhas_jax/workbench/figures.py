@@ -134,7 +134,7 @@ def staircase_figure(stages: Mapping[str, Mapping[str, float]], dark: bool) -> d
             "hovertemplate": "%{text} × noise<extra>" + title + "</extra>",
         })  # fmt: skip
     largest = max((v for row in stages.values() for v in row.values() if v is not None), default=1.0)
-    layout["xaxis"] = _x_axis(colours, "residual over noise; dashed: the noise") | {
+    layout["xaxis"] = _x_axis(colours, "residual over noise") | {
         "type": "log", "range": [math.log10(LEAST), math.log10(1.6 * max(largest, 1.5))], "tickvals": TICKS,
         "fixedrange": True,
     }  # fmt: skip

@@ -12,7 +12,7 @@ from edhas_jax.core.units import estimate_text
 from edhas_jax.diagnosis.search.finished_stage import read_stages
 from edhas_jax.diagnosis.search.outcome import MUCH_LEFT
 from edhas_jax.workbench.jobs import DONE, JobList
-from edhas_jax.workbench.workspace import AS_GIVEN, CALIBRATED, DIAGNOSED, Workspace, effect_id
+from edhas_jax.workbench.workspace import AS_GIVEN, CALIBRATED, CALIBRATED_FIRST, DIAGNOSED, Workspace, effect_id
 
 TITLES = {CALIBRATED: ("calibrate", "calibration"), DIAGNOSED: ("diagnose", "diagnosis")}
 USES = {"holdout": "runs not used", "fit": "runs used"}
@@ -130,12 +130,12 @@ def _stages(
 
 def _models(workspace: Workspace, added: tuple[str, ...], stages: Mapping[str, Any]) -> dict[str, str]:
     """The names of the models by stage; the model as given is there before its errors are."""
-    of_stages = {name: name for name in (AS_GIVEN, CALIBRATED)}
+    there = workspace.models() if workspace.has_campaign else {}
+    of_stages = {AS_GIVEN: AS_GIVEN, CALIBRATED: CALIBRATED_FIRST if CALIBRATED_FIRST in there else CALIBRATED}
     if added:
         of_stages |= {f"+ {effect_id(n)}": f"with {m}" for n, m in zip(added, _chain_names(added), strict=True)}
     elif DIAGNOSED in stages:
         of_stages[DIAGNOSED] = DIAGNOSED
-    there = workspace.models() if workspace.has_campaign else {}
     return {stage: model for stage, model in of_stages.items() if model in there}
 
 

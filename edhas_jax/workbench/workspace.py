@@ -24,10 +24,11 @@ CAMPAIGN_FILE = "campaign.yaml"
 RESULTS = "workbench"  # folder of everything that the workbench writes, besides the campaign itself
 CALIBRATED, DIAGNOSED, TRIED, JOBS, DESIGNS = "calibrated", "diagnosed", "tried", "jobs", "designs"
 AS_GIVEN = "as given"  # the campaign's own model
-# the model of a calibration is that of a diagnosis too, which calibrates first
+CALIBRATED_FIRST = "calibrated by the diagnosis"  # which lets the bench deviate as well
 MODEL_FILES = {
-    CALIBRATED: (f"{CALIBRATED}/config.yaml", f"{DIAGNOSED}/config_calibrated.yaml"),
-    DIAGNOSED: (f"{DIAGNOSED}/config.yaml",),
+    CALIBRATED: f"{CALIBRATED}/config.yaml",
+    CALIBRATED_FIRST: f"{DIAGNOSED}/config_calibrated.yaml",
+    DIAGNOSED: f"{DIAGNOSED}/config.yaml",
 }
 RESULT_FILES = {CALIBRATED: "fit.json", DIAGNOSED: "diagnosis.json"}
 DECISIONS_FILE, STEPS_FILE, PLACE_FILE = "decisions.json", "steps.jsonl", "place.txt"
@@ -164,9 +165,8 @@ class Workspace:
     def models(self) -> dict[str, Path | None]:
         """The models that exist: path of the configuration by name; None for the campaign's own, "as given"."""
         found: dict[str, Path | None] = {AS_GIVEN: None}
-        for name, files in MODEL_FILES.items():
-            paths = [self.inside(Path(RESULTS, file)) for file in files]
-            if (path := next((path for path in paths if path.is_file()), None)) is not None:
+        for name, file in MODEL_FILES.items():
+            if (path := self.inside(Path(RESULTS, file))).is_file():
                 found[name] = path
         for path in sorted(self.inside(Path(RESULTS, TRIED)).glob("*.yaml")):
             found[f"with {path.stem}"] = self.inside(Path(RESULTS, TRIED, path.name))

@@ -20,7 +20,10 @@ from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime
 from edhas_jax.measurements.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
-FILES = {"config.yaml", "config_calibrated.yaml", "diagnosis.json", "diagnosis.png", "files.json", "report.html", "summary.json"}
+FILES = {
+    "config.yaml", "config_calibrated.yaml", "diagnosis.json", "diagnosis.png", "files.json", "report.html",
+    "summary.json",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -129,7 +129,8 @@ def test_plots_and_tables_are_saved(diagnosed_folder, workbench, look):
     for what in ("overlay", "matrices"):
         assert saved(what, "PNG").startswith(b"\x89PNG") and b"<svg" in saved(what, "SVG")[:1000]
     rows = list(csv.reader(saved("overlay", "CSV").decode().splitlines()))
-    names = ["time [s]", "measured voltage [V]", "calibrated voltage [V]", "diagnosed voltage [V]"]
+    models = "measured", "calibrated by the diagnosis", "diagnosed"
+    names = ["time [s]", *(f"{name} voltage [V]" for name in models)]
     assert rows[0] == names and len(rows) == 402
     rows = list(csv.reader(saved("matrices", "CSV").decode().splitlines()))
     shown = {(stage, *at): value for stage in STAGES for at, (value, _) in cells(page, stage).items()}

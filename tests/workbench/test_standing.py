@@ -81,14 +81,14 @@ def test_every_stage_has_its_model_where_there_is_one(workspace):
     folder = write(workspace, DIAGNOSED, diagnosis()).parent
     for name in ("config.yaml", "config_calibrated.yaml"):
         (folder / name).write_text("rig: actuator_bench\n")
-    stages = {name: name for name in ("as given", "calibrated", "diagnosed")}
+    stages = {"as given": "as given", "calibrated": "calibrated by the diagnosis", "diagnosed": "diagnosed"}
     assert now(workspace).models == now(workspace).last_models == stages
     for effects in (["a_drag"], ["a_drag", "a_lag"]):
         workspace.save_tried("+".join(effects), tried(*effects))
         (workspace.results / "tried" / f"{'+'.join(effects)}.yaml").write_text("rig: actuator_bench\n")
     workspace.decide(Decisions(("a_drag", "a_lag")))
     of_added = {"+ a_drag": "with a_drag", "+ a_lag": "with a_drag+a_lag"}
-    assert now(workspace).models == {n: n for n in ("as given", "calibrated")} | of_added
+    assert now(workspace).models == {n: stages[n] for n in ("as given", "calibrated")} | of_added
     assert list(now(workspace).last_models) == ["as given", "calibrated", "+ a_lag"]
 
 

@@ -38,7 +38,8 @@ class CompareView:
         """Build the view."""
         page = self._page
         models = page.workspace.models()
-        self._model = next(name for name in (page.place.model, CALIBRATED, AS_GIVEN) if name in models)
+        calibrated = page.standing().models.get(CALIBRATED, AS_GIVEN)
+        self._model = page.place.model if page.place.model in models else calibrated
         with ui.row().classes("items-end gap-4"):
             self._models = ui.select(list(models), value=self._model, label="model")
             self._models.classes("min-w-48").props("dense options-dense outlined").on_value_change(self._choose_model)

@@ -67,13 +67,13 @@ class OverviewView:
         """Let the staircase grow with the search that runs."""
         now = self._page.standing()
         stages = now.growing or now.stages
-        text = "Arrows show what each stage changes."
+        text = "Dashed: the noise of the sensors."
         if now.growing:
             text = "The diagnosis that runs has come so far:"
         elif not stages:
             text = "Calibrate or diagnose, and it is seen here how the error falls."
         elif now.corrected:
-            text = f"{BENCH_CORRECTED.capitalize()}: {', '.join(n for n in stages if n in now.corrected)}."
+            text += f" {BENCH_CORRECTED.capitalize()}: {', '.join(n for n in stages if n in now.corrected)}."
         self._of_stages.set_text(text)
         if (stages, self._page.dark) == self._stages:
             return
@@ -166,6 +166,8 @@ class OverviewView:
         panels = await page.ask("campaign.traces", self._overlaid_models(), REPLAY, page.session.allowed, [cell],
                                 *EVERYTHING, INTERVALS)  # fmt: skip
         if panels:
+            stages = {model: stage for stage, model in page.standing().models.items()}
+            panels = [p | {"models": {stages.get(n, n): m for n, m in p["models"].items()}} for p in panels]
             places = [row["range"] for row in self._before()["sentences"] if (row["run"], row["signal"]) == cell]
             self._plot.show(traces_figure(panels, page.dark, next(iter(places), None)))
             self._overlaid = cell, page.dark
