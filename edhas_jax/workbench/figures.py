@@ -68,16 +68,17 @@ def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequen
              "fillcolor": colours.good, "opacity": 0.13, "line": {"width": 0}, "layer": "below"}
         ]  # fmt: skip
         rows = [("measured", panel["measured"], upper, colours.measured, 1.6)]
-        series = (colours.model,) if len(panel["models"]) == 1 else (colours.grey, colours.model)
+        is_alone = len(panel["models"]) == 1
+        series = (colours.model,) if is_alone else (colours.grey, colours.model)
         for colour, (name, model) in zip(series, panel["models"].items(), strict=True):
-            of_residual = colours.residual if len(panel["models"]) == 1 else colour
+            of_residual = (ERROR_LABEL, colours.residual) if is_alone else (f"{name}: {ERROR_LABEL}", colour)
             rows.append((name, model, upper, colour, 1.4))
-            rows.append((f"{name}: {ERROR_LABEL}", model["residual"], lower, of_residual, 1.0))
+            rows.append((of_residual[0], model["residual"], lower, of_residual[1], 1.0))
         for name, row, axis, colour, width in rows:
             data.append({
                 "type": "scatter", "mode": "lines", "name": _plain(name), "x": row["x"].tolist(),
                 "y": _numbers(row["y"]), "yaxis": f"y{axis}", "line": {"color": colour, "width": width},
-                "legendgroup": name.partition(":")[0], "showlegend": k == 0 and axis == upper,
+                "legendgroup": name.partition(":")[0], "showlegend": k == 0 and (axis == upper or is_alone),
                 "hovertemplate": "%{y:.4g}<extra>" + _plain(name) + "</extra>",
             })  # fmt: skip
     layout["xaxis"] = _x_axis(colours, "time, s") | {"anchor": f"y{_axis(2 * len(panels) - 1)}"}
@@ -138,7 +139,8 @@ def staircase_figure(stages: Mapping[str, Mapping[str, float]], dark: bool) -> d
         "type": "log", "range": [math.log10(LEAST), math.log10(1.6 * max(largest, 1.5))], "tickvals": TICKS,
         "fixedrange": True,
     }  # fmt: skip
-    names = ["<br>".join(textwrap.wrap(_plain(name).replace("_", " "), NAME_WIDTH)) for name in stages]
+    lines = [textwrap.wrap(name.replace("_", " "), NAME_WIDTH, break_long_words=False) for name in stages]
+    names = ["<br>".join(map(_plain, of_name)) for of_name in lines]
     layout["yaxis"] = {
         "range": [len(stages) - 0.5, -0.5], "tickvals": list(range(len(stages))), "ticktext": names, "automargin": True,
         "tickfont": {"color": colours.ink, "size": 12.5}, "showgrid": False, "zeroline": False, "fixedrange": True,
