@@ -28,7 +28,7 @@ from tests.support.synthetic_campaign import bench, empty_campaign, measured  # 
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 1800e3  # ms
-VIEWS = "Data", "Compare", "Diagnose", "Machine", "Report", "Design", "Steps"
+VIEWS = "Overview", "Data", "Compare", "Diagnose", "Machine", "Report", "Design", "Steps"
 EFFECT, SECOND_EFFECT = "inverter_dead_time", "coil_heating"
 WIDTHS = 1280, 390
 # until Plotly has drawn once more, in ms
@@ -145,9 +145,15 @@ class Times:
         print(f"{what:70}{seconds:8.3f} s", flush=True)
 
 
-def drawn(page) -> None:
-    """Wait until measured and modelled signals are drawn."""
-    page.locator("[data-mark=traces] .main-svg").first.wait_for()
+def drawn(page, plot: str = "overlay") -> None:
+    """Wait until measured and modelled signals are drawn, in the overview or in another plot."""
+    page.locator(f"[data-mark={plot}] .main-svg").first.wait_for()
+
+
+def open_compare(page) -> None:
+    """Bring the view Compare to the front."""
+    page.get_by_role("tab", name="Compare").click()
+    drawn(page, "traces")
 
 
 def measure(browser, address: str, folder: Path, times: Times) -> None:
@@ -160,18 +166,19 @@ def measure(browser, address: str, folder: Path, times: Times) -> None:
     other.reload(wait_until="commit")
     drawn(other)
     times.row("open_s", "open the campaign", time.perf_counter() - began)
+    open_compare(other)
     spans = [other.evaluate(ZOOM, [0.01 * k, 0.01 * k + 0.05]) for k in range(6)]
     times.row("zoom_s", "zoom", 1e-3 * float(np.median(spans[1:])))
     other.context.close()
     page.get_by_role("tab", name="Diagnose").click()
     page.get_by_role("button", name="Calibrate", exact=True).click()
     page.locator("[data-mark=job-done]").wait_for()
-    page.get_by_role("tab", name="Compare").click()
+    open_compare(page)
     began = time.perf_counter()
     page.get_by_label("model").click()
     page.get_by_role("option", name="calibrated", exact=True).click()
     page.locator("[data-mark=command]").get_by_text("--model").wait_for()
-    drawn(page)
+    drawn(page, "traces")
     times.row("compare_s", "compare another model", time.perf_counter() - began)
     page.get_by_role("tab", name="Diagnose").click()
     for key, name, what in (
@@ -215,6 +222,7 @@ def measure_million(browser, address: str, times: Times) -> None:
     drawn(page)
     took = time.perf_counter() - began
     times.row("open_million_s", "open a record of a million samples: reading, check and simulation", took)
+    open_compare(page)
     spans = [page.evaluate(ZOOM, [10.0 * k, 10.0 * k + 1.0]) for k in range(6)]
     times.row("zoom_million_s", "zoom in a record of a million samples", 1e-3 * float(np.median(spans[1:])))
     page.context.close()

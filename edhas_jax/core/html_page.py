@@ -20,6 +20,12 @@ a:focus-visible, button:focus-visible, summary:focus-visible, [tabindex]:focus-v
 @media (max-width: 700px) { body { padding: 0 0.6em } table { display: block; overflow-x: auto } }
 footer { color: #57606a; font-size: 0.85em; margin-top: 3em; border-top: 1px solid #d8dee4; padding-top: 0.5em }
 img { max-width: 100% } .quiet { color: #6e7781 } li { margin: 0.3em 0 }
+:root { color-scheme: light dark }
+@media (prefers-color-scheme: dark) {
+  body { background: #121212; color: #e6edf3 } .quiet, figcaption, footer { color: #9aa4af } a { color: #7ab7ff }
+  img, svg, .drawn { filter: invert(0.93) hue-rotate(180deg) }
+  .drawn { color-scheme: light; color: #1b1f24 } .drawn :is(img, svg) { filter: none }
+}
 """
 
 

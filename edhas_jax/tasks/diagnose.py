@@ -14,7 +14,7 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.planning import next_experiment as planning
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
-from edhas_jax.diagnosis.report.result_file import CURVE_CONFIG_FILE, save_diagnosis
+from edhas_jax.diagnosis.report.result_file import CALIBRATED_CONFIG_FILE, CURVE_CONFIG_FILE, save_diagnosis
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint, program_versions
 from edhas_jax.diagnosis.search.conclusions import (
     bench_rows,
@@ -45,8 +45,8 @@ class DiagnosisResult(Result, Diagnosis):
 
     # besides the model, curves as tabulated laws that it names
     files = (
-        "report.html", "diagnosis.json", "diagnosis.png", "config.yaml", CURVE_CONFIG_FILE, "*_deviation.yaml",
-        "*_curve_over_*.yaml",
+        "report.html", "diagnosis.json", "diagnosis.png", "config.yaml", CALIBRATED_CONFIG_FILE, CURVE_CONFIG_FILE,
+        "*_deviation.yaml", "*_curve_over_*.yaml",
     )  # fmt: skip
 
     @property

@@ -1,5 +1,6 @@
 """Comparison of models with a campaign, and trials of effects, for the page."""
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 from edhas_jax.config.law_file import law_units
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core.literal_text import file_name
-from edhas_jax.core.units import from_si
+from edhas_jax.core.units import exact_quantity, from_si
 from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
 from edhas_jax.diagnosis.laws.curve_figure import Z_95
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
@@ -25,14 +26,15 @@ from edhas_jax.measurements.checks.noise_measurement import noise_as_json
 from edhas_jax.measurements.comparison import Comparison, RunComparison, compare
 from edhas_jax.measurements.comparison_report import sentences
 from edhas_jax.measurements.replay import Replay
-from edhas_jax.measurements.residual_matrix import run_descriptions
+from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
 from edhas_jax.measurements.residual_patterns import Pattern, find_patterns
-from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
+from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter, uncertain_unknowns
 from edhas_jax.workbench.thinning import thinned
 from edhas_jax.workbench.workspace import RESULTS, TRIED, Workspace, WorkspaceError
 
 KEPT_COMPARISONS = 6
 BINS, MAX_POINTS = 40, 3000  # of a residual over a variable
+PICTURE_DPI = 150  # of the matrices: as sharp as on a screen of today
 CYCLES_SHOWN, SHARE_SHOWN = 2.0, 0.1  # of a run, around the place that a sentence speaks of
 
 
@@ -68,7 +70,7 @@ class CampaignCalculations:
             "noise_table": noise_as_json(campaign),
             "runs": {run.name: {"use": run.use.value, "samples": len(run.time)} for run in campaign.runs},
             "conditions": run_descriptions(campaign),
-            "uncertain": [u.name for u in uncertain_unknowns(campaign)],
+            "uncertain": {u.name: _prior(u) for u in uncertain_unknowns(campaign)},
             "sentences": data_sentences(campaign),
             "remarks": [(r.severity.value, r.file.name, r.line, r.sentence) for r in remarks],
         }
@@ -88,45 +90,65 @@ class CampaignCalculations:
         }
 
     def traces(
-        self, model: str, replay: str, trust: list[str], panels: list[tuple[str, str]], first: float, last: float,
-        width: int,
+        self, models: list[str], replay: str, trust: list[str], panels: list[tuple[str, str]], first: float,
+        last: float, width: int,
     ) -> list[dict[str, Any]]:  # fmt: skip
         """Measured and modelled signal and (model − measured)/noise of some panels, thinned to the width of the plot.
 
         Args:
-            model: name of the model.
-            replay: the input that drives it.
+            models: names of the models.
+            replay: the input that drives them.
             trust: files of the user that may run.
             panels: run and signal of each panel.
             first: first time shown [s].
             last: last time shown [s].
             width: of the plot, in pixels.
         """
-        comparison, _ = self._comparison(model, replay, trust)
-        signals = comparison.machine.signals
-        runs = {compared.run.name: compared for compared in comparison.runs}
         out = []
         for run, signal in panels:
-            compared = runs.get(run)
-            if compared is None or signal not in compared.residuals:
+            of_models = self._compared_run(models, replay, trust, run, signal)
+            if not of_models:
                 continue
-            time, residual = compared.run.time, compared.residuals[signal]
-            rows = {
-                "measured": self._shown(signals[signal], compared.run.signals[signal]),
-                "model": self._shown(signals[signal], compared.model[signal]),
-                "residual": -residual,  # shown as model − measured
-            }
-            panel: dict[str, Any] = {
-                "run": run, "signal": signal, "unit": signals[signal].display_unit,
-                "noise": self._difference(signals[signal], comparison.campaign.channels[signal].noise),
-                "rms": compared.rms_over_noise[signal], "range": [float(time[0]), float(time[-1])],
-                "samples": len(time),
-            }  # fmt: skip
-            for name, values in rows.items():
+            compared = next(iter(of_models.values()))
+            time, about, channel = compared.run.time, self._checked().machine.signals[signal], compared.run.signals
+
+            def row(values, time=time):
                 index = thinned(time, values, first, last, width)
-                panel[name] = {"x": time[index], "y": values[index]}
-            out.append(panel)
+                return {"x": time[index], "y": values[index]}
+
+            out.append({
+                "run": run, "signal": signal, "unit": about.display_unit, "samples": len(time),
+                "measured": row(self._shown(about, channel[signal])),
+                "models": {
+                    model: row(self._shown(about, c.model[signal])) | {
+                        "rms": c.rms_over_noise[signal],
+                        "residual": row(-c.residuals[signal]),  # shown as model − measured
+                    }
+                    for model, c in of_models.items()
+                },
+            })  # fmt: skip
         return out
+
+    def samples(
+        self, models: list[str], replay: str, trust: list[str], run: str, signals: list[str]
+    ) -> list[list[Any]]:  # fmt: skip
+        """All samples of some signals of a run, measured and modelled, as rows below their head."""
+        columns: dict[str, list] = {}
+        for signal in signals:
+            about = self._checked().machine.signals[signal]
+            for model, compared in self._compared_run(models, replay, trust, run, signal).items():
+                name = f"{signal} [{about.display_unit}]"
+                columns.setdefault("time [s]", compared.run.time.tolist())
+                columns.setdefault(f"measured {name}", self._shown(about, compared.run.signals[signal]).tolist())
+                columns[f"{model} {name}"] = self._shown(about, compared.model[signal]).tolist()
+        return [list(columns), *map(list, zip(*columns.values(), strict=True))]
+
+    def matrix_picture(self, panels: dict[str, dict[str, dict[str, float]]], suffix: str) -> bytes:
+        """The matrices of several models side by side as a picture, "png" or "svg"."""
+        figure = draw_residual_matrix(panels, run_descriptions(self._checked()))
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format=suffix, dpi=PICTURE_DPI)
+        return buffer.getvalue()
 
     def residual_over(self, model: str, replay: str, trust: list[str], signal: str, variable: str) -> dict[str, Any]:
         """The residual of a signal over a variable: points of each run, and the mean in bins of all runs together."""
@@ -236,6 +258,14 @@ class CampaignCalculations:
             self._comparisons[key] = comparison, find_patterns(comparison)
         return self._comparisons[key]
 
+    def _compared_run(
+        self, models: list[str], replay: str, trust: list[str], run: str, signal: str
+    ) -> dict[str, RunComparison]:
+        """A run as each of some models has it, where it could be simulated and has the signal."""
+        of_models = {model: self._comparison(model, replay, trust)[0].runs for model in models}
+        found = {m: next((c for c in runs if c.run.name == run), None) for m, runs in of_models.items()}
+        return {model: c for model, c in found.items() if c is not None and signal in c.residuals}
+
     def _place(self, comparison: Comparison, pattern: Pattern) -> dict[str, Any]:
         """Where a pattern is seen best: the run with the largest error of its signal, around its largest residual."""
         runs = [c for c in comparison.runs if pattern.signal in c.residuals]
@@ -259,3 +289,13 @@ class CampaignCalculations:
 
     def _difference(self, about: Signal, value: float) -> float:
         return float(self._shown(about, value) - self._shown(about, 0.0))
+
+
+def _prior(unknown: UnknownParameter) -> dict[str, Any]:
+    """What is known of a parameter, and between which values (SI) it is sought."""
+    unit, spread = unknown.unit, unknown.spread
+    known = f"{100.0 * spread:.3g} %" if unknown.scale is ParameterScale.LOGARITHMIC else exact_quantity(spread, unit)
+    smallest, largest = sorted(float(unknown.value(x)) for x in unknown.bounds())
+    return {
+        "given": unknown.centre, "unit": unit, "smallest": smallest, "largest": largest, "known_to": f"± {known}",
+    }  # fmt: skip

@@ -24,7 +24,7 @@ def watch_script(folder: Path) -> str:
   let missed = 0;
   const timer = setInterval(async () => {{
     if (!window.socket || window.socket.connected) {{ missed = 0; return }}
-    const gone = await fetch('/results/-', {{cache: 'no-store'}}).then(answer => answer.status === 403, () => true);
+    const gone = await fetch('/alive', {{cache: 'no-store'}}).then(answer => answer.status === 403, () => true);
     missed = gone && !window.socket.connected ? missed + 1 : 0;
     if (missed < {MANY}) return;
     clearInterval(timer);

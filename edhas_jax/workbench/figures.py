@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,9 +13,14 @@ from edhas_jax.workbench.plot_theme import Theme, theme
 
 PANEL, BELOW, BETWEEN = 150.0, 62.0, 26.0  # px: a signal, its residual, the space after them
 TOP, BOTTOM = 26.0, 46.0  # px
-RESIDUAL, ERROR = "residual", "error / noise"  # a row of the answer; a title where ERROR_LABEL has no room
+STAGE, NAME_WIDTH = 64.0, 16  # of the staircase: px of a stage, characters of a line of its name
+TICKS = [m * 10**k for k in range(5) for m in (1, 2, 5)]  # of its axis
+ERROR = "error / noise"  # a title where ERROR_LABEL has no room
+LEAST = 0.6  # residual over noise at the left end of the staircase: a little below 1, the noise of the sensors
+WORSE = "#de4a1c"  # colour of an error that rises
 SET_POINT = "set point"  # the name of the curve that is drawn as a band
-CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d", "toImage"]}
+# the buttons of Plotly would lie on the legend: one drags to zoom, clicks twice to go back, and saves beside the plot
+CONFIG = {"displayModeBar": False, "responsive": True}
 
 
 def error_colour(value: float | None) -> tuple[str, str]:
@@ -33,7 +39,7 @@ def error_colour(value: float | None) -> tuple[str, str]:
 
 
 def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequence[float] | None) -> dict[str, Any]:
-    """Measured over modelled for each panel, the residual beneath in multiples of the noise; one time axis for all.
+    """Measured and modelled for each panel, the residuals beneath in multiples of the noise; one time axis for all.
 
     Args:
         panels: from `CampaignCalculations.traces`.
@@ -51,8 +57,9 @@ def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequen
         layout[f"yaxis{upper}"] = _y_axis(colours, [start - PANEL / whole, start], panel["unit"] or "–")
         end = start - PANEL / whole - 4.0 / whole
         layout[f"yaxis{lower}"] = _y_axis(colours, [max(end - BELOW / whole, 0.0), end], ERROR) | {"nticks": 5}
+        errors = " → ".join(f"{model['rms']:.2f}" for model in panel["models"].values())
         layout["annotations"].append({
-            "text": f"<b>{_plain(panel['run'])} · {panel['signal'].replace('_', ' ')}</b>   {panel['rms']:.2f} × noise",
+            "text": f"<b>{_plain(panel['run'])} · {panel['signal'].replace('_', ' ')}</b>   {errors} × noise",
             "xref": "paper", "yref": "paper", "x": 0.0, "y": start, "xanchor": "left", "yanchor": "bottom",
             "showarrow": False, "font": {"size": 12.5, "color": colours.ink},
         })  # fmt: skip
@@ -60,14 +67,19 @@ def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequen
             {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "yref": f"y{lower}", "y0": -2, "y1": 2,
              "fillcolor": colours.good, "opacity": 0.13, "line": {"width": 0}, "layer": "below"}
         ]  # fmt: skip
-        styles = (("measured", upper, colours.measured, 1.6), ("model", upper, colours.model, 1.4),
-                  (RESIDUAL, lower, colours.residual, 1.0))  # fmt: skip
-        for name, axis, colour, width in styles:
-            title = ERROR_LABEL if name == RESIDUAL else name
+        rows = [("measured", panel["measured"], upper, colours.measured, 1.6)]
+        is_alone = len(panel["models"]) == 1
+        series = (colours.model,) if is_alone else (colours.grey, colours.model)
+        for colour, (name, model) in zip(series, panel["models"].items(), strict=True):
+            of_residual = (ERROR_LABEL, colours.residual) if is_alone else (f"{name}: {ERROR_LABEL}", colour)
+            rows.append((name, model, upper, colour, 1.4))
+            rows.append((of_residual[0], model["residual"], lower, of_residual[1], 1.0))
+        for name, row, axis, colour, width in rows:
             data.append({
-                "type": "scatter", "mode": "lines", "name": title, "x": panel[name]["x"].tolist(),
-                "y": _numbers(panel[name]["y"]), "yaxis": f"y{axis}", "line": {"color": colour, "width": width},
-                "legendgroup": name, "showlegend": k == 0, "hovertemplate": "%{y:.4g}<extra>" + title + "</extra>",
+                "type": "scatter", "mode": "lines", "name": _plain(name), "x": row["x"].tolist(),
+                "y": _numbers(row["y"]), "yaxis": f"y{axis}", "line": {"color": colour, "width": width},
+                "legendgroup": name.partition(":")[0], "showlegend": k == 0 and (axis == upper or is_alone),
+                "hovertemplate": "%{y:.4g}<extra>" + _plain(name) + "</extra>",
             })  # fmt: skip
     layout["xaxis"] = _x_axis(colours, "time, s") | {"anchor": f"y{_axis(2 * len(panels) - 1)}"}
     if shown is not None:
@@ -97,29 +109,46 @@ def residual_figure(found: Mapping[str, Any], signal: str, variable: str, dark: 
     return {"data": data, "layout": layout, "config": CONFIG}
 
 
-def waterfall_figure(stages: Mapping[str, Mapping[str, float]], dark: bool) -> dict[str, Any]:
-    """Residual over noise after each stage, for the runs used and not used, on a logarithmic axis."""
+def staircase_figure(stages: Mapping[str, Mapping[str, float]], dark: bool) -> dict[str, Any]:
+    """Residual over noise after each stage, an arrow from the stage before; a row of dots for each use of the runs."""
     colours = theme(dark)
-    names = list(stages)
-    layout = _layout(colours, 120.0 + 46.0 * len(names)) | {"barmode": "group", "bargap": 0.25}
-    data = []
-    for use, title, colour in (("fit", "runs used", colours.residual), ("holdout", "runs not used", colours.measured)):
-        values = [stages[name].get(use) for name in names]
-        if not any(v is not None for v in values):
-            continue
+    layout, data = _layout(colours, TOP + BOTTOM + STAGE * len(stages)), []
+    series = {
+        "fit": ("runs used", colours.residual, -0.1, "top center"),
+        "holdout": ("runs not used", colours.measured, 0.1, "bottom center"),
+    }
+    series = {use: row for use, row in series.items() if any(stage.get(use) is not None for stage in stages.values())}
+    for use, (title, colour, below, side) in series.items():
+        found = [(k + below, row[use]) for k, row in enumerate(stages.values()) if row.get(use) is not None]
+        for (_, old), (y, value) in itertools.pairwise(found):
+            ends = [math.log10(max(v, LEAST)) for v in (old, value)]
+            if ends[0] != ends[1]:
+                layout["annotations"].append({
+                    "x": ends[1], "ax": ends[0], "y": y, "ay": y, "axref": "x", "ayref": "y", "text": "",
+                    "showarrow": True, "arrowhead": 2, "arrowwidth": 2, "standoff": 6,
+                    "arrowcolor": colours.good if value < old else WORSE,
+                })  # fmt: skip
         data.append({
-            "type": "bar", "orientation": "h", "name": title, "y": names, "x": values, "marker": {"color": colour},
-            "text": ["" if v is None else f"{v:.2f}" for v in values], "textposition": "outside", "cliponaxis": False,
-            "hovertemplate": "%{y}: %{x:.3g} × noise<extra>" + title + "</extra>",
+            "type": "scatter", "mode": "markers+text", "name": title, "x": [max(v, LEAST) for _, v in found],
+            "y": [y for y, _ in found], "text": [f"{v:.2f}" for _, v in found], "textposition": side,
+            "textfont": {"color": colours.ink}, "marker": {"color": colour, "size": 9}, "cliponaxis": False,
+            "hovertemplate": "%{text} × noise<extra>" + title + "</extra>",
         })  # fmt: skip
     largest = max((v for row in stages.values() for v in row.values() if v is not None), default=1.0)
     layout["xaxis"] = _x_axis(colours, "residual over noise") | {
-        "type": "log", "range": [math.log10(0.7), math.log10(2.2 * max(largest, 1.5))], "dtick": "D2",
+        "type": "log", "range": [math.log10(LEAST), math.log10(1.6 * max(largest, 1.5))], "tickvals": TICKS,
+        "fixedrange": True,
     }  # fmt: skip
-    layout["yaxis"] = {"autorange": "reversed", "automargin": True, "tickfont": {"color": colours.ink, "size": 12.5}}
+    lines = [textwrap.wrap(name.replace("_", " "), NAME_WIDTH, break_long_words=False) for name in stages]
+    names = ["<br>".join(map(_plain, of_name)) for of_name in lines]
+    layout["yaxis"] = {
+        "range": [len(stages) - 0.5, -0.5], "tickvals": list(range(len(stages))), "ticktext": names, "automargin": True,
+        "tickfont": {"color": colours.ink, "size": 12.5}, "showgrid": False, "zeroline": False, "fixedrange": True,
+    }  # fmt: skip
+    layout["margin"] |= {"l": 12}
     layout["shapes"] = [{"type": "line", "x0": 1, "x1": 1, "yref": "paper", "y0": 0, "y1": 1,
                          "line": {"color": colours.good, "dash": "dash", "width": 1.4}}]  # fmt: skip
-    return {"data": data, "layout": layout, "config": CONFIG | {"displayModeBar": False}}
+    return {"data": data, "layout": layout, "config": CONFIG}
 
 
 def lines_figure(

@@ -1,6 +1,8 @@
 """The page: one window on the workbench, with a view for each part of the loop."""
 
+import dataclasses
 import html
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +11,8 @@ from nicegui import ui
 from edhas_jax.workbench.calculator import CalculationCancelled, CalculationError
 from edhas_jax.workbench.connection import watch_script
 from edhas_jax.workbench.jobs import RUNNING
+from edhas_jax.workbench.keys import HELP, NEXT_RUN, NEXT_SIGNAL, PREVIOUS_RUN, PREVIOUS_SIGNAL, neighbour, show_keys
+from edhas_jax.workbench.place import Place
 from edhas_jax.workbench.session import Session
 from edhas_jax.workbench.standing import BENCH_CORRECTED, USES, Standing, standing
 from edhas_jax.workbench.style import CSS, PRIMARY
@@ -17,8 +21,10 @@ from edhas_jax.workbench.views.data import DataView
 from edhas_jax.workbench.views.design import DesignView
 from edhas_jax.workbench.views.diagnose import DiagnoseView
 from edhas_jax.workbench.views.machine import MachineView
+from edhas_jax.workbench.views.overview import OverviewView
 from edhas_jax.workbench.views.report import ReportView
 from edhas_jax.workbench.views.steps import StepsView
+from edhas_jax.workbench.views.verdict import Verdict
 from edhas_jax.workbench.workspace import WorkspaceError
 
 PATIENCE = 300.0  # s, with a browser on a busy computer
@@ -26,6 +32,7 @@ POLL = 1.0  # s, between two looks whether the folder has changed
 MAX_LISTED_PROBLEMS = 40
 # by name: the view, its icon, and how the steps begin that made what it shows
 VIEWS: dict[str, tuple[type, str, tuple[str, ...]]] = {
+    "Overview": (OverviewView, "dashboard", ("calibrate", "diagnose", "try")),
     "Data": (DataView, "upload_file", ("write campaign", "change campaign")),
     "Compare": (CompareView, "show_chart", ("compare",)),
     "Diagnose": (DiagnoseView, "troubleshoot", ("calibrate", "diagnose", "try")),
@@ -34,6 +41,13 @@ VIEWS: dict[str, tuple[type, str, tuple[str, ...]]] = {
     "Design": (DesignView, "tune", ("simulate", "sweep", "size", "sensitivity")),
     "Steps": (StepsView, "terminal", ("",)),
 }
+WHOLE_VERDICT, VERDICT = "Overview", ("Overview", "Compare", "Diagnose", "Machine", "Report")  # views that show it
+IN_PROGRESS = "Overview", "Diagnose"  # views that show what a job has reported
+START = """({
+  dark: matchMedia('(prefers-color-scheme: dark)').matches,
+  address: location.hash,
+  listens: addEventListener('popstate', () => emitEvent('place', location.hash)),
+})"""
 
 
 class Page:
@@ -46,6 +60,8 @@ class Page:
         dark: whether the page is dark.
         summary: the campaign in brief, see `CampaignCalculations.open`; None where it could not be read.
         readings: grows whenever `summary` or `problems` change.
+        place: what was chosen to be looked at.
+        shown: run and signal that are drawn.
     """
 
     def __init__(self, session: Session):
@@ -60,6 +76,7 @@ class Page:
         self._built: set[str] = set()
         self.problems: list[str] = []
         self.readings = 0
+        self.place, self.shown = Place(), ("", "")
 
     async def build(self) -> None:
         """Build the page; what needs a calculation follows when the browser is connected."""
@@ -71,17 +88,20 @@ class Page:
         with ui.header(elevated=False).classes("wb-header"), ui.row().classes("w-full items-center no-wrap wb-title"):
             ui.icon("monitor_heart").classes("text-xl")
             self._title = ui.label(self.workspace.folder.name).classes("text-base font-semibold ellipsis")
-            self._errors = ui.row().classes("items-center no-wrap wb-errors gt-xs")
+            self._errors = ui.row().classes("items-center wb-errors").props("data-mark=errors")
             ui.space()
             self._busy = ui.label("").classes("wb-busy ellipsis").props("data-mark=busy")
             self._cancel = ui.button("Cancel", on_click=self._cancel_running).props("flat dense no-caps color=white")
             turn = ui.button(icon="dark_mode", on_click=lambda: self._turn(mode))
             turn.props("flat round dense color=white aria-label='Light or dark page'")
+            keys = ui.button(icon="keyboard", on_click=lambda: show_keys(self)).classes("gt-xs")
+            keys.props("flat round dense color=white aria-label=Keys")
         with ui.tabs(on_change=lambda event: self._open(event.value)).classes("wb-tabs w-full") as self._tabs:
             for name, (_, icon, _) in VIEWS.items():
                 ui.tab(name, icon=icon).props("no-caps")
         self._notice = ui.column().classes("wb-notice w-full").props("data-mark=changed role=status")
         self._notice.set_visibility(False)
+        self._verdict = Verdict(lambda: self.go(view=WHOLE_VERDICT))
         with ui.tab_panels(self._tabs, animated=False, keep_alive=False).classes("w-full wb-panels"):
             for name, (view, _, _) in VIEWS.items():
                 with ui.tab_panel(name), ui.column().classes("w-full gap-2") as place:
@@ -93,21 +113,20 @@ class Page:
             copy = ui.button(icon="content_copy", on_click=lambda: ui.clipboard.write(self._command.text))
             copy.props("flat dense round size=sm aria-label='Copy the command'")
         await ui.context.client.connected(timeout=PATIENCE)
-        dark = "matchMedia('(prefers-color-scheme: dark)').matches"
-        self.dark = await ui.run_javascript(dark, timeout=PATIENCE)
+        self._client = ui.context.client
+        ui.on("place", lambda event: self._arrive(event.args))
+        ui.keyboard(self._press, ignore=["input", "select", "textarea"])
+        found = await ui.run_javascript(START, timeout=PATIENCE)
+        self.dark = found["dark"]
         mode.set_value(self.dark)
-
-        first = "Data" if not self.workspace.has_campaign else "Compare"
-        if self.workspace.config is not None and not self.workspace.has_campaign:
-            first = "Design"
         await self.read_campaign()
         self._mark = self.workspace.mark()
-        self.show_state()
         self._is_ready = True
         if self._tabs.value in self._views:  # one was clicked meanwhile
             await self._open(self._tabs.value)
         else:
-            self._tabs.set_value(first)
+            await self._arrive(found["address"] or self.workspace.packed_place())
+        self.show_state()
         ui.timer(POLL, self._look)
 
     async def read_campaign(self) -> None:
@@ -178,13 +197,17 @@ class Page:
         self._busy.set_text(sentence)
         self._cancel.set_visibility(bool(sentence) or self.session.jobs.running() is not None)
 
-    def show_tab(self, name: str) -> None:
-        """Bring a view to the front."""
-        self._tabs.set_value(name)
+    def move(self, **chosen: str) -> None:
+        """Note what is looked at, see `Place`, in the address of the page; Back of the browser goes back there."""
+        place = dataclasses.replace(self.place, **chosen)
+        if place != self.place:
+            self.place = place
+            self._client.run_javascript(f"history.pushState(null, '', {json.dumps(place.address)})")
 
-    def view(self, name: str) -> Any:
-        """A view by the name of its tab."""
-        return self._views[name]
+    async def go(self, **chosen: str) -> None:
+        """Go to another place, see `Place`, and bring its view to the front."""
+        self.move(**chosen)
+        await self._show_place()
 
     def standing(self) -> Standing:
         """Where the model stands: what every view shows of errors, verdict and parts that miss something."""
@@ -212,6 +235,7 @@ class Page:
                 for sentence in now.changed:
                     ui.label(sentence)
             self._notice.set_visibility(bool(now.changed))
+        self._show_verdict(now)
         self._show_command()
         job = self.session.jobs.running()
         if job is not None and not self.session.calculator.busy_with:
@@ -219,6 +243,10 @@ class Page:
             self.say(f"{job.title}: {rows[-1]['what'] if rows else 'starting'}")
         elif not self.session.calculator.busy_with:
             self.say("")
+
+    def _show_verdict(self, now: Standing) -> None:
+        view = self._tabs.value
+        self._verdict.show(now, view == WHOLE_VERDICT, self.summary is not None and view in VERDICT)
 
     def _show_command(self) -> None:
         """Show the last command that made what the view in front shows."""
@@ -240,9 +268,40 @@ class Page:
         for name in self._built:
             await self._views[name].redraw()
 
+    async def _arrive(self, address: str) -> None:
+        """Go where an address says; a campaign opens with the overview."""
+        self.place = Place.read(address)
+        if self.place.view not in VIEWS:  # a packed place may be of anybody
+            first = "Overview" if self.workspace.has_campaign else "Design" if self.workspace.config else "Data"
+            self.place = dataclasses.replace(self.place, view=first)
+        await self._show_place()
+
+    async def _show_place(self) -> None:
+        if self._tabs.value != self.place.view:
+            self._tabs.set_value(self.place.view)  # which opens it
+        elif self.place.view in self._built:
+            await self._views[self.place.view].refresh()
+
+    async def _press(self, event) -> None:
+        """Do what a key stands for."""
+        modifiers, key = event.modifiers, event.key.name
+        if not event.action.keydown or modifiers.ctrl or modifiers.alt or modifiers.meta:
+            return
+        runs, signals = (list(self.summary[name]) if self.summary else [] for name in ("runs", "signals"))
+        if key.isdecimal() and 1 <= int(key) <= len(VIEWS):
+            await self.go(view=list(VIEWS)[int(key) - 1])
+        elif key == HELP:
+            show_keys(self)
+        elif key in (NEXT_RUN, PREVIOUS_RUN) and runs:
+            await self.go(run=neighbour(runs, self.shown[0], 1 if key == NEXT_RUN else -1))
+        elif key in (NEXT_SIGNAL, PREVIOUS_SIGNAL) and signals:
+            await self.go(signal=neighbour(signals, self.shown[1], 1 if key == NEXT_SIGNAL else -1))
+
     async def _open(self, name: str) -> None:
         if not self._is_ready:
             return
+        self.move(view=name)
+        self._show_verdict(self.standing())
         self._show_command()
         if name in self._built:
             await self._views[name].refresh()
@@ -255,8 +314,9 @@ class Page:
     async def _look(self) -> None:
         """Follow what other windows, jobs and commands do to the folder."""
         self.show_state()
-        if any(job.status == RUNNING for job in self.session.jobs.all()) and "Diagnose" in self._built:
-            self._views["Diagnose"].show_progress()
+        if any(job.status == RUNNING for job in self.session.jobs.all()):
+            for name in self._built.intersection(IN_PROGRESS):
+                self._views[name].show_progress()
         mark = self.workspace.mark()
         if mark == self._mark or self.session.calculator.busy_with:
             return

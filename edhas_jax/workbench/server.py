@@ -10,7 +10,7 @@ from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI
-from fastapi.responses import FileResponse, PlainTextResponse
+from fastapi.responses import FileResponse, PlainTextResponse, Response
 from nicegui import Client, app, ui
 
 from edhas_jax.workbench.access import LOOPBACK, LocalAccess
@@ -85,6 +85,10 @@ def build_application(session: Session) -> FastAPI:
         if sum(not client.has_socket_connection for client in Client.instances.values()) > MAX_UNOPENED:
             return PlainTextResponse("Many pages wait for their browser; try again in a minute.", 503)
         await Page(session).build()
+
+    @app.get("/alive")
+    def alive():
+        return Response(status_code=204)
 
     @app.get("/results/{name:path}")
     def result(name: str):

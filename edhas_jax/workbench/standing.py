@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from edhas_jax.core.units import estimate_text
+from edhas_jax.diagnosis.search.finished_stage import read_stages
 from edhas_jax.diagnosis.search.outcome import MUCH_LEFT
 from edhas_jax.workbench.jobs import DONE, JobList
-from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, Workspace, effect_id
+from edhas_jax.workbench.workspace import AS_GIVEN, CALIBRATED, CALIBRATED_FIRST, DIAGNOSED, Workspace, effect_id
 
 TITLES = {CALIBRATED: ("calibrate", "calibration"), DIAGNOSED: ("diagnose", "diagnosis")}
 USES = {"holdout": "runs not used", "fit": "runs used"}
@@ -31,6 +32,8 @@ class Standing:
         where: probability by part of the machine that something is missing there.
         corrected: stages whose residuals are those after correction of what the bench did.
         changed: a sentence on each result that was made from other inputs than those that are in the folder.
+        models: name of the model in `Workspace.models` by stage, of the stages whose model is in the folder.
+        growing: residual over noise by stage and use as far as the search that runs has come; empty where none runs.
     """
 
     stages: Mapping[str, Mapping[str, float]]
@@ -40,6 +43,14 @@ class Standing:
     where: Mapping[str, float] = dataclasses.field(default_factory=dict)
     corrected: frozenset[str] = frozenset()
     changed: tuple[str, ...] = ()
+    models: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    growing: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
+
+    @property
+    def last_models(self) -> dict[str, str]:
+        """The models of the first stages, as given and calibrated, and that of the last stage."""
+        names = list(self.models)
+        return {name: self.models[name] for name in dict.fromkeys([*names[:2], *names[-1:]])}
 
     def judged(self, stage: str) -> float | None:
         """Residual over noise of a stage on the runs that were not used; on those used where there are no others."""
@@ -63,15 +74,18 @@ def standing(workspace: Workspace, jobs: JobList) -> Standing:
     added, tried = workspace.decisions().added, workspace.tried()
     chain = [tried[name] for name in _chain_names(added) if name in tried]
     stages, corrected = _stages(diagnosis, fit, chain)
-    changed = tuple(_changed(workspace, jobs, chain))
+    found = Standing(
+        stages, corrected=corrected, changed=tuple(_changed(workspace, jobs, chain)),
+        models=_models(workspace, added, stages), growing=_growing(jobs, stages),
+    )  # fmt: skip
     if diagnosis is None:
-        return Standing(stages, corrected=corrected, changed=changed)
+        return found
     said = tuple(diagnosis.get("conclusions") or [OLD])
     is_adequate = diagnosis.get("verdict") == "adequate"
     where = {} if is_adequate else {str(row["slot"]): float(row["probability"]) for row in diagnosis.get("where", [])}
     if not added:
-        return Standing(stages, said, (), is_adequate, where, corrected, changed)
-    found = Standing(stages, before=said, corrected=corrected, changed=changed)
+        return dataclasses.replace(found, verdict=said, is_fine=is_adequate, where=where)
+    found = dataclasses.replace(found, before=said)
     sizes = chain[-1]["parameters"] if chain else {}
     return dataclasses.replace(found, **_after_adding(diagnosis, found, [*map(effect_id, added)], sizes, where))
 
@@ -100,7 +114,7 @@ def _stages(
 ) -> tuple[dict[str, dict[str, float]], frozenset[str]]:
     """Residual over noise by stage and use, and the stages in which the bench is corrected."""
     errors = (diagnosis or fit or {}).get("error", {})
-    rows = {"as given": errors.get("before"), "calibrated": errors.get("calibrated")}
+    rows = {AS_GIVEN: errors.get("before"), "calibrated": errors.get("calibrated")}
     stages = {name: {use: v.get("overall") for use, v in row.items()} for name, row in rows.items() if row}
     corrected = {"calibrated"} if (diagnosis or {}).get("bench_corrected") else set()
     for row in chain:
@@ -109,9 +123,28 @@ def _stages(
         stages[name] = row["error"]
         corrected |= {name} if row.get("bench_corrected") else set()
     if not chain and diagnosis is not None and any(c.get("accepted") for c in diagnosis.get("candidates", [])):
-        stages["diagnosed"] = {use: v.get("overall") for use, v in errors.get("after", {}).items()}
-        corrected |= {"diagnosed"} if diagnosis.get("bench_corrected") else set()
+        stages[DIAGNOSED] = {use: v.get("overall") for use, v in errors.get("after", {}).items()}
+        corrected |= {DIAGNOSED} if diagnosis.get("bench_corrected") else set()
     return stages, frozenset(corrected)
+
+
+def _models(workspace: Workspace, added: tuple[str, ...], stages: Mapping[str, Any]) -> dict[str, str]:
+    """The names of the models by stage; the model as given is there before its errors are."""
+    there = workspace.models() if workspace.has_campaign else {}
+    of_stages = {AS_GIVEN: AS_GIVEN, CALIBRATED: CALIBRATED_FIRST if CALIBRATED_FIRST in there else CALIBRATED}
+    if added:
+        of_stages |= {f"+ {effect_id(n)}": f"with {m}" for n, m in zip(added, _chain_names(added), strict=True)}
+    elif DIAGNOSED in stages:
+        of_stages[DIAGNOSED] = DIAGNOSED
+    return {stage: model for stage, model in of_stages.items() if model in there}
+
+
+def _growing(jobs: JobList, stages: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
+    """The stages of a diagnosis that runs, after the model as given where its error is known."""
+    job = jobs.running()
+    if job is None or job.title != TITLES[DIAGNOSED][0]:
+        return {}
+    return {n: row for n, row in stages.items() if n == AS_GIVEN} | read_stages(r["what"] for r in jobs.progress(job))
 
 
 def _after_adding(

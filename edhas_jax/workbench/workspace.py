@@ -5,10 +5,12 @@ Everything that the page shows comes from here, so that a second window and a re
 
 import dataclasses
 import hashlib
+import io
 import json
 import os
 import shlex
 import time
+import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,11 +23,19 @@ from edhas_jax.core.regular_file import read_regular_file
 CAMPAIGN_FILE = "campaign.yaml"
 RESULTS = "workbench"  # folder of everything that the workbench writes, besides the campaign itself
 CALIBRATED, DIAGNOSED, TRIED, JOBS, DESIGNS = "calibrated", "diagnosed", "tried", "jobs", "designs"
+AS_GIVEN = "as given"  # the campaign's own model
+CALIBRATED_FIRST = "calibrated by the diagnosis"  # which lets the bench deviate as well
+MODEL_FILES = {
+    CALIBRATED: f"{CALIBRATED}/config.yaml",
+    CALIBRATED_FIRST: f"{DIAGNOSED}/config_calibrated.yaml",
+    DIAGNOSED: f"{DIAGNOSED}/config.yaml",
+}
 RESULT_FILES = {CALIBRATED: "fit.json", DIAGNOSED: "diagnosis.json"}
-DECISIONS_FILE, STEPS_FILE = "decisions.json", "steps.jsonl"
+DECISIONS_FILE, STEPS_FILE, PLACE_FILE = "decisions.json", "steps.jsonl", "place.txt"
 TRIED_KEYS = {"effects", "named", "before", "parameters", "error", "error_by_run"}
 MAX_JSON_BYTES, MAX_STEPS = 100_000_000, 200
 MAX_YAML_BYTES = 10_000_000
+MAX_PACKED_BYTES = 200_000_000  # of the files that are packed in memory, and sent through the browser
 
 
 class WorkspaceError(ValueError):
@@ -154,10 +164,9 @@ class Workspace:
 
     def models(self) -> dict[str, Path | None]:
         """The models that exist: path of the configuration by name; None for the campaign's own, "as given"."""
-        found: dict[str, Path | None] = {"as given": None}
-        for name in (CALIBRATED, DIAGNOSED):
-            path = self.inside(Path(RESULTS, name, "config.yaml"))
-            if path.is_file():
+        found: dict[str, Path | None] = {AS_GIVEN: None}
+        for name, file in MODEL_FILES.items():
+            if (path := self.inside(Path(RESULTS, file))).is_file():
                 found[name] = path
         for path in sorted(self.inside(Path(RESULTS, TRIED)).glob("*.yaml")):
             found[f"with {path.stem}"] = self.inside(Path(RESULTS, TRIED, path.name))
@@ -217,6 +226,39 @@ class Workspace:
         path.parent.mkdir(exist_ok=True)
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(dataclasses.asdict(Step(time.time(), what, command, python))) + "\n")
+
+    def packed(self, address: str) -> bytes:
+        """The campaign, the results and a place of the page as one ZIP file, to be unpacked and opened elsewhere.
+
+        Args:
+            address: the place, see `Place.address`; a workbench on the unpacked folder opens there.
+
+        Raises:
+            WorkspaceError: all this is too large to be sent.
+        """
+        paths = [self.inside(name) for name in self.inputs()]
+        paths += [path for path in sorted(self.results.rglob("*")) if path.is_file() and self._is_packed(path)]
+        if sum(path.stat().st_size for path in paths) > MAX_PACKED_BYTES:
+            size = f"{MAX_PACKED_BYTES / 1e6:.0f} MB"
+            raise WorkspaceError(f"This campaign is larger than {size}: copy its folder instead")
+        buffer = io.BytesIO()
+        with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
+            for path in paths:
+                packed.write(path, Path(self.folder.name, path.relative_to(self.folder)))
+            packed.writestr(str(Path(self.folder.name, RESULTS, PLACE_FILE)), address)
+        return buffer.getvalue()
+
+    def _is_packed(self, path: Path) -> bool:
+        """Whether a result belongs into that file: no job of this computer, no link to elsewhere."""
+        jobs = self.results / JOBS
+        return not path.is_symlink() and jobs not in path.parents and path.name != PLACE_FILE
+
+    def packed_place(self) -> str:
+        """The place at which a folder that was packed opens; empty for others."""
+        try:
+            return read_regular_file(self.inside(Path(RESULTS, PLACE_FILE)), MAX_YAML_BYTES).decode("utf-8")
+        except (OSError, ValueError):
+            return ""
 
     def mark(self) -> tuple:
         """Changes as soon as a file changes that the page shows."""

@@ -20,7 +20,10 @@ from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime
 from edhas_jax.measurements.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
-FILES = {"config.yaml", "diagnosis.json", "diagnosis.png", "files.json", "report.html", "summary.json"}
+FILES = {
+    "config.yaml", "config_calibrated.yaml", "diagnosis.json", "diagnosis.png", "files.json", "report.html",
+    "summary.json",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -137,7 +140,8 @@ def test_a_damaged_stage_is_computed_again(campaign_folder, before_the_pictures,
 
 def test_the_result_is_written_before_anything_optional(before_the_pictures):
     assert {p.name for p in before_the_pictures.iterdir()} == {
-        "config.yaml", "diagnosis.json", "files.json", "report.html", "summary.json", "unfinished"
+        "config.yaml", "config_calibrated.yaml", "diagnosis.json", "files.json", "report.html", "summary.json",
+        "unfinished",
     }  # fmt: skip
     assert result(before_the_pictures)["effects"] == ["inverter_dead_time"]
     assert "inverter_dead_time" in (before_the_pictures / "report.html").read_text()

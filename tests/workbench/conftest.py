@@ -19,7 +19,7 @@ from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DEAD_TIME = 0.8  # V, of the inverter of the bench; the model has none
-PATIENCE = 1200.0  # s, for a machine that is busy with other things
+PATIENCE = float(os.environ.get("PATIENCE", 1200.0))  # s, for a machine that is busy with other things
 HIDDEN_PLOT = "Resize must be passed a displayed plot"  # Plotly's error where the page changes while it draws a plot
 OWN = re.compile(r"(https?|wss?)://(127\.0\.0\.1|localhost)[:/]|data:|blob:|about:")
 
@@ -37,6 +37,21 @@ def measured_campaign(tmp_path_factory):
 def campaign_folder(measured_campaign, tmp_path):
     """A copy of that folder."""
     return Path(shutil.copytree(measured_campaign, tmp_path / "bench"))
+
+
+@pytest.fixture(scope="session")
+def diagnosis_of_campaign(measured_campaign, tmp_path_factory):
+    """A copy of that folder with a diagnosis in it, and what the command has printed."""
+    folder = Path(shutil.copytree(measured_campaign, tmp_path_factory.mktemp("diagnosed") / "bench"))
+    words = "diagnose", folder, "--out", folder / "workbench" / "diagnosed"
+    command = [sys.executable, "-m", "edhas_jax.commands.cli", *map(str, words)]
+    return folder, subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.fixture
+def diagnosed_folder(diagnosis_of_campaign, tmp_path):
+    """A copy of the folder with the diagnosis."""
+    return Path(shutil.copytree(diagnosis_of_campaign[0], tmp_path / "bench"))
 
 
 @pytest.fixture
@@ -93,7 +108,8 @@ def look(browser):
             complaints.append(f"{message.text} {message.location}")
 
     def open_window(address, width=1280, height=900, dark=False):
-        scheme = "dark" if dark else "light"
+        # None: that of the browser, so that frames may have another one than the window
+        scheme = {True: "dark", False: "light", None: "null"}[dark]
         context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
         contexts.append(context)
         page = context.new_page()

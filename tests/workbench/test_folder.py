@@ -1,13 +1,16 @@
 """Jobs, thinning, and answers of the calculating process, without a browser."""
 
 import asyncio
+import io
 import json
+import zipfile
 
 import numpy as np
 import pytest
 
 from edhas_jax.workbench.calculator import CalculationError, Calculator
 from edhas_jax.workbench.jobs import CANCELLED, DONE, FAILED, RUNNING, JobList
+from edhas_jax.workbench.place import Place
 from edhas_jax.workbench.thinning import thinned
 from edhas_jax.workbench.workspace import Decisions, Workspace, WorkspaceError, effect_id
 from tests.workbench.conftest import DEAD_TIME, wait_until
@@ -78,6 +81,22 @@ def test_decisions_are_kept_in_the_folder(tmp_path):
     found = Workspace(tmp_path).decisions()
     assert found.added == ("coil_heating",) and found.rejected == {"cogging_force": "no pitch"}
     assert effect_id("/a/b.py:SealDrag") == "seal_drag" and effect_id("coil_heating") == "coil_heating"
+
+
+def test_a_packed_campaign_opens_elsewhere_at_the_same_place(campaign_folder, tmp_path):
+    workspace, place = Workspace(campaign_folder), Place("Compare", "run2", "current")
+    workspace.decide(Decisions(("coil_heating",)))
+    jobs, secret = workspace.results / "jobs", tmp_path / "secret.json"
+    jobs.mkdir()
+    (jobs / "1.json").write_text("{}")
+    secret.write_text("{}")
+    (workspace.results / "link.json").symlink_to(secret)
+    with zipfile.ZipFile(io.BytesIO(workspace.packed(place.address))) as packed:
+        packed.extractall(tmp_path / "elsewhere")
+    found = Workspace(tmp_path / "elsewhere" / campaign_folder.name)
+    assert found.inputs() == workspace.inputs() and len(found.inputs()) == 4
+    assert found.decisions() == workspace.decisions() and Place.read(found.packed_place()) == place
+    assert sorted(path.name for path in found.results.iterdir()) == ["decisions.json", "place.txt"]
 
 
 def test_the_calculating_process_compares_and_tries(campaign_folder):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from edhas_jax.core.units import estimate_text
 from edhas_jax.machine.rigs import ActuatorBench
 from edhas_jax.workbench.jobs import CANCELLED, RUNNING, JobList
 from edhas_jax.workbench.workspace import Workspace
@@ -87,6 +88,10 @@ def test_from_a_dropped_file_to_the_report(measured_campaign, tmp_path, workbenc
     page.get_by_role("button", name="Calibrate", exact=True).click()
     mark(page, "job-done").wait_for()
     before, calibrated = error_shown(page, "before"), error_shown(page, "calibrated")
+    found = json.loads((folder / "workbench/calibrated/fit.json").read_text())["calibrated"]["coil_resistance"]
+    size = estimate_text(found["value"], found["std"], found["unit"])
+    row = mark(page, "parameters").get_by_role("row").filter(has_text="coil resistance").first
+    row.get_by_text(size, exact=True).wait_for()
     page.get_by_role("button", name="Diagnose", exact=True).click()
     mark(page, "verdict").wait_for()
     assert "inverter_dead_time" in mark(page, "verdict").inner_text()

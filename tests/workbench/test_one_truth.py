@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 
 import pytest
 
@@ -14,21 +12,6 @@ from tests.workbench.test_loop import mark, tab
 pytestmark = pytest.mark.filterwarnings("ignore")  # of the browser's driver
 
 
-def command(*words):
-    """What a command prints."""
-    done = subprocess.run([sys.executable, "-m", "edhas_jax.commands.cli", *map(str, words)], capture_output=True,
-                          text=True, check=True)  # fmt: skip
-    return done.stdout
-
-
-@pytest.fixture
-def diagnosed(campaign_folder):
-    """The folder with a diagnosis, its JSON, and what the command has printed."""
-    out = campaign_folder / "workbench" / "diagnosed"
-    printed = command("diagnose", campaign_folder, "--out", out)
-    return campaign_folder, json.loads((out / "diagnosis.json").read_text()), printed
-
-
 def fill_of(page, part):
     """The colour of a part of the machine."""
     return mark(page, "schematic").locator(f"[data-part={part}]").first.evaluate(
@@ -37,18 +20,20 @@ def fill_of(page, part):
 
 
 def test_one_verdict_in_page_command_report_and_json_and_all_of_the_page_follows_an_added_effect(
-    diagnosed, workbench, look
+    diagnosis_of_campaign, diagnosed_folder, workbench, look
 ):
-    folder, data, printed = diagnosed
+    folder, printed = diagnosed_folder, diagnosis_of_campaign[1]
+    data = json.loads((folder / "workbench/diagnosed/diagnosis.json").read_text())
     said, plain = data["conclusions"], " ".join(printed.split())
     assert data["effects"] == ["inverter_dead_time"] and said[0].endswith("is missing.")
     report = (folder / "workbench/diagnosed/report.html").read_text()
     for sentence in said:
         assert sentence in plain and sentence in report
     page = look(workbench(folder).address)
-    tab(page, "Diagnose")
     mark(page, "verdict").wait_for()
     assert mark(page, "verdict").inner_text().splitlines() == said
+    tab(page, "Diagnose")
+    wait_until(lambda: mark(page, "verdict").inner_text().splitlines() == said[:1], "the verdict in one sentence")
     errors = [data["error"][state]["holdout"]["overall"] for state in ("before", "calibrated", "after")]
     for name, value in zip(("before", "calibrated", "diagnosed"), errors, strict=True):
         assert mark(page, f"error-{name}").inner_text().endswith(f"{value:.2f}")

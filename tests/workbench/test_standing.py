@@ -76,6 +76,22 @@ def test_the_verdict_of_a_diagnosis_is_what_its_file_says(workspace):
     assert found.corrected == {"calibrated", "diagnosed"}
 
 
+def test_every_stage_has_its_model_where_there_is_one(workspace):
+    assert now(workspace).models == {"as given": "as given"}
+    folder = write(workspace, DIAGNOSED, diagnosis()).parent
+    for name in ("config.yaml", "config_calibrated.yaml"):
+        (folder / name).write_text("rig: actuator_bench\n")
+    stages = {"as given": "as given", "calibrated": "calibrated by the diagnosis", "diagnosed": "diagnosed"}
+    assert now(workspace).models == now(workspace).last_models == stages
+    for effects in (["a_drag"], ["a_drag", "a_lag"]):
+        workspace.save_tried("+".join(effects), tried(*effects))
+        (workspace.results / "tried" / f"{'+'.join(effects)}.yaml").write_text("rig: actuator_bench\n")
+    workspace.decide(Decisions(("a_drag", "a_lag")))
+    of_added = {"+ a_drag": "with a_drag", "+ a_lag": "with a_drag+a_lag"}
+    assert now(workspace).models == {n: stages[n] for n in ("as given", "calibrated")} | of_added
+    assert list(now(workspace).last_models) == ["as given", "calibrated", "+ a_lag"]
+
+
 def test_a_calibration_alone_has_no_correction_of_the_bench(workspace):
     write(workspace, CALIBRATED, {"error": {"before": errors(20.0, 21.0), "calibrated": errors(10.5, 9.99)}})
     found = now(workspace)
@@ -144,6 +160,9 @@ def only(job):
     class Jobs:
         def last(self, title):
             return job if job.title == title else None
+
+        def running(self):
+            return None
 
     return Jobs()
 

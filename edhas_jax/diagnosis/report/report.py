@@ -36,7 +36,8 @@ DIFFERENT_LAW = 12.0  # nats of log-evidence for a deviation from the library's 
 STYLE = """<style>
 .verdict { font-size: 1.25em; line-height: 1.4; border-left: 5px solid #de4a1c; padding: 0.2em 0 0.2em 0.9em }
 .verdict.fine { border-color: #1a7f4b } .verdict p { margin: 0.2em 0 } .verdict p + p { font-size: 0.8em }
-.card { border: 1px solid #d8dee4; border-radius: 8px; padding: 0.2em 1.2em; background: #f6f8fa }
+.card { border: 1px solid rgba(128,128,128,.35); border-radius: 8px; padding: 0.2em 1.2em;
+  background: rgba(128,128,128,.08) }
 .beside { display: flex; gap: 2em; flex-wrap: wrap; align-items: flex-start } .beside > * { flex: 1 1 460px }
 </style>"""
 

@@ -33,6 +33,7 @@ from edhas_jax.measurements.checks.data_summary import data_as_json
 from edhas_jax.measurements.residuals import rms_by_signal
 
 RESULT, CURVE_CONFIG_FILE = "diagnosis.json", "config_with_curve.yaml"
+CALIBRATED_CONFIG_FILE = "config_calibrated.yaml"
 VERSION = 2  # of the schema in docs/diagnosis.md
 MIN_LISTED_PROBABILITY = 0.001  # candidates without a trial are listed above it
 
@@ -40,7 +41,7 @@ MIN_LISTED_PROBABILITY = 0.001  # candidates without a trial are listed above it
 def save_diagnosis(
     diagnosis: Diagnosis, folder: Path, next_experiment: dict[str, Any] | None = None, failures: Sequence[str] = ()
 ) -> None:
-    """Write `diagnosis.json`, and the model with the accepted effects as `config.yaml`.
+    """Write `diagnosis.json`, the model with the accepted effects as `config.yaml`, and that before any was accepted.
 
     Curves of the model (deviations of accepted laws) are written as files of tabulated laws, which `config.yaml` names.
     For an unknown effect that a free curve explains best, the calibrated model with it is `config_with_curve.yaml`.
@@ -59,6 +60,8 @@ def save_diagnosis(
         names = ", ".join(f"{link.id} on {signal}" for signal, chain in chains for link in chain)
         remark += f"\n# sensor faults are not part of the machine: {names}"
     _write_model(folder / CONFIG_FILE, remark, final, diagnosis.laws)
+    remark = ", as calibrated by `edhas diagnose`; before the conditions of any run are set"
+    _write_model(folder / CALIBRATED_CONFIG_FILE, remark, diagnosis.calibrated.fit, ())
     best = diagnosis.best_free_trial
     if best is not None and isinstance(best.candidate, CurveCandidate):
         remark = f" with {best.candidate.text}; before the conditions of any run are set"

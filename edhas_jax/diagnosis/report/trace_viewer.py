@@ -63,7 +63,7 @@ def render_trace_viewer(campaign: Campaign, states: Mapping[str, Mapping[str, Ma
     )
     script = resources.files(__package__).joinpath("trace_viewer.js").read_text(encoding="utf-8")
     return (
-        f'<style>{STYLE}</style><div id="traces"><p>run <select class="run">{options}</select>signal '
+        f'<style>{STYLE}</style><div id="traces" class="drawn"><p>run <select class="run">{options}</select>signal '
         f'<select class="signal">{names}</select><span class="description"></span><br>{legend}</p>'
         '<svg viewBox="0 0 1120 504"></svg><p class="reading"></p></div>'
         f"{json_element(data, 'traces-data')}"

@@ -28,6 +28,7 @@ from edhas_jax.diagnosis.search.decision_rules import (
 )
 from edhas_jax.diagnosis.search.effect_of_curve import round_with_effect_of_curve
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.search.finished_stage import CALIBRATED, FOUND, stage_sentence
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, law_deviation_columns
 from edhas_jax.diagnosis.search.member_rivals import with_rivals_compared
@@ -142,12 +143,14 @@ def _search_once(search: _Search, holdout_sentence: str) -> Diagnosis:
     calibrated, resolution = search.stage(
         "calibration", lambda: calibrate(campaign, report), StageEncoder.start, StageDecoder.start
     )
+    report(stage_sentence(CALIBRATED, calibrated))
     test = ScoreTest(calibrated.fit, ())
     forward = _select_forward(search, calibrated, resolution, test)
     kept = _take_back_and_go_on(search, forward, resolution, test, "round")
     if _is_much_better(kept.rounds[0].baseline, calibrated):
         report("once more, from a better fit of the uncertain parameters")
         calibrated = kept.rounds[0].baseline
+        report(stage_sentence(CALIBRATED, calibrated))
         test = ScoreTest(calibrated.fit, ())
         forward = _select_forward(search, calibrated, resolution, test, name="restarted")
         kept = _take_back_and_go_on(search, forward, resolution, test, "restarted")
@@ -215,7 +218,7 @@ def _select_forward(
         rounds.append(end.round)
         if end.baseline is None:
             return rounds
-        search.report(f"found: {end.round.accepted.candidate.name}")
+        search.report(stage_sentence(f"{FOUND}{end.round.accepted.candidate.name}", end.baseline))
         baseline = end.baseline
 
 
@@ -247,7 +250,8 @@ def _select_again(
     known = _left_after(forward[0], forward[1].baseline)
     if end.baseline is None or not _left_after(end.round, end.baseline) <= known:
         return []
-    search.report(f"found: {other.accepted.candidate.name}")
+    search.report(stage_sentence(CALIBRATED, forward[0].baseline))
+    search.report(stage_sentence(f"{FOUND}{other.accepted.candidate.name}", end.baseline))
     return _select_forward(search, end.baseline, resolution, first, [end.round], "again")
 
 

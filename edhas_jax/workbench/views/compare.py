@@ -7,9 +7,10 @@ from nicegui import ui
 from edhas_jax.measurements.residual_matrix import ERROR_LABEL
 from edhas_jax.workbench.figures import residual_figure, traces_figure
 from edhas_jax.workbench.standing import USES
-from edhas_jax.workbench.views.matrix import error_matrix
+from edhas_jax.workbench.views.matrix import error_matrix, matrix_rows
 from edhas_jax.workbench.views.plot import Plot
-from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, effect_id
+from edhas_jax.workbench.views.save import csv_button
+from edhas_jax.workbench.workspace import AS_GIVEN, CALIBRATED
 
 REPLAYS = {
     "set_point": "set point", "voltage": "measured voltage", "current": "measured current",
@@ -26,7 +27,7 @@ class CompareView:
 
     def __init__(self, page):
         self._page = page
-        self._model, self._replay = "as given", "set_point"
+        self._model, self._replay = AS_GIVEN, "set_point"
         self._run, self._signal, self._mode = "", "", ONE_RUN
         self._found: dict[str, Any] | None = None
         self._panels: list[dict] = []
@@ -36,10 +37,11 @@ class CompareView:
     async def build(self) -> None:
         """Build the view."""
         page = self._page
-        if page.workspace.models().get(CALIBRATED) is not None:
-            self._model = CALIBRATED
+        models = page.workspace.models()
+        calibrated = page.standing().models.get(CALIBRATED, AS_GIVEN)
+        self._model = page.place.model if page.place.model in models else calibrated
         with ui.row().classes("items-end gap-4"):
-            self._models = ui.select(list(page.workspace.models()), value=self._model, label="model")
+            self._models = ui.select(list(models), value=self._model, label="model")
             self._models.classes("min-w-48").props("dense options-dense outlined").on_value_change(self._choose_model)
             replays = ui.select(REPLAYS, value=self._replay, label="driven by").classes("min-w-40")
             replays.props("dense options-dense outlined").on_value_change(self._choose_replay)
@@ -48,22 +50,33 @@ class CompareView:
         await self._compare()
 
     async def refresh(self) -> None:
-        """Follow the folder: new models, a changed campaign."""
-        models = list(self._page.workspace.models())
-        if self._models.options != models:
-            self._models.set_options(models, value=self._model if self._model in models else "as given")
+        """Follow the folder and the place: new models, a changed campaign, another run, signal or model."""
+        models, place = list(self._page.workspace.models()), self._page.place
+        wanted = place.model if place.model in models else self._model if self._model in models else AS_GIVEN
+        if self._models.options != models or wanted != self._model:
+            self._model = wanted
+            self._models.set_options(models, value=wanted)
         if self._found is None or self._found.get("of") != self._identity():
             await self._compare()
+        elif self._follow_place():
+            await self._draw()
+            await self._draw_residual()
+
+    def _follow_place(self) -> bool:
+        """Take over run and signal of the place; whether they are others."""
+        old, place, matrix = (self._run, self._signal), self._page.place, self._found["matrix"]
+        self._run = place.run if place.run in matrix else self._run
+        self._signal = place.signal if place.signal in self._found["signals"] else self._signal
+        if (self._run, self._signal) == old:
+            return False
+        self._shown = None
+        return True
 
     async def redraw(self) -> None:
         """Draw the plots again, in the colours of the page."""
         if self._found is not None:
             await self._draw()
             await self._draw_residual()
-
-    async def show(self, model: str) -> None:
-        """Compare a model."""
-        self._models.set_options(list(self._page.workspace.models()), value=model)
 
     def _identity(self) -> tuple:
         path = self._page.workspace.models().get(self._model)
@@ -74,6 +87,7 @@ class CompareView:
     async def _choose_model(self, event) -> None:
         if event.value != self._model:
             self._model = event.value
+            self._page.move(model=event.value)
             await self._compare()
 
     async def _choose_replay(self, event) -> None:
@@ -102,6 +116,7 @@ class CompareView:
         signals, matrix = list(found["signals"]), found["matrix"]
         self._run = self._run if self._run in matrix else next(iter(matrix))
         self._signal = self._signal if self._signal in signals else self._worst_signal()
+        self._follow_place()
         if self._variable not in found["variables"]:  # the one that the first sentence speaks of
             self._variable = next((row["axis"] for row in found["sentences"]), "time")
         with self._body:
@@ -117,7 +132,9 @@ class CompareView:
         found, page = self._found, self._page
         with ui.element("div").classes("wb-two"):
             with ui.column().classes("gap-1"):
-                ui.label("Residual over noise").classes("wb-h")
+                with ui.row().classes("items-center gap-1"):
+                    ui.label("Residual over noise").classes("wb-h")
+                    csv_button("matrix", lambda: matrix_rows({self._model: self._found["matrix"]}))
                 ui.label("1 is the noise of the sensors. Click a cell to see the signal.").classes("wb-quiet")
                 if (note := self._bench_note()) is not None:
                     ui.label(note).classes("wb-quiet").props("data-mark=bench-note")
@@ -146,7 +163,7 @@ class CompareView:
             ui.label(f"Drag to zoom; all panels follow. Below each signal: {ERROR_LABEL}, band ± 2.").classes(
                 "wb-quiet gt-sm"
             )
-        self._plot = Plot("traces", {"plotly_relayout": self._zoomed})
+        self._plot = Plot("traces", {"plotly_relayout": self._zoomed}, self._samples)
         with ui.row().classes("items-center gap-4 w-full"):
             ui.label(f"{ERROR_LABEL} over").classes("wb-h")
             self._variables = ui.select(found["variables"], value=self._variable)
@@ -155,11 +172,8 @@ class CompareView:
 
     def _bench_note(self) -> str | None:
         """Why the errors differ from those above the page; None where the bench is not corrected there either."""
-        now, added = self._page.standing(), self._page.workspace.decisions().added
-        stages = {CALIBRATED: "calibrated", DIAGNOSED: "diagnosed"}
-        for k, name in enumerate(added):
-            stages[f"with {'+'.join(map(effect_id, added[: k + 1]))}"] = f"+ {effect_id(name)}"
-        stage = stages.get(self._model)
+        now = self._page.standing()
+        stage = next((stage for stage, model in now.models.items() if model == self._model), None)
         if stage not in now.corrected:
             return None
         return (
@@ -168,19 +182,21 @@ class CompareView:
         )
 
     async def _click_cell(self, run: str, signal: str) -> None:
-        self._run, self._signal, self._shown = run, signal, None
-        await self._draw()
-        await self._draw_residual()
+        await self._look_at(run, signal, None)
 
     async def _show_place(self, row: dict[str, Any]) -> None:
-        self._signal, self._run, self._shown = row["signal"], row["run"], list(row["range"])
         if row["axis"] in self._found["variables"]:
             self._variable = row["axis"]
             self._variables.set_value(self._variable)
+        await self._look_at(row["run"], row["signal"], list(row["range"]))
+
+    async def _look_at(self, run: str, signal: str, shown: list[float] | None) -> None:
+        """Draw a run and a signal, and bring the plot into view."""
+        self._run, self._signal, self._shown = run, signal, shown
+        self._page.move(run=run, signal=signal)
         await self._draw()
+        self._plot.bring_into_view()
         await self._draw_residual()
-        where = "{behavior: 'smooth', block: 'center'}"
-        ui.run_javascript(f"getHtmlElement({self._plot.element.id})?.scrollIntoView({where})")
 
     async def _choose_mode(self, event) -> None:
         self._mode, self._shown = event.value, None
@@ -189,9 +205,11 @@ class CompareView:
     async def _choose_which(self, event) -> None:
         if self._mode == ONE_RUN and event.value != self._run:
             self._run, self._shown = event.value, None
+            self._page.move(run=self._run)
             await self._draw()
         elif self._mode == ONE_SIGNAL and event.value != self._signal:
             self._signal, self._shown = event.value, None
+            self._page.move(signal=self._signal)
             await self._draw()
             await self._draw_residual()
 
@@ -213,6 +231,7 @@ class CompareView:
 
     async def _draw(self) -> None:
         options = list(self._found["matrix"]) if self._mode == ONE_RUN else list(self._found["signals"])
+        self._page.shown = self._run, self._signal
         self._which.set_options(options, value=self._run if self._mode == ONE_RUN else self._signal)
         first, last = self._shown or (float("-inf"), float("inf"))
         panels = await self._traces(first, last)
@@ -223,8 +242,14 @@ class CompareView:
     async def _traces(self, first: float, last: float) -> list[dict] | None:
         arguments = self._panel_names(), first, last, INTERVALS
         return await self._page.ask(
-            "campaign.traces", self._model, self._replay, self._page.session.allowed, *arguments
+            "campaign.traces", [self._model], self._replay, self._page.session.allowed, *arguments
         )
+
+    async def _samples(self) -> list[list] | None:
+        """All samples of the run that is drawn, as a table with its head."""
+        signals = list(self._found["matrix"][self._run])
+        return await self._page.ask("campaign.samples", [self._model], self._replay, self._page.session.allowed,
+                                    self._run, signals)  # fmt: skip
 
     async def _zoomed(self, event) -> None:
         """Fetch the samples of a part of a long record; short ones are complete in the plot already."""
@@ -240,10 +265,9 @@ class CompareView:
         first, last = self._shown or (float("-inf"), float("inf"))
         panels = await self._traces(first, last)
         if panels:
-            rows = [panel[name] for panel in panels for name in ("measured", "model", "residual")]
             figure = traces_figure(panels, self._page.dark, self._shown)
             values = {"x": [row["x"] for row in figure["data"]], "y": [row["y"] for row in figure["data"]]}
-            self._plot.element.run_plot_method("restyle", values, list(range(len(rows))))
+            self._plot.element.run_plot_method("restyle", values, list(range(len(figure["data"]))))
 
     async def _draw_residual(self) -> None:
         found = await self._page.ask("campaign.residual_over", self._model, self._replay, self._page.session.allowed,

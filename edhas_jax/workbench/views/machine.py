@@ -2,13 +2,10 @@
 
 from nicegui import ui
 
-from edhas_jax.diagnosis.report.machine_schematic import draw_parts, draw_schematic
 from edhas_jax.machine.effects import LIBRARY
-from edhas_jax.machine.rigs import RIGS
+from edhas_jax.workbench.views.schematic import Schematic, parts_of
 from edhas_jax.workbench.views.suspects import candidate_name, is_quiet, status_text
 from edhas_jax.workbench.workspace import DIAGNOSED, effect_id
-
-CLICK = "(e) => { const p = e.target.closest('[data-part]'); if (p) emit(p.dataset.part) }"
 
 
 class MachineView:
@@ -19,41 +16,41 @@ class MachineView:
 
     async def build(self) -> None:
         """Build the view."""
-        ui.label("Where something is missing").classes("wb-h")
-        self._note = ui.label("").classes("wb-quiet")
+        ui.label("Equations, effects and suspects of each part").classes("wb-h")
+        self._note = ui.label("Click a part; a darker colour is a higher probability that something is missing there.")
+        self._note.classes("wb-quiet")
         with ui.element("div").classes("wb-two mt-2"):
             with ui.column().classes("gap-2"):
-                self._drawing = ui.html("", sanitize=False).classes("wb-paper").props("data-mark=schematic")
-                self._drawing.on("click", lambda event: self._choose(event.args), js_handler=CLICK)
+                self._schematic = Schematic(self._page, self._choose)
                 self._parts = ui.row().classes("gap-1")
             self._detail = ui.column().classes("gap-2")
         await self.refresh()
 
     async def refresh(self) -> None:
-        """Follow the folder."""
-        summary = self._page.summary
-        if summary is None:
+        """Follow the folder and the place."""
+        self._schematic.refresh()
+        if self._page.summary is None:
             self._note.set_text("There is no campaign in this folder yet.")
             return
-        now = self._page.standing()
-        probabilities = now.where
-        rig, measured = RIGS.get(summary["rig"]), tuple(summary["signals"])
-        parts = list(dict.fromkeys([*(slot["location"] for slot in summary["slots"]), "sensor"]))
-        drawn = draw_parts(parts[:-1], probabilities, measured) if rig is None else None
-        self._drawing.set_content(drawn or draw_schematic(rig(), probabilities, measured))
-        colours = next(iter(now.verdict), "Colours come with a diagnosis.")
-        self._note.set_text(f"{colours} Click a part to see its equations, effects and suspects.")
+        parts = parts_of(self._page.summary)
         self._parts.clear()
         with self._parts:
             for part in parts:
                 button = ui.button(part.replace("_", " "), on_click=lambda _, part=part: self._choose(part))
                 button.props("no-caps dense outline size=sm")
-        self._choose(self._part or next(iter(probabilities), parts[0]))
+        chosen = self._page.place.part
+        if chosen not in parts:
+            chosen = self._part or next(iter(self._page.standing().where), parts[0])
+        self._show(chosen)
 
     async def redraw(self) -> None:
         """The schematic is on white paper on any page."""
 
     def _choose(self, part: str) -> None:
+        self._page.move(part=part)
+        self._show(part)
+
+    def _show(self, part: str) -> None:
         self._part = part
         summary, workspace = self._page.summary, self._page.workspace
         diagnosis = workspace.result(DIAGNOSED) or {}

@@ -7,10 +7,12 @@ from nicegui import ui
 
 from edhas_jax.workbench.figures import error_colour
 
+WORSE = 1.05  # factor on a residual over noise; that of a few hundred samples scatters by less from model to model
+
 
 def error_matrix(
     matrix: Mapping[str, Mapping[str, float]], signals: Sequence[str], notes: Mapping[str, str],
-    on_click: Callable | None = None, before: Mapping[str, Mapping[str, float]] | None = None,
+    on_click: Callable | None = None, before: Mapping[str, Mapping[str, float]] | None = None, is_small: bool = False,
 ) -> None:  # fmt: skip
     """Build the matrix.
 
@@ -19,33 +21,56 @@ def error_matrix(
         signals: the columns.
         notes: conditions of each run.
         on_click: called with run and signal of a cell.
-        before: errors of the model before, shown in each cell as well.
+        before: errors of the model before; cells that have become worse are marked.
+        is_small: whether it is one of several: without the errors before, the conditions only where one points.
     """
-    with ui.element("div").classes("wb-scroll"), ui.element("table").classes("wb-matrix").props("data-mark=matrix"):
+    kind = "wb-matrix wb-small" if is_small else "wb-matrix"
+    with ui.element("div").classes("wb-scroll"), ui.element("table").classes(kind).props("data-mark=matrix"):
         with ui.element("thead"), ui.element("tr"):
-            for name in ("run", *signals, "conditions"):
+            for name in ("run", *signals, *([] if is_small else ["conditions"])):
                 with ui.element("th").props("scope=col"):
                     ui.label(name.replace("_", " "))
         with ui.element("tbody"):
             for run, row in matrix.items():
                 with ui.element("tr"):
-                    with ui.element("th").props("scope=row"):
+                    with ui.element("th").props("scope=row") as head:
                         ui.label(run)
+                        if is_small and notes.get(run):
+                            head.tooltip(notes[run])
                     for signal in signals:
-                        _cell(run, signal, row.get(signal), on_click, (before or {}).get(run, {}).get(signal))
-                    with ui.element("td").classes("note wb-quiet"):
-                        ui.label(notes.get(run, ""))
+                        old = (before or {}).get(run, {}).get(signal)
+                        _cell(run, signal, row.get(signal), on_click, old, is_small)
+                    if not is_small:
+                        with ui.element("td").classes("note wb-quiet"):
+                            ui.label(notes.get(run, ""))
 
 
-def _cell(run: str, signal: str, value: float | None, on_click: Callable | None, before: float | None) -> None:
+def matrix_rows(matrices: Mapping[str, Mapping[str, Mapping[str, float]]]) -> list[tuple]:
+    """The matrices of several models as a table with its head."""
+    rows = [
+        (model, run, signal, value)
+        for model, matrix in matrices.items() for run, row in matrix.items() for signal, value in row.items()
+    ]  # fmt: skip
+    return [("model", "run", "signal", "residual_over_noise"), *rows]
+
+
+def _cell(
+    run: str, signal: str, value: float | None, on_click: Callable | None, before: float | None, is_small: bool
+) -> None:
     with ui.element("td").classes("cell"):
         if value is None:
             return
         back, ink = error_colour(value)
         button = ui.element("button").style(f"background: {back}; color: {ink}").props("type=button")
-        button.props["aria-label"] = f"{run}, {signal}: {value:.2f} times the noise"
+        is_worse = before is not None and not value <= WORSE * before
+        button.props["aria-label"] = f"{run}, {signal}: {value:.2f} times the noise" + (
+            f", worse than {before:.2f} before" if is_worse else ""
+        )
+        text = _number(value) if is_small or before is None else f"{_number(before)} → {_number(value)}"
         with button:
-            ui.label(_number(value) if before is None else f"{_number(before)} → {_number(value)}")
+            ui.label(f"▲ {text}" if is_worse else text)
+        if is_worse:
+            button.classes("wb-worse")
         if on_click is not None:
             button.on("click", lambda _: on_click(run, signal))
         else:

@@ -1,5 +1,6 @@
 """Report: the next experiment, and the HTML files that one sends."""
 
+import dataclasses
 import urllib.parse
 from pathlib import Path
 
@@ -22,6 +23,9 @@ class ReportView:
         self._next = ui.column().classes("gap-1")
         ui.label("Reports").classes("wb-h mt-4")
         ui.label("One HTML file each, with its figures in it: send the file.").classes("wb-quiet")
+        pack = ui.button("Campaign and results as one file", on_click=self._pack)
+        pack.props("no-caps flat dense icon=archive")
+        pack.tooltip("a ZIP file; `edhas workbench` on the unpacked folder opens on the same run and signal")
         self._list = ui.column().classes("gap-1 w-full")
         self._frame = ui.column().classes("w-full mt-3")
         await self.refresh()
@@ -48,8 +52,18 @@ class ReportView:
         if found and self._shown not in found:
             self._show(next(iter(found)))
 
+    def _pack(self) -> None:
+        """Hand the browser everything, to be opened with the run, signal and model of this page."""
+        workspace = self._page.workspace
+        address = dataclasses.replace(self._page.place, view="Overview").address
+        packed = self._page.attempt(lambda: workspace.packed(address))
+        if packed is not None:
+            ui.download.content(packed, f"{workspace.folder.name}.zip")
+
     async def redraw(self) -> None:
-        """A report is on white paper on any page."""
+        """Show the report that is in front in the colours of the page."""
+        if self._frame.default_slot.children:
+            self._frame.default_slot.children[0].style(replace=self._colours())
 
     def _show_next(self) -> None:
         diagnosis = self._page.workspace.result(DIAGNOSED)
@@ -79,3 +93,8 @@ class ReportView:
             frame = ui.element("iframe").classes("wb-report").props("sandbox=allow-scripts")
             frame.props["src"] = self._address(name)
             frame.props["title"] = f"report of the {name}"
+            frame.style(self._colours())
+
+    def _colours(self) -> str:
+        """A report follows the colours that its frame prefers."""
+        return f"color-scheme: {'dark' if self._page.dark else 'light'}"

@@ -196,8 +196,7 @@ class Suspects:
 
     async def _compare(self, name: str) -> None:
         model = f"with {self._chain_name(name, self._page.workspace.decisions())}"
-        self._page.show_tab("Compare")
-        await self._page.view("Compare").show(model)
+        await self._page.go(view="Compare", model=model)
 
     def _ask_reason(self, name: str) -> None:
         with self._page.floor, ui.dialog() as dialog, ui.card():

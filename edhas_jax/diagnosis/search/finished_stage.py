@@ -1,0 +1,46 @@
+"""What a search reports of a finished stage: the sentence, and its reading by a program that follows the search."""
+
+import math
+import re
+from collections.abc import Iterable
+
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.measurements.campaign import Use
+
+CALIBRATED, FOUND = "calibrated", "found: "
+SENTENCE = re.compile(
+    r"(?P<stage>.+); residual over noise (?P<fit>\S+) on the runs used(, (?P<holdout>\S+) on others)?"
+)
+
+
+def stage_sentence(stage: str, model: EvaluatedFit) -> str:
+    """The sentence on a finished stage.
+
+    Args:
+        stage: `CALIBRATED`, or `FOUND` and the name of a candidate.
+        model: the model after it.
+    """
+    used, others = (model.rms_over_noise(use) for use in (Use.FIT, Use.HOLDOUT))
+    return f"{stage}; residual over noise {used:.2f} on the runs used" + (
+        f", {others:.2f} on others" if math.isfinite(others) else ""
+    )
+
+
+def read_stages(sentences: Iterable[str]) -> dict[str, dict[str, float]]:
+    """Residual over noise ("fit", "holdout") by stage, from the sentences of a search; a search may begin anew.
+
+    Args:
+        sentences: all that it has reported so far, among others those of `stage_sentence`.
+
+    Returns:
+        The stages of its last beginning: "calibrated", and "+ NAME" for each candidate that was found.
+    """
+    stages: dict[str, dict[str, float]] = {}
+    for sentence in sentences:
+        if (read := SENTENCE.fullmatch(sentence)) is None:
+            continue
+        if read["stage"] == CALIBRATED:
+            stages.clear()
+        name = read["stage"].replace(FOUND, "+ ", 1)
+        stages[name] = {use: float(read[use]) for use in ("fit", "holdout") if read[use] is not None}
+    return stages
