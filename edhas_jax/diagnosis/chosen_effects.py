@@ -16,10 +16,10 @@ from edhas_jax.diagnosis.search.calibrated_model import calibrate
 from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for, from_absence, with_candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
 from edhas_jax.diagnosis.search.plausibility import PLAUSIBLE_COORDINATE
-from edhas_jax.diagnosis.search.result import CONFOUNDED_ODDS
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.settled_fit import settle
 from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, try_candidate
+from edhas_jax.diagnosis.sets.posterior import CONFOUNDED_ODDS
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.campaign_reader import OF_RUNS

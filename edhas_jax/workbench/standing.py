@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from edhas_jax.core.units import estimate_text
-from edhas_jax.diagnosis.search.outcome import MUCH_LEFT
+from edhas_jax.diagnosis.sets.outcome import MUCH_LEFT
 from edhas_jax.workbench.jobs import DONE, JobList
 from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, Workspace, effect_id
 

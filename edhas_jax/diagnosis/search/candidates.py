@@ -58,6 +58,11 @@ class Candidate:
         return self.id if self.signal is None else f"{self.id} on {self.signal}"
 
     @property
+    def title(self) -> str:
+        """What it is for a reader: its name, or for a free term where it acts and over what."""
+        return self.name
+
+    @property
     def location(self) -> str:
         """The component of the machine on which it acts; "sensor" for a sensor fault."""
         return SENSOR_LOCATION if self.signal is not None else self.kind.slots[0].location

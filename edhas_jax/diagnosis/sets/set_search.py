@@ -19,21 +19,27 @@ Source: Student distribution in place of a normal one for model error: Miller an
 1113 (coarsened posterior); average over sets: Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535.
 """
 
+import collections
+import copy
 import dataclasses
+import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.symmetric_matrices import inverse_factor
 from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
+from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.law_deviation import law_deviation_columns
 from edhas_jax.diagnosis.search.screening import MAX_SCALE, MIN_SCALE, Signatures, with_scaled_size
 from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel, floor_of
 from edhas_jax.diagnosis.sets.signature_table import CurveSlopes, SignatureTable
+from edhas_jax.diagnosis.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 FREEDOMS = 30.0  # α: a misfit that a law leaves has about as many free numbers as two or three curves
@@ -101,7 +107,20 @@ class FittedSet:
         return frozenset(candidate.name for candidate in self.members)
 
     def __str__(self) -> str:
-        return " + ".join(sorted(self.key)) or "nothing"
+        return " + ".join(sorted(candidate.title for candidate in self.members)) or "nothing"
+
+
+class Job(NamedTuple):
+    """The fit of a set: its members, where it may start, and the log weight from which no further start is tried."""
+
+    members: tuple[Candidate, ...]
+    starts: Sequence[Start]
+    promised: float = math.inf
+
+    @property
+    def key(self) -> frozenset[str]:
+        """The names of the members."""
+        return frozenset(candidate.name for candidate in self.members)
 
 
 def log_student(misfit: float) -> float:
@@ -117,10 +136,18 @@ class SetSearch:
         table: the signatures of all causes there.
         resolution: coarse and fine time steps per sample.
         report: called with a sentence on the progress.
+        checkpoint: keeps the coordinates of finished fits; None keeps none.
+        prefix: of their names in it.
+        workers: processes for the fits of a round; None for this one.
     """
 
-    def __init__(self, calibrated: EvaluatedFit, table: SignatureTable, resolution: TimeResolution, report: Report):
+    def __init__(
+        self, calibrated: EvaluatedFit, table: SignatureTable, resolution: TimeResolution, report: Report,
+        checkpoint: Checkpoint | None = None, prefix: str = "", workers: Workers | None = None,
+    ):  # fmt: skip
         self._base, self._table, self._resolution, self._report = calibrated, table, resolution, report
+        self._checkpoint, self._prefix, self._workers = checkpoint or Checkpoint(), prefix, workers
+        self._fits_of: collections.Counter[frozenset[str]] = collections.Counter()  # how often each set was fitted
         odds = EXPECTED / max(len(table.candidates), 1)
         self._log_named, self._log_free = math.log(odds), math.log(UNKNOWN_ODDS / max(len(table.curves), 1))
         self.sets: dict[frozenset[str], FittedSet] = {}
@@ -145,11 +172,10 @@ class SetSearch:
             moves, dropped = self._moves(best), self._smaller(best)
             if not moves and not dropped:
                 break
-            for move in moves:
-                self._add(self._fit_move(move), move.key)
-            for members in dropped:
-                starts = self._starts(members, best, {})
-                self._add(self._best_of(members, starts, math.inf), frozenset(c.name for c in members))
+            jobs = [self._job(move) for move in moves]
+            jobs += [Job(members, self._starts(members, best, {})) for members in dropped]
+            for job, fitted in zip(jobs, self._fits(jobs), strict=True):
+                self._add(fitted, job.key)
             self._let_compete()
             self._report(f"best so far: {self.ranked()[0]}")
         return self.ranked()
@@ -199,13 +225,49 @@ class SetSearch:
             if waiting is None or len(near) < 2:
                 return
             start, waiting.untried = waiting.untried[0], waiting.untried[1:]
-            found = self._fitted(waiting.members, start)
+            (found,) = self._fits([Job(waiting.members, [start])])
             if found is not None and found.log_weight > waiting.log_weight:
                 found.untried = waiting.untried
                 self.sets[found.key] = found
 
-    def _fit_move(self, move: Move) -> FittedSet | None:
-        self._report(f"fitting {' + '.join(sorted(move.key))}")
+    def _fits(self, jobs: Sequence[Job]) -> Iterator[FittedSet | None]:
+        """The best fit of each of several sets, None where the model fails; kept ones are only evaluated again."""
+        stages = [self._stage(job) for job in jobs]
+        kept = [self._checkpoint.recall(stage) for stage in stages]
+        waiting = [job for job, known in zip(jobs, kept, strict=True) if known is None]
+        at_once = None
+        if self._workers is not None and waiting:
+            self._report(f"on the workers: {', '.join(' + '.join(sorted(job.key)) for job in waiting)}")
+            at_once = iter(self._workers.map(_best_fit, [(self._for_workers(), job) for job in waiting]))
+        for job, stage, known in zip(jobs, stages, kept, strict=True):
+            if known is not None:
+                tried, arrays = known
+                found = self._fitted(job.members, Start(arrays["x"]), 0) if arrays else None
+                if found is not None:
+                    found.untried = list(job.starts[tried:])
+                yield found
+                continue
+            if at_once is None:
+                self._report(f"fitting {' + '.join(sorted(job.key)) or 'nothing'}")
+            found = self.best_fit(job) if at_once is None else next(at_once)
+            tried = 0 if found is None else len(job.starts) - len(found.untried)
+            self._checkpoint.keep(stage, tried, {} if found is None else {"x": found.evaluated.fit.x})
+            yield found
+
+    def _stage(self, job: Job) -> str:
+        """The name of a fit in the checkpoint, from the names of the members and how often they were fitted before."""
+        self._fits_of[job.key] += 1
+        names = hashlib.sha256(" + ".join(sorted(job.key)).encode()).hexdigest()[:16]
+        return f"{self._prefix}set_{names}_{self._fits_of[job.key]}"
+
+    def _for_workers(self) -> "SetSearch":
+        """The search with what a fit needs, to be sent to another process."""
+        small = copy.copy(self)
+        small.sets, small._table = {}, dataclasses.replace(self._table, candidates=())
+        small._checkpoint, small._workers, small._report = Checkpoint(), None, None
+        return small
+
+    def _job(self, move: Move) -> Job:
         members, of = (*move.to.members, move.added), move.to
         gain = move.predicted - of.log_weight
         promised = of.log_weight + KEPT_PROMISE * gain if gain > 0.0 else -math.inf
@@ -213,7 +275,7 @@ class SetSearch:
         first, *others = [{u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)} for x in move.starts]
         starts = self._starts(members, of, first)
         starts += [self._robust_start(members, of, own) for own in others]
-        return self._best_of(members, starts, promised)
+        return Job(members, starts, promised)
 
     def _starts(self, members: tuple[Candidate, ...], of: FittedSet, own: Mapping[str, float]) -> list[Start]:
         """The two starts of a fit: at the values of a known set, and with the undistorted ones of the machine.
@@ -230,25 +292,25 @@ class SetSearch:
         values = {**of.evaluated.fit.values, **self._undistorted, **own}
         return Start(start_coordinates(self._problem(members), values), of.floor)
 
-    def _best_of(self, members: tuple[Candidate, ...], starts: Sequence[Start], promised: float) -> FittedSet | None:
+    def best_fit(self, job: Job) -> FittedSet | None:
         """The best of fits from some starts, further ones of which wait where it is as good as promised."""
         best = None
-        for k, start in enumerate(starts):
-            found = self._fitted(members, start)
+        for k, start in enumerate(job.starts):
+            found = self._fitted(job.members, start)
             if found is not None and (best is None or found.log_weight > best.log_weight):
                 best = found
-            if best is not None and best.log_weight >= promised:
-                best.untried = list(starts[k + 1 :])
+            if best is not None and best.log_weight >= job.promised:
+                best.untried = list(job.starts[k + 1 :])
                 break
         return best
 
-    def _fitted(self, members: tuple[Candidate, ...], start: Start) -> FittedSet | None:
+    def _fitted(self, members: tuple[Candidate, ...], start: Start, steps: int = FIT_STEPS) -> FittedSet | None:
         """The fit of a set; None where the model fails."""
         x, coarse = start.x, self._resolution.coarse
         try:
             if start.floor.size > 0.0:
                 x = fit_coarse(self._problem(members, start.floor), x, coarse, ROBUST_STEPS).fit.x
-            evaluated = fit_coarse(self._problem(members), x, coarse, FIT_STEPS)
+            evaluated = fit_coarse(self._problem(members), x, coarse, steps)
         except FitError:
             return None
         named = [c for c in members if not isinstance(c, FreeTerm)]
@@ -309,6 +371,10 @@ class SetSearch:
             found.append((gain, tuple(factor @ half)))
         gain, x = max(found)
         return Move(of, slopes.curve, (np.array(x),), of.log_weight + gain + self._log_free)
+
+
+def _best_fit(search: SetSearch, job: Job) -> FittedSet | None:
+    return search.best_fit(job)
 
 
 def _gain(model: FlooredModel, fall: float, cost: float) -> float:

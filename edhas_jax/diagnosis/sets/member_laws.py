@@ -1,0 +1,101 @@
+"""The laws of the members of a set: does one differ from that of the library, and by which curve?
+
+A curve is added beside a law where it raises the log weight of the set clearly. The prior of its values may have
+several widths, of which the one with the smallest misfit is taken.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from edhas_jax.diagnosis.calibration.fit_problem import FitError
+from edhas_jax.diagnosis.search.candidates import Candidate, with_candidate
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
+from edhas_jax.diagnosis.search.free_term import FreeTerm
+from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_columns, law_deviation, memory_columns
+from edhas_jax.diagnosis.sets.linear_model import Floor, LinearModel
+from edhas_jax.diagnosis.sets.set_search import log_student
+from edhas_jax.measurements.time_resolution import TimeResolution
+
+LAW_GAIN = 12.0  # nats of log weight from which a law differs: a curve at any place may gain a few by chance
+SPREADS = (1.0, 4.0, 16.0, 64.0)  # prior standard deviations of a deviation that are compared, over the usual one
+FIT_STEPS = 10  # maximum number of Levenberg-Marquardt steps of the fit with a curve
+
+
+class MemberLaw(NamedTuple):
+    """What the measurements say of the law of a member.
+
+    Args:
+        candidate: the member.
+        gain: log weight [nats] that another law gains.
+        curve: the deviation that was added to the model; None where the law is as in the library, or has a memory.
+    """
+
+    candidate: Candidate
+    gain: float
+    curve: LawDeviation | None = None
+
+    @property
+    def differs(self) -> bool:
+        """Whether the law differs from that of the library."""
+        return self.gain > LAW_GAIN
+
+
+def with_member_laws(
+    evaluated: EvaluatedFit, members: Sequence[Candidate], resolution: TimeResolution, report: Callable[[str], None]
+) -> tuple[tuple[MemberLaw, ...], EvaluatedFit]:
+    """The laws of the effects of a set, and the model with a curve beside each that differs.
+
+    Args:
+        evaluated: the fit of the set.
+        members: its members.
+        resolution: coarse and fine time steps per sample.
+        report: called with a sentence on the progress.
+    """
+    found, mounted = [], list(members)
+    for candidate in members:
+        if candidate.signal is None and not isinstance(candidate, FreeTerm):
+            law, evaluated = _law_of(candidate, evaluated, mounted, resolution, report)
+            found.append(law)
+            mounted += [] if law.curve is None else [law.curve]
+    return tuple(found), evaluated
+
+
+def _law_of(
+    candidate: Candidate, evaluated: EvaluatedFit, mounted: Sequence[Candidate], resolution: TimeResolution,
+    report: Callable[[str], None],
+) -> tuple[MemberLaw, EvaluatedFit]:  # fmt: skip
+    """The law of one member, and the model with its curve where that was added."""
+    if (columns := memory_columns(evaluated.fit, candidate)) is not None:
+        return MemberLaw(candidate, _log_weight(evaluated, columns) - _log_weight(evaluated)), evaluated
+    curve = law_deviation(evaluated.fit, candidate)
+    columns = None if curve is None else deviation_columns(evaluated.fit, curve)
+    if columns is None:
+        return MemberLaw(candidate, 0.0), evaluated
+    weights = {factor: _log_weight(evaluated, _scaled(columns, factor)) for factor in SPREADS}
+    factor = max(weights, key=weights.__getitem__)
+    as_in_library = MemberLaw(candidate, max(weights[factor] - _log_weight(evaluated), 0.0))
+    if not as_in_library.differs:
+        return as_in_library, evaluated
+    report(f"{candidate.name}: fitting its law as a curve")
+    curve = dataclasses.replace(curve, spread=factor * curve.spread)
+    problem = with_candidate(evaluated.fit.problem, mounted, curve)
+    start = np.concatenate([evaluated.fit.x, np.zeros(len(curve.nodes))])
+    try:
+        fitted = fit_coarse(problem, start, resolution.coarse, FIT_STEPS)
+    except FitError:
+        return MemberLaw(candidate, 0.0), evaluated
+    law = MemberLaw(candidate, max(_log_weight(fitted) - _log_weight(evaluated), 0.0), curve)
+    return (law, fitted) if law.differs else (law._replace(curve=None), evaluated)
+
+
+def _log_weight(evaluated: EvaluatedFit, columns: Sequence[Mapping[str, np.ndarray]] | None = None) -> float:
+    """The log weight of a fit [nats] with further columns, by fitted run and signal (samples, k) in SI."""
+    model = LinearModel(evaluated.fit, columns, np.zeros((evaluated.samples, 0)))
+    return log_student(model.at(Floor()).misfit) if model.is_finite else -np.inf
+
+
+def _scaled(columns: Sequence[Mapping[str, np.ndarray]], factor: float) -> list[dict[str, np.ndarray]]:
+    return [{name: factor * values for name, values in run.items()} for run in columns]
