@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from edhas_jax.diagnosis.search.conclusions import bench_rows, excessive_deviations
 
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.likelihood.bench_deviations import (
@@ -15,7 +16,6 @@ from edhas_jax.diagnosis.likelihood.bench_deviations import (
 )
 from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
 from edhas_jax.diagnosis.search.candidates import build_problem
-from edhas_jax.diagnosis.search.conclusions import bench_rows, excessive_deviations
 from edhas_jax.diagnosis.search.evaluated_fit import _without_branches, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.result import _of_records
 from edhas_jax.diagnosis.search.tightened_bench import MIN_RESIDUAL, with_tightened_bench

@@ -9,6 +9,8 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from edhas_jax.diagnosis.search.conclusions import conclusions, fit_of_parameters, outcome
+from edhas_jax.diagnosis.search.outcome import Outcome, evidence_text
 
 from edhas_jax.core import structs
 from edhas_jax.core.summary import SummaryTable, Tone, Toned, plain
@@ -23,11 +25,9 @@ from edhas_jax.diagnosis.report.result_file import as_json
 from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.conclusions import conclusions, fit_of_parameters, outcome
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
 from edhas_jax.diagnosis.search.forward_selection import diagnose
-from edhas_jax.diagnosis.search.outcome import Outcome, evidence_text
 from edhas_jax.diagnosis.search.result import Verdict
 from edhas_jax.machine.effects import ConstantBiasForce, ForceConstantDroop, InverterDeadTime
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class

@@ -5,8 +5,8 @@ import os
 import time
 
 import pytest
-
 from edhas_jax.diagnosis.search.outcome import Outcome
+
 from edhas_jax.workbench.jobs import DONE, Job, JobList
 from edhas_jax.workbench.standing import standing
 from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, RESULT_FILES, Decisions, Workspace
