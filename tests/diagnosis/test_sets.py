@@ -8,11 +8,11 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.calibration.fit_problem import quadratic_model
-from edhas_jax.diagnosis.search.answer import NOTHING
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
+from edhas_jax.diagnosis.sets.diagnose import posterior_over_sets
 from edhas_jax.diagnosis.sets.linear_model import Floor, LinearModel, effective_samples, floor_of
-from edhas_jax.diagnosis.sets.posterior import SetPosterior, posterior_over_sets
+from edhas_jax.diagnosis.sets.posterior import NOTHING, SetPosterior
 from edhas_jax.diagnosis.sets.set_search import FREEDOMS, FittedSet, log_student
 from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, MagneticSaturation
 from edhas_jax.measurements.instruments import Instruments
