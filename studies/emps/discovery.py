@@ -30,10 +30,10 @@ from scipy.signal import butter, filtfilt
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.report.report import parameter_texts
+from edhas_jax.diagnosis.search.candidate_fit import fit_with_candidate
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.screening import ScoreTest
-from edhas_jax.diagnosis.search.trial import try_candidate
 from edhas_jax.diagnosis.sets.diagnose import diagnose
 from edhas_jax.diagnosis.sets.result import Diagnosis
 from edhas_jax.machine.effects import Effect
@@ -105,7 +105,7 @@ def with_periodic_force(diagnosis: Diagnosis) -> EvaluatedFit:
     after, present = diagnosis.after, (*diagnosis.posterior.best.members, *diagnosis.curves)
     score = ScoreTest(after.fit, present).score(Candidate(PeriodicForce))
     resolution = choose_time_resolution(after.fit.problem.model(), after.fit.x)
-    return try_candidate(after, present, score, resolution, MAX_FIT_STEPS).evaluated
+    return fit_with_candidate(after, present, score, resolution, MAX_FIT_STEPS)
 
 
 def main(arguments: list[str] | None = None) -> None:

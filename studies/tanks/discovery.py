@@ -150,9 +150,9 @@ def main() -> None:
             machine = fitted_machine(of.evaluated.fit)
             note(f"with {of}", machine, rms(errors_of(machine, campaign, run)[fitted_samples:]))
     resolution = found.after.fit.resolution
-    for trial in add_curves_in_turn(found.calibrated, (), resolution):
-        machine = fitted_machine(trial.evaluated.fit)
-        note(f"in turn, {trial.candidate.text}", machine, rms(errors_of(machine, campaign, run)[fitted_samples:]))
+    for curve, fitted in add_curves_in_turn(found.calibrated, (), resolution):
+        machine = fitted_machine(fitted.fit)
+        note(f"in turn, {curve.text}", machine, rms(errors_of(machine, campaign, run)[fitted_samples:]))
     fits = []
     for count in range(1, len(LAWS) + 1):
         kinds = LAWS[:count]

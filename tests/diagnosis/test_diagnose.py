@@ -9,11 +9,8 @@ from edhas_jax.config.machine_config import read_config
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.laws.curve_basis import basis
-from edhas_jax.diagnosis.laws.deviation import curve_columns
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.diagnosis.report.result_file import save_diagnosis
-from edhas_jax.diagnosis.search.free_curves import free_curve
-from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.sets.bench_findings import clear_deviations
 from edhas_jax.diagnosis.sets.diagnose import diagnose
 from edhas_jax.diagnosis.sets.result import Diagnosis, Verdict
@@ -171,17 +168,6 @@ def test_an_effect_outside_the_library(of_windage):
     assert np.abs(difference).max() < 0.1 * np.abs(drag).max()
     assert after == pytest.approx(1.0, abs=0.05)
     assert found.posterior.probabilities["unknown"] > 0.95
-
-
-def test_the_score_of_a_curve_is_the_fall_with_its_columns(of_windage):
-    calibrated = of_windage.calibrated
-    curve = free_curve(calibrated.fit, LawPlace("mover_force", "piston_velocity"))
-    columns = curve_columns(calibrated.fit, curve.place, np.array(curve.nodes))
-    scaled = [{n: curve.spread * v for n, v in run.items()} for run in columns]
-    score = ScoreTest(calibrated.fit, ()).score_columns(curve, scaled)
-    with_best_parameters = calibrated.excess_with([{n: v[:, :0] for n, v in run.items()} for run in scaled])
-    fall = with_best_parameters - calibrated.excess_with(scaled)
-    assert 0.5 * score.chi_square_fall == pytest.approx(fall, rel=1e-6)
 
 
 def test_a_sensor_that_lags(of_a_lagging_sensor):

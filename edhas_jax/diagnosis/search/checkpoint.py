@@ -59,7 +59,7 @@ class Checkpoint:
         self._began = time.perf_counter()
 
     def stage(
-        self, name: str, campaign: Campaign, kinds: Iterable[type[Effect]], compute: Callable[[], T],
+        self, name: str, campaign: Campaign, compute: Callable[[], T],
         encode: Callable[[StageEncoder, T], dict[str, Any]], decode: Callable[[StageDecoder, dict[str, Any]], T],
     ) -> T:  # fmt: skip
         """The value of a stage: read if it is finished, else computed and written.
@@ -67,7 +67,6 @@ class Checkpoint:
         Args:
             name: of the stage; the name of its file.
             campaign: the campaign of the diagnosis.
-            kinds: effect classes of the user.
             compute: computes the value.
             encode: turns it into plain data.
             decode: restores it from plain data.
@@ -75,7 +74,7 @@ class Checkpoint:
         found = self.recall(name)
         if found is not None:
             plain, arrays = found
-            return decode(StageDecoder(campaign, tuple(kinds), arrays), plain)
+            return decode(StageDecoder(campaign, arrays), plain)
         value, encoder = compute(), StageEncoder()
         if self._keeps:
             self.keep(name, encode(encoder, value), encoder.arrays)

@@ -118,7 +118,7 @@ def posterior_over_sets(
 def _search(inputs: _Inputs) -> _Found:
     campaign, report = inputs.campaign, inputs.report
     calibrated, resolution = inputs.checkpoint.stage(
-        f"{inputs.prefix}calibration", campaign, inputs.more, lambda: calibrate(campaign, report), StageEncoder.start,
+        f"{inputs.prefix}calibration", campaign, lambda: calibrate(campaign, report), StageEncoder.start,
         StageDecoder.start,
     )  # fmt: skip
     fitted = calibrated.fit.problem
