@@ -35,16 +35,20 @@ def answer_of(plain: Mapping[str, Any]) -> Answer:
 def answer_of_sets(found) -> Answer:
     """The answer of a posterior over sets of effects: the set with the largest weight, and the sums over all sets.
 
-    A cause without a name is reported where the best set has a free curve alone.
+    A cause without a name is reported where that set has a free term that explains more than any name in it.
     """
-    best, p = found.sets[0], found.probabilities
-    curve = next((c for c in best.members if isinstance(c, FreeTerm)), None)
-    names = sorted((c for c in best.members if c is not curve), key=lambda c: -p[c.name])
-    first = names[0].name if names else UNKNOWN if curve else NOTHING
-    verdict = {UNKNOWN: Verdict.UNKNOWN_EFFECT, NOTHING: Verdict.ADEQUATE}.get(first, Verdict.MISSING_EFFECT)
-    place = next((c.location for c in (*names, curve) if c is not None), None)
-    named = tuple(c.name for c in names)
-    return Answer(verdict, named, found.credible, place, p[first], ranked=tuple(p)[:MAX_RANKED])
+    from edhas_jax.diagnosis.sets.posterior import labels  # which an earlier version of the package does not have
+
+    p, members = found.probabilities, [candidate for candidate, _ in found.members]
+    if not members:
+        (only,) = labels(found.sets[0])
+        verdict = Verdict.ADEQUATE if only == NOTHING else Verdict.UNKNOWN_EFFECT
+        return Answer(verdict, (), found.credible, None, p[only], ranked=tuple(p)[:MAX_RANKED])
+    names = tuple(c.name for c in members if not isinstance(c, FreeTerm))
+    is_unknown = isinstance(members[0], FreeTerm)
+    verdict = Verdict.UNKNOWN_EFFECT if is_unknown else Verdict.MISSING_EFFECT
+    first, named = (UNKNOWN, ()) if is_unknown else (names[0], names)
+    return Answer(verdict, named, found.credible, members[0].location, p[first], ranked=tuple(p)[:MAX_RANKED])
 
 
 def _name(effect: str, signal: str | None) -> str:

@@ -1,19 +1,19 @@
 """The posterior over sets of effects: its linear algebra against dense matrices, and campaigns with known answers."""
 
 import dataclasses
+import types
 
 import numpy as np
 import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.calibration.fit_problem import quadratic_model
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
 from edhas_jax.diagnosis.sets.diagnose import posterior_over_sets
 from edhas_jax.diagnosis.sets.linear_model import Floor, LinearModel, effective_samples, floor_of
-from edhas_jax.diagnosis.sets.posterior import NOTHING, SetPosterior
-from edhas_jax.diagnosis.sets.set_search import FREEDOMS, FittedSet, log_student
+from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN, SetPosterior, labels
+from edhas_jax.diagnosis.sets.set_search import FREEDOMS, FittedSet, Weighing, log_student
 from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, MagneticSaturation
 from edhas_jax.measurements.instruments import Instruments
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
@@ -48,24 +48,16 @@ def dense_covariance(model, floor):
 
 
 def test_the_misfit_is_the_negative_log_evidence(model):
-    """Its difference between two floors of the same noise is that of −ln N(r; mean, K), K a dense covariance.
-
-    No noise is left out here: the scatter that `misfit` forgives is the same number for both.
-    """
+    """Its difference between two floors of the same noise is that of −ln N(r; mean, K), K a dense covariance."""
 
     def negative_log_density(floor):
         offset = model.residual - scaled_columns(model, floor) @ model.pull  # the prior is around −pull
         matrix = dense_covariance(model, floor)
         return 0.5 * offset @ np.linalg.solve(matrix, offset) + 0.5 * np.linalg.slogdet(matrix)[1]
 
-    def misfit(floor):
-        left = model.at(floor).left
-        forgiven = model.samples + 2.0 * np.sqrt(2.0 * model.samples)
-        return model.at(floor).misfit + 0.5 * min(left @ left, forgiven)
-
     small, large = Floor(0.0), Floor(30.0)
     difference = negative_log_density(large) - negative_log_density(small)
-    assert misfit(large) - misfit(small) == pytest.approx(difference, rel=1e-6)
+    assert model.at(large).misfit - model.at(small).misfit == pytest.approx(difference, rel=1e-6)
 
 
 def test_further_columns_are_reduced_as_by_dense_matrices(model):
@@ -90,29 +82,6 @@ def test_a_fit_without_misfit_has_no_background(model):
     assert floor_of(model, np.array([model.samples]), np.array([0.0, 10.0, 1000.0])).size == 0.0
 
 
-def test_a_robust_fit_leaves_to_the_background_what_it_can_do(fitted):
-    """With the background along the derivative of one parameter, the data say nothing of that parameter."""
-    problem, place = fitted.fit.problem, int(np.argmin(fitted.fit.std))
-    background = {
-        run.name: {n: 1e4 * v[:, [place]] for n, v in outcome.sensitivities.items()}
-        for run, outcome in zip(problem.model().runs, fitted.fit.outcomes, strict=True)
-    }
-    start = np.where(np.arange(len(fitted.fit.x)) == place, 2.5, fitted.fit.x)
-    robust = fit_coarse(dataclasses.replace(problem, background=background), start, PER_SAMPLE, 15)
-    assert fitted.fit.std[place] < 0.1
-    assert robust.fit.std[place] > 0.9 and abs(robust.fit.x[place]) < 0.1
-
-
-def test_noise_of_twice_the_size_is_worth_a_quarter_of_the_information(fitted):
-    doubled = dataclasses.replace(fitted.fit.problem, bench=type(fitted.fit.problem.bench)(), noise_factor=2.0)
-    plain = dataclasses.replace(doubled, noise_factor=1.0)
-    of_data = [
-        quadratic_model(p, fitted.fit.x, p.equations(fitted.fit.outcomes)).curvature[0] - np.eye(len(fitted.fit.x))
-        for p in (plain, doubled)
-    ]
-    assert 4.0 * of_data[1] == pytest.approx(of_data[0], rel=1e-9)
-
-
 def test_far_above_the_noise_only_the_ratio_of_misfits_counts():
     assert log_student(1.0) - log_student(2.0) == pytest.approx(1.0, abs=0.1)
     halved = 0.5 * FREEDOMS * np.log(2.0)
@@ -121,7 +90,7 @@ def test_far_above_the_noise_only_the_ratio_of_misfits_counts():
 
 
 def a_set(weight, *kinds):
-    return FittedSet(tuple(Candidate(kind) for kind in kinds), None, None, Floor(), np.log(weight))
+    return FittedSet(tuple(Candidate(kind) for kind in kinds), None, None, Floor(), 0.0, 0.0, 0.0, 1000, np.log(weight))
 
 
 def test_probabilities_are_sums_over_sets():
@@ -131,6 +100,24 @@ def test_probabilities_are_sums_over_sets():
     assert found.probabilities["eddy_drag"] == pytest.approx(0.3)
     assert found.probabilities[NOTHING] == pytest.approx(0.03)
     assert found.credible == ("inverter_dead_time", "cogging_force")
+
+
+def test_the_empty_set_is_an_unknown_cause_where_it_leaves_much():
+    empty = dataclasses.replace(a_set(1.0), excess=2000.0)
+    assert labels(empty) == (UNKNOWN,) and labels(a_set(1.0)) == (NOTHING,)
+
+
+def test_the_reference_is_the_noise_or_what_the_best_set_leaves(model):
+    """Where no set is at the noise, a fall counts by its share; where one is, by its nats."""
+    table = types.SimpleNamespace(candidates=(1,), free=(1,), background=np.zeros((1000, 0)))
+    weight = Weighing(table)
+    far, farther = (FittedSet((), None, None, Floor(), misfit, 100.0, misfit, 1000) for misfit in (4e5, 8e5))
+    weight.note(far), weight.note(farther)
+    assert weight.of(far) - weight.of(farther) == pytest.approx(0.5 * FREEDOMS * np.log(2.0), rel=1e-2)
+    at_noise = FittedSet((), None, None, Floor(), 550.0, 60.0, 0.0, 1000)
+    weight.note(at_noise)
+    assert weight.of(at_noise) == pytest.approx(0.0)
+    assert weight.at(551.0, ()) == pytest.approx(-1.0, abs=0.05)
 
 
 @pytest.mark.parametrize("effects", [(), (InverterDeadTime(dead_time_voltage=0.5), CoggingForce())])

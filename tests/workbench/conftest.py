@@ -88,13 +88,17 @@ def look(browser):
     """`look(address)` opens a window; at the end no console may hold an error, and no request may have left."""
     complaints, elsewhere, contexts = [], [], []
 
+    def note(message):
+        if message.type == "error":
+            complaints.append(f"{message.text} {message.location}")
+
     def open_window(address, width=1280, height=900, dark=False):
         scheme = "dark" if dark else "light"
         context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
         contexts.append(context)
         page = context.new_page()
         page.set_default_timeout(1e3 * PATIENCE)
-        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+        page.on("console", note)
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("request", lambda request: elsewhere.append(request.url) if not OWN.match(request.url) else None)
         page.on("websocket", lambda socket: elsewhere.append(socket.url) if not OWN.match(socket.url) else None)

@@ -17,7 +17,6 @@ from edhas_jax.measurements.measurement_model import EvaluationPoint, Measuremen
 from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 SolverError = Mapping[str, Mapping[str, np.ndarray]]
-Background = Mapping[str, Mapping[str, np.ndarray]]
 TimeError = tuple[float, ...]  # coefficients [s] of Legendre polynomials over the record of a run
 
 
@@ -39,9 +38,6 @@ class FitProblem:
         solver_error: by run and signal, what a finer time step adds to the signals (samples,), SI; it is added to
             every prediction. None where predictions are taken as they are.
         time_errors: what was added to the time stamps of the campaign's runs, by run.
-        background: what the model may leave, by run and signal columns (samples, k) in SI whose coefficients have
-            standard normal priors and are common to all runs; they are marginalised as the bench is.
-        noise_factor: factor on the noise of every sample.
     """
 
     campaign: Campaign
@@ -52,20 +48,6 @@ class FitProblem:
     bench: BenchDeviations = BenchDeviations()
     solver_error: SolverError | None = None
     time_errors: Mapping[str, TimeError] = dataclasses.field(default_factory=dict)
-    background: Background | None = None
-    noise_factor: float = 1.0
-
-    @property
-    def marginal(self) -> int:
-        """The number of coefficients common to all runs that are marginalised: bench and background."""
-        further = 0 if self.background is None else next(iter(next(iter(self.background.values())).values())).shape[1]
-        return self.bench.count + further
-
-    def columns(self, run: BenchRun, outcome: PredictedSignals) -> tuple[np.ndarray, int]:
-        """The whitened columns of a run with those of the background, see `run_columns`."""
-        further = None if self.background is None else self.background[run.name]
-        columns, own = run_columns(self.campaign, run, outcome, self.unknowns, self.bench, further)
-        return (columns if self.noise_factor == 1.0 else columns / self.noise_factor), own
 
     @property
     def is_irregular(self) -> bool:
@@ -121,7 +103,7 @@ class FitProblem:
         runs = self.model().runs if self.runs is None else self.runs
         out = []
         for run, outcome in zip(runs, outcomes, strict=True):
-            columns, own = self.columns(run, outcome)
+            columns, own = run_columns(self.campaign, run, outcome, self.unknowns, self.bench)
             out.append(run_equations(columns, own))
         return out
 
@@ -163,10 +145,10 @@ def quadratic_model_at(problem: FitProblem, x: np.ndarray, outcomes: dict[int, P
 def quadratic_model(problem: FitProblem, x: np.ndarray, equations: Sequence[RunEquations]) -> QuadraticModel:
     """The sum of squares of residuals and prior of some runs at a point, from their normal equations there."""
     n, prior = len(problem.unknowns), np.array([float(u.has_prior) for u in problem.unknowns])
-    total = sum((e.gram for e in equations), np.zeros((n + problem.marginal + 1,) * 2))
+    total = sum((e.gram for e in equations), np.zeros((n + problem.bench.count + 1,) * 2))
     if not np.isfinite(total).all():
         return QuadraticModel(np.array([np.inf]), np.zeros((1, n)), np.eye(n)[None])
-    products = marginalised(total, slice(n, n + problem.marginal))
+    products = marginalised(total, slice(n, n + problem.bench.count))
     cost = 0.5 * products[-1, -1] + 0.5 * prior @ np.square(x)
     return QuadraticModel(
         np.array([cost]), (prior * x - products[:-1, -1])[None], (products[:-1, :-1] + np.diag(prior))[None]

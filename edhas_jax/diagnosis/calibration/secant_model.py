@@ -20,7 +20,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitProblem, quadratic_model
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, stacked_models
-from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, marginalised
+from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, marginalised, run_columns
 from edhas_jax.diagnosis.likelihood.whitening import whiten
 from edhas_jax.measurements.campaign import BenchRun
 from edhas_jax.measurements.measurement_model import PredictedSignals
@@ -75,7 +75,7 @@ class SecantModel:
     def fits_in_memory(self, starts: int) -> bool:
         """Whether the columns of that many starts need less memory than `MAX_BYTES`."""
         samples = sum(len(v) for run in self._runs for v in run.signals.values())
-        columns = self._own + self._count + self._problem.marginal + 1
+        columns = self._own + self._count + self._problem.bench.count + 1
         return 8 * samples * columns * starts < MAX_BYTES
 
     def evaluate(self, x: np.ndarray, starts: np.ndarray) -> QuadraticModel:
@@ -110,14 +110,13 @@ class SecantModel:
 
     def _run_state(self, run: BenchRun, outcome: PredictedSignals) -> _RunState:
         problem = self._problem
-        columns, _ = problem.columns(run, outcome)
+        columns, _ = run_columns(problem.campaign, run, outcome, problem.unknowns, problem.bench)
         valid = {n: np.isfinite(rows) for n, rows in self._residuals(run, outcome).items()}
         return _RunState(columns, valid, columns.T @ columns)
 
     def _residuals(self, run: BenchRun, outcome: PredictedSignals) -> dict[str, np.ndarray]:
         channels = self._problem.campaign.channels
-        factor = self._problem.noise_factor
-        return {n: whiten(measured - outcome.values[n], channels[n]) / factor for n, measured in run.signals.items()}
+        return {n: whiten(measured - outcome.values[n], channels[n]) for n, measured in run.signals.items()}
 
     def _step(self, state: _Start, x: np.ndarray, predicted: Sequence[PredictedSignals]) -> _Step:
         moved = x - state.x

@@ -14,7 +14,7 @@ from edhas_jax.diagnosis.likelihood.bench_deviations import (
     DeviationKind,
     deviation_columns,
 )
-from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, bounded, marginalised, run_columns
+from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, bounded, run_columns
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.residuals import normalised_residuals
@@ -128,7 +128,6 @@ def estimate_bench(
 def _common_estimate(equations: Sequence[RunEquations], unknowns: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Estimates (count,) of the sensors' deviations at the fit, and their standard deviations; in prior units."""
     total = np.sum([e.gram for e in equations], axis=0)
-    total = marginalised(total, slice(unknowns + count, len(total) - 1))  # without a background
     place = slice(unknowns, unknowns + count)
     covariance = regularised_inverse(np.eye(count) + total[place, place])
     values = covariance @ total[place, -1]

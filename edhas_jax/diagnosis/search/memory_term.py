@@ -25,7 +25,7 @@ import numpy as np
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.laws.deviation import AddedTerm, added_slopes
+from edhas_jax.diagnosis.laws.deviation import AddedTerm, Columns, added_slopes
 from edhas_jax.diagnosis.laws.law_places import law_places, typical_size
 from edhas_jax.diagnosis.laws.law_samples import samples_at_slots
 from edhas_jax.diagnosis.search.free_term import FreeTerm, score_free_term
@@ -157,6 +157,17 @@ def score_memory_terms(test: ScoreTest, fit: Fit, report: Callable[[str], None])
         fit: the fit of this model.
         report: called with a sentence on the progress.
     """
+    found = [score_free_term(test, term, slopes) for term, slopes in memories_with_slopes(fit, report)]
+    return sorted(found, key=lambda score: -score.chi_square_fall)
+
+
+def memories_with_slopes(fit: Fit, report: Callable[[str], None]) -> list[tuple[MemoryTerm, Columns]]:
+    """The terms with memory at the places of a machine, each with the derivatives of all signals by its coefficients.
+
+    Args:
+        fit: the fit of the model to which they are added.
+        report: called with a sentence on the progress.
+    """
     kinds = [(MemoryTerm, memory_class, slot, variable) for slot, variable in PLACES]
     kinds += [(OscillatorTerm, oscillator_class, slot, variable) for slot, variable in OSCILLATOR_PLACES]
     kinds = [(*kind, LawPlace(slot, variable)) for *kind, slot, variable in kinds]
@@ -170,8 +181,7 @@ def score_memory_terms(test: ScoreTest, fit: Fit, report: Callable[[str], None])
             terms.append(term(class_at(place), None, place, typical_size(place, past)))
     campaign = fit.problem.campaign
     found = added_slopes(fit, [AddedTerm(term.kind(), term.unknowns(campaign)) for term in terms])
-    scores = []
-    for term, slopes in zip(terms, found, strict=True):
-        by_coefficient = [{n: v / term.spread for n, v in run.items()} for run in slopes]
-        scores.append(score_free_term(test, term, by_coefficient))
-    return sorted(scores, key=lambda score: -score.chi_square_fall)
+    return [
+        (term, [{n: v / term.spread for n, v in run.items()} for run in slopes])
+        for term, slopes in zip(terms, found, strict=True)
+    ]

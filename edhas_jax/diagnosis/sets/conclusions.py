@@ -36,9 +36,12 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict is Verdict.ADEQUATE:
         out = [_adequate_sentence(diagnosis), *left]
     elif diagnosis.verdict is Verdict.UNKNOWN_EFFECT:
-        place = diagnosis.free_term.location.replace("_", " ")
-        text = f"Something is missing that no effect of the library explains; most likely it acts on {place}."
-        out = [text, *_free_term_sentences(diagnosis, "What explains most of it"), *left]
+        term, places = diagnosis.free_term, list(diagnosis.posterior.locations())
+        place = term.location if term is not None else places[0] if places else "the machine"
+        where = f"; most likely it acts on {place.replace('_', ' ')}"
+        out = [f"Something is missing that no effect of the library explains{where}."]
+        out += [*_free_term_sentences(diagnosis, "What explains most of it"), *left]
+        out += [f"Beside it, {c.name} ({parameters_text(diagnosis, c)}) improves the model." for c in diagnosis.named]
     else:
         out = [_names_sentence(diagnosis), *left, *_doubt_sentences(diagnosis), *_law_sentences(diagnosis)]
         out += _free_term_sentences(diagnosis, "Beside it acts what no effect of the library explains; nearest to it")

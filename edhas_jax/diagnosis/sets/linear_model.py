@@ -12,6 +12,7 @@ small matrix.
 
 import dataclasses
 import functools
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -109,16 +110,28 @@ class FlooredModel:
         return self._of.residual - self._of.columns @ (self._scale * (self._factor @ self._right))
 
     @functools.cached_property
-    def misfit(self) -> float:
-        """What the set leaves beyond the noise, and what its numbers cost [nats]: less is better.
+    def excess(self) -> float:
+        """½ (Σ left² − samples) [nats], where that is more than the scatter of noise."""
+        return max(0.5 * float(self.left @ self.left) - noise_level(self._of.samples), 0.0)
 
-        ½ (Σ left² − samples), where that is more than the scatter of noise, + ½ Σ squares of all coefficients + ½ ln
-        det of their information (the penalty of Laplace's method). Without a floor it is the negative log marginal
-        likelihood of the set but for a constant.
+    @functools.cached_property
+    def squares(self) -> float:
+        """½ Σ squares of all coefficients [nats]: how unusual their values are."""
+        explained = (self._of.square - float(self.left @ self.left)) / self.floor.noise**2
+        return 0.5 * max(float(explained + self._of.penalty - self._right @ self._right), 0.0)
+
+    @functools.cached_property
+    def numbers(self) -> float:
+        """What its numbers cost [nats]: `squares`, + ½ ln det of their information, the penalty of Laplace's method."""
+        return self.squares + 0.5 * self._log_information
+
+    @property
+    def misfit(self) -> float:
+        """½ Σ left² and what its numbers cost [nats]; less is better.
+
+        Without a floor it is the negative log marginal likelihood of the set but for a constant.
         """
-        square, variance = float(self.left @ self.left), self.floor.noise**2
-        numbers = (self._of.square - square) / variance + self._of.penalty - self._right @ self._right
-        return 0.5 * excess(square, self._of.samples) + 0.5 * max(float(numbers), 0.0) + 0.5 * self._log_information
+        return 0.5 * float(self.left @ self.left) + self.numbers
 
     def reduced(self, products: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products of further columns with each other and with the residual, all present columns marginalised.
@@ -136,9 +149,9 @@ class FlooredModel:
         return gram / variance - taken, products[:, -1] / variance - half @ self._right
 
 
-def excess(square: float, samples: int) -> float:
-    """By how much a sum of squares exceeds that of noise, beyond its scatter."""
-    return max(square - samples - NOISE_SIGMAS * np.sqrt(2.0 * samples), 0.0)
+def noise_level(samples: int) -> float:
+    """The most ½ Σ left² [nats] that noise alone leaves."""
+    return 0.5 * (samples + NOISE_SIGMAS * math.sqrt(2.0 * samples))
 
 
 def effective_samples(left: np.ndarray, ends: np.ndarray) -> float:
@@ -157,14 +170,15 @@ def effective_samples(left: np.ndarray, ends: np.ndarray) -> float:
 
 
 def floor_of(model: LinearModel, ends: np.ndarray, sizes: np.ndarray) -> Floor:
-    """The floor for robust fits: the size of the background with the smallest misfit, and the noise that is left then.
+    """The floor for predictions: the size of the background with the smallest misfit, and the noise that is left then.
 
     Args:
         model: the model.
         ends: see `effective_samples`.
         sizes: sizes that are compared.
     """
-    return min((_with_noise_left(model, ends, float(size)) for size in sizes), key=lambda at: at.misfit).floor
+    found = (_with_noise_left(model, ends, float(size)) for size in sizes)
+    return min(found, key=lambda at: at.excess + at.numbers).floor
 
 
 def _with_noise_left(model: LinearModel, ends: np.ndarray, size: float) -> FlooredModel:

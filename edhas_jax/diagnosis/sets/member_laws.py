@@ -15,7 +15,7 @@ from edhas_jax.diagnosis.search.candidates import Candidate, with_candidate
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_columns, law_deviation, memory_columns
-from edhas_jax.diagnosis.sets.linear_model import Floor, LinearModel
+from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel, noise_level
 from edhas_jax.diagnosis.sets.set_search import log_student
 from edhas_jax.measurements.time_resolution import TimeResolution
 
@@ -68,15 +68,17 @@ def _law_of(
     report: Callable[[str], None],
 ) -> tuple[MemberLaw, EvaluatedFit]:  # fmt: skip
     """The law of one member, and the model with its curve where that was added."""
+    library = _weighable(evaluated)
     if (columns := memory_columns(evaluated.fit, candidate)) is not None:
-        return MemberLaw(candidate, _log_weight(evaluated, columns) - _log_weight(evaluated)), evaluated
+        return MemberLaw(candidate, _gain(evaluated.samples, library, _weighable(evaluated, columns))), evaluated
     curve = law_deviation(evaluated.fit, candidate)
     columns = None if curve is None else deviation_columns(evaluated.fit, curve)
     if columns is None:
         return MemberLaw(candidate, 0.0), evaluated
-    weights = {factor: _log_weight(evaluated, _scaled(columns, factor)) for factor in SPREADS}
-    factor = max(weights, key=weights.__getitem__)
-    as_in_library = MemberLaw(candidate, max(weights[factor] - _log_weight(evaluated), 0.0))
+    others = {factor: _weighable(evaluated, _scaled(columns, factor)) for factor in SPREADS}
+    gains = {factor: _gain(evaluated.samples, library, other) for factor, other in others.items()}
+    factor = max(gains, key=gains.__getitem__)
+    as_in_library = MemberLaw(candidate, gains[factor])
     if not as_in_library.differs:
         return as_in_library, evaluated
     report(f"{candidate.name}: fitting its law as a curve")
@@ -87,14 +89,24 @@ def _law_of(
         fitted = fit_coarse(problem, start, resolution.coarse, FIT_STEPS)
     except FitError:
         return MemberLaw(candidate, 0.0), evaluated
-    law = MemberLaw(candidate, max(_log_weight(fitted) - _log_weight(evaluated), 0.0), curve)
+    law = MemberLaw(candidate, _gain(evaluated.samples, library, _weighable(fitted)), curve)
     return (law, fitted) if law.differs else (law._replace(curve=None), evaluated)
 
 
-def _log_weight(evaluated: EvaluatedFit, columns: Sequence[Mapping[str, np.ndarray]] | None = None) -> float:
-    """The log weight of a fit [nats] with further columns, by fitted run and signal (samples, k) in SI."""
+def _weighable(
+    evaluated: EvaluatedFit, columns: Sequence[Mapping[str, np.ndarray]] | None = None
+) -> FlooredModel | None:
+    """The linear model of a fit with further columns, by fitted run and signal (samples, k) in SI; None if infinite."""
     model = LinearModel(evaluated.fit, columns, np.zeros((evaluated.samples, 0)))
-    return log_student(model.at(Floor()).misfit) if model.is_finite else -np.inf
+    return model.at(Floor()) if model.is_finite else None
+
+
+def _gain(samples: int, library: FlooredModel | None, other: FlooredModel | None) -> float:
+    """The gain of log weight by another law [nats], at least 0."""
+    if library is None or other is None:
+        return 0.0
+    least = min(noise_level(samples) + min(library.numbers, other.numbers), library.misfit, other.misfit)
+    return max(log_student(other.misfit - least) - log_student(library.misfit - least), 0.0)
 
 
 def _scaled(columns: Sequence[Mapping[str, np.ndarray]], factor: float) -> list[dict[str, np.ndarray]]:

@@ -6,6 +6,7 @@ import math
 
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.free_term import FreeTerm
+from edhas_jax.diagnosis.sets.outcome import MUCH_LEFT
 from edhas_jax.diagnosis.sets.set_search import FittedSet
 
 NOTHING, UNKNOWN = "nothing", "unknown"
@@ -43,6 +44,14 @@ class SetPosterior:
             for name in labels(of):
                 found[name] = found.get(name, 0.0) + weight
         return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    @functools.cached_property
+    def members(self) -> tuple[tuple[Candidate, float], ...]:
+        """The members of the most probable set, each with its fall of the misfit [nats], the largest first."""
+        fitted, best = {of.key: of for of in self.sets}, self.sets[0]
+        without = {c: fitted.get(best.key - {c.name}) for c in best.members}
+        falls = {c: math.inf if of is None else of.misfit - best.misfit for c, of in without.items()}
+        return tuple(sorted(falls.items(), key=lambda item: -item[1]))
 
     @functools.cached_property
     def credible(self) -> tuple[str, ...]:
@@ -94,6 +103,10 @@ class SetPosterior:
 
 
 def labels(of: FittedSet) -> tuple[str, ...]:
-    """The names of the effects and faults of a set; `UNKNOWN` for a curve alone, and `NOTHING` for the empty set."""
-    names = tuple(c.name for c in of.members if not isinstance(c, FreeTerm))
-    return names or ((UNKNOWN,) if of.members else (NOTHING,))
+    """The names of the effects and faults of a set, and `UNKNOWN` for a free term.
+
+    `NOTHING` for the empty set; `UNKNOWN` where that leaves more than `MUCH_LEFT` times the noise.
+    """
+    leaves_much = of.excess > 0.5 * (MUCH_LEFT**2 - 1.0) * of.samples
+    of_empty = UNKNOWN if leaves_much else NOTHING
+    return tuple(UNKNOWN if isinstance(c, FreeTerm) else c.name for c in of.members) or (of_empty,)

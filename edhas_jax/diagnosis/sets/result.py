@@ -15,7 +15,7 @@ from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.sets.member_laws import MemberLaw
-from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN, SetPosterior
+from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN, SetPosterior, labels
 from edhas_jax.diagnosis.sets.set_search import FittedSet
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.residuals import rms_by_signal
@@ -70,9 +70,8 @@ class Diagnosis:
 
     @functools.cached_property
     def named(self) -> tuple[Candidate, ...]:
-        """The effects and sensor faults of the best set, the most probable first."""
-        names = [c for c in self.posterior.best.members if not isinstance(c, FreeTerm)]
-        return tuple(sorted(names, key=lambda c: -self.posterior.probabilities[c.name]))
+        """The effects and sensor faults of the best set, that which explains most first."""
+        return tuple(c for c, _ in self.posterior.members if not isinstance(c, FreeTerm))
 
     @property
     def free_term(self) -> FreeTerm | None:
@@ -86,10 +85,11 @@ class Diagnosis:
 
     @property
     def first(self) -> str:
-        """The answer in one word: the most probable name of the best set, `UNKNOWN` or `NOTHING`."""
-        if self.named:
-            return self.named[0].name
-        return NOTHING if self.free_term is None else UNKNOWN
+        """The answer in one word: of the best set the name that explains most, `UNKNOWN` or `NOTHING`."""
+        leading = next((c for c, _ in self.posterior.members), None)
+        if leading is None:
+            return labels(self.posterior.best)[0]
+        return UNKNOWN if isinstance(leading, FreeTerm) else leading.name
 
     @functools.cached_property
     def verdict(self) -> Verdict:

@@ -1,19 +1,20 @@
 """The search for the sets of effects that explain the measurements best, with a weight for each set.
 
-A set holds effects and sensor faults, and at most one free curve for what no list has. Its weight is its prior times a
-Student distribution of its misfit X (`LinearModel.misfit`) with α freedoms,
+A set holds effects and sensor faults, and at most one free term for what no list has. Its weight is its prior times a
+Student distribution of its misfit X (`FlooredModel.misfit`) with α freedoms,
 
-    ln w = Σ ln prior odds − (α/2) ln(1 + 2 X/α)
+    ln w = Σ ln prior odds − (α/2) ln(1 + 2 (X − X₀)/α)
 
-At the noise (X ≪ α) that is the usual evidence. Far above it only the ratio of misfits counts, because the error of a
-model is a few smooth functions, not one error for each sample: half the misfit is worth (α/2) ln 2.
+with X₀ the misfit of the best set where that is at the noise, and else what the noise alone would leave. Near the noise
+(X − X₀ ≪ α) that is the usual evidence. Far above it only the ratio of misfits counts, because the error of a model is
+a few smooth functions, not one error for each sample: half the misfit is worth (α/2) ln 2.
 
 The search begins with the empty set. Each round predicts every addition to the best sets, and to the best one without
 one of its members (an exchange), from signatures; refits the most promising ones; and drops members of the best set in
 turn. It ends where nothing is promising.
 
-Every fit has two kinds of start: the parameters of the set from which it comes, and those of a robust fit, in which
-the background may take what it can (`Floor`), so that they are not distorted by what the model lacks.
+A fit begins at the parameters of the set from which it comes. Where that leaves much, and the fit gains less than it
+promised, growing parts of the runs are fitted, because the cost of whole runs then has many minima.
 
 Source: Student distribution in place of a normal one for model error: Miller and Dunson, J. Am. Stat. Assoc. 114 (2019)
 1113 (coarsened posterior); average over sets: Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535.
@@ -31,14 +32,16 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.symmetric_matrices import inverse_factor
+from edhas_jax.diagnosis.search.calibrated_model import PROGRESSIVE_EXCESS
 from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
+from edhas_jax.diagnosis.search.evaluated_fit import COST_TOLERANCE, EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.law_deviation import law_deviation_columns
+from edhas_jax.diagnosis.search.local_minima import fit_progressively
 from edhas_jax.diagnosis.search.screening import MAX_SCALE, MIN_SCALE, Signatures, with_scaled_size
-from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel, floor_of
-from edhas_jax.diagnosis.sets.signature_table import CurveSlopes, SignatureTable
+from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel, floor_of, noise_level
+from edhas_jax.diagnosis.sets.signature_table import FreeSlopes, SignatureTable
 from edhas_jax.diagnosis.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
 
@@ -48,8 +51,11 @@ UNKNOWN_ODDS = 0.15  # odds that it hides one that no list has, over all places 
 MOST_NAMED = 3  # of a set, beside at most one free curve
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
+SMALL_SIZE = 0.1  # of a cause where its predicted size ends above the set without it
+PREDICTION_ERROR = 0.5 * FREEDOMS  # nats: a signature may predict e times the misfit that a fit leaves
 KEPT_PROMISE = 0.5  # of a predicted gain: a fit that gains less probably ended elsewhere; another start is tried
-FIT_STEPS, ROBUST_STEPS = 15, 8  # maximum numbers of Levenberg-Marquardt steps
+FIT_STEPS = 15  # maximum number of Levenberg-Marquardt steps of a fit, and of each part of one on growing parts
+CHECKED_STEPS, LEAST_FALL = 3, 0.01  # of these steps a fall by this share of the misfit: 0.15 nats of weight
 SIZES = np.concatenate([[0.0], 10.0 ** np.arange(0.0, 4.01, 0.5)])  # of the background that are compared
 MIN_INDEPENDENT = 1e-9  # share of a signature that the columns of a set leave, below which it is rounding errors
 
@@ -58,20 +64,34 @@ Report = Callable[[str], None]
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """Where a fit begins (n,), and the floor of a robust fit that comes first."""
+    """Where a fit begins (n,), of the whole runs or, from there and from the prior means, of growing parts of them.
+
+    Args:
+        x: coordinates of all unknowns.
+        scanned: number of the last ones that are scanned before growing parts are fitted; 0 for whole runs.
+    """
 
     x: np.ndarray
-    floor: Floor = Floor()
+    scanned: int = 0
 
 
 @dataclasses.dataclass
 class Move:
-    """The addition of a cause to a set: coordinates at which its fit may start, and the predicted log weight."""
+    """The addition of a cause to a set.
+
+    Args:
+        to: the set.
+        added: the cause.
+        start: coordinates at which its fit begins.
+        small: coordinates at which it is hardly felt.
+        fall: predicted fall of the misfit [nats].
+    """
 
     to: "FittedSet"
     added: Candidate
-    starts: tuple[np.ndarray, ...]
-    predicted: float
+    start: np.ndarray
+    small: np.ndarray
+    fall: float
 
     @property
     def key(self) -> frozenset[str]:
@@ -84,11 +104,15 @@ class FittedSet:
     """A set of causes with its fit.
 
     Args:
-        members: effects, sensor faults and free curves.
+        members: effects, sensor faults and free terms.
         evaluated: the fit.
         model: the linear model around it.
-        floor: the floor of robust fits.
-        log_weight: logarithm of its weight.
+        floor: the floor of predictions.
+        misfit: see `FlooredModel`, without a floor.
+        numbers: the same.
+        excess: the same.
+        samples: number of samples of the fit.
+        log_weight: logarithm of its weight [nats]; NaN before the search has ended.
         untried: further starts of its fit.
         moves: predicted additions; None before they are predicted.
     """
@@ -97,7 +121,11 @@ class FittedSet:
     evaluated: EvaluatedFit
     model: LinearModel
     floor: Floor
-    log_weight: float
+    misfit: float
+    numbers: float
+    excess: float
+    samples: int
+    log_weight: float = math.nan
     untried: list[Start] = dataclasses.field(default_factory=list)
     moves: list[Move] | None = None
 
@@ -111,16 +139,79 @@ class FittedSet:
 
 
 class Job(NamedTuple):
-    """The fit of a set: its members, where it may start, and the log weight from which no further start is tried."""
+    """The fit of a set.
+
+    Args:
+        members: its members.
+        starts: where it may start.
+        enough: misfit [nats] from which no further start is tried.
+        small: the start that follows where that ends above `known`, the misfit of a smaller set; None for no such one.
+        known: see `small`.
+        move: the move that leads to it; None for another one.
+    """
 
     members: tuple[Candidate, ...]
     starts: Sequence[Start]
-    promised: float = math.inf
+    enough: float = -math.inf
+    small: Start | None = None
+    known: float = math.inf
+    move: Move | None = None
 
     @property
     def key(self) -> frozenset[str]:
         """The names of the members."""
         return frozenset(candidate.name for candidate in self.members)
+
+
+class Scaled(NamedTuple):
+    """A linear model with a floor, what a fall that it predicts is worth without one, and the most of that."""
+
+    model: FlooredModel
+    factor: float
+    most: float
+
+    def fall(self, of: float) -> float:
+        """The fall of the misfit without a floor [nats]."""
+        return min(self.factor * float(of), self.most)
+
+
+class Weighing:
+    """The weights of sets, see the module.
+
+    Args:
+        table: the signatures of all causes, whose numbers set the prior odds of each.
+    """
+
+    def __init__(self, table: SignatureTable):
+        self._log_named = math.log(EXPECTED / max(len(table.candidates), 1))
+        self._log_free = math.log(UNKNOWN_ODDS / max(len(table.free), 1))
+        self._least_numbers = self._least_misfit = math.inf
+        self._noise = noise_level(len(table.background))
+
+    def note(self, of: FittedSet) -> None:
+        """Take account of a fitted set."""
+        self._least_numbers = min(self._least_numbers, of.numbers)
+        self._least_misfit = min(self._least_misfit, of.misfit)
+
+    @property
+    def _least(self) -> float:
+        """X₀ of the module."""
+        return min(self._noise + self._least_numbers, self._least_misfit)
+
+    def of(self, fitted: FittedSet) -> float:
+        """The logarithm of the weight of a fitted set [nats]."""
+        return self.at(fitted.misfit, fitted.members)
+
+    def at(self, misfit: float, members: Sequence[Candidate]) -> float:
+        """The same of a set with this misfit."""
+        return log_student(misfit - self._least) + self._log_prior(members)
+
+    def predicted(self, move: Move) -> float:
+        """The logarithm of the weight of the set to which a move leads."""
+        return self.at(move.to.misfit - move.fall, (*move.to.members, move.added))
+
+    def _log_prior(self, members: Sequence[Candidate]) -> float:
+        return sum(self._log_free if isinstance(c, FreeTerm) else self._log_named for c in members)
 
 
 def log_student(misfit: float) -> float:
@@ -145,25 +236,14 @@ class SetSearch:
         self, calibrated: EvaluatedFit, table: SignatureTable, resolution: TimeResolution, report: Report,
         checkpoint: Checkpoint | None = None, prefix: str = "", workers: Workers | None = None,
     ):  # fmt: skip
-        self._base, self._table, self._resolution, self._report = calibrated, table, resolution, report
         self._checkpoint, self._prefix, self._workers = checkpoint or Checkpoint(), prefix, workers
-        self._fits_of: collections.Counter[frozenset[str]] = collections.Counter()  # how often each set was fitted
-        odds = EXPECTED / max(len(table.candidates), 1)
-        self._log_named, self._log_free = math.log(odds), math.log(UNKNOWN_ODDS / max(len(table.curves), 1))
+        self._times: collections.Counter[frozenset[str]] = collections.Counter()  # how often each set was fitted
+        self._base, self._table, self._resolution, self._report = calibrated, table, resolution, report
+        self.weight = Weighing(table)
         self.sets: dict[frozenset[str], FittedSet] = {}
         self._failed: set[frozenset[str]] = set()
         empty = self._weighed((), calibrated, LinearModel(calibrated.fit, None, table.background))
-        self._undistorted: Mapping[str, float] = {}
-        if empty.floor.size > 0.0:
-            try:
-                start = np.zeros(len(calibrated.fit.x))
-                robust = fit_coarse(self._problem((), empty.floor), start, resolution.coarse, FIT_STEPS)
-                self._undistorted = robust.fit.values
-                again = self._fitted((), Start(robust.fit.x))
-                empty = again if again is not None and again.log_weight > empty.log_weight else empty
-            except FitError:
-                pass  # the model fails near the prior means: then only the calibrated parameters serve as a start
-        self.sets[empty.key] = empty
+        self._add(empty, empty.key)
 
     def run(self) -> list[FittedSet]:
         """Search, and return all sets that were fitted, the one with the largest weight first."""
@@ -173,22 +253,25 @@ class SetSearch:
             if not moves and not dropped:
                 break
             jobs = [self._job(move) for move in moves]
-            jobs += [Job(members, self._starts(members, best, {})) for members in dropped]
-            for job, fitted in zip(jobs, self._fits(jobs), strict=True):
-                self._add(fitted, job.key)
+            jobs += [Job(members, self._starts(members, best, {}, 0), best.misfit) for members in dropped]
+            for job, found in self._fits(jobs):
+                self._add(found, job.key)
             self._let_compete()
             self._report(f"best so far: {self.ranked()[0]}")
+        for of in self.sets.values():
+            of.log_weight = self.weight.of(of)
         return self.ranked()
 
     def ranked(self) -> list[FittedSet]:
         """All sets that were fitted, the one with the largest weight first."""
-        return sorted(self.sets.values(), key=lambda of: -of.log_weight)
+        return sorted(self.sets.values(), key=lambda of: -self.weight.of(of))
 
     def _add(self, found: FittedSet | None, key: frozenset[str]) -> None:
         if found is None:
             self._failed.add(key)
         else:
             self.sets[key] = found
+            self.weight.note(found)
 
     def _moves(self, best: FittedSet) -> list[Move]:
         """The additions that are fitted next, of which at most one is a free curve."""
@@ -197,10 +280,12 @@ class SetSearch:
             if of.moves is None:
                 of.moves = self._predicted_moves(of)
         known, found = set(self.sets) | self._failed, {}
-        for move in sorted((m for of in self.sets.values() for m in of.moves or ()), key=lambda m: -m.predicted):
+        every = (move for of in self.sets.values() for move in of.moves or ())
+        reached = self.weight.of(best)
+        for predicted, move in sorted(((self.weight.predicted(m), m) for m in every), key=lambda row: -row[0]):
             # a further effect has to promise something; another first one, or an exchange, only to come near
-            least = best.log_weight - (0.0 if move.to is best and best.members else WINDOW)
-            if move.predicted > least and move.key not in known and self._is_allowed(move):
+            least = reached - (0.0 if move.to is best and best.members else WINDOW)
+            if predicted > least and move.key not in known and self._is_allowed(move):
                 found.setdefault(move.key, move)
         curves = [move for move in found.values() if isinstance(move.added, FreeTerm)]
         return [m for m in found.values() if not isinstance(m.added, FreeTerm) or m is curves[0]][:REFITTED]
@@ -220,164 +305,190 @@ class SetSearch:
         """Fit those sets from their other starts too that compete with the best one."""
         while True:
             ranked = self.ranked()
-            near = [of for of in ranked if of.log_weight > ranked[0].log_weight - WINDOW]
+            near = [of for of in ranked if self.weight.of(of) > self.weight.of(ranked[0]) - WINDOW]
             waiting = next((of for of in near if of.untried), None)
             if waiting is None or len(near) < 2:
                 return
             start, waiting.untried = waiting.untried[0], waiting.untried[1:]
-            (found,) = self._fits([Job(waiting.members, [start])])
-            if found is not None and found.log_weight > waiting.log_weight:
+            ((_, found),) = self._fits([Job(waiting.members, [start])])
+            if found is not None and found.misfit < waiting.misfit:
                 found.untried = waiting.untried
-                self.sets[found.key] = found
+                self._add(found, found.key)
 
-    def _fits(self, jobs: Sequence[Job]) -> Iterator[FittedSet | None]:
-        """The best fit of each of several sets, None where the model fails; kept ones are only evaluated again."""
+    def _fits(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, FittedSet | None]]:
+        """The best fit of each of several sets, None where the model fails; kept ones are only evaluated again.
+
+        Moves that promise too little when it is their turn are left out.
+        """
         stages = [self._stage(job) for job in jobs]
         kept = [self._checkpoint.recall(stage) for stage in stages]
-        waiting = [job for job, known in zip(jobs, kept, strict=True) if known is None]
-        at_once = None
+        waiting, at_once = [k for k, known in enumerate(kept) if known is None], {}
         if self._workers is not None and waiting:
-            self._report(f"on the workers: {', '.join(' + '.join(sorted(job.key)) for job in waiting)}")
-            at_once = iter(self._workers.map(_best_fit, [(self._for_workers(), job) for job in waiting]))
-        for job, stage, known in zip(jobs, stages, kept, strict=True):
+            self._report(f"on the workers: {', '.join(' + '.join(sorted(jobs[k].key)) for k in waiting)}")
+            calls = [(self._for_workers(), jobs[k]._replace(move=None)) for k in waiting]
+            at_once = dict(zip(waiting, self._workers.map(_best_fit, calls), strict=True))
+        for k, (job, known) in enumerate(zip(jobs, kept, strict=True)):
+            if job.move is not None and not self._is_promising(job.move):
+                continue
             if known is not None:
                 tried, arrays = known
                 found = self._fitted(job.members, Start(arrays["x"]), 0) if arrays else None
                 if found is not None:
                     found.untried = list(job.starts[tried:])
-                yield found
+                yield job, found
                 continue
-            if at_once is None:
+            if k not in at_once:
                 self._report(f"fitting {' + '.join(sorted(job.key)) or 'nothing'}")
-            found = self.best_fit(job) if at_once is None else next(at_once)
+            found = at_once[k] if k in at_once else self.best_fit(job)
             tried = 0 if found is None else len(job.starts) - len(found.untried)
-            self._checkpoint.keep(stage, tried, {} if found is None else {"x": found.evaluated.fit.x})
-            yield found
+            self._checkpoint.keep(stages[k], tried, {} if found is None else {"x": found.evaluated.fit.x})
+            yield job, found
+
+    def _is_promising(self, move: Move) -> bool:
+        return self.weight.predicted(move) > self.weight.of(self.ranked()[0]) - PREDICTION_ERROR
 
     def _stage(self, job: Job) -> str:
         """The name of a fit in the checkpoint, from the names of the members and how often they were fitted before."""
-        self._fits_of[job.key] += 1
+        self._times[job.key] += 1
         names = hashlib.sha256(" + ".join(sorted(job.key)).encode()).hexdigest()[:16]
-        return f"{self._prefix}set_{names}_{self._fits_of[job.key]}"
+        return f"{self._prefix}set_{names}_{self._times[job.key]}"
 
     def _for_workers(self) -> "SetSearch":
         """The search with what a fit needs, to be sent to another process."""
-        small = copy.copy(self)
-        small.sets, small._table = {}, dataclasses.replace(self._table, candidates=())
+        small, best = copy.copy(self), self.ranked()[0]
+        slim = dataclasses.replace(best, evaluated=None, model=None, moves=None, untried=[])
+        small.sets, small._table = {best.key: slim}, dataclasses.replace(self._table, candidates=(), free=())
         small._checkpoint, small._workers, small._report = Checkpoint(), None, None
         return small
 
     def _job(self, move: Move) -> Job:
         members, of = (*move.to.members, move.added), move.to
-        gain = move.predicted - of.log_weight
-        promised = of.log_weight + KEPT_PROMISE * gain if gain > 0.0 else -math.inf
+        promised = of.misfit - KEPT_PROMISE * max(move.fall, 0.0)
         unknowns = move.added.unknowns(self._base.fit.problem.campaign)
-        first, *others = [{u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)} for x in move.starts]
-        starts = self._starts(members, of, first)
-        starts += [self._robust_start(members, of, own) for own in others]
-        return Job(members, starts, promised)
+        own, small = ({u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)} for x in (move.start, move.small))
+        scanned = 0 if isinstance(move.added, FreeTerm) else len(unknowns)
+        (hardly_felt,) = self._starts(members, of, small, 0)
+        return Job(members, self._starts(members, of, own, scanned), promised, hardly_felt, of.misfit, move)
 
-    def _starts(self, members: tuple[Candidate, ...], of: FittedSet, own: Mapping[str, float]) -> list[Start]:
-        """The two starts of a fit: at the values of a known set, and with the undistorted ones of the machine.
+    def _starts(
+        self, members: tuple[Candidate, ...], of: FittedSet, own: Mapping[str, float], scanned: int
+    ) -> list[Start]:
+        """The starts of a fit: at the values of a known set, and, where that leaves much, on growing parts.
 
         Args:
             members: the members of the new set.
             of: the known set.
             own: values (SI) of the unknowns that it has not.
+            scanned: see `Start`.
         """
-        at_known = start_coordinates(self._problem(members), {**of.evaluated.fit.values, **own})
-        return [Start(at_known), self._robust_start(members, of, own)]
-
-    def _robust_start(self, members: tuple[Candidate, ...], of: FittedSet, own: Mapping[str, float]) -> Start:
-        values = {**of.evaluated.fit.values, **self._undistorted, **own}
-        return Start(start_coordinates(self._problem(members), values), of.floor)
+        x = start_coordinates(self._problem(members), {**of.evaluated.fit.values, **own})
+        has_minima = of.excess > PROGRESSIVE_EXCESS * noise_level(int(self._table.ends[-1]))
+        return [Start(x), Start(x, scanned)] if scanned and has_minima else [Start(x)]
 
     def best_fit(self, job: Job) -> FittedSet | None:
-        """The best of fits from some starts, further ones of which wait where it is as good as promised."""
+        """The best of fits from some starts, further ones of which wait where it is good enough."""
         best = None
         for k, start in enumerate(job.starts):
             found = self._fitted(job.members, start)
-            if found is not None and (best is None or found.log_weight > best.log_weight):
+            if found is not None and (best is None or found.misfit < best.misfit):
                 best = found
-            if best is not None and best.log_weight >= job.promised:
+            if best is not None and best.misfit <= job.enough:
                 best.untried = list(job.starts[k + 1 :])
                 break
+        if job.small is not None and (best is None or best.misfit > job.known):  # begin where the cause is hardly felt
+            again = self._fitted(job.members, job.small)
+            best = again if again is not None and (best is None or again.misfit < best.misfit) else best
         return best
 
     def _fitted(self, members: tuple[Candidate, ...], start: Start, steps: int = FIT_STEPS) -> FittedSet | None:
         """The fit of a set; None where the model fails."""
-        x, coarse = start.x, self._resolution.coarse
+        problem, coarse = self._problem(members), self._resolution.coarse
         try:
-            if start.floor.size > 0.0:
-                x = fit_coarse(self._problem(members, start.floor), x, coarse, ROBUST_STEPS).fit.x
-            evaluated = fit_coarse(self._problem(members), x, coarse, steps)
+            if not start.scanned:
+                evaluated = fit_coarse(problem, start.x, coarse, steps, self._keep_on_rule(members))
+            else:
+                starts = np.array([np.zeros(len(start.x)), start.x])
+                evaluated = fit_progressively(problem, starts, start.scanned, coarse, FIT_STEPS)
         except FitError:
             return None
+        if evaluated is None:
+            return None
         named = [c for c in members if not isinstance(c, FreeTerm)]
-        laws = law_deviation_columns(evaluated.fit, named) if named else None
+        best = self.weight.of(self.ranked()[0])
+        is_near = self.weight.at(evaluated.cost, members) > best - PREDICTION_ERROR
+        laws = law_deviation_columns(evaluated.fit, named) if named and is_near else None
         model = LinearModel(evaluated.fit, laws, self._table.background)
         return self._weighed(members, evaluated, model) if model.is_finite else None
 
+    def _keep_on_rule(self, members: tuple[Candidate, ...]) -> Callable[[int, float], bool]:
+        """Whether a fit goes on, asked after every step with its number and ½χ².
+
+        It ends where the last steps have brought next to nothing, or as much again would not bring it near to the best
+        set.
+        """
+        costs: list[float] = []
+        best, noise = self.weight.of(self.ranked()[0]), noise_level(int(self._table.ends[-1]))
+
+        def keep_on(step: int, cost: float) -> bool:
+            costs.append(cost)
+            if len(costs) <= CHECKED_STEPS:
+                return True
+            fall = costs[-1 - CHECKED_STEPS] - cost
+            if fall < LEAST_FALL * max(cost - noise, 0.0) + COST_TOLERANCE:
+                return False
+            return self.weight.at(cost - fall, members) > best - PREDICTION_ERROR
+
+        return keep_on
+
     def _weighed(self, members: tuple[Candidate, ...], evaluated: EvaluatedFit, model: LinearModel) -> FittedSet:
-        log_weight = log_student(model.at(Floor()).misfit) + sum(map(self._log_prior, members))
-        return FittedSet(members, evaluated, model, floor_of(model, self._table.ends, SIZES), log_weight)
+        at, floor = model.at(Floor()), floor_of(model, self._table.ends, SIZES)
+        return FittedSet(members, evaluated, model, floor, at.misfit, at.numbers, at.excess, model.samples)
 
-    def _log_prior(self, candidate: Candidate) -> float:
-        return self._log_free if isinstance(candidate, FreeTerm) else self._log_named
-
-    def _problem(self, members: Sequence[Candidate], floor: Floor = Floor()) -> FitProblem:
-        """The fit problem of a set; with a floor, that of a robust fit."""
-        problem, background = with_candidates(self._base.fit.problem, members), None
-        if floor.size > 0.0:
-            background = {
-                run.name: {n: floor.size * v for n, v in columns.items()}
-                for run, columns in zip(problem.model().runs, self._table.background_columns, strict=True)
-            }
-        return dataclasses.replace(problem, background=background, noise_factor=floor.noise)
+    def _problem(self, members: Sequence[Candidate]) -> FitProblem:
+        return with_candidates(self._base.fit.problem, members)
 
     def _predicted_moves(self, of: FittedSet) -> list[Move]:
         """The additions to a set, their log weights predicted from signatures.
 
-        A signature predicts the fall of what is left without a floor, and with that of robust fits, where what the
-        background can do counts little. The larger relative fall is taken.
+        A signature predicts the fall of what is left without a floor, and with one, where what the background can do
+        counts little. The larger relative fall is taken.
         """
-        with_floors = [of.model.at(floor) for floor in ([Floor(), of.floor] if of.floor.size > 0.0 else [Floor()])]
-        moves = [self._named_move(of, found, with_floors) for found in self._table.candidates]
-        moves += [self._curve_move(of, slopes, with_floors) for slopes in self._table.curves]
+        plain = of.model.at(Floor())
+        scaled = [Scaled(plain, 1.0, math.inf)]
+        if of.floor.size > 0.0:
+            floored, most = of.model.at(of.floor), plain.excess + plain.squares
+            factor = of.floor.noise**2 * most / (floored.excess + floored.squares)
+            scaled.append(Scaled(floored, factor, most))
+        moves = [self._named_move(of, found, scaled) for found in self._table.candidates]
+        moves += [self._free_move(of, slopes, scaled) for slopes in self._table.free]
         return [move for move in moves if move.added.name not in of.key]
 
-    def _named_move(self, of: FittedSet, signatures: Signatures, with_floors: Sequence[FlooredModel]) -> Move:
+    def _named_move(self, of: FittedSet, signatures: Signatures, scaled: Sequence[Scaled]) -> Move:
         rows, best = signatures.rows, (-math.inf, 0, 0.0)
         squares, products = np.einsum("km,km->k", rows, rows, dtype=float), of.model.products(rows)
-        for model in with_floors:
-            inner, overlap = model.reduced(products, squares)
-            usable = inner > MIN_INDEPENDENT * squares / model.floor.noise**2
+        for by in scaled:
+            inner, overlap = by.model.reduced(products, squares)
+            usable = inner > MIN_INDEPENDENT * squares / by.model.floor.noise**2
             scale = np.where(usable, np.clip(overlap / np.where(usable, inner, 1.0), 0.0, MAX_SCALE), 0.0)
             falls = scale * (overlap - 0.5 * scale * inner)
             k = int(np.argmax(falls))
-            best = max(best, (_gain(model, falls[k], 0.0), k, float(scale[k])))
-        gain, k, scale = best
+            best = max(best, (by.fall(falls[k]), k, float(scale[k])))
+        fall, k, scale = best
         point, unknowns = signatures.points[k], signatures.candidate.unknowns(self._base.fit.problem.campaign)
         x = with_scaled_size(unknowns, point, max(scale, MIN_SCALE), signatures.exponent)
-        return Move(of, signatures.candidate, (x, point), of.log_weight + gain + self._log_named)
+        small = with_scaled_size(unknowns, point, SMALL_SIZE, signatures.exponent)
+        return Move(of, signatures.candidate, x, small, fall)
 
-    def _curve_move(self, of: FittedSet, slopes: CurveSlopes, with_floors: Sequence[FlooredModel]) -> Move:
+    def _free_move(self, of: FittedSet, slopes: FreeSlopes, scaled: Sequence[Scaled]) -> Move:
         products, found = of.model.products(slopes.rows), []
-        for model in with_floors:
-            inner, overlap = model.reduced(products, slopes.gram)
-            factor, log_information = inverse_factor(inner + np.eye(len(inner)))
-            half = factor.T @ overlap
-            gain = _gain(model, 0.5 * float(half @ half), 0.5 * log_information)
-            found.append((gain, tuple(factor @ half)))
-        gain, x = max(found)
-        return Move(of, slopes.curve, (np.array(x),), of.log_weight + gain + self._log_free)
+        for by in scaled:
+            inner, overlap = by.model.reduced(products, slopes.gram)
+            whitening, log_information = inverse_factor(inner + np.eye(len(inner)))
+            half = whitening.T @ overlap
+            found.append((by.fall(0.5 * half @ half) - 0.5 * log_information, tuple(whitening @ half)))
+        fall, x = max(found)
+        return Move(of, slopes.term, np.array(x), SMALL_SIZE * np.array(x), fall)
 
 
 def _best_fit(search: SetSearch, job: Job) -> FittedSet | None:
     return search.best_fit(job)
-
-
-def _gain(model: FlooredModel, fall: float, cost: float) -> float:
-    """The gain of log weight [nats] by a fall of the misfit in units of a floor, less what the new numbers cost."""
-    misfit = max(model.misfit - model.floor.noise**2 * fall, 0.0) + cost
-    return log_student(misfit) - log_student(model.misfit)

@@ -1,7 +1,7 @@
-"""What every cause would change in the measurements: signatures of all candidates, and slopes of all free curves.
+"""What every cause would change in the measurements: signatures of all candidates, and slopes of all free terms.
 
 All of them are simulated once, at one fit, and whitened; see `linear_model` for what is made of them. The background is
-what the curves at all places together can do: the directions of their smoothest shapes, each of unit length.
+what free curves at all places together can do: the directions of their smoothest shapes, each of unit length.
 """
 
 import dataclasses
@@ -15,6 +15,8 @@ from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.free_curves import curves_with_slopes
+from edhas_jax.diagnosis.search.free_term import FreeTerm
+from edhas_jax.diagnosis.search.memory_term import memories_with_slopes
 from edhas_jax.diagnosis.search.screening import ScoreTest, Signatures
 
 SHAPES = 4  # of each curve in the background: its four smoothest shapes, about a cubic
@@ -23,10 +25,10 @@ MAX_DIRECTIONS, MIN_EIGENVALUE = 100, 1e-4  # of the background: their number, a
 
 
 @dataclasses.dataclass(frozen=True)
-class CurveSlopes:
-    """A free curve, and its rows (nodes, m): the change by a prior standard deviation of each value, whitened."""
+class FreeSlopes:
+    """A free term, and its rows (k, m): the change by a prior standard deviation of each of its k numbers, whitened."""
 
-    curve: CurveCandidate
+    term: FreeTerm
     rows: np.ndarray
     gram: np.ndarray
 
@@ -37,16 +39,14 @@ class SignatureTable:
 
     Args:
         candidates: effects and sensor faults with their signatures, rows (k, m) of one matrix each.
-        curves: the free curves.
+        free: the free terms: curves, memories and resonances.
         background: directions (m, g) of the background, whitened.
-        background_columns: the same by fitted run and signal (samples, g), SI.
         ends: where the signals end among the m samples.
     """
 
     candidates: tuple[Signatures, ...]
-    curves: tuple[CurveSlopes, ...]
+    free: tuple[FreeSlopes, ...]
     background: np.ndarray
-    background_columns: tuple[dict[str, np.ndarray], ...]
     ends: np.ndarray
 
 
@@ -61,38 +61,27 @@ def signature_table(fit: Fit, candidates: Sequence[Candidate], report: Callable[
     test = ScoreTest(fit, ())
     report("signatures of all effects and sensor faults")
     named = tuple(found for candidate in candidates if len((found := test.signatures(candidate)).rows))
-    found, columns = [], []
-    for curve, slopes in curves_with_slopes(fit, report):
-        scaled = [{n: curve.spread * v for n, v in run.items()} for run in slopes]
-        rows = test.whitened(scaled).T
+    found = []
+    for term, slopes in (*curves_with_slopes(fit, report), *memories_with_slopes(fit, report)):
+        rows = test.whitened([{n: term.spread * v for n, v in run.items()} for run in slopes]).T
         if (np.abs(rows) < OVERFLOW_LIMIT).all() and np.abs(rows).max() > 0.0:
-            found.append(CurveSlopes(curve, rows.astype(np.float32), rows @ rows.T))
-            columns.append(scaled)
-    return SignatureTable(named, tuple(found), *_background(found, columns, int(test.ends[-1])), test.ends)
+            found.append(FreeSlopes(term, rows.astype(np.float32), rows @ rows.T))
+    return SignatureTable(named, tuple(found), _background(found, int(test.ends[-1])), test.ends)
 
 
-def _background(
-    curves: Sequence[CurveSlopes], columns: Sequence[Sequence[dict[str, np.ndarray]]], samples: int
-) -> tuple[np.ndarray, tuple[dict[str, np.ndarray], ...]]:
-    """The directions of the background (m, g), whitened, and the same by run and signal (samples, g) in SI."""
-    if not curves:  # a rig of one's own without slots
-        return np.zeros((samples, 0)), ()
+def _background(free: Sequence[FreeSlopes], samples: int) -> np.ndarray:
+    """The directions of the background (m, g), whitened."""
     shapes = []
-    for of in curves:
-        vectors, sizes, _ = np.linalg.svd(CurvePrior(1.0, SMOOTHNESS).factor(np.array(of.curve.nodes)))
-        smooth = vectors[:, :SHAPES] * sizes[:SHAPES]
-        lengths = np.linalg.norm(of.rows.T @ smooth, axis=0)
-        shapes.append(smooth[:, lengths > 0.0] / lengths[lengths > 0.0])
-    stack = np.concatenate([of.rows.T @ smooth for of, smooth in zip(curves, shapes, strict=True)], axis=1)
+    for of in free:
+        if not isinstance(of.term, CurveCandidate):
+            continue
+        vectors, sizes, _ = np.linalg.svd(CurvePrior(1.0, SMOOTHNESS).factor(np.array(of.term.nodes)))
+        columns = of.rows.T @ (vectors[:, :SHAPES] * sizes[:SHAPES])
+        lengths = np.linalg.norm(columns, axis=0)
+        shapes.append(columns[:, lengths > 0.0] / lengths[lengths > 0.0])
+    if not shapes:  # a rig of one's own without slots
+        return np.zeros((samples, 0))
+    stack = np.concatenate(shapes, axis=1)
     values, vectors = np.linalg.eigh(stack.T @ stack)
     kept = np.argsort(-values)[:MAX_DIRECTIONS]
-    directions = vectors[:, kept[values[kept] > MIN_EIGENVALUE * values.max()]]
-    parts = [
-        {
-            n: np.concatenate([of[r][n] @ smooth for of, smooth in zip(columns, shapes, strict=True)], axis=1)
-            @ directions
-            for n in columns[0][r]
-        }
-        for r in range(len(columns[0]))
-    ]
-    return stack @ directions, tuple(parts)
+    return stack @ vectors[:, kept[values[kept] > MIN_EIGENVALUE * values.max()]]
