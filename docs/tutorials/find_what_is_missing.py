@@ -22,7 +22,7 @@ found.plot()
 # The engineer adds the effect and looks at the runs that were not used in the fit.
 
 # %%
-added = edhas.add("examples/campaign", [trial.candidate.id for trial in found.accepted])
+added = edhas.add("examples/campaign", [candidate.id for candidate in found.named])
 added.plot()
 
 # %%

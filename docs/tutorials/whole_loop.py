@@ -37,4 +37,4 @@ found = edhas.diagnose("examples/campaign")
 found
 
 # %%
-edhas.add("examples/campaign", [trial.candidate.id for trial in found.accepted]).plot()
+edhas.add("examples/campaign", [candidate.id for candidate in found.named]).plot()

@@ -98,11 +98,11 @@ def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
 
 def _next_command(result, campaign: Path, folder: Path) -> str:
     """What to do with a diagnosis: run its model where an effect is missing, otherwise calibrate the present one."""
-    from edhas_jax.diagnosis.search.result import Verdict
+    from edhas_jax.diagnosis.sets.result import Verdict
 
     if result.verdict is Verdict.ADEQUATE:
         return f"fit {quoted(campaign)}"
-    if result.accepted:
+    if result.posterior.best.members:
         return f"compare {quoted(campaign)} --model {quoted(folder / 'config.yaml')}"
     return f"plan {quoted(campaign)}"
 
@@ -125,11 +125,11 @@ def _choose_folder(options, name: str, identity: dict[str, str]) -> tuple[Path, 
     sentences, unfinished = [], {p: stored_identity(p / CHECKPOINT_FOLDER) for p in places}
     for place, stored in unfinished.items():
         if stored == identity:
-            return place, [f"Going on from the finished rounds in {place}."]
+            return place, [f"Going on from the finished fits in {place}."]
         if stored is not None:
             changed = " and ".join(what for what in identity if stored.get(what) != identity[what])
             sentences.append(
-                f"The finished rounds in {place} are not used, because they were computed from other inputs: "
+                f"The finished fits in {place} are not used, because they were computed from other inputs: "
                 f"{changed} changed."
             )
     if unfinished.get(folder) is None and not holds_nothing(folder):

@@ -13,13 +13,18 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.result import estimates_as_json, values_of_runs_as_json
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for, from_absence, with_candidate
+from edhas_jax.diagnosis.search.candidate_fit import CANDIDATE_STEPS, fit_with_candidate
+from edhas_jax.diagnosis.search.candidates import (
+    PLAUSIBLE_COORDINATE,
+    Candidate,
+    candidates_for,
+    from_absence,
+    with_candidate,
+)
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
-from edhas_jax.diagnosis.search.plausibility import PLAUSIBLE_COORDINATE
-from edhas_jax.diagnosis.search.result import CONFOUNDED_ODDS
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.settled_fit import settle
-from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, try_candidate
+from edhas_jax.diagnosis.sets.posterior import CONFOUNDED_ODDS
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.campaign_reader import OF_RUNS
@@ -119,7 +124,7 @@ def calibrated_model(campaign: Campaign, on_progress: Report | None = None) -> C
 @single_threaded_algebra
 def with_effect(
     campaign: Campaign, before: ChosenModel, kind: type[Effect], on_progress: Report | None = None,
-    max_steps: int = TRIAL_STEPS,
+    max_steps: int = CANDIDATE_STEPS,
 ) -> ChosenModel:  # fmt: skip
     """Add one more effect to a fitted model, and fit everything again.
 
@@ -143,7 +148,7 @@ def with_effect(
         raise FitError(f"{kind.id} cannot be added to {campaign.name}: its machine has it already, or no slot for it")
     report(f"fitting with {kind.id}")
     score = ScoreTest(baseline.fit, before.effects).score(possible[kind.id])
-    trial = try_candidate(baseline, before.effects, score, before.resolution, max_steps).evaluated
+    trial = fit_with_candidate(baseline, before.effects, score, before.resolution, max_steps)
     effects = (*before.effects, score.candidate)
     fading = before.fading | {u.name for u in score.candidate.unknowns(campaign)[:1] if score.exponent < 0.0}
     found = _free_to_vanish(baseline, effects, fading, score, trial, max_steps, before.resolution)

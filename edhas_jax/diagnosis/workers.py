@@ -55,29 +55,6 @@ class Workers:
                 future.cancel()
 
 
-def fits_of(
-    function: Callable[..., T], jobs: Sequence[tuple], sentences: Sequence[str], workers: Workers | None,
-    report: Callable[[str], None],
-) -> list[T]:  # fmt: skip
-    """The values of a function for several tuples of arguments, on workers at once or here one after the other.
-
-    Args:
-        function: a function of a module.
-        jobs: its arguments.
-        sentences: what each job does, for the report.
-        workers: the processes; None for this one.
-        report: called with a sentence on the progress.
-    """
-    if workers is not None and jobs:
-        report(f"on the workers: {', '.join(sentences)}")
-        return workers.map(function, jobs)
-    found = []
-    for sentence, job in zip(sentences, jobs, strict=True):
-        report(sentence)
-        found.append(function(*job))
-    return found
-
-
 def own_classes(parts: Iterable[Any]) -> tuple[type, ...]:
     """The classes of some parts of a machine, or among some classes, that do not belong to the package."""
     kinds = dict.fromkeys(part if isinstance(part, type) else type(part) for part in parts)

@@ -14,18 +14,12 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.planning import next_experiment as planning
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
-from edhas_jax.diagnosis.report.result_file import CALIBRATED_CONFIG_FILE, CURVE_CONFIG_FILE, save_diagnosis
+from edhas_jax.diagnosis.report.result_file import CALIBRATED_CONFIG_FILE, save_diagnosis
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint, program_versions
-from edhas_jax.diagnosis.search.conclusions import (
-    bench_rows,
-    conclusions,
-    explains_little,
-    fit_of_parameters,
-    model_with,
-    outcome,
-)
-from edhas_jax.diagnosis.search.forward_selection import diagnose as search
-from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.sets.bench_findings import bench_rows
+from edhas_jax.diagnosis.sets.conclusions import conclusions, explains_little, outcome, parameters_text
+from edhas_jax.diagnosis.sets.diagnose import diagnose as search
+from edhas_jax.diagnosis.sets.result import Diagnosis, Verdict
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
@@ -34,7 +28,7 @@ from edhas_jax.measurements.checks.data_summary import data_sentences
 from edhas_jax.tasks.compare import toned_residual
 from edhas_jax.tasks.result import Result, save_figure, with_methods
 
-MAX_BENCH_ROWS = 10  # deviations of the bench in the summary; the report lists all
+MAX_BENCH_ROWS, MAX_SET_ROWS = 10, 6  # deviations of the bench and sets in the summary; the report lists more
 INTERRUPTED = "Interrupted: the result is written, but not all of its pictures; the same command makes them."
 VERDICT_TONES = {Verdict.ADEQUATE: Tone.GOOD, Verdict.MISSING_EFFECT: Tone.HEAD}
 
@@ -45,13 +39,13 @@ class DiagnosisResult(Result, Diagnosis):
 
     # besides the model, curves as tabulated laws that it names
     files = (
-        "report.html", "diagnosis.json", "diagnosis.png", "config.yaml", CALIBRATED_CONFIG_FILE, CURVE_CONFIG_FILE,
-        "*_deviation.yaml", "*_curve_over_*.yaml",
+        "report.html", "diagnosis.json", "diagnosis.png", "config.yaml", CALIBRATED_CONFIG_FILE, "*_deviation.yaml",
+        "*_curve_over_*.yaml",
     )  # fmt: skip
 
     @property
     def machine(self):
-        """The machine with the accepted effects, everything fitted."""
+        """The machine with the effects that were found, everything fitted."""
         return self.final.machine
 
     def summary(self) -> Summary:
@@ -61,8 +55,8 @@ class DiagnosisResult(Result, Diagnosis):
         found = conclusions(self)
         tone = VERDICT_TONES.get(self.verdict, Tone.CAUTION)
         sentences = [Toned(s, tone) if s == found[0] else s for s in data_sentences(self.campaign, found)]
-        bench = [self._bench()] if bench_rows(self) else []
-        return Summary(title, (*bench, self._candidates(), self._errors(), *sentences))
+        bench = [self._bench()] if bench_rows(self.after) else []
+        return Summary(title, (*bench, self._sets(), self._candidates(), self._errors(), *sentences))
 
     def summary_with(self, experiment: Any, failures: Sequence[str]) -> Summary:
         """The summary with the recommended run and sentences on what could not be made."""
@@ -71,24 +65,35 @@ class DiagnosisResult(Result, Diagnosis):
         return dataclasses.replace(summary, parts=(*summary.parts, *more, *failures))
 
     def _bench(self) -> SummaryTable:
-        rows = bench_rows(self)[:MAX_BENCH_ROWS]
+        rows = bench_rows(self.after)[:MAX_BENCH_ROWS]
         return SummaryTable.of("bench", ("what", "run", "deviation", "accuracy"), rows, title="what the bench did")
+
+    def _sets(self) -> SummaryTable:
+        rows, records, near = [], [], {of.key for of in self.posterior.near}
+        for of, weight in list(zip(self.posterior.sets, self.posterior.weights, strict=True))[:MAX_SET_ROWS]:
+            errors = [of.evaluated.rms_over_noise(use) for use in Use]
+            fitted, new = (f"{e:.3f}" if math.isfinite(e) else "none is held out" for e in errors)
+            texts = str(of), f"{weight:.2f}", fitted, new
+            rows.append(texts if of.key in near else [Toned(text, Tone.QUIET) for text in texts])
+            records.append({
+                "set": [c.name for c in of.members], "probability": weight, "residual_over_noise": errors[0],
+                "residual_over_noise_on_new_runs": errors[1],
+            })  # fmt: skip
+        columns = "set of effects", "probability", "residual over noise", "on new runs"
+        return SummaryTable.of("sets", columns, rows, records, "sets")
 
     def _candidates(self) -> SummaryTable:
         rows, records = [], []
-        for candidate, p, trial in self.ranked_candidates():
-            if trial is None or trial.evaluated is None:
-                continue
-            sized = fit_of_parameters(self, trial)
-            own = candidate.own_unknowns(sized.problem.unknowns)
-            values = {name: sized.values[u.name] for name, u in own.items()}
-            sizes = [f"{n} {sized.text(u.name, candidate.unit(u, self.machine))}" for n, u in own.items()]
-            rms = model_with(self, trial).rms_over_noise(Use.HOLDOUT)
+        for candidate, p in self.posterior.candidates():
+            fit = self.fit_of_parameters(candidate)
+            values = {n: fit.values[u.name] for n, u in candidate.own_unknowns(fit.problem.unknowns).items()}
+            rms = self.model_with(candidate).rms_over_noise(Use.HOLDOUT)
             new_runs = f"{rms:.3f}" if math.isfinite(rms) else "none is held out"
-            done = outcome(self, candidate)
-            texts = candidate.name, done.value, candidate.location, ", ".join(sizes), f"{p:.2f}", new_runs
-            rows.append([Toned(text, Tone.QUIET) for text in texts] if done.is_quiet else texts)
-            records.append({"effect": candidate.name, "outcome": done.value, "where": candidate.location,
+            said = outcome(self, candidate)
+            sizes = parameters_text(self, candidate)
+            texts = candidate.name, said.value, candidate.location, sizes, f"{p:.2f}", new_runs
+            rows.append([Toned(text, Tone.QUIET) for text in texts] if said.is_quiet else texts)
+            records.append({"effect": candidate.name, "outcome": said.value, "where": candidate.location,
                             "size": values, "probability": p, "residual_over_noise_on_new_runs": rms})  # fmt: skip
         columns = "effect", "outcome", "where", "size", "probability", "new runs, residual over noise"
         return SummaryTable.of("candidates", columns, rows, records, "candidates")
@@ -102,7 +107,7 @@ class DiagnosisResult(Result, Diagnosis):
         return SummaryTable.of("residual_over_noise", ("signal", *columns), rows, records, "residual over noise")
 
     def plot(self):
-        """Plot run, suspects, the run with the accepted effect, and the errors, as a matplotlib figure."""
+        """Plot run, suspects, the run with the effects that were found, and the errors, as a matplotlib figure."""
         return draw_overview(self)
 
     def next_experiment(self):
@@ -180,7 +185,7 @@ def diagnose(
             fits; None: this process.
 
     Returns:
-        The verdict with its probabilities, the candidates and the final model.
+        The verdict, the sets of effects with their probabilities, and the final model.
 
     Raises:
         CampaignError: the campaign is wrong, the fit fails, or the workers were lost.

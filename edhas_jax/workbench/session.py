@@ -41,7 +41,7 @@ class Session:
         return self._start("calibrate", arguments, f'edhas.fit("{self.workspace.shown}").save("{out}")')
 
     def diagnose(self) -> Job:
-        """Start `edhas diagnose`; the same command goes on from finished rounds."""
+        """Start `edhas diagnose`; the same command goes on from finished fits."""
         out = self._out(DIAGNOSED)
         arguments = ["diagnose", str(self.workspace.shown), "--out", out, "--overwrite"]
         for spec in self.allowed:

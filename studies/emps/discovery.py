@@ -18,6 +18,7 @@ force errors on the held-out half with the first two accepted effects, and with 
 
 import argparse
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -29,13 +30,12 @@ from scipy.signal import butter, filtfilt
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.report.report import parameter_texts
+from edhas_jax.diagnosis.search.candidate_fit import fit_with_candidate
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
-from edhas_jax.diagnosis.search.forward_selection import diagnose
-from edhas_jax.diagnosis.search.result import Diagnosis, mounted_candidates
 from edhas_jax.diagnosis.search.screening import ScoreTest
-from edhas_jax.diagnosis.search.trial import Trial, try_candidate
+from edhas_jax.diagnosis.sets.diagnose import diagnose
+from edhas_jax.diagnosis.sets.result import Diagnosis
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
@@ -43,6 +43,7 @@ from edhas_jax.measurements.time_resolution import choose_time_resolution
 from studies.emps.published_comparison import EVALUATION_START, FORCE_CUTOFF
 
 MAX_FIT_STEPS = 12
+MIN_GAIN = 12.0  # nats on the held-out half that justify the periodic force
 SCREW_PITCH = 2.5e-3  # m
 
 
@@ -99,16 +100,16 @@ def relative_error(residual: np.ndarray, measured: np.ndarray, interval: float) 
     return 100.0 * float(np.linalg.norm(residual) / np.linalg.norm(measured))
 
 
-def try_periodic_force(diagnosis: Diagnosis) -> Trial:
-    """Fit the final model of the diagnosis with the periodic force added."""
-    after, accepted = diagnosis.after, mounted_candidates(diagnosis.rounds)
-    score = ScoreTest(after.fit, accepted).score(Candidate(PeriodicForce))
+def with_periodic_force(diagnosis: Diagnosis) -> EvaluatedFit:
+    """The final model of the diagnosis with the periodic force added."""
+    after, present = diagnosis.after, (*diagnosis.posterior.best.members, *diagnosis.curves)
+    score = ScoreTest(after.fit, present).score(Candidate(PeriodicForce))
     resolution = choose_time_resolution(after.fit.problem.model(), after.fit.x)
-    return try_candidate(after, accepted, score, resolution, MAX_FIT_STEPS)
+    return fit_with_candidate(after, present, score, resolution, MAX_FIT_STEPS)
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Print the accepted effects step by step with the errors on both halves."""
+    """Print the effects that were found one by one with the errors on both halves."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="campaign of the EMPS data set")
     campaign = split_record(read_campaign(parser.parse_args(arguments).folder))
@@ -116,32 +117,35 @@ def main(arguments: list[str] | None = None) -> None:
     with console.status("") as status:
         diagnosis = diagnose(campaign, on_progress=status.update)
         status.update("with the periodic force")
-        trial = try_periodic_force(diagnosis)
+        periodic_model = with_periodic_force(diagnosis)
     held_out = "on the held-out half"
     table = Table("model", "residual over noise", held_out, "force error", held_out, "new parameters")
     models = [("mass alone", diagnosis.calibrated, "")]
-    for accepted, after in zip(diagnosis.accepted, diagnosis.rounds[1:], strict=True):
-        models.append((f"+ {accepted.candidate.name}", after.baseline, parameters_text(accepted)))
-    models.append((f"(+ {trial.candidate.name})", trial.evaluated, parameters_text(trial)))
+    growth = diagnosis.growth()
+    for of in growth[1:]:
+        models.append((str(of), of.evaluated, parameters_text(of.members, of.evaluated)))
+    periodic_force = Candidate(PeriodicForce)
+    models.append((f"(+ {periodic_force.name})", periodic_model, parameters_text([periodic_force], periodic_model)))
     for name, evaluated, new in models:
         errors = force_errors(evaluated)
         residuals = (f"{evaluated.rms_over_noise(use):.2f}" for use in Use)
         table.add_row(name, *residuals, *(f"{errors[use]:.2f} %" for use in Use), new)
     console.print(table)
-    periodic = "justified" if trial.holdout_half_chi_square_fall > MIN_GAIN else "refused"
-    print(f"periodic force: the log evidence rises by {trial.log_evidence_gain:.1f}, "
-          "chi-square/2 of the held-out half falls by "
-          f"{trial.holdout_half_chi_square_fall:.1f}: {periodic}")  # fmt: skip
-    names = [t.candidate.id for t in diagnosis.accepted] + ["none"] * 3
-    with_two = diagnosis.rounds[min(2, len(diagnosis.rounds) - 1)].baseline
+    gain = periodic_model.log_evidence - diagnosis.after.log_evidence
+    fall = diagnosis.after.holdout_half_chi_square().sum() - periodic_model.holdout_half_chi_square().sum()
+    periodic = "justified" if fall > MIN_GAIN else "refused"
+    print(f"periodic force: the log evidence rises by {gain:.1f}, "
+          f"chi-square/2 of the held-out half falls by {fall:.1f}: {periodic}")  # fmt: skip
+    names = [candidate.id for candidate in diagnosis.named] + ["none"] * 3
+    with_two = growth[min(2, len(growth) - 1)].evaluated
     print(f"first={names[0]} second={names[1]} third={names[2]} "
           f"heldout_two_effects={force_errors(with_two)[Use.HOLDOUT]:.3f} "
           f"heldout_force_error={force_errors(diagnosis.after)[Use.HOLDOUT]:.3f} periodic={periodic}")  # fmt: skip
 
 
-def parameters_text(trial: Trial) -> str:
-    """The fitted parameters of a candidate, as text."""
-    return ", ".join(parameter_texts(trial.candidate, trial.evaluated.fit))
+def parameters_text(candidates: Sequence[Candidate], evaluated: EvaluatedFit) -> str:
+    """The fitted parameters of some candidates, as text."""
+    return ", ".join(text for candidate in candidates for text in parameter_texts(candidate, evaluated.fit))
 
 
 if __name__ == "__main__":

@@ -61,18 +61,18 @@ def main(arguments: list[str] | None = None) -> None:
         found = edhas.diagnose(campaign, on_progress=status.update)
     table = Table("model", "residual over noise", "held out", "force error", "held out", "new parameters")
     rows = [("mass alone", found.calibrated, "")]
-    for trial, after in zip(found.accepted, found.rounds[1:], strict=True):
-        rows.append((f"+ {trial.candidate.name}", after.baseline,
-                     ", ".join(parameter_texts(trial.candidate, trial.evaluated.fit))))  # fmt: skip
+    for of in found.growth()[1:]:
+        texts = [text for c in of.members for text in parameter_texts(c, of.evaluated.fit)]
+        rows.append((str(of), of.evaluated, ", ".join(texts)))
     for name, evaluated, new in rows:
         errors = force_errors(evaluated)
         residuals = (f"{evaluated.rms_over_noise(use):.2f}" for use in Use)
         table.add_row(name, *residuals, *(f"{errors[use]:.2f} %" for use in Use), new)
     console.print(table)
     console.print(f"verdict: {found.verdict.value}")
-    names = [trial.candidate.id for trial in found.accepted] + ["none"] * 3
+    names = [candidate.id for candidate in found.named] + ["none"] * 3
     errors = force_errors(found.after)
-    print(f"first={names[0]} second={names[1]} third={names[2]} candidates={len(found.rounds[0].scores)} "
+    print(f"first={names[0]} second={names[1]} third={names[2]} candidates={found.considered} "
           f"mass_alone={force_errors(found.calibrated)[Use.HOLDOUT]:.2f} fitted={errors[Use.FIT]:.2f} "
           f"heldout={errors[Use.HOLDOUT]:.2f}")  # fmt: skip
 

@@ -37,9 +37,9 @@ from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
 from edhas_jax.diagnosis.report.report import parameter_texts
-from edhas_jax.diagnosis.search.conclusions import bench_rows, fit_of_parameters
-from edhas_jax.diagnosis.search.forward_selection import diagnose
-from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.diagnosis.sets.bench_findings import bench_rows
+from edhas_jax.diagnosis.sets.diagnose import diagnose
+from edhas_jax.diagnosis.sets.result import Diagnosis
 from edhas_jax.machine.components.controllers import CascadeController
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
@@ -156,16 +156,16 @@ class Friction(NamedTuple):
 
 def found_friction(diagnosis: Diagnosis) -> Friction:
     """The friction in the final model of a diagnosis; its forces are NaN if this model has no friction."""
-    trial = next((t for t in diagnosis.accepted if t.candidate.id == FRICTION), None)
-    if trial is None:
+    friction = next((c for c in diagnosis.named if c.id == FRICTION), None)
+    if friction is None:
         return Friction([np.nan] * len(SHOWN_SPEEDS), ["not in the final model"])
-    fit = fit_of_parameters(diagnosis, trial)
+    fit = diagnosis.fit_of_parameters(friction)
     coulomb, static, viscous, speed = (
         fit.values[f"{FRICTION}.{name}"]
         for name in ("coulomb_friction", "static_friction", "viscous_friction", "stribeck_velocity")
     )
     forces = [coulomb + (static - coulomb) * np.exp(-((v / speed) ** 2)) + viscous * v for v in SHOWN_SPEEDS]
-    return Friction(forces, parameter_texts(trial.candidate, fit))
+    return Friction(forces, parameter_texts(friction, fit))
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -184,14 +184,14 @@ def main(arguments: list[str] | None = None) -> None:
     with console.status("") as status:
         for name, what in (("at once", campaign), ("late", with_late_speed(campaign, late.delay))):
             found[name] = diagnose(what, on_progress=status.update)
-    table = Table("speed", "effects, in order", "mass", "friction at 60 and 120 mm/s", "gain error of the voltage",
+    table = Table("speed", "effects", "mass", "friction at 60 and 120 mm/s", "gain error of the voltage",
                   "residual over noise, held out", "force error, held out", "without deviations")  # fmt: skip
     figures = {}
     for name, diagnosis in found.items():
-        values, effects = diagnosis.after.fit.values, [t.candidate.id for t in diagnosis.accepted]
+        values, effects = diagnosis.after.fit.values, [c.id for c in diagnosis.named]
         friction = found_friction(diagnosis)
         errors = force_errors(diagnosis.after)[Use.HOLDOUT], force_error_without_deviations(campaign, diagnosis)
-        gain, probability = voltage_gain(diagnosis), diagnosis.answer.probabilities[diagnosis.answer.first]
+        gain, probability = voltage_gain(diagnosis), diagnosis.posterior.probabilities[diagnosis.first]
         figures[name] = effects, values["mover_mass"], friction, gain, errors
         table.add_row(
             name, f"{' + '.join(effects)} ({diagnosis.verdict.value}, {probability:.2f})",
@@ -204,7 +204,7 @@ def main(arguments: list[str] | None = None) -> None:
         console.print(f"friction, speed {name}: {', '.join(row[2].parameters)}")
     table = Table("speed", "what the bench did", "run", "deviation", "accuracy")
     for name, diagnosis in found.items():
-        for row in bench_rows(diagnosis):
+        for row in bench_rows(diagnosis.after):
             table.add_row(name, *row)
     console.print(table)
     effects = [*figures["at once"][0], "none", "none"]

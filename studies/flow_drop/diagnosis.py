@@ -13,8 +13,8 @@ import numpy as np
 
 from edhas_jax.core.units import format_with_error
 from edhas_jax.diagnosis.planning.detectability_plan import DetectabilityPlan, plan_detectability
-from edhas_jax.diagnosis.search.forward_selection import diagnose
-from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.diagnosis.sets.diagnose import diagnose
+from edhas_jax.diagnosis.sets.result import Diagnosis
 from edhas_jax.machine.effects import (
     SuctionLineInertance,
     SuctionLineResistance,
@@ -71,7 +71,7 @@ class DiagnosisResult(NamedTuple):
     Attributes:
         cause: the cause in the bench.
         stage: the name of the measurements.
-        found: the accepted effects with their sizes.
+        found: the effects that were found, with their sizes.
         damping: damping of mover and plungers, of the diagnosed model and of the bench [N·s/m].
         flow: mean flow at `PREDICTED_FREQUENCY`, of both [L/min].
         diagnosis: the diagnosis itself.
@@ -127,7 +127,7 @@ def diagnose_bench(
     both, column = (fit.machine, truth), {"amplitude": np.array([3.5e-3])}
     flow = tuple(float(mean_flows(m, column, (PREDICTED_FREQUENCY,))[0, 0]) for m in both)
     damping = tuple(sum(float(get_parameter(m, n)) for n in DAMPING) for m in both)
-    sizes = {t.candidate.name: t.candidate.own_unknowns(fit.problem.unknowns).values() for t in diagnosis.accepted}
+    sizes = {c.name: c.own_unknowns(fit.problem.unknowns).values() for c in diagnosis.named}
     found = [f"{n} {' '.join(format_with_error(fit.values[u.name], fit.standard_errors[u.name], u.unit) for u in own)}"
             for n, own in sizes.items()]  # fmt: skip
     return DiagnosisResult(title, stage.name, ", ".join(found) or "nothing", damping, flow, diagnosis)

@@ -29,6 +29,7 @@ from studies.hidden_effects.generators.hidden_case import CaseKey, Family, Hidde
 from studies.hidden_effects.store import Limit, Record, ResultFolder
 from studies.hidden_effects.work import run_all
 
+MIN_GAIN = 12.0  # nats: the best of some fifty candidates gains less by chance
 STEPS = 20  # maximum number of Levenberg-Marquardt steps of a fit
 REFINEMENT_STEPS = 6  # the same for the fit that follows once the error of the time step is removed
 
@@ -47,8 +48,7 @@ def limit_of(case: HiddenCase) -> Limit:
     from edhas_jax.diagnosis.calibration.fit_problem import FitError
     from edhas_jax.diagnosis.search.calibrated_model import calibrate
     from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
-    from edhas_jax.diagnosis.search.decision_rules import remaining, strength
-    from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, with_solver_error
+    from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, remaining, with_solver_error
     from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 
@@ -76,10 +76,9 @@ def limit_of(case: HiddenCase) -> Limit:
         others = [hidden[:position] + hidden[position + 1 :] for position in range(len(hidden))]
         simpler = [from_truth(with_candidates(calibrated.fit.problem, rest)) for rest in others]
     gains = [math.nan if fit is None else found.log_evidence - fit.log_evidence for fit in simpler]
-    each = tuple(strength(gain, found.excess, found.samples) for gain in gains)
+    left = remaining(found.excess, found.samples)
     gain = found.log_evidence - without.log_evidence
-    whole = strength(gain, found.excess, found.samples)
-    return Limit(gain, remaining(found.excess, found.samples), whole, each)
+    return Limit(gain, left, gain / (left + MIN_GAIN), tuple(of / (left + MIN_GAIN) for of in gains))
 
 
 def has_effects(truth: Truth) -> bool:

@@ -83,18 +83,18 @@ def _rival(method: Method, calibrated) -> Answer:
 
 def _diagnosed(case: HiddenCase) -> Answer:
     """The answer of the diagnosis of the package that is imported."""
+    import edhas_jax as edhas
     from edhas_jax.diagnosis.report.result_file import as_json
-    from edhas_jax.diagnosis.search.forward_selection import diagnose
 
     start = time.process_time()
-    found = diagnose(case.campaign, case.library, case.own_library)
+    found = edhas.diagnose(case.campaign, case.own_library, library=case.library)
     seconds = _since(start)
     return dataclasses.replace(answer_of(as_json(found)), seconds=seconds)
 
 
 def _from_sets(case: HiddenCase) -> Answer:
     """The answer of the search over sets of effects."""
-    from edhas_jax.diagnosis.sets.posterior import posterior_over_sets
+    from edhas_jax.diagnosis.sets.diagnose import posterior_over_sets
 
     start = time.process_time()
     found = posterior_over_sets(case.campaign, case.library, case.own_library)

@@ -1,13 +1,13 @@
 """The answer of the package's own diagnosis, from what it writes into `diagnosis.json`.
 
-That file has one form in all versions of the package, so that an earlier one can be compared with this one.
+What is read here is the same in versions 2 and 3 of that file, so that an earlier package can be compared.
 """
 
 from collections.abc import Mapping
 from typing import Any
 
-from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN
 from edhas_jax.diagnosis.search.free_term import FreeTerm
+from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN
 from studies.hidden_effects.answers import Answer, Law, Verdict
 
 VERDICTS_WITH_NAMES = (Verdict.MISSING_EFFECT, Verdict.AMBIGUOUS)

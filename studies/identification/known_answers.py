@@ -19,9 +19,9 @@ from typing import NamedTuple
 import pandas as pd
 from rich.console import Console
 
-from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN
-from edhas_jax.diagnosis.search.forward_selection import diagnose
-from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.sets.diagnose import diagnose
+from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN
+from edhas_jax.diagnosis.sets.result import Diagnosis, Verdict
 from edhas_jax.measurements.campaign import CampaignError
 from edhas_jax.measurements.campaign_reader import read_campaign
 
@@ -92,16 +92,12 @@ def read_answers(text: str) -> dict[str, Answer]:
 def compare(found: Diagnosis, answer: Answer) -> dict:
     """Verdict, effects and sizes of a diagnosis beside the answer."""
     fit, errors = found.final, []
-    for trial in found.accepted:
+    for candidate in found.named:
         for name, value in fit.values.items():
-            short = name.removeprefix(trial.candidate.prefix)
-            if (
-                name.startswith(trial.candidate.prefix)
-                and short in answer.sizes
-                and trial.candidate.name in answer.names
-            ):
+            short = name.removeprefix(candidate.prefix)
+            if name.startswith(candidate.prefix) and short in answer.sizes and candidate.name in answer.names:
                 errors.append(abs(value / answer.sizes[short] - 1.0))
-    names, members = frozenset(t.candidate.name for t in found.named), found.answer.members
+    names, members = frozenset(c.name for c in found.named), found.posterior.credible
     truth = answer.names or {UNKNOWN if answer.verdict == Verdict.UNKNOWN_EFFECT.value else NOTHING}
     return {
         "verdict": found.verdict.value,

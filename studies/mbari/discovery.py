@@ -33,8 +33,8 @@ import edhas_jax as edhas
 from edhas_jax.config.writer import dump_config
 from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, with_effect
 from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound, candidates_for
-from edhas_jax.diagnosis.search.conclusions import conclusions
 from edhas_jax.diagnosis.search.screening import ScoreTest
+from edhas_jax.diagnosis.sets.conclusions import conclusions
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -137,7 +137,7 @@ def main() -> None:
     campaign = checked_campaign(dataclasses.replace(aligned, stated_accuracy=accuracy))
     if options.diagnose:
         found = edhas.diagnose(campaign, library=())
-        places = ", ".join(f"{place} {p:.2f}" for place, p in found.location_probabilities().items())
+        places = ", ".join(f"{place} {p:.2f}" for place, p in found.posterior.locations().items())
         console.print("\n".join([*conclusions(found)[:4], f"where: {places}"]))
     rungs = [Rung("plain, clocks as recorded", *errors_of(as_recorded.machine, as_recorded)),
              Rung("plain, clocks aligned", *errors_of(aligned.machine, aligned))]  # fmt: skip

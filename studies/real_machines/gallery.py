@@ -25,7 +25,7 @@ from rich.table import Table
 
 import edhas_jax as edhas
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
-from edhas_jax.diagnosis.search.conclusions import conclusions
+from edhas_jax.diagnosis.sets.conclusions import conclusions
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.measurement_model import MeasurementModel
@@ -88,9 +88,7 @@ def study(machine: RealMachine, folder: Path, say) -> Story:
     fitted = edhas.fit(campaign, on_progress=say)
     stages.append(Stage("fitted", residuals_of(campaign, fitted.fit.machine, machine.signal)))
     found = edhas.diagnose(campaign, on_progress=say)
-    free = found.best_free_trial
-    diagnosed = found.machine if free is None else free.evaluated.fit.machine
-    stages.append(Stage("diagnosed", residuals_of(campaign, diagnosed, machine.signal)))
+    stages.append(Stage("diagnosed", residuals_of(campaign, found.machine, machine.signal)))
     added = edhas.add(campaign, machine.effects, on_progress=say)
     for model in added.models[1:]:
         fit = model.evaluated.fit
@@ -98,7 +96,7 @@ def study(machine: RealMachine, folder: Path, say) -> Story:
     own = {n: u for c in added.models[-1].effects for n, u in c.own_unknowns(fit.problem.unknowns).items()}
     sizes = [f"{name} {fit.text(u.name)}" for name, u in own.items()]
     remarks = [remark.sentence for remark in found.campaign.remarks]
-    return Story(machine, campaign, stages, conclusions(found), found.location_probabilities(), sizes, remarks,
+    return Story(machine, campaign, stages, conclusions(found), found.posterior.locations(), sizes, remarks,
                  time.perf_counter() - began)  # fmt: skip
 
 

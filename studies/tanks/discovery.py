@@ -30,10 +30,10 @@ from edhas_jax.config.writer import dump_config
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.fit import fit as calibration
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.conclusions import conclusions
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.free_curves import add_curves_in_turn
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
+from edhas_jax.diagnosis.sets.conclusions import conclusions
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.accuracy import BenchAccuracy, SensorAccuracy
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
@@ -145,16 +145,14 @@ def main() -> None:
     checked = checked_campaign(campaign)
     note("calibrated", fitted_machine(best_fit(checked, ())), error_of_quarters(checked, ()))
     fitted_samples = len(split_for_holdout(checked).campaign.runs[0].time)
-    for trial in found.free_trials:
-        print(f"tried: {trial.candidate.text}, explains {trial.explained_share:.0%} of the misfit of the fitted part")
-        if isinstance(trial.candidate, CurveCandidate) and trial.evaluated is not None:
-            machine = fitted_machine(trial.evaluated.fit)
-            unseen = rms(errors_of(machine, campaign, run)[fitted_samples:])
-            note(f"with {trial.candidate.text}", machine, unseen)
+    for of in found.posterior.sets:
+        if len(of.members) == 1 and isinstance(of.members[0], CurveCandidate):
+            machine = fitted_machine(of.evaluated.fit)
+            note(f"with {of}", machine, rms(errors_of(machine, campaign, run)[fitted_samples:]))
     resolution = found.after.fit.resolution
-    for trial in add_curves_in_turn(found.calibrated, (), resolution):
-        machine = fitted_machine(trial.evaluated.fit)
-        note(f"in turn, {trial.candidate.text}", machine, rms(errors_of(machine, campaign, run)[fitted_samples:]))
+    for curve, fitted in add_curves_in_turn(found.calibrated, (), resolution):
+        machine = fitted_machine(fitted.fit)
+        note(f"in turn, {curve.text}", machine, rms(errors_of(machine, campaign, run)[fitted_samples:]))
     fits = []
     for count in range(1, len(LAWS) + 1):
         kinds = LAWS[:count]
@@ -170,7 +168,7 @@ def main() -> None:
     laws = stages[-len(LAWS) :]
     best = min(range(len(LAWS)), key=lambda k: laws[k].unseen)
     (options.out / "model.yaml").write_text(dump_config(fitted_machine(fits[best])), encoding="utf-8")
-    place = next(iter(found.location_probabilities()), "none")
+    place = next(iter(found.posterior.locations()), "none")
     print(
         f"before_v={stages[0].error:.3f} calibrated_v={stages[1].error:.3f} overflow_v={laws[0].error:.3f} "
         f"overflow_quarters_v={laws[0].unseen:.3f} best_v={laws[best].error:.3f} "

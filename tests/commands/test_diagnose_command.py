@@ -15,7 +15,9 @@ from edhas_jax.config.result_files import locked_folder
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.planning import next_experiment
 from edhas_jax.diagnosis.report import report, result_file
-from edhas_jax.diagnosis.search import candidates, checkpoint, forward_selection
+from edhas_jax.diagnosis.search import candidates, checkpoint
+from edhas_jax.diagnosis.sets import diagnose as diagnosing
+from edhas_jax.diagnosis.sets.set_search import FIT_STEPS, SetSearch
 from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime
 from edhas_jax.measurements.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
@@ -57,15 +59,15 @@ def terminated(campaign, out, at: str) -> int:
 
 
 def result(folder) -> dict:
-    """The content of `diagnosis.json` without the computing time."""
-    return {k: v for k, v in json.loads((folder / "diagnosis.json").read_text()).items() if k != "seconds"}
+    """The content of `diagnosis.json`."""
+    return json.loads((folder / "diagnosis.json").read_text())
 
 
 @pytest.fixture(scope="module")
 def after_one_round(campaign_folder, tmp_path_factory):
-    """The folder of a diagnosis that was terminated after its first round."""
+    """The folder of a diagnosis that was terminated after the first round of its search."""
     folder = tmp_path_factory.mktemp("terminated") / "one_round"
-    assert terminated(campaign_folder, folder, "found: inverter_dead_time") == 130
+    assert terminated(campaign_folder, folder, "best so far: inverter_dead_time") == 130
     return folder
 
 
@@ -74,7 +76,7 @@ def before_the_pictures(campaign_folder, after_one_round, tmp_path_factory):
     """The folder of the same diagnosis, terminated again while it looked for the next experiment."""
     folder = tmp_path_factory.mktemp("terminated") / "no_pictures"
     shutil.copytree(after_one_round, folder)
-    assert terminated(campaign_folder, folder, "looking for") == 130
+    assert terminated(campaign_folder, folder, "looking for the most informative") == 130
     return folder
 
 
@@ -86,17 +88,32 @@ def never(*_):
     raise AssertionError("computed again")
 
 
+def forbid_fits(monkeypatch):
+    """Nothing may be fitted any more but the model without any effect."""
+    fitted = SetSearch._fitted
+
+    def checked(self, members, start, steps=FIT_STEPS):
+        assert steps == 0 or not members, "fitted again"
+        return fitted(self, members, start, steps)
+
+    monkeypatch.setattr(SetSearch, "_fitted", checked)
+
+
 def test_an_interrupted_diagnosis_goes_on_with_the_same_result(
     campaign_folder, after_one_round, tmp_path, monkeypatch, capsys
 ):
     assert not (after_one_round / "diagnosis.json").exists()
     assert main(["diagnose", str(campaign_folder), "--out", str(tmp_path / "whole")]) == 0
     out = copy_of(after_one_round, tmp_path)
-    monkeypatch.setattr(forward_selection, "calibrate", never)
+    monkeypatch.setattr(diagnosing, "calibrate", never)
     capsys.readouterr()
     assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 0
-    assert "Going on from the finished rounds" in capsys.readouterr().out
-    assert result(out) == result(tmp_path / "whole") and result(out)["effects"] == ["inverter_dead_time"]
+    assert "Going on from the finished fits" in capsys.readouterr().out
+    found, whole = result(out), result(tmp_path / "whole")
+    assert found["effects"] == whole["effects"] == ["inverter_dead_time"] and found["verdict"] == whole["verdict"]
+    for mine, other in zip(found["sets"], whole["sets"], strict=True):
+        assert mine["members"] == other["members"] and mine["log_weight"] == pytest.approx(other["log_weight"], abs=0.1)
+    assert found["error"]["after"]["holdout"] == pytest.approx(whole["error"]["after"]["holdout"], rel=1e-3)
     assert {p.name for p in out.iterdir()} == FILES
     assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 2, "a finished folder is not continued"
 
@@ -107,12 +124,12 @@ def test_the_folder_of_an_interrupted_diagnosis_is_found_again(
     monkeypatch.chdir(tmp_path)
     shutil.copytree(before_the_pictures, tmp_path / "diagnoses" / "synthetic-2")
     (tmp_path / "diagnoses" / "synthetic").mkdir()
-    monkeypatch.setattr(forward_selection, "search_round", never)
+    forbid_fits(monkeypatch)
     assert main(["diagnose", str(campaign_folder)]) == 0
     assert {p.name for p in (tmp_path / "diagnoses" / "synthetic-2").iterdir()} == FILES
 
 
-def test_rounds_of_other_inputs_are_not_used(campaign_folder, after_one_round, tmp_path, monkeypatch, capsys):
+def test_fits_of_other_inputs_are_not_used(campaign_folder, after_one_round, tmp_path, monkeypatch, capsys):
     def stop(*_):
         raise KeyboardInterrupt
 
@@ -122,7 +139,7 @@ def test_rounds_of_other_inputs_are_not_used(campaign_folder, after_one_round, t
     lines[50] = lines[50].replace("1", "2")
     path.write_text("\n".join(lines) + "\n")
     out = copy_of(after_one_round, tmp_path)
-    monkeypatch.setattr(forward_selection, "calibrate", stop)
+    monkeypatch.setattr(diagnosing, "calibrate", stop)
     assert main(["diagnose", str(changed), "--out", str(out)]) == 130
     (sentence,) = (s for s in capsys.readouterr().out.splitlines() if "not used" in s)
     assert sentence.endswith("computed from other inputs: the measured samples changed.")
@@ -131,9 +148,9 @@ def test_rounds_of_other_inputs_are_not_used(campaign_folder, after_one_round, t
 
 def test_a_damaged_stage_is_computed_again(campaign_folder, before_the_pictures, tmp_path):
     out = copy_of(before_the_pictures, tmp_path)
-    stages = sorted((out / "unfinished").glob("*.npz"))
-    assert [p.stem for p in stages] == ["calibration", "round_1", "round_2"]
-    stages[2].write_bytes(stages[2].read_bytes()[:5000])
+    calibration, *fits = sorted((out / "unfinished").glob("*.npz"))
+    assert calibration.stem == "calibration" and fits and all(p.stem.startswith("set_") for p in fits)
+    fits[0].write_bytes(fits[0].read_bytes()[:100])
     assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 0
     assert result(out)["verdict"] == "missing_effect"
 
@@ -171,12 +188,12 @@ def full_disk(*_, **__):
 
 
 def test_a_disk_that_fills_ends_the_keeping_of_stages_but_not_the_diagnosis(
-    campaign_folder, after_one_round, tmp_path, monkeypatch, capsys
+    campaign_folder, tmp_path, monkeypatch, capsys
 ):
-    out = copy_of(after_one_round, tmp_path)
+    out = tmp_path / "out"
     monkeypatch.setattr(checkpoint.np, "savez", full_disk)
     assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 0
-    sentence = "Stage round_2 and later ones of the search could not be kept: No space left on device."
+    sentence = "Stage calibration and later ones of the search could not be kept: No space left on device."
     assert sentence in capsys.readouterr().out
     assert {p.name for p in out.iterdir()} == FILES
 
@@ -189,14 +206,15 @@ def test_a_full_disk_at_the_end_keeps_the_finished_stages(
         patch.setattr(result_file, "write_json", full_disk)
         assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 2
     (said,) = (s for s in capsys.readouterr().err.splitlines() if "No space left" in s)
-    assert "cannot be written" in said and "finished stages of the search (3) are kept in" in said
-    monkeypatch.setattr(forward_selection, "search_round", never)
+    kept = len(list((out / "unfinished").glob("*.npz")))
+    assert "cannot be written" in said and f"finished stages of the search ({kept}) are kept in" in said
+    forbid_fits(monkeypatch)
     assert main(["diagnose", str(campaign_folder), "--out", str(out)]) == 0
     assert {p.name for p in out.iterdir()} == FILES
 
 
 def test_two_diagnoses_do_not_write_one_folder(campaign_folder, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(forward_selection, "calibrate", never)
+    monkeypatch.setattr(diagnosing, "calibrate", never)
     out = tmp_path / "out"
     with locked_folder(out):
         for more in ([], ["--overwrite"]):

@@ -15,10 +15,10 @@ from edhas_jax.diagnosis.likelihood.bench_deviations import (
 )
 from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
 from edhas_jax.diagnosis.search.candidates import build_problem
-from edhas_jax.diagnosis.search.conclusions import bench_rows, excessive_deviations
 from edhas_jax.diagnosis.search.evaluated_fit import _without_branches, fit_coarse, start_coordinates
-from edhas_jax.diagnosis.search.result import _of_records
 from edhas_jax.diagnosis.search.tightened_bench import MIN_RESIDUAL, with_tightened_bench
+from edhas_jax.diagnosis.sets import bench_findings
+from edhas_jax.diagnosis.sets.bench_findings import bench_rows, excessive_deviations
 from edhas_jax.machine.effects import InverterDeadTime
 from edhas_jax.measurements.instruments import Instruments
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
@@ -101,17 +101,18 @@ def test_each_deviation_has_one_row():
         row(filtered, 4.8, 0.3), row(filtered, 3.3, 0.4), row(filtered, -2.4, 1.2), row(trigger, 2.0, 0.1, "a"),
         row(trigger, 1.0, 0.2, "b, first part"), row(trigger, 2.0, 0.2, "b, last part"),
     ]  # fmt: skip
-    found = {(r.deviation.kind, r.run): (r.value, r.std) for r in _of_records(rows)}
+    found = {(r.deviation.kind, r.run): (r.value, r.std) for r in bench_findings._of_records(rows)}
     assert found[filtered, ""] == pytest.approx((5.7, 1.3))
     assert found[trigger, "a"] == pytest.approx((2.0, 0.1))
     assert found[trigger, "b"] == pytest.approx((1.5, 0.5)), "its parts contradict each other"
 
 
-def test_what_no_bench_does_is_said_in_one_sentence_and_not_listed():
+def test_what_no_bench_does_is_said_in_one_sentence_and_not_listed(monkeypatch):
     rows = [row(DeviationKind.FILTER, 5.7, 1.3), row(DeviationKind.TRIGGER, 4.0, 0.1, "run1", accuracy=2e-4)]
-    diagnosis = SimpleNamespace(bench_deviations=lambda: rows, campaign=SimpleNamespace(machine=bench()))
-    assert [what for what, *_ in bench_rows(diagnosis)] == ["trigger"]
-    impossible, excessive = excessive_deviations(diagnosis)
+    monkeypatch.setattr(bench_findings, "clear_deviations", lambda evaluated: rows)
+    evaluated = SimpleNamespace(fit=SimpleNamespace(problem=SimpleNamespace(machine=bench())))
+    assert [what for what, *_ in bench_rows(evaluated)] == ["trigger"]
+    impossible, excessive = excessive_deviations(evaluated)
     assert impossible.startswith("Part of what the model leaves")
     assert "filter of the recorder (+5.7e+02 %)" in impossible
     assert excessive.startswith("trigger of run1: 800")

@@ -11,9 +11,9 @@ from edhas_jax.core.units import estimate_text
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.result import estimates_as_json
 from edhas_jax.diagnosis.chosen_effects import calibrated_model, fit_with_effects, with_effect
+from edhas_jax.diagnosis.search.candidate_fit import CANDIDATE_STEPS, fit_with_candidate
 from edhas_jax.diagnosis.search.candidates import Candidate, from_absence
 from edhas_jax.diagnosis.search.screening import ScoreTest
-from edhas_jax.diagnosis.search.trial import TRIAL_STEPS, try_candidate
 from edhas_jax.machine.effects import (
     LIBRARY,
     EddyDrag,
@@ -77,12 +77,12 @@ def test_that_an_effect_is_needless_is_said_first(calibrated):
     assert "0.999 without and 0.999 with it on the fitted runs" in summary.sentences[0]
 
 
-def test_a_trial_of_the_search_at_its_bound_has_no_error(calibrated):
+def test_a_size_at_its_bound_has_no_error(calibrated):
     """The search fits sizes on logarithmic scales, whose bound is no estimate."""
     campaign, before = calibrated
     score = ScoreTest(before.evaluated.fit, ()).score(Candidate(InverterDeadTime))
-    trial = try_candidate(before.evaluated, (), score, before.resolution, TRIAL_STEPS)
-    (row,) = (v for n, v in estimates_as_json(trial.evaluated.fit).items() if n.startswith("inverter"))
+    found = fit_with_candidate(before.evaluated, (), score, before.resolution, CANDIDATE_STEPS)
+    (row,) = (v for n, v in estimates_as_json(found.fit).items() if n.startswith("inverter"))
     assert row["std"] is None and row["limit"] == "lower"
 
 

@@ -51,16 +51,16 @@ def campaign():
 
 def test_both_places_are_found_one_after_the_other(campaign):
     before = calibrated_model(campaign)
-    trials = add_curves_in_turn(before.evaluated, (), before.resolution)
-    assert {trial.candidate.place.slot for trial in trials[:2]} == {"upper_loss", "lower_loss"}
-    excesses = [before.evaluated.excess, *(trial.evaluated.excess for trial in trials)]
+    curves, models = zip(*add_curves_in_turn(before.evaluated, (), before.resolution), strict=True)
+    assert {curve.place.slot for curve in curves[:2]} == {"upper_loss", "lower_loss"}
+    excesses = [before.evaluated.excess, *(model.excess for model in models)]
     assert all(after < earlier for earlier, after in itertools.pairwise(excesses))
     assert excesses[2] < 0.01 * excesses[0], "one curve alone leaves much"
     assert excesses[1] > 0.1 * excesses[0]
-    last = trials[-1].evaluated.fit
+    last = models[-1].fit
     machine = edhas.change(last.machine, **last.values)
-    assert [effect.id for effect in machine.effects] == [trial.candidate.id for trial in trials]
-    curve = next(trial.candidate for trial in trials if trial.candidate.place.slot == "upper_loss")
+    assert [effect.id for effect in machine.effects] == [curve.id for curve in curves]
+    curve = next(curve for curve in curves if curve.place.slot == "upper_loss")
     table = curve.table(last)
     assert np.polyfit(table.nodes[3:-3], table.values[3:-3], 1)[0] == pytest.approx(4e-3, rel=0.3)
 

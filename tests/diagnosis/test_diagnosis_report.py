@@ -14,21 +14,21 @@ from edhas_jax.core import structs
 from edhas_jax.core.summary import SummaryTable, Tone, Toned, plain
 from edhas_jax.core.units import format_quantity, format_with_error
 from edhas_jax.diagnosis.calibration.unpredictable_part import with_unpredictable_part
-from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.diagnosis.report.machine_schematic import draw_schematic, probability_colour
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
-from edhas_jax.diagnosis.report.report import diagnosis_report, explaining_candidates, law_sentence, write_report
+from edhas_jax.diagnosis.report.report import diagnosis_report, law_curve, law_sentence, write_report
 from edhas_jax.diagnosis.report.residual_stages import draw_waterfall, residual_stages
 from edhas_jax.diagnosis.report.result_file import as_json
 from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.conclusions import conclusions, fit_of_parameters, outcome
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
-from edhas_jax.diagnosis.search.forward_selection import diagnose
-from edhas_jax.diagnosis.search.outcome import Outcome, evidence_text
-from edhas_jax.diagnosis.search.result import Verdict
+from edhas_jax.diagnosis.sets.conclusions import conclusions, outcome
+from edhas_jax.diagnosis.sets.diagnose import diagnose
+from edhas_jax.diagnosis.sets.outcome import Outcome, evidence_text
+from edhas_jax.diagnosis.sets.posterior import SetPosterior
+from edhas_jax.diagnosis.sets.result import Verdict
 from edhas_jax.machine.effects import ConstantBiasForce, ForceConstantDroop, InverterDeadTime
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.machine.rigs import RIGS
@@ -111,8 +111,8 @@ def test_the_traces_are_those_measured_and_those_of_the_models(diagnosis, report
 
 
 def test_the_missing_term_is_found_without_its_law(diagnosis, report):
-    ((fitted, candidate),) = explaining_candidates(diagnosis)
-    curve = estimate_law_curve(fitted, candidate.id).curve
+    (candidate,) = diagnosis.named
+    curve = law_curve(diagnosis, candidate)
     assert (curve.place.slot, curve.place.variable) == ("coil_voltage_change", "current")
     truth = -LOST * np.tanh(curve.nodes / 0.05)
     assert len(curve.nodes) > 6 and (np.abs(curve.total - truth) < 4.0 * curve.std + 0.02 * LOST).all()
@@ -177,42 +177,65 @@ def test_evidence_is_said_in_words(gain, text):
     assert evidence_text(gain) == text
 
 
-def test_what_improves_the_model_and_is_probably_nothing_has_another_word_everywhere(diagnosis):
-    """One verdict for sentences, JSON, report, command and Python: what it does not name is grey, with its own word."""
-    (trial,) = diagnosis.accepted
-    name, other = trial.candidate.name, next(t for t in diagnosis.rounds[0].trials if t is not trial)
-    more = dataclasses.replace(diagnosis.rounds[-1], trials=(other,), accepted=other)
-    found = dataclasses.replace(diagnosis, rounds=(diagnosis.rounds[0], more))
-    found.__dict__["named"] = [trial]
-    unlikely = other.candidate
-    assert outcome(found, trial.candidate) is Outcome.MISSING and outcome(found, unlikely) is Outcome.UNLIKELY
-    said, data = conclusions(found), as_json(found)
-    assert name in said[0] and unlikely.name not in said[0]
-    word = "improves the model too, but is probably not missing: it may stand in for several small causes."
-    assert f"{unlikely.name} {word}" in said
-    assert data["conclusions"] == said and data["effects"] == [trial.candidate.id]
+def with_rival(diagnosis):
+    """The diagnosis, if another effect could take the place of the dead time, and that effect."""
+    best, *others = diagnosis.posterior.sets
+    rival = Candidate(ConstantBiasForce)
+    near = dataclasses.replace(best, members=(rival,), log_weight=best.log_weight - 1.0)
+    return dataclasses.replace(diagnosis, posterior=SetPosterior((best, near, *others))), rival
+
+
+def test_an_effect_that_could_take_the_place_of_another_has_its_own_word_everywhere(diagnosis):
+    """One verdict for sentences, JSON, report, command and Python."""
+    found, rival = with_rival(diagnosis)
+    (named,) = found.named
+    assert found.verdict is Verdict.AMBIGUOUS and found.confounded_groups() == [[named, rival]]
+    assert outcome(found, named) is Outcome.MISSING and outcome(found, rival) is Outcome.POSSIBLE
+    assert found.posterior.probabilities[named.name] == pytest.approx(1.0 / (1.0 + np.exp(-1.0)), abs=0.01)
+    assert found.posterior.evidence(named) == pytest.approx(1.0) == -found.posterior.evidence(rival)
+    sentences, data = conclusions(found), as_json(found)
+    assert named.name in sentences[0] and rival.name not in sentences[0]
+    assert f"These runs cannot distinguish {named.name} and {rival.name}." in sentences
+    assert data["conclusions"] == sentences and data["effects"] == [named.id]
+    assert data["groups"] == [[named.id, rival.id]] and data["answer"]["set"] == [named.name, rival.name]
+    assert [row["members"] for row in data["sets"][:2]] == [[named.name], [rival.name]]
     words = {" on ".join(filter(None, (c["effect"], c.get("signal")))): c["outcome"] for c in data["candidates"]}
-    assert (words[name], words[unlikely.name]) == ("missing", "probably not missing")
+    assert (words[named.name], words[rival.name]) == ("missing", "possibly missing")
     tables = [part for part in with_methods(DiagnosisResult, found).summary().parts if isinstance(part, SummaryTable)]
     rows = {plain(row[0]): row for table in tables if table.name == "candidates" for row in table.rows}
-    assert rows[name][1] == "missing" and rows[unlikely.name][1] == Toned("probably not missing", Tone.QUIET)
+    assert rows[named.name][1] == "missing" and rows[rival.name][1] == "possibly missing"
+    assert all(row[1] == Toned("tried", Tone.QUIET) for name, row in rows.items() if words[name] == "tried")
     html = diagnosis_report(found, pictures=False)
-    assert re.search(rf'<tr class="quiet"><td>{unlikely.name}</td>.*?probably not missing', html)
-    assert re.search(rf"<tr><td>{name}</td>[^\n]*?; missing", html)
+    assert re.search(rf"<tr><td>{rival.name}</td>[^\n]*?; possibly missing; group 1", html)
+    assert re.search(rf"<tr><td>{named.name}</td>[^\n]*?; missing", html)
+
+
+def test_a_doubtful_member_of_the_best_set_is_called_so(diagnosis):
+    best, *others = diagnosis.posterior.sets
+    (named,) = best.members
+    nothing = next(of for of in others if not of.members)
+    near = dataclasses.replace(nothing, log_weight=best.log_weight - 0.1)
+    third = dataclasses.replace(near, members=(Candidate(SensorLag, "current"),))
+    found = dataclasses.replace(diagnosis, posterior=SetPosterior((best, near, third)))
+    doubt = f"{named.name} improves the model, but its probability is only"
+    assert any(sentence.startswith(doubt) for sentence in conclusions(found))
+    assert not any("improves the model" in sentence for sentence in conclusions(diagnosis))
 
 
 def test_the_size_of_an_effect_with_another_law_is_that_of_the_library_law_alone():
     """The measurements determine the sum of law and curve; the part of the law in this sum is no size."""
     found = diagnosed(SoftDeadTime(), seed=5)
-    (trial,), (deviation,) = found.named, found.laws
+    (named,), (deviation,) = found.named, found.curves
     name = "inverter_dead_time.dead_time_voltage"
-    alone = fit_of_parameters(found, trial)
+    alone = found.fit_of_parameters(named)
     assert [effect.id for effect in alone.machine.effects] == ["lugre_friction", "inverter_dead_time"]
     said = conclusions(found)
     assert f"dead_time_voltage {alone.text(name)}" in said[0]
     assert said[1].endswith("inverter_dead_time are those of a fit with the library's law alone.")
-    assert found.after.bench.has_deviations and said[2].endswith("which `edhas compare` does not correct.")
-    curve = estimate_law_curve(found.final, "inverter_dead_time", deviation=deviation.id, alone=alone).curve
+    assert found.after.bench.has_deviations
+    assert sum(s.endswith("which `edhas compare` does not correct.") for s in said) == 1
+    curve = law_curve(found, named)
+    assert deviation.of == "inverter_dead_time"
     assert np.abs(curve.law_values).max() == pytest.approx(alone.values[name], rel=1e-3)
 
 
@@ -247,16 +270,6 @@ def test_an_answer_that_leaves_the_noise_says_nothing_of_it(diagnosis):
     assert data["left"] is None and data["explains_little"] is False
 
 
-def test_a_member_with_implausible_values_is_not_called_accepted_where_the_cause_is_unknown(diagnosis):
-    (trial,) = diagnosis.accepted
-    members = tuple(m._replace(implausible=("dead_time_voltage",)) for m in diagnosis.members)
-    unknown = dataclasses.replace(diagnosis, members=members)
-    unknown.__dict__["verdict"] = Verdict.UNKNOWN_EFFECT
-    assert outcome(diagnosis, trial.candidate) is Outcome.MISSING
-    assert outcome(unknown, trial.candidate) is Outcome.IMITATING
-    assert any("inverter_dead_time only imitates it" in sentence for sentence in conclusions(unknown))
-
-
 @pytest.mark.parametrize(
     ("values", "is_law"), [((-9.7, 0.6, -16.5, 6.1, 16.9, -7.7), False), ((0.0, 1.0, 2.0, 3.0, 4.0, 6.0), True)]
 )
@@ -267,10 +280,12 @@ def test_a_curve_that_is_not_smooth_is_not_offered_as_a_law(diagnosis, values, i
     problem = build_problem(diagnosis.campaign, diagnosis.campaign.machine, Instruments(), (), curve)
     start = np.zeros(len(problem.unknowns))
     start[-len(values) :] = np.array(values) / 10.0
-    trial = dataclasses.replace(diagnosis.accepted[0], candidate=curve, evaluated=fit_coarse(problem, start, 8, 0))
-    unknown = dataclasses.replace(diagnosis, free_trials=(trial,))
-    unknown.__dict__["verdict"] = Verdict.UNKNOWN_EFFECT
+    evaluated = fit_coarse(problem, start, 8, 0)
+    nothing = next(of for of in diagnosis.posterior.sets if not of.members)
+    with_curve = dataclasses.replace(nothing, members=(curve,), evaluated=evaluated, log_weight=0.0)
+    unknown = dataclasses.replace(diagnosis, posterior=SetPosterior((with_curve, nothing)), after=evaluated, laws=())
+    assert unknown.verdict is Verdict.UNKNOWN_EFFECT and unknown.first == "unknown"
     said = conclusions(unknown)
-    rms = trial.evaluated.rms_over_noise(Use.HOLDOUT)
-    assert f"mover force; with it, residual over noise on held-out runs is {rms:.2f}." in said[1]
+    assert said[0].endswith("most likely it acts on mover.")
+    assert said[1] == "What explains most of it is a curve over piston velocity as mover force."
     assert said[2].startswith("This curve is no law of one cause: it is not smooth") is not is_law

@@ -140,7 +140,7 @@ def test_an_interrupted_diagnosis_keeps_what_counts_as_noise(problem):
     made = fit_coarse(dataclasses.replace(problem, campaign=campaign), start_coordinates(problem, {}), PER_SAMPLE, 1)
     encoder = StageEncoder()
     plain = encoder.fit(made)
-    read = StageDecoder(problem.campaign, (), encoder.arrays).fit(plain, ())
+    read = StageDecoder(problem.campaign, encoder.arrays).fit(plain)
     assert read.fit.problem.campaign.unpredictable == campaign.unpredictable
     assert read.fit.problem.campaign.channels == campaign.channels
     equations = read.fit.problem.equations(read.fit.outcomes)

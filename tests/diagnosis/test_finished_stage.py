@@ -1,11 +1,11 @@
-"""What a search reports of a finished stage can be read again, also where the search begins anew."""
+"""What a search reports of a finished stage can be read again."""
 
 import math
 import types
 
 import pytest
 
-from edhas_jax.diagnosis.search.finished_stage import CALIBRATED, FOUND, read_stages, stage_sentence
+from edhas_jax.diagnosis.sets.finished_stage import BEST, CALIBRATED, read_stages, stage_sentence
 from edhas_jax.measurements.campaign import Use
 
 
@@ -13,15 +13,13 @@ def model(fit, holdout):
     return types.SimpleNamespace(rms_over_noise={Use.FIT: fit, Use.HOLDOUT: holdout}.get)
 
 
-def test_the_stages_of_the_last_beginning_are_read():
+def test_the_calibrated_model_and_the_latest_best_set_are_read():
     sentences = [
         "checking the data",
         stage_sentence(CALIBRATED, model(7.98, 7.78)),
         "screening 1 of 25: coil_heating",
-        stage_sentence(f"{FOUND}sensor_lag on voltage", model(4.0, 3.5)),
-        "once more, beginning with inverter_dead_time",
-        stage_sentence(CALIBRATED, model(7.98, 7.78)),
-        stage_sentence(f"{FOUND}inverter_dead_time", model(1.014, 0.97)),
+        stage_sentence(f"{BEST}sensor_lag on voltage", model(4.0, 3.5)),
+        stage_sentence(f"{BEST}inverter_dead_time", model(1.014, 0.97)),
     ]
     expected = {"calibrated": {"fit": 7.98, "holdout": 7.78}, "+ inverter_dead_time": {"fit": 1.01, "holdout": 0.97}}
     assert read_stages(sentences) == expected

@@ -9,12 +9,12 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.law_deviation import memory_columns
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm, OscillatorTerm
-from edhas_jax.diagnosis.search.result import Verdict
+from edhas_jax.diagnosis.sets.result import Verdict
 from edhas_jax.machine.effects import AmplifierLag, Effect, LugreFriction
 from edhas_jax.machine.effects.base import state
 from edhas_jax.measurements.synthetic_campaign import planned_campaign, synthesise
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
-from tests.diagnosis.test_diagnose import CHANNELS, RUNS, UNCERTAIN, diagnosed, evidence
+from tests.diagnosis.test_diagnose import CHANNELS, RUNS, UNCERTAIN, diagnosed, said
 
 OMEGA = 2.0 * np.pi * 90.0  # 1/s, of a mass on a spring
 
@@ -39,20 +39,18 @@ class HousingMass(Effect):
 
 def test_a_lag_outside_the_library():
     found = diagnosed(AmplifierLag(amplifier_time=0.6e-3), seed=6)
-    assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
-    assert next(iter(found.location_probabilities())) == "coil"
-    best = found.best_free_trial
-    assert isinstance(best.candidate, MemoryTerm) and best.candidate.place.slot == "coil_voltage_change"
-    assert best.explained_share > 0.8
+    assert found.verdict is Verdict.UNKNOWN_EFFECT, said(found)
+    assert next(iter(found.posterior.locations())) == "coil"
+    assert isinstance(found.free_term, MemoryTerm) and found.free_term.place.slot == "coil_voltage_change"
+    assert found.after.excess < 0.2 * found.calibrated.excess
 
 
 def test_a_resonance_outside_the_library():
     found = diagnosed(HousingMass(), seed=7)
-    assert found.verdict is Verdict.UNKNOWN_EFFECT, evidence(found)
-    assert next(iter(found.location_probabilities())) == "mover"
-    best = found.best_free_trial
-    assert isinstance(best.candidate, OscillatorTerm) and best.candidate.place.slot == "mover_force"
-    assert best.explained_share > 0.8
+    assert found.verdict is Verdict.UNKNOWN_EFFECT, said(found)
+    assert next(iter(found.posterior.locations())) == "mover"
+    assert isinstance(found.free_term, OscillatorTerm) and found.free_term.place.slot == "mover_force"
+    assert found.after.excess < 0.2 * found.calibrated.excess
 
 
 def test_memories_of_the_voltage_stand_for_another_lag_of_the_amplifier():

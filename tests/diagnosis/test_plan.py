@@ -16,12 +16,11 @@ from edhas_jax.diagnosis.planning.next_experiment import _distance_after_refit, 
 from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign, with_predicted_signals
 from edhas_jax.diagnosis.planning.signatures import CandidatePoints, SignatureGram, cosines
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.forward_selection import diagnose
-from edhas_jax.diagnosis.search.trial import try_candidate
+from edhas_jax.diagnosis.sets.diagnose import diagnose
+from edhas_jax.diagnosis.sets.posterior import SetPosterior
 from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime, MagneticSaturation
 from edhas_jax.measurements.campaign import CampaignError, Use
 from edhas_jax.measurements.measurement_model import MeasurementModel
-from edhas_jax.measurements.time_resolution import TimeResolution
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 EFFECTS = InverterDeadTime, ConstantBiasForce, MagneticSaturation
@@ -190,20 +189,29 @@ def test_the_distance_after_refitting_allows_for_a_singular_covariance(rank):
 def test_the_next_experiment_discriminates_two_rivals():
     truth = structs.replace(bench(), effects=(*bench().effects, InverterDeadTime(dead_time_voltage=0.8)))
     diagnosis = diagnose(measured(empty_campaign(), truth), library=(InverterDeadTime,))
-    first = diagnosis.rounds[0]
-    score = next(s for s in first.scores if s.candidate != first.accepted.candidate and s.chi_square_fall > 0.0)
-    other = try_candidate(first.baseline, (), score, TimeResolution(8, 8, 0.0), 6)
+    best, *others = diagnosis.posterior.sets
+    nothing = next(of for of in others if not of.members)
 
-    def with_trials(*trials):
-        return dataclasses.replace(diagnosis, rounds=(dataclasses.replace(first, trials=trials),))
+    def with_sets(*sets):
+        return dataclasses.replace(diagnosis, posterior=SetPosterior(sets))
 
-    assert next_experiment(with_trials(first.accepted)) is None
-    twin = dataclasses.replace(first.accepted, log_evidence_gain=first.accepted.log_evidence_gain - 1.0)
-    assert next_experiment(with_trials(first.accepted, twin)).separation == pytest.approx(0.0, abs=1e-6)
-    experiment = next_experiment(with_trials(first.accepted, other))
+    assert next_experiment(with_sets(best)) is None
+    twin = dataclasses.replace(best, log_weight=best.log_weight - 1.0)
+    assert next_experiment(with_sets(best, twin, nothing)).separation == pytest.approx(0.0, abs=1e-6)
+    experiment = next_experiment(with_sets(best, nothing))
     assert experiment.separation > 5.0 and set(experiment.conditions) == {"frequency", "amplitude"}
-    fitted = other.evaluated.fit
+    fitted = nothing.evaluated.fit
     singular = dataclasses.replace(fitted, covariance=np.ones_like(fitted.covariance))
-    uncertain = dataclasses.replace(other, evaluated=dataclasses.replace(other.evaluated, fit=singular))
-    assert next_experiment(with_trials(first.accepted, uncertain)).separation > 5.0
-    assert json.dumps(experiment.as_json()) and other.candidate.name in experiment.sentence
+    uncertain = dataclasses.replace(nothing, evaluated=dataclasses.replace(nothing.evaluated, fit=singular))
+    assert next_experiment(with_sets(best, uncertain)).separation > 5.0
+    assert json.dumps(experiment.as_json())
+    assert experiment.sentence.startswith("A run with") and "its best rival, nothing" in experiment.sentence
+
+
+def test_where_nothing_is_missing_no_run_is_recommended_unless_a_set_is_nearly_as_probable():
+    diagnosis = diagnose(measured(empty_campaign(), bench()), library=(InverterDeadTime,))
+    best, other, *_ = diagnosis.posterior.sets
+    far, near = (dataclasses.replace(other, log_weight=best.log_weight - gap) for gap in (10.0, 1.0))
+    assert next_experiment(dataclasses.replace(diagnosis, posterior=SetPosterior((best, far)))) is None
+    found = next_experiment(dataclasses.replace(diagnosis, posterior=SetPosterior((best, near))))
+    assert found.rivals == ("nothing", str(other))

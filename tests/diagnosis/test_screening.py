@@ -1,13 +1,13 @@
-"""The score test: a trial begins near the size that explains most, whichever way a parameter makes an effect large."""
+"""The score test: a fit begins near the size that explains most, whichever way a parameter makes an effect large."""
 
 import numpy as np
 import pytest
 
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
+from edhas_jax.diagnosis.search.candidate_fit import fit_with_candidate
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.screening import ScoreTest, with_scaled_size
-from edhas_jax.diagnosis.search.trial import try_candidate
 from edhas_jax.machine.effects import CoilHeating, InverterDeadTime, MagneticSaturation
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
@@ -44,6 +44,6 @@ def test_a_saturation_is_found_from_the_score(calibrated):
     score = ScoreTest(model.fit, ()).score(Candidate(MagneticSaturation))
     (unknown,) = Candidate(MagneticSaturation).unknowns(model.fit.problem.campaign)
     assert unknown.value(score.x[0]) == pytest.approx(SATURATION, rel=0.3)
-    trial = try_candidate(model, (), score, resolution, 12)
-    assert trial.evaluated.fit.values["magnetic_saturation.saturation_current"] == pytest.approx(SATURATION, rel=0.01)
-    assert trial.evaluated.excess < 1e-3 * model.excess
+    found = fit_with_candidate(model, (), score, resolution, 12)
+    assert found.fit.values["magnetic_saturation.saturation_current"] == pytest.approx(SATURATION, rel=0.01)
+    assert found.excess < 1e-3 * model.excess

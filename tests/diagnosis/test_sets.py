@@ -8,11 +8,11 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
+from edhas_jax.diagnosis.sets.diagnose import posterior_over_sets
 from edhas_jax.diagnosis.sets.linear_model import Floor, LinearModel, effective_samples, floor_of
-from edhas_jax.diagnosis.sets.posterior import SetPosterior, labels, posterior_over_sets
+from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN, SetPosterior, labels
 from edhas_jax.diagnosis.sets.set_search import FREEDOMS, FittedSet, Weighing, log_student
 from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, MagneticSaturation
 from edhas_jax.measurements.instruments import Instruments
@@ -90,7 +90,7 @@ def test_far_above_the_noise_only_the_ratio_of_misfits_counts():
 
 
 def a_set(weight, *kinds):
-    return FittedSet(tuple(Candidate(kind) for kind in kinds), None, None, Floor(), 0.0, 0.0, 0.0, 1000, np.log(weight))
+    return FittedSet(tuple(Candidate(kind) for kind in kinds), None, None, 0.0, 0.0, 0.0, 1000, np.log(weight))
 
 
 def test_probabilities_are_sums_over_sets():
@@ -111,10 +111,10 @@ def test_the_reference_is_the_noise_or_what_the_best_set_leaves(model):
     """Where no set is at the noise, a fall counts by its share; where one is, by its nats."""
     table = types.SimpleNamespace(candidates=(1,), free=(1,), background=np.zeros((1000, 0)))
     weight = Weighing(table)
-    far, farther = (FittedSet((), None, None, Floor(), misfit, 100.0, misfit, 1000) for misfit in (4e5, 8e5))
+    far, farther = (FittedSet((), None, None, misfit, 100.0, misfit, 1000) for misfit in (4e5, 8e5))
     weight.note(far), weight.note(farther)
     assert weight.of(far) - weight.of(farther) == pytest.approx(0.5 * FREEDOMS * np.log(2.0), rel=1e-2)
-    at_noise = FittedSet((), None, None, Floor(), 550.0, 60.0, 0.0, 1000)
+    at_noise = FittedSet((), None, None, 550.0, 60.0, 0.0, 1000)
     weight.note(at_noise)
     assert weight.of(at_noise) == pytest.approx(0.0)
     assert weight.at(551.0, ()) == pytest.approx(-1.0, abs=0.05)

@@ -140,7 +140,7 @@ def test_a_fit_with_corrected_time_is_restored(wrong_records):
     campaign, found = wrong_records
     encoder = StageEncoder()
     plain = encoder.fit(found)
-    again = StageDecoder(campaign, (), encoder.arrays).fit(plain, ())
+    again = StageDecoder(campaign, encoder.arrays).fit(plain)
     problem: FitProblem = again.fit.problem
     assert problem.bench == found.fit.problem.bench and problem.time_errors == found.fit.problem.time_errors
     for one, other in zip(problem.campaign.runs, found.fit.problem.campaign.runs, strict=True):

@@ -136,7 +136,7 @@ def test_a_diagnosis_finds_nothing_missing_and_its_stages_are_kept(campaign_of):
     assert evaluated.residual_over_noise == pytest.approx(1.0, abs=0.1)
     encoder = StageEncoder()
     plain = encoder.start((evaluated, resolution))
-    again, _ = StageDecoder(campaign, (), encoder.arrays).start(json.loads(json.dumps(plain)))
+    again, _ = StageDecoder(campaign, encoder.arrays).start(json.loads(json.dumps(plain)))
     assert again.fit.values == evaluated.fit.values and again.fit.campaign.runs[0].conditions["first"] < 1.1e5
 
 

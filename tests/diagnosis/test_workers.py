@@ -11,8 +11,9 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
-from edhas_jax.diagnosis.search.forward_selection import diagnose
 from edhas_jax.diagnosis.search.memory_term import memory_class, oscillator_class
+from edhas_jax.diagnosis.sets.diagnose import diagnose
+from edhas_jax.diagnosis.sets.result import Verdict
 from edhas_jax.diagnosis.workers import Workers, _packed, own_classes
 from edhas_jax.machine.effects import (
     AsymmetricFriction,
@@ -85,21 +86,20 @@ def test_a_generated_class_is_the_same_class_after_travelling(kind):
 def test_workers_find_the_effect_of_a_file_of_the_user(executor, windage):
     campaign = campaign_with(windage(windage=60.0))
     here, there = (diagnose(campaign, LIBRARY, more=[windage], executor=pool) for pool in (None, executor))
-    assert [t.candidate.name for t in here.named] == [t.candidate.name for t in there.named] == ["windage"]
+    assert [c.name for c in here.named] == [c.name for c in there.named] == ["windage"]
     assert there.final.values == pytest.approx(here.final.values, rel=1e-6)
     assert there.final.cost == pytest.approx(here.final.cost, rel=1e-9)
-    first, same = here.rounds[0].trials[0], there.rounds[0].trials[0]
-    assert first.candidate == same.candidate
-    assert same.log_evidence_gain == pytest.approx(first.log_evidence_gain, rel=1e-6)
+    assert {of.key: of.log_weight for of in there.posterior.sets} == pytest.approx(
+        {of.key: of.log_weight for of in here.posterior.sets}, rel=1e-6
+    )
 
 
-def test_workers_localise_what_nothing_explains(executor, windage):
+def test_workers_fit_the_curve_of_what_nothing_explains(executor, windage):
     campaign = campaign_with(windage(windage=60.0))
     here, there = (diagnose(campaign, LIBRARY, executor=pool) for pool in (None, executor))
-    assert there.verdict is here.verdict
-    assert [t.candidate.text for t in there.free_trials] == [t.candidate.text for t in here.free_trials]
-    for ours, theirs in zip(here.free_trials, there.free_trials, strict=True):
-        assert theirs.evaluated.cost == pytest.approx(ours.evaluated.cost, rel=1e-6)
+    assert there.verdict is here.verdict is Verdict.UNKNOWN_EFFECT
+    assert there.free_term.text == here.free_term.text
+    assert there.after.cost == pytest.approx(here.after.cost, rel=1e-6)
 
 
 def test_only_classes_of_the_user_are_their_own(windage):

@@ -91,8 +91,8 @@ def test_page_agrees_with_the_code():
 
 def test_functions_of_the_page_on_the_diagnosis_exist():
     assert len(re.findall(FUNCTION, METHOD)) >= 8 and function_problems(METHOD) == []
-    assert function_problems(METHOD.replace("answer.py: answer_from", "answer.py: no_such")) == [
-        "diagnosis/search/answer.py: no_such"
+    assert function_problems(METHOD.replace("posterior.py: SetPosterior", "posterior.py: no_such")) == [
+        "diagnosis/sets/posterior.py: no_such"
     ]
 
 

@@ -154,7 +154,7 @@ def test_cancel_resume_restart_and_a_second_window(campaign_folder, workbench, l
         tab(window, "Diagnose")
         mark(window, "verdict").wait_for()
     wait_until(lambda: jobs.all()[-1].status != RUNNING, "the end of the job")
-    assert "Going on from the finished rounds" in jobs.output(jobs.all()[-1])
+    assert "Going on from the finished fits" in jobs.output(jobs.all()[-1])
     card = mark(one, "card-inverter_dead_time")
     card.get_by_role("button", name="Reject").click()
     one.get_by_label("reason, which is remembered").fill("the inverter was replaced")

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from edhas_jax.diagnosis.search.outcome import Outcome
+from edhas_jax.diagnosis.sets.outcome import Outcome
 from edhas_jax.workbench.jobs import DONE, Job, JobList
 from edhas_jax.workbench.standing import standing
 from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, RESULT_FILES, Decisions, Workspace
@@ -28,7 +28,7 @@ def diagnosis(**changes):
     return {
         "verdict": "missing_effect", "conclusions": SAID, "effects": ["inverter_dead_time"], "groups": [],
         "candidates": [candidate("inverter_dead_time", "coil", Outcome.MISSING, 0.97, True),
-                       candidate("eddy_drag", "mover", Outcome.UNLIKELY, 0.25, True)],
+                       candidate("eddy_drag", "mover", Outcome.TRIED, 0.25, True)],
         "where": [{"slot": "coil", "probability": 0.97}, {"slot": "mover", "probability": 0.25}],
         "error": {"before": errors(20.0, 21.0), "calibrated": errors(8.0, 7.7), "after": errors(1.01, 0.97)},
         "bench_corrected": True,

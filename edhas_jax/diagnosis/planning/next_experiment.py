@@ -10,8 +10,8 @@ import numpy as np
 from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse, square_root
 from edhas_jax.diagnosis.planning.candidate_runs import feasible_runs, format_conditions
-from edhas_jax.diagnosis.search.result import Diagnosis, Round, Verdict
-from edhas_jax.diagnosis.search.trial import Trial
+from edhas_jax.diagnosis.sets.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.sets.set_search import FittedSet
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
 
@@ -25,7 +25,7 @@ class Experiment:
     """A run that discriminates between rival models.
 
     Attributes:
-        rivals: names of the candidates whose models are rivals.
+        rivals: the sets of effects whose models are rivals, as text.
         conditions: conditions of the run as text with units.
         separation: distance between the predictions of the two nearest rivals in standard deviations, over the whole
             run and after the parameters of either model have been refitted.
@@ -55,10 +55,10 @@ def next_experiment(diagnosis: Diagnosis) -> Experiment | None:
         d² = Δᵀ (I + J Σ Jᵀ)⁻¹ Δ
 
     It is computed with either model in the place of J; the smaller value counts, and the smallest over all pairs of
-    rivals. Rivals are the candidates of an undecided group, or the accepted candidate and its closest competitor.
+    rivals. Rivals are the sets that the measurements do not distinguish, or the best one and its closest competitor.
 
     Args:
-        diagnosis: the rounds of the search with their fitted models.
+        diagnosis: the fitted sets of effects.
 
     Returns:
         The run with the largest separation; None if there is no rival or no feasible run.
@@ -74,14 +74,14 @@ def next_experiment(diagnosis: Diagnosis) -> Experiment | None:
     if not feasible:
         return None
     pairs = list(itertools.combinations(range(len(rivals)), 2))
-    predictions = [_predictions(campaign, trial, feasible, steps) for trial in rivals]
+    predictions = [_predictions(campaign, of, feasible, steps) for of in rivals]
     differences = np.array([
         min(_euclidean_distance(predictions[a][r], predictions[b][r]) for a, b in pairs)
         for r in range(len(feasible))
     ])  # fmt: skip
     chosen = np.argsort(-np.nan_to_num(differences, nan=-1.0))[:MAX_LINEARISED_RUNS]
     runs = tuple(feasible[r] for r in chosen)
-    jacobians = [_jacobians(campaign, trial, runs, steps) for trial in rivals]
+    jacobians = [_jacobians(campaign, of, runs, steps) for of in rivals]
     best = None
     for k, r in enumerate(chosen):
         separations = []
@@ -98,49 +98,34 @@ def next_experiment(diagnosis: Diagnosis) -> Experiment | None:
     separation, r, signal = best
     if not math.isfinite(separation):
         return None
-    names = tuple(trial.candidate.name for trial in rivals)
+    names = tuple(map(str, rivals))
     conditions = format_conditions(campaign, feasible[r].conditions)
     decided = diagnosis.verdict is Verdict.MISSING_EFFECT
     sentence = _sentence(names, conditions, separation, signal, decided)
     return Experiment(names, conditions, separation, signal, sentence)
 
 
-def _rivals(diagnosis: Diagnosis) -> list[Trial]:
-    """The trials that a new run should discriminate, the most probable first."""
-    if diagnosis.verdict is Verdict.UNKNOWN_EFFECT:
-        return [t for t in diagnosis.free_trials if t.evaluated is not None][:2]
-    groups = diagnosis.confounded_groups()
-    if groups:
-        of_round = next(r for r in diagnosis.rounds if r.accepted is not None and r.accepted.candidate is groups[0][0])
-        trials = {t.candidate: t for t in of_round.trials if t.evaluated is not None}
-        return [trials[s] for s in groups[0] if s in trials][:MAX_RIVALS]
-    close = [
-        (second.log_evidence_gain - first.log_evidence_gain, first, second)
-        for r in diagnosis.rounds
-        for first, second in _leaders(r)
-    ]
-    return list(max(close, key=lambda row: row[0])[1:]) if close else []
-
-
-def _leaders(r: Round) -> list[tuple[Trial, Trial]]:
-    """The accepted trial of a round and the best of the others, in a list of one; empty without such a pair."""
-    others = [t for t in r.trials if t is not r.accepted and t.evaluated is not None]
-    return [(r.accepted, max(others, key=lambda t: t.log_evidence_gain))] if r.accepted is not None and others else []
+def _rivals(diagnosis: Diagnosis) -> list[FittedSet]:
+    """The sets that a new run should discriminate, the most probable first."""
+    posterior = diagnosis.posterior
+    if len(posterior.near) > 1 or diagnosis.verdict is Verdict.ADEQUATE:
+        return list(posterior.near[:MAX_RIVALS])
+    return list(posterior.sets[:2])
 
 
 def _predictions(
-    campaign: Campaign, trial: Trial, runs: tuple[BenchRun, ...], steps: int
+    campaign: Campaign, of: FittedSet, runs: tuple[BenchRun, ...], steps: int
 ) -> list[dict[str, np.ndarray]]:  # fmt: skip
-    """Sensor signals of a trial's fitted machine over noise, by run and signal."""
-    fit = trial.evaluated.fit
+    """Sensor signals of a set's fitted machine over noise, by run and signal."""
+    fit = of.evaluated.fit
     model = MeasurementModel(campaign, fit.machine, (), runs, fit.instruments)
     outcomes = model.predict_all_runs(np.zeros(0), steps)
     return [{n: v / campaign.channels[n].noise for n, v in outcomes[r].values.items()} for r in range(len(runs))]
 
 
-def _jacobians(campaign: Campaign, trial: Trial, runs: tuple[BenchRun, ...], steps: int) -> list[np.ndarray]:
-    """Derivatives (samples of all signals, unknowns) of these predictions by the trial's coordinates, by run."""
-    fit = trial.evaluated.fit
+def _jacobians(campaign: Campaign, of: FittedSet, runs: tuple[BenchRun, ...], steps: int) -> list[np.ndarray]:
+    """Derivatives (samples of all signals, unknowns) of these predictions by the set's coordinates, by run."""
+    fit = of.evaluated.fit
     model = MeasurementModel(campaign, fit.problem.machine, fit.problem.unknowns, runs, fit.problem.instruments)
     outcomes = model.predict_all_runs(fit.x, steps, with_sensitivities=True)
     return [

@@ -1,4 +1,4 @@
-"""A diagnosis in one figure: worst signal before and after, scores of the candidates, and residual after each stage."""
+"""A diagnosis in one figure: worst signal before and after, probabilities, and residual after each stage."""
 
 import numpy as np
 
@@ -6,19 +6,19 @@ from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK, time_unit
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.report.residual_stages import USE_TITLES, draw_stages
-from edhas_jax.diagnosis.search.conclusions import conclusions
-from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.diagnosis.sets.conclusions import conclusions
+from edhas_jax.diagnosis.sets.result import Diagnosis
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.measurements.campaign import BenchRun, Use
 from edhas_jax.measurements.residuals import rms_over_noise
 
-MAX_CANDIDATES = 9  # shown with their scores
+MAX_ANSWERS = 9  # shown with their probabilities
 CYCLES_SHOWN = 1.5  # at the end of a run with a sinusoidal set point
 OTHER_COLOUR = "#aab4be"
 
 
 def draw_overview(diagnosis: Diagnosis):
-    """Draw the worst signal of the held-out runs with the calibrated and the final model, the scores and the stages.
+    """Draw the worst signal of the held-out runs, the errors of both models, the probabilities and the stages.
 
     Returns:
         A matplotlib figure.
@@ -45,8 +45,8 @@ def draw_overview(diagnosis: Diagnosis):
     for axes in panels[:2]:
         axes.tick_params(labelbottom=False)
     panels[2].set_xlabel(f"time, {time_unit(float(runs[0].time[-1]))[1]}", fontsize=9, color=INK)
-    score_axes, stage_axes = figure.add_subplot(grid[:3, 1]), figure.add_subplot(grid[3:, 1])
-    _draw_scores(score_axes, diagnosis)
+    answer_axes, stage_axes = figure.add_subplot(grid[:3, 1]), figure.add_subplot(grid[3:, 1])
+    _draw_probabilities(answer_axes, diagnosis)
     draw_stages(stage_axes, diagnosis, runs[0].use)
     stage_axes.set_title(f"after each stage, {USE_TITLES[runs[0].use]}", fontsize=10, loc="left", color=INK)
     stage_axes.set_xlabel("residual over noise (dashed: the noise alone)", fontsize=9, color=INK)
@@ -96,22 +96,20 @@ def _style_axes(axes) -> None:
     axes.tick_params(colors=GREY, labelsize=8)
 
 
-def _draw_scores(axes, diagnosis: Diagnosis) -> None:
-    """The predicted falls of χ² of the best candidates of the first round."""
-    scores = sorted(diagnosis.rounds[0].scores, key=lambda score: -score.chi_square_fall)[:MAX_CANDIDATES]
-    named = {t.candidate for t in diagnosis.named}
-    falls = [max(score.chi_square_fall, 1.0) for score in scores]
-    colours = [COLOURS[1] if score.candidate in named else OTHER_COLOUR for score in scores]
-    rows = np.arange(len(scores))
-    # dots: on a logarithmic axis the length of a bar would mean nothing
-    axes.scatter(falls, rows, s=70, color=colours, zorder=3)
-    axes.set_xscale("log")
-    axes.set_xlim(0.3 * min(falls, default=1.0), 3.0 * max([*falls, 10.0]))
+def _draw_probabilities(axes, diagnosis: Diagnosis) -> None:
+    """The probabilities of the most probable names, of nothing and of an unknown cause."""
+    shown = list(diagnosis.posterior.probabilities.items())[:MAX_ANSWERS]
+    named = {diagnosis.first, *(c.name for c in diagnosis.named)}
+    colours = [COLOURS[1] if name in named else OTHER_COLOUR for name, _ in shown]
+    rows = np.arange(len(shown))
+    axes.barh(rows, [p for _, p in shown], height=0.6, color=colours, zorder=3)
+    for row, (_, p) in zip(rows, shown, strict=True):
+        axes.annotate(f"{p:.2f}", (p, row), (4, 0), textcoords="offset points", va="center", fontsize=8.5, color=INK)
+    axes.set_xlim(0.0, 1.1)
     axes.set_ylim(len(rows) - 0.4, -0.6)
-    axes.set_yticks(rows, [score.candidate.name.replace("_", " ") for score in scores], fontsize=8.5, color=INK)
-    axes.set_title("candidates (coloured: named as missing)", fontsize=10, loc="left", color=INK)
-    axes.set_xlabel("predicted fall of χ²", fontsize=9, color=INK)
-    axes.grid(color="#e4e7eb", lw=0.6)
+    axes.set_yticks(rows, [name.replace("_", " ") for name, _ in shown], fontsize=8.5, color=INK)
+    axes.set_title("probability to be missing (coloured: the answer)", fontsize=10, loc="left", color=INK)
+    axes.grid(axis="x", color="#e4e7eb", lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.tick_params(axis="y", length=0)

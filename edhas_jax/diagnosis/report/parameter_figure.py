@@ -4,7 +4,7 @@ import numpy as np
 
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.diagnosis.calibration.figures import PRIOR_COLOUR
-from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.diagnosis.sets.result import Diagnosis
 
 CALIBRATED_COLOUR = COLOURS[4]
 Z_95 = 1.96  # standard errors on either side of a 95 % interval
@@ -13,7 +13,7 @@ ROW_OFFSET = 0.14  # vertical distance of the two estimates of a parameter from 
 
 
 def draw_parameter_shifts(diagnosis: Diagnosis):
-    """Draw each uncertain parameter in standard deviations of its prior, before and after adding accepted candidates.
+    """Draw each uncertain parameter in standard deviations of its prior, before and after adding the best set.
 
     Returns:
         A matplotlib figure.

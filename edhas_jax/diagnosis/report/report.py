@@ -20,19 +20,20 @@ from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.conclusions import bench_rows, conclusions, fit_of_parameters, model_with, outcome
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_curve
 from edhas_jax.diagnosis.search.law_deviation import deviation_of
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm
-from edhas_jax.diagnosis.search.outcome import evidence_text
-from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.sets.bench_findings import bench_rows
+from edhas_jax.diagnosis.sets.conclusions import conclusions, outcome
+from edhas_jax.diagnosis.sets.member_laws import LAW_GAIN
+from edhas_jax.diagnosis.sets.outcome import evidence_text
+from edhas_jax.diagnosis.sets.result import Diagnosis, Verdict
 from edhas_jax.measurements.campaign import Use, count_runs
 from edhas_jax.measurements.checks.data_summary import data_sentences
 
-MAX_LISTED_CANDIDATES = 14
+MAX_LISTED_CANDIDATES, MAX_LISTED_SETS = 14, 8
 MIN_SHOWN_PROBABILITY = 5e-4  # smaller ones are shown as 0
 CURVE_NOTE = "The curve assumes no formula: it is fitted to the runs together with all other unknowns."
-DIFFERENT_LAW = 12.0  # nats of log-evidence for a deviation from the library's law that chance does not give
 STYLE = """<style>
 .verdict { font-size: 1.25em; line-height: 1.4; border-left: 5px solid #de4a1c; padding: 0.2em 0 0.2em 0.9em }
 .verdict.fine { border-color: #1a7f4b } .verdict p { margin: 0.2em 0 } .verdict p + p { font-size: 0.8em }
@@ -86,7 +87,7 @@ def diagnosis_report(
         html_page.heading(f"{campaign.name}: diagnosis", 1),
         html_page.paragraph(
             f"{campaign.machine.name}; {count_runs(campaign.runs_for(Use.FIT))} runs fitted, "
-            f"{len(campaign.runs_for(Use.HOLDOUT))} held out; {len(diagnosis.ranked_candidates())} candidates; "
+            f"{len(campaign.runs_for(Use.HOLDOUT))} held out; {diagnosis.considered} candidates; "
             f"{diagnosis.seconds:.0f} s."
         ),
         _verdict_box(diagnosis),
@@ -98,6 +99,8 @@ def diagnosis_report(
         *picture("missing term", lambda: _term_sections(diagnosis)),
         *_ambiguity_section(diagnosis, experiment),
         *_bench_section(diagnosis),
+        html_page.heading("Sets of effects"),
+        _set_table(diagnosis),
         html_page.heading("Candidates"),
         _candidate_table(diagnosis),
         *picture("parameters", lambda: _parameter_section(diagnosis)),
@@ -118,7 +121,7 @@ def _verdict_box(diagnosis: Diagnosis) -> str:
 def _location_section(diagnosis: Diagnosis) -> list[str]:
     """The machine with the probability of each component."""
     campaign = diagnosis.campaign
-    probabilities = {} if diagnosis.verdict is Verdict.ADEQUATE else diagnosis.location_probabilities()
+    probabilities = {} if diagnosis.verdict is Verdict.ADEQUATE else diagnosis.posterior.locations()
     schematic = draw_schematic(campaign.machine, probabilities, tuple(campaign.channels))
     return [html_page.heading("Location"), schematic]
 
@@ -132,10 +135,8 @@ def _waterfall_section(diagnosis: Diagnosis) -> list[str]:
 def _signals_section(diagnosis: Diagnosis) -> list[str]:
     """The interactive plot of measured and simulated signals."""
     states = {"before": diagnosis.before, "calibrated": diagnosis.calibrated.residuals}
-    if diagnosis.accepted:
+    if diagnosis.posterior.best.members:
         states["after"] = diagnosis.after.residuals
-    if (best := diagnosis.best_free_trial) is not None:
-        states["free term"] = best.evaluated.residuals
     explanation = (
         "Click a model to switch it on or off; drag to zoom, double-click for the whole run. "
         "Band: two standard deviations of the sensor's noise."
@@ -153,24 +154,17 @@ def _parameter_section(diagnosis: Diagnosis) -> list[str]:
     return [html_page.heading("Parameters: prior and estimates"), image]
 
 
-def explaining_candidates(diagnosis: Diagnosis) -> list[tuple[Fit, Candidate]]:
-    """The accepted candidates, or for an unknown effect the best free term, each with the fit that contains it."""
-    if (best := diagnosis.best_free_trial) is not None:
-        return [(best.evaluated.fit, best.candidate)]
-    return [(diagnosis.final, trial.candidate) for trial in diagnosis.accepted]
-
-
 def _term_sections(diagnosis: Diagnosis) -> list[str]:
-    """For each explaining candidate, the missing term over its variable or the error of its sensor."""
-    out = []
-    for fitted, candidate in explaining_candidates(diagnosis):
+    """For each member of the best set, the missing term over its variable or the error of its sensor."""
+    out, fitted = [], diagnosis.final
+    for candidate in diagnosis.posterior.best.members:
         if candidate.signal is not None:
             figure = draw_sensor_fault(estimate_sensor_error(fitted, candidate))
             out += [
                 html_page.heading(f"Sensor fault: {candidate.name}"),
                 html_page.image(figure, f"{candidate.name}: error of the sensor"),
             ]
-        elif (curve := _law_curve(diagnosis, fitted, candidate)) is not None:
+        elif (curve := law_curve(diagnosis, candidate)) is not None:
             title = f"{curve.place.slot.replace('_', ' ')} over {curve.place.variable.replace('_', ' ')}"
             sentence = "" if curve.law_values is None else f" {law_sentence(curve)}"
             out += [
@@ -181,16 +175,17 @@ def _term_sections(diagnosis: Diagnosis) -> list[str]:
     return out
 
 
-def _law_curve(diagnosis: Diagnosis, fitted: Fit, candidate: Candidate) -> LawCurve | None:
-    """The law of an accepted effect, or a free curve, as an estimated curve; None where it has no variable."""
+def law_curve(diagnosis: Diagnosis, candidate: Candidate) -> LawCurve | None:
+    """The law of an effect of the best set, or its free curve, as an estimated curve; None where it has no variable."""
     if isinstance(candidate, CurveCandidate):
-        return fitted_curve(fitted, candidate)
+        return fitted_curve(diagnosis.final, candidate)
     if isinstance(candidate, MemoryTerm):
         return None
-    deviation, alone = deviation_of(candidate, diagnosis.laws), None
+    deviation, alone = deviation_of(candidate, diagnosis.curves), None
     if deviation is not None:
-        alone = fit_of_parameters(diagnosis, next(t for t in diagnosis.accepted if t.candidate == candidate))
-    found = estimate_law_curve(fitted, candidate.id, deviation=None if deviation is None else deviation.id, alone=alone)
+        alone = diagnosis.fit_of_parameters(candidate)
+    id_of = None if deviation is None else deviation.id
+    found = estimate_law_curve(diagnosis.final, candidate.id, deviation=id_of, alone=alone)
     return None if found is None else found.curve
 
 
@@ -198,7 +193,7 @@ def law_sentence(curve: LawCurve) -> str:
     """How the law of the library and the estimated curve agree, as a sentence."""
     share = 100.0 * curve.explained_share
     explained = "nearly all" if share >= 99.95 else f"{share:.1f} %"
-    if curve.log_evidence_gain < DIFFERENT_LAW:
+    if curve.log_evidence_gain < LAW_GAIN:
         return f"The law of the library explains {explained} of it, and the runs need no other."
     return (
         f"The law of the library explains {explained} of it at its best size, but the runs are precise enough to show "
@@ -220,47 +215,46 @@ def _ambiguity_section(diagnosis: Diagnosis, experiment: Experiment | None) -> l
 
 def _bench_section(diagnosis: Diagnosis) -> list[str]:
     """The deviations of triggers, settings and sensors that the runs show."""
-    rows = bench_rows(diagnosis)
+    rows = bench_rows(diagnosis.after)
     if not rows:
         return []
     header = "what", "run", "deviation", "accuracy of the bench"
     return [html_page.heading("What the bench did"), html_page.table(header, rows)]
 
 
+def _set_table(diagnosis: Diagnosis) -> str:
+    """The most probable sets with what they leave, as an HTML table."""
+    posterior, body = diagnosis.posterior, []
+    for of, weight in list(zip(posterior.sets, posterior.weights, strict=True))[:MAX_LISTED_SETS]:
+        names = " + ".join(c.title for c in of.members) or "nothing"
+        body.append([names, _probability_text(weight), *(_rms_text(of.evaluated.rms_over_noise(use)) for use in Use)])
+    header = "set", "probability", "residual/noise on fitted runs", "on held-out runs"
+    return html_page.table(header, body, [weight < MIN_SHOWN_PROBABILITY for weight in posterior.weights[: len(body)]])
+
+
 def _candidate_table(diagnosis: Diagnosis) -> str:
-    """The candidates that were accepted or tried, and the most promising others, as an HTML table."""
-    accepted = {t.candidate for t in diagnosis.accepted}
+    """The candidates that were fitted, as an HTML table."""
     groups = {c: k for k, group in enumerate(diagnosis.confounded_groups(), 1) for c in group}
-    ranked = diagnosis.ranked_candidates()
-    probability, trials = {c: p for c, p, _ in ranked}, {c: trial for c, _, trial in ranked if trial is not None}
-    falls = {s.candidate: s.chi_square_fall for r in reversed(diagnosis.rounds) for s in r.scores}
-    # without a trial, candidates differ more in their predicted fall than in their probability
-    order = {c: (c not in accepted, c not in trials, -p if c in trials else -falls[c]) for c, p in probability.items()}
     body, quiet = [], []
-    for candidate in sorted(probability, key=order.__getitem__)[:MAX_LISTED_CANDIDATES]:
-        p, trial = probability[candidate], trials.get(candidate)
-        fitted = None if trial is None else model_with(diagnosis, trial)
-        sized = None if trial is None else fit_of_parameters(diagnosis, trial)
+    for candidate, p in diagnosis.posterior.candidates()[:MAX_LISTED_CANDIDATES]:
+        said = outcome(diagnosis, candidate)
         remarks = [candidate.location.replace("_", " ")]
-        remarks += [] if sized is None else parameter_texts(candidate, sized)
-        remarks += [] if trial is None else [outcome(diagnosis, candidate).value]
+        remarks += [*parameter_texts(candidate, diagnosis.fit_of_parameters(candidate)), said.value]
         remarks += [f"group {groups[candidate]}"] if candidate in groups else []
-        rms = math.nan if fitted is None else fitted.rms_over_noise(Use.HOLDOUT)
-        quiet.append(trial is None or outcome(diagnosis, candidate).is_quiet)
-        has_gain = trial is not None and math.isfinite(trial.log_evidence_gain)
-        body.append([
-            candidate.name,
-            f"{p:.3f}" if p >= MIN_SHOWN_PROBABILITY else "0",
-            f"{falls[candidate]:.3g}" if candidate in falls else "",
-            evidence_text(trial.log_evidence_gain) if has_gain else "",
-            f"{rms:.3f}" if math.isfinite(rms) else "",
-            "; ".join(remarks),
-        ])  # fmt: skip
-    header = (
-        "candidate", "probability", "predicted fall of χ²", "evidence", "residual/noise on held-out runs",
-        "location and parameters",
-    )  # fmt: skip
+        rms = diagnosis.model_with(candidate).rms_over_noise(Use.HOLDOUT)
+        evidence = evidence_text(diagnosis.posterior.evidence(candidate))
+        quiet.append(said.is_quiet)
+        body.append([candidate.name, _probability_text(p), evidence, _rms_text(rms), "; ".join(remarks)])
+    header = "candidate", "probability", "evidence", "residual/noise on held-out runs", "location and parameters"
     return html_page.table(header, body, quiet)
+
+
+def _probability_text(p: float) -> str:
+    return f"{p:.3f}" if p >= MIN_SHOWN_PROBABILITY else "0"
+
+
+def _rms_text(rms: float) -> str:
+    return f"{rms:.3f}" if math.isfinite(rms) else ""
 
 
 def parameter_texts(candidate: Candidate, fitted: Fit) -> list[str]:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
-from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.diagnosis.sets.result import Diagnosis
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.residuals import OVERALL, rms_by_signal
 
@@ -13,26 +13,25 @@ USE_TITLES = {Use.FIT: "fitted runs", Use.HOLDOUT: "held-out runs"}
 AXIS_START = 0.7  # lower end of the logarithmic axis
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 REMAINING_COLOUR, FALL_COLOUR, RISE_COLOUR = "#aab4be", COLOURS[2], COLOURS[1]
-FREE_STAGE = "free term alone"
 
 
 def residual_stages(diagnosis: Diagnosis) -> dict[str, dict[Use, float]]:
     """Rms residual over noise after each stage, by use of the runs.
 
-    The stages are the model as given, the calibrated model, and each accepted candidate. For an unknown effect the
-    last stage is the best free term in place of all accepted candidates.
+    The stages are the model as given, the calibrated model, and the model with each further member of the best set.
     """
-    campaign = diagnosis.campaign
+    campaign, growth = diagnosis.campaign, diagnosis.growth()
     out = {
         "present model": _overall_rms(campaign, diagnosis.before),
         "calibrated": _overall_rms(campaign, diagnosis.calibrated.residuals),
     }
-    later = [*(r.baseline for r in diagnosis.rounds[1:]), diagnosis.after]
-    for r, after in zip(diagnosis.rounds, later, strict=True):
-        if r.accepted is not None:
-            out[f"+ {r.accepted.candidate.name}"] = _overall_rms(campaign, after.residuals)
-    if (best := diagnosis.best_free_trial) is not None:
-        out[FREE_STAGE] = _overall_rms(campaign, best.evaluated.residuals)
+    before: frozenset[str] = frozenset()
+    for of in growth:
+        if of.members:
+            added = " + ".join(c.title for c in of.members if c.name not in before)
+            model = diagnosis.after if of is growth[-1] else of.evaluated
+            out[f"+ {added}"] = _overall_rms(campaign, model.residuals)
+        before = of.key
     return out
 
 
@@ -70,8 +69,7 @@ def draw_stages(axes, diagnosis: Diagnosis, use: Use) -> None:
     names, values = list(table), [min(row[use], TICKS[-1]) for row in table.values()]
     largest = min(max(value for row in table.values() for value in row.values()), TICKS[-1])
     for k, value in enumerate(values):
-        # a free term replaces all candidates, so its fall begins at the calibrated model
-        before = value if k == 0 else values[1] if names[k] == FREE_STAGE else values[k - 1]
+        before = value if k == 0 else values[k - 1]
         colour = FALL_COLOUR if before >= value else RISE_COLOUR
         if before != value:
             arrow = {"arrowstyle": "-|>", "color": colour, "lw": 2.5, "shrinkA": 5, "shrinkB": 5}

@@ -1,4 +1,4 @@
-"""The error of a faulty sensor over its signal or the rate of change: measured, and predicted by the accepted fault."""
+"""The error of a faulty sensor over its signal or the rate of change: measured, and predicted by its fault."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ class SensorError:
     """Mean error of a sensor (recorded − true) in bins of equal count, all arrays (bins,) in SI.
 
     Args:
-        candidate: the accepted sensor fault.
+        candidate: the sensor fault.
         over_rate: whether `x` is the rate of change of the signal, else the signal itself.
         x: mean of the true signal, or of its rate.
         measured: mean of measured − simulated true signal.

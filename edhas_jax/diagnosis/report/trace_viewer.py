@@ -17,7 +17,7 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.residual_matrix import run_descriptions
 from edhas_jax.measurements.residuals import rms_over_noise
 
-MODEL_COLOURS = {"before": GREY, "calibrated": COLOURS[4], "after": COLOURS[1], "free term": COLOURS[3]}
+MODEL_COLOURS = {"before": GREY, "calibrated": COLOURS[4], "after": COLOURS[1]}
 MAX_SAMPLES = 6000  # of a run in the page; longer ones are thinned out
 MISSING_CODE, MAX_CODE = -32768, 32000  # 16-bit codes of a missing sample, and of the largest value
 INITIAL_CYCLES = 2.0  # shown at first, of a run with a sinusoidal set point
@@ -36,7 +36,7 @@ def render_trace_viewer(campaign: Campaign, states: Mapping[str, Mapping[str, Ma
 
     Args:
         campaign: the measurements.
-        states: (measured − model)/noise by model ("before", "calibrated", "after", "free term"), run and signal.
+        states: (measured − model)/noise by model ("before", "calibrated", "after"), run and signal.
     """
     runs = [run for run in campaign.runs if run.signals]
     preferred = [r for r, run in enumerate(runs) if run.use is Use.HOLDOUT] or range(len(runs))

@@ -9,11 +9,11 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.calibration.unpredictable_part import unpredictable_part, with_unpredictable_part
 from edhas_jax.diagnosis.likelihood.slow_residuals import slow_excess
 from edhas_jax.diagnosis.search.candidates import build_problem
-from edhas_jax.diagnosis.search.decision_rules import remaining
 from edhas_jax.diagnosis.search.evaluated_fit import (
     REFINEMENT,
     EvaluatedFit,
     fit_coarse,
+    remaining,
     solver_error,
     start_coordinates,
     with_solver_error,
@@ -21,7 +21,6 @@ from edhas_jax.diagnosis.search.evaluated_fit import (
 from edhas_jax.diagnosis.search.local_minima import fit_across_minima, fit_progressively
 from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
-from edhas_jax.diagnosis.search.trial import TRIAL_STEPS
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import (
@@ -31,7 +30,7 @@ from edhas_jax.measurements.time_resolution import (
     step_error,
 )
 
-CALIBRATION_STEPS = 25  # maximum number of Levenberg-Marquardt steps
+CALIBRATION_STEPS, NEXT_STEPS = 25, 12  # maximum number of Levenberg-Marquardt steps: of the first fit, of later ones
 PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growing parts of the runs are fitted
 IRREGULAR_STEPS = 25  # maximum number of steps where the signals depend irregularly on the parameters
 CHECK_STEPS = 6  # the same for the check of the time step
@@ -70,7 +69,7 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     if calibrated.excess > PROGRESSIVE_EXCESS * 0.5 * calibrated.samples:
         report("fitting growing parts of the runs")
         starts = np.array([centre, calibrated.fit.x])
-        better = fit_progressively(problem, starts, 1, resolution.coarse, TRIAL_STEPS, calibrated)
+        better = fit_progressively(problem, starts, 1, resolution.coarse, NEXT_STEPS, calibrated)
         calibrated = better or calibrated
     calibrated, resolution = _with_accurate_step(calibrated, resolution, report)
     steps = max(resolution.coarse, resolution.fine // 2)
@@ -86,7 +85,7 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     report("looking for a better minimum")
     across = fit_across_minima(settled, resolution.coarse)
     if across is not settled:
-        settled = min(settled, with_solver_error(across, resolution, TRIAL_STEPS), key=lambda of: of.cost)
+        settled = min(settled, with_solver_error(across, resolution, NEXT_STEPS), key=lambda of: of.cost)
     return without_wrong_samples(settled, resolution), resolution
 
 

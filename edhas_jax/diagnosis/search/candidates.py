@@ -27,7 +27,8 @@ SENSOR_FAULTS: tuple[type[SensorModel], ...] = (SensorLag, SensorDelay, SensorGa
 SENSOR_LOCATION = "sensor"
 # a second coupling or line in such a slot would have no physical meaning
 SINGLE_EFFECT_SLOTS = ("coupling_force", "suction_line_resistance", "suction_line_flow", "outlet_line_flow")
-PLAUSIBLE_RANGE_SIGMAS = 4.0  # width of a plausible range in standard deviations of the prior (±2)
+# end and width of a plausible range in standard deviations of the prior
+PLAUSIBLE_COORDINATE, PLAUSIBLE_RANGE_SIGMAS = 2.0, 4.0
 PRIOR_BOUND = 3.0  # bound of a fitted coordinate, in standard deviations of its prior
 PRIOR_BOUND_TOLERANCE = 0.05  # distance to the bound, in the same unit, that counts as at the bound
 MOST_ON_GRID = 3  # parameters of a law that is screened on a grid; one with more is screened at spread points:
@@ -56,6 +57,11 @@ class Candidate:
     def name(self) -> str:
         """The id, followed by the signal for a sensor fault."""
         return self.id if self.signal is None else f"{self.id} on {self.signal}"
+
+    @property
+    def title(self) -> str:
+        """What it is for a reader: its name, or for a free term where it acts and over what."""
+        return self.name
 
     @property
     def location(self) -> str:

@@ -1,7 +1,7 @@
 """Checkpoint of a diagnosis: its finished stages on disk, which the same diagnosis goes on from.
 
-A stage is the calibration, a round of the search or the localisation: one file of arrays and JSON, written atomically
-and read without running any code. The stages are used only for the same inputs, which are compared by hashes.
+A stage is the calibration or the fit of a set of effects: one file of arrays and JSON, written atomically and read
+without running any code. The stages are used only for the same inputs, which are compared by hashes.
 """
 
 import hashlib
@@ -59,7 +59,7 @@ class Checkpoint:
         self._began = time.perf_counter()
 
     def stage(
-        self, name: str, campaign: Campaign, kinds: Iterable[type[Effect]], compute: Callable[[], T],
+        self, name: str, campaign: Campaign, compute: Callable[[], T],
         encode: Callable[[StageEncoder, T], dict[str, Any]], decode: Callable[[StageDecoder, dict[str, Any]], T],
     ) -> T:  # fmt: skip
         """The value of a stage: read if it is finished, else computed and written.
@@ -67,29 +67,39 @@ class Checkpoint:
         Args:
             name: of the stage; the name of its file.
             campaign: the campaign of the diagnosis.
-            kinds: effect classes of the user.
             compute: computes the value.
             encode: turns it into plain data.
             decode: restores it from plain data.
         """
-        found = self._read(name)
+        found = self.recall(name)
         if found is not None:
             plain, arrays = found
-            value = decode(StageDecoder(campaign, tuple(kinds), arrays), plain["value"])
-            self.restored, self.earlier_seconds = self.restored + 1, plain["seconds"]
-            self._began = time.perf_counter()
-            return value
-        value = compute()
+            return decode(StageDecoder(campaign, arrays), plain)
+        value, encoder = compute(), StageEncoder()
         if self._keeps:
-            encoder = StageEncoder()
-            plain = {"value": encode(encoder, value), "seconds": self.seconds}
-            try:
-                self._write(name, plain, encoder.arrays)
-            except OSError as error:  # a full disk, for example, ends the keeping but not the diagnosis
-                reason = error.strerror or error
-                self.failures.append(f"Stage {name} and later ones of the search could not be kept: {reason}.")
-                self._keeps = False
+            self.keep(name, encode(encoder, value), encoder.arrays)
         return value
+
+    def recall(self, name: str) -> tuple[Any, dict[str, np.ndarray]] | None:
+        """What was kept under a name, plain data and arrays; None where there is nothing, or it is damaged."""
+        found = self._read(name)
+        if found is None:
+            return None
+        plain, arrays = found
+        self.restored, self.earlier_seconds = self.restored + 1, plain["seconds"]
+        self._began = time.perf_counter()
+        return plain["value"], arrays
+
+    def keep(self, name: str, value: Any, arrays: Mapping[str, np.ndarray]) -> None:
+        """Keep plain data and arrays under a name; a full disk, for example, ends the keeping but not the diagnosis."""
+        if not self._keeps:
+            return
+        try:
+            self._write(name, {"value": value, "seconds": self.seconds}, arrays)
+        except OSError as error:
+            reason = error.strerror or error
+            self.failures.append(f"Stage {name} and later ones of the search could not be kept: {reason}.")
+            self._keeps = False
 
     @property
     def kept(self) -> int:
@@ -117,7 +127,7 @@ class Checkpoint:
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             return None
 
-    def _write(self, name: str, plain: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    def _write(self, name: str, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
         if not self._usable:
             shutil.rmtree(self.folder, ignore_errors=True)
             self.folder.mkdir(parents=True)

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -14,8 +14,7 @@ from edhas_jax.diagnosis.calibration.least_squares import Minima, levenberg_marq
 from edhas_jax.diagnosis.calibration.secant_model import SecantModel
 from edhas_jax.diagnosis.calibration.symmetric_matrices import log_determinant, regularised_inverse
 from edhas_jax.diagnosis.likelihood.bench_estimate import BenchEstimate, estimate_bench
-from edhas_jax.diagnosis.likelihood.left_out_runs import left_out_log_density
-from edhas_jax.diagnosis.likelihood.run_equations import RunEquations, run_columns, run_equations
+from edhas_jax.diagnosis.likelihood.run_equations import RunEquations
 from edhas_jax.measurements.campaign import BenchRun, Use
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.residuals import rms_over_noise
@@ -30,8 +29,12 @@ ENSEMBLE_STEPS = 2  # the same where they come from an ensemble, whose steps are
 MAX_RISE = 3.0  # factor by which correcting the solver's error may raise χ² of a run; see `_without_branches`
 REFINEMENT = 2  # steps with which the solver's error is computed, over the fine ones
 MODEL_FAILS = "the model fails (it is not finite, or leaves its physical range) wherever the fit has looked"
-NEAR_EXCESS = 3.0  # a fit is close to the noise if its excess of ½χ² is below this multiple of half the sample count
-MAX_PRODUCT = 1e14  # square of a whitened column: above it rounding errors of ½χ² reach a nat
+EXCESS_SIGMAS = 2.0  # an excess of ½χ² counts beyond this many of its standard deviations under noise alone
+
+
+def remaining(excess: float, samples: int) -> float:
+    """What is left of an excess of ½χ² beyond its scatter under noise alone [nats], at least 0."""
+    return max(excess - EXCESS_SIGMAS * math.sqrt(0.5 * samples), 0.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,37 +85,6 @@ class EvaluatedFit:
         determinant is the penalty of each parameter, comparable with that of the BIC.
         """
         return -self.cost + 0.5 * log_determinant(self.fit.covariance)
-
-    @functools.cached_property
-    def left_out(self) -> np.ndarray:
-        """Log predictive density (runs,) of each fitted run from the others, in nats; see `left_out_log_density`."""
-        problem = self.fit.problem
-        prior = np.array([float(u.has_prior) for u in problem.unknowns])
-        return left_out_log_density(self.equations, self.fit.x, prior, problem.bench.count)
-
-    def excess_with(self, columns: Sequence[Mapping[str, np.ndarray]] | None) -> float:
-        """The excess of ½χ² that is left where further columns and all unknowns are adjusted, linearly.
-
-        Args:
-            columns: by fitted run and signal (samples, k) in SI, each with a standard normal prior; None for no column.
-
-        Where a column is so large that rounding errors would decide, none of them counts.
-        """
-        if columns is None:
-            return self.excess
-        problem, fit = self.fit.problem, self.fit
-        total, own = 0.0, len(problem.bench.of_runs)
-        for run, outcome, further in zip(problem.model().runs, fit.outcomes, columns, strict=True):
-            rows, _ = run_columns(problem.campaign, run, outcome, problem.unknowns, problem.bench, further)
-            total = total + run_equations(rows, own).gram
-        if not np.diag(total).max() < MAX_PRODUCT:
-            return self.excess
-        prior = np.array([float(u.has_prior) for u in problem.unknowns])
-        weights = np.concatenate([prior, np.ones(len(total) - 1 - len(prior))])
-        right = total[:-1, -1] - np.concatenate([prior * fit.x, np.zeros(len(weights) - len(prior))])
-        best = right @ regularised_inverse(total[:-1, :-1] + np.diag(weights)) @ right
-        cost = 0.5 * (total[-1, -1] + prior @ np.square(fit.x) - best)
-        return float(cost) - 0.5 * self.samples
 
     def run_residuals(self, runs: Iterable[BenchRun]) -> list[np.ndarray]:
         """The residuals of the given runs, one array for each run and signal."""

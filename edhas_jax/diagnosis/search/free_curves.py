@@ -18,13 +18,12 @@ from edhas_jax.diagnosis.laws.curve_start import start_from_nothing
 from edhas_jax.diagnosis.laws.deviation import Columns, added_slopes, curve_term
 from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.law_samples import LawSamples, samples_at_slots
+from edhas_jax.diagnosis.search.candidate_fit import fit_with_candidate
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
-from edhas_jax.diagnosis.search.decision_rules import MIN_GAIN
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.free_term import score_free_term
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
-from edhas_jax.diagnosis.search.trial import Trial, try_candidate
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.time_resolution import TimeResolution
@@ -33,6 +32,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 SAME_TERMS = {"mover_friction": "mover_force", "cylinder_friction_force": "cylinder_force"}
 # curves that are simulated together: more save compilation, fewer the time of each step
 GROUP = 4
+MIN_GAIN = 12.0  # nats: the best of some fifty curves gains less by chance
 MIN_LEFT_SHARE = 0.05  # of the excess of ½χ², by which a further curve has to raise the log-evidence
 FIT_STEPS = 60  # maximum number of Levenberg-Marquardt steps of each fit with several curves
 MOST_CURVES = 3
@@ -89,7 +89,7 @@ def curves_with_slopes(fit: Fit, report: Report) -> Iterator[tuple[CurveCandidat
 def add_curves_in_turn(
     evaluated: EvaluatedFit, accepted: Sequence[Candidate], resolution: TimeResolution, most: int = MOST_CURVES,
     on_progress: Report | None = None,
-) -> list[Trial]:  # fmt: skip
+) -> list[tuple[CurveCandidate, EvaluatedFit]]:  # fmt: skip
     """Add free curves to a fitted model, each where it explains most, until one explains little.
 
     Args:
@@ -100,23 +100,25 @@ def add_curves_in_turn(
         on_progress: called with a sentence on the progress.
 
     Returns:
-        The trials with one, two, … curves, in the order in which these were added; their candidates are the curves.
+        The curves in the order in which they were added, each with the fit of the model that has it and those before.
     """
     report = on_progress or (lambda sentence: None)
-    mounted, trials = list(accepted), []
-    while len(trials) < most:
+    mounted, found = list(accepted), []
+    while len(found) < most:
         scores = score_free_curves(ScoreTest(evaluated.fit, mounted), evaluated.fit, report)
         # far from the noise a linear prediction is far too small, so that it decides only where it is tiny
         if not scores or not scores[0].predicted_gain >= MIN_GAIN:
             break
-        report(f"fitting {scores[0].candidate.text}")
-        trial = try_candidate(evaluated, mounted, scores[0], resolution, FIT_STEPS)
-        if trial.evaluated is None or not trial.log_evidence_gain >= max(MIN_GAIN, MIN_LEFT_SHARE * evaluated.excess):
+        curve = scores[0].candidate
+        report(f"fitting {curve.text}")
+        fitted = fit_with_candidate(evaluated, mounted, scores[0], resolution, FIT_STEPS)
+        least = max(MIN_GAIN, MIN_LEFT_SHARE * evaluated.excess)
+        if fitted is None or not fitted.log_evidence - evaluated.log_evidence >= least:
             break
-        trials.append(trial)
-        mounted.append(trial.candidate)
-        evaluated = trial.evaluated
-    return trials
+        found.append((curve, fitted))
+        mounted.append(curve)
+        evaluated = fitted
+    return found
 
 
 def _id_at(place: LawPlace) -> str:

@@ -24,6 +24,16 @@ class FreeTerm(Candidate):
     place: LawPlace = LawPlace("", "")
     spread: float = 1.0
 
+    @property
+    def text(self) -> str:
+        """Where the term acts and on what it depends, in words."""
+        raise NotImplementedError
+
+    @property
+    def title(self) -> str:
+        """See `Candidate.title`."""
+        return self.text
+
 
 def score_free_term(test: ScoreTest, term: FreeTerm, slopes: Sequence[Mapping[str, np.ndarray]]) -> Score:
     """The score test of a free term, with a prior as wide as the data demand.

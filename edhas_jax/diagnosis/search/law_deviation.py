@@ -28,7 +28,6 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 
 DEVIATION_SHARE = 0.5  # prior standard deviation of the deviation at a node, over the largest magnitude of the law
-NODE_COST = 2.0  # nats that each value of a deviation costs
 # a law that changes that fast, in shares of the range of its variable, as a friction around standstill does, gets so
 # many nodes for its deviation, clustered that much around zero
 STEEP_SPACING, STEEP_NODES, STEEP_CLUSTERING = 0.02, 13, 6.0
@@ -134,8 +133,3 @@ def _scaled(slopes: Sequence[Mapping[str, np.ndarray]], factor: float) -> list[d
 
 def _effect_of(fit: Fit, candidate: Candidate) -> Effect:
     return next(effect for effect in fit.machine.effects if effect.id == candidate.id)
-
-
-def deviation_cost(columns: Sequence[Mapping[str, np.ndarray]] | None) -> float:
-    """What the values of some deviations cost in log-evidence [nats]; 0 for None."""
-    return NODE_COST * max((rows.shape[1] for run in columns or () for rows in run.values()), default=0)

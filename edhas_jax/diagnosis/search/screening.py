@@ -8,7 +8,7 @@ by the rows of the prior,
 
 where E is the part of the signature that no fitted parameter can reproduce, and `fall` the predicted fall of χ² after
 the parameters have been refitted. The prediction is linear in the size of the candidate, and a wrong model biases the
-parameters, so it only ranks candidates for trials; refits decide.
+parameters, so it only ranks candidates and starts their fits.
 
 Source: Rao's score test, with signatures of finite size because local derivatives mislead where effects are nonlinear.
 """
@@ -16,7 +16,7 @@ Source: Rao's score test, with signatures of finite size because local derivativ
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -30,7 +30,6 @@ from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
-MIN_RELATIVE_EIGENVALUE = 1e-2  # of the largest: smaller ones are differences of nearly equal signatures
 MIN_PROJECTED_SHARE = 1e-12  # of a signature's square: below it the projection leaves only rounding errors
 MAX_SCALE, MIN_SCALE = 4.0, 0.25  # scale factors of a signature beyond which another grid point is nearer
 EXPONENTS = 0.5, 2.0  # smallest and largest magnitude of the power with which a signature grows
@@ -43,8 +42,7 @@ class Score:
     Args:
         candidate: what was tested.
         chi_square_fall: predicted fall of χ² (chi-square scale), 0 where none is predicted.
-        x: coordinates (n,) of its unknowns, the size scaled to the predicted optimum; start of a trial.
-        direction: projected signature (m,) of unit length, over all samples and the rows of the prior.
+        x: coordinates (n,) of its unknowns, the size scaled to the predicted optimum.
         exponent: power of its first unknown with which the signature grows; negative where a stiffness, for example,
             makes the candidate vanish as it grows.
         point: the grid point (n,) itself, with the size that was simulated; None where there is no grid.
@@ -53,7 +51,6 @@ class Score:
     candidate: Candidate
     chi_square_fall: float
     x: np.ndarray
-    direction: np.ndarray
     exponent: float = 1.0
     point: np.ndarray | None = None
 
@@ -86,25 +83,15 @@ class ScoreTest:
     Args:
         fit: the calibrated model, with the outcomes and sensitivities of its runs.
         accepted: candidates that are mounted in that model already.
-        more: further columns that the model can adjust, by run and signal (samples, k) in SI, with a standard normal
-            prior each; none by default.
-        earlier: a test of the same runs with fewer accepted candidates, whose signatures are used until `refresh`
-            simulates them again; a candidate that is mounted changes those of the others little in most cases.
     """
 
-    def __init__(
-        self, fit: Fit, accepted: Sequence[Candidate], more: Sequence[Mapping[str, np.ndarray]] | None = None,
-        earlier: "ScoreTest | None" = None,
-    ):  # fmt: skip
+    def __init__(self, fit: Fit, accepted: Sequence[Candidate]):
         self._fit, self._accepted = fit, tuple(accepted)
         self._model, self._campaign = fit.problem.model(), fit.problem.campaign
-        self._changes: dict[Candidate, list[list[dict[str, np.ndarray]]]] = {}
-        self._earlier, self._refreshed = earlier, set()
         problem, columns = fit.problem, []
         self._valid = [np.isfinite(self._whitened_run(r, run.signals)) for r, run in enumerate(self._model.runs)]
-        for r, (run, outcome) in enumerate(zip(self._model.runs, fit.outcomes, strict=True)):
-            further = None if more is None else more[r]
-            columns.append(run_columns(self._campaign, run, outcome, problem.unknowns, problem.bench, further)[0])
+        for run, outcome in zip(self._model.runs, fit.outcomes, strict=True):
+            columns.append(run_columns(self._campaign, run, outcome, problem.unknowns, problem.bench)[0])
         prior = np.array([float(u.has_prior) for u in problem.unknowns])
         own, samples = len(problem.bench.of_runs), sum(len(rows) for rows in columns)
         shared = columns[0].shape[1] - own - 1
@@ -126,7 +113,19 @@ class ScoreTest:
 
     def score(self, candidate: Candidate) -> Score:
         """The score at the best grid point; its fall of χ² is 0 where the model fails or no fall is predicted."""
-        return self._score_grid(candidate)[0]
+        unknowns = candidate.unknowns(self._campaign)
+        points = screening_grid(unknowns)
+        found = [(x, row) for x, row in zip(points, self._projected(candidate, points), strict=True) if row is not None]
+        exponent = _size_exponent(unknowns, found)
+        best = Score(candidate, 0.0, points[0], exponent)
+        for x, projected in found:
+            square, overlap = projected @ projected, projected @ self.residual
+            scale = np.clip(overlap / square, 0.0, MAX_SCALE)
+            fall = scale * (2.0 * overlap - scale * square)
+            if fall > best.chi_square_fall:
+                start = with_scaled_size(unknowns, x, max(scale, MIN_SCALE), exponent)
+                best = Score(candidate, float(fall), start, exponent, x)
+        return best
 
     def score_columns(self, candidate: Candidate, columns: Sequence[Mapping[str, np.ndarray]]) -> Score:
         """The score of a candidate that is linear in its unknowns, each with a standard normal prior.
@@ -139,13 +138,11 @@ class ScoreTest:
         rows = [self._whitened_run(r, run)[self._valid[r]] for r, run in enumerate(columns)]
         stacked = np.concatenate([*rows, np.zeros((self._prior_rows, count))])
         if not (np.abs(stacked) < OVERFLOW_LIMIT).all():
-            return Score(candidate, 0.0, np.zeros(count), np.zeros(len(self.residual)))
+            return Score(candidate, 0.0, np.zeros(count))
         projected = stacked - self._sensitivity_basis @ (self._sensitivity_basis.T @ stacked)
         overlap = projected.T @ self.residual
         x = regularised_inverse(projected.T @ projected + np.eye(count)) @ overlap
-        change = projected @ x
-        direction = change / max(float(np.linalg.norm(change)), np.finfo(float).tiny)
-        return Score(candidate, float(overlap @ x), x, direction)
+        return Score(candidate, float(overlap @ x), x)
 
     def signatures(self, candidate: Candidate) -> Signatures:
         """The whitened signatures of a candidate at its grid points."""
@@ -169,51 +166,6 @@ class ScoreTest:
             lengths += list(np.add.reduceat(valid.astype(int), starts))
         return np.cumsum(lengths)
 
-    def projected_residual(self) -> np.ndarray:
-        """The residual (m,) without the part that the fitted parameters can still reproduce."""
-        return self.residual - self._sensitivity_basis @ (self._sensitivity_basis.T @ self.residual)
-
-    def projected_signatures(self, candidate: Candidate) -> list[np.ndarray]:
-        """The projected signatures (m,) of a candidate, one for each grid point that has one."""
-        return self._score_grid(candidate)[1]
-
-    def joint_scores(self, candidates: Iterable[Candidate]) -> tuple[list[Score], float, int]:
-        """Score candidates separately and jointly.
-
-        Returns:
-            The scores, the largest fall first, the predicted fall of χ² of the best linear combination of the
-            signatures of all candidates at all their grid points, and the number of directions of these.
-        """
-        scores, unit_signatures = [], []
-        for candidate in candidates:
-            score, projected = self._score_grid(candidate)
-            scores.append(score)
-            unit_signatures += [row / np.linalg.norm(row) for row in projected]
-        scores.sort(key=lambda score: -score.chi_square_fall)
-        if not unit_signatures:
-            return scores, 0.0, 0
-        stack = np.array(unit_signatures)
-        eigenvalues, vectors = np.linalg.eigh(stack @ stack.T)
-        ok = eigenvalues > MIN_RELATIVE_EIGENVALUE * eigenvalues[-1]
-        falls = np.square(vectors[:, ok].T @ (stack @ self.residual)) / eigenvalues[ok]
-        return scores, float(np.sum(falls)), len(falls)
-
-    def _score_grid(self, candidate: Candidate) -> tuple[Score, list[np.ndarray]]:
-        """The score of a candidate, and its projected signatures at all grid points that have one."""
-        unknowns = candidate.unknowns(self._campaign)
-        points = screening_grid(unknowns)
-        found = [(x, row) for x, row in zip(points, self._projected(candidate, points), strict=True) if row is not None]
-        exponent = _size_exponent(unknowns, found)
-        best = Score(candidate, 0.0, points[0], np.zeros(len(self.residual)), exponent)
-        for x, projected in found:
-            square, overlap = projected @ projected, projected @ self.residual
-            scale = np.clip(overlap / square, 0.0, MAX_SCALE)
-            fall = scale * (2.0 * overlap - scale * square)
-            if fall > best.chi_square_fall:
-                start = with_scaled_size(unknowns, x, max(scale, MIN_SCALE), exponent)
-                best = Score(candidate, float(fall), start, projected / np.sqrt(square), exponent, x)
-        return best, [projected for _, projected in found]
-
     def _projected(self, candidate: Candidate, points: np.ndarray) -> list[np.ndarray | None]:
         """The part of each signature orthogonal to the sensitivities; None where not finite or mere rounding."""
         signatures = np.array(self._signatures(candidate, points)).T
@@ -225,10 +177,6 @@ class ScoreTest:
         usable = finite & (kept > MIN_PROJECTED_SHARE * squares)
         return [column if ok else None for column, ok in zip(projected.T, usable, strict=True)]
 
-    def refresh(self, candidate: Candidate) -> None:
-        """Simulate the signatures of a candidate anew instead of taking those of the earlier test."""
-        self._refreshed.add(candidate)
-
     def _signatures(self, candidate: Candidate, points: np.ndarray) -> list[np.ndarray]:
         """The whitened change of the signals by a candidate at each grid point, zero in the rows of the priors."""
         rows, out = np.zeros(self._prior_rows), []
@@ -238,20 +186,14 @@ class ScoreTest:
                 out.append(np.concatenate([*parts, rows]))
         return out
 
-    def _changes_of(self, candidate: Candidate, points: np.ndarray) -> list[list[dict[str, np.ndarray]]]:
+    def _changes_of(self, candidate: Candidate, points: np.ndarray) -> Iterator[list[dict[str, np.ndarray]]]:
         """The change of the signals by a candidate, for each grid point and run (samples,) by signal, SI."""
-        if self._earlier is not None and candidate not in self._refreshed:
-            return self._earlier._changes_of(candidate, points)
-        if candidate not in self._changes:
-            simulate = self._with_sensor_fault if candidate.signal is not None else self._with_effect
-            self._changes[candidate] = [
-                [
-                    {n: found[n] - self._baseline[r].values[n] for n in self._model.runs[r].signals}
-                    for r, found in enumerate(signals)
-                ]
-                for signals in simulate(candidate, points)
+        simulate = self._with_sensor_fault if candidate.signal is not None else self._with_effect
+        for signals in simulate(candidate, points):
+            yield [
+                {n: found[n] - self._baseline[r].values[n] for n in self._model.runs[r].signals}
+                for r, found in enumerate(signals)
             ]
-        return self._changes[candidate]
 
     def _whitened_run(self, r: int, signals: Mapping[str, np.ndarray]) -> np.ndarray:
         """The signals of a run, whitened and concatenated in the order in which it records them."""

@@ -20,9 +20,7 @@ from edhas_jax.diagnosis.likelihood.time_correction import (
     with_clock_error,
     with_corrected_time,
 )
-from edhas_jax.diagnosis.search.decision_rules import remaining
-from edhas_jax.diagnosis.search.evaluated_fit import NEAR_EXCESS, EvaluatedFit, fit_coarse, with_solver_error
-from edhas_jax.diagnosis.search.local_minima import fit_across_minima
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 # maximum number of steps of a fit after the data were corrected, and of one that refines another fit
@@ -168,31 +166,3 @@ def without_wrong_samples(settled: EvaluatedFit, resolution: TimeResolution) -> 
         return fit_coarse(problem, settled.fit.x, resolution.coarse, CORRECTION_STEPS)
     except FitError:
         return settled
-
-
-def refine_fit(found: EvaluatedFit, resolution: TimeResolution) -> EvaluatedFit:
-    """Correct the time-step error of a fit that is close to the noise; if a misfit remains, look for a lower minimum.
-
-    Args:
-        found: a fit.
-        resolution: coarse and fine time steps per sample.
-
-    Returns:
-        The fit with the smallest ½χ² of all that were made; `found` itself if none is better.
-    """
-    best = _with_own_solver_error(found, resolution)
-    if not remaining(best.excess, best.samples):
-        return best
-    across = fit_across_minima(best, resolution.coarse)
-    return best if across is best else min(best, _with_own_solver_error(across, resolution), key=_excess)
-
-
-def _with_own_solver_error(found: EvaluatedFit, resolution: TimeResolution) -> EvaluatedFit:
-    """Refit with the solver error at the fit; unchanged if it is far from the noise or the new one is no better."""
-    if found.excess > NEAR_EXCESS * 0.5 * found.samples:
-        return found
-    return min(found, with_solver_error(found, resolution, REFINEMENT_STEPS), key=_excess)
-
-
-def _excess(of: EvaluatedFit) -> float:
-    return of.excess

@@ -1,1 +1,1 @@
-"""Probabilities of sets of effects. Unfinished: `edhas diagnose` does not use it yet, but `diagnosis.search`."""
+"""The search for sets of effects that a model lacks: their probabilities, and the diagnosis that follows."""

@@ -3,22 +3,15 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable
 
-from edhas_jax.core.runtime import single_threaded_algebra
-from edhas_jax.diagnosis.search.answer import NOTHING, UNKNOWN
-from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
+from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.search.free_term import FreeTerm
-from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
-from edhas_jax.diagnosis.search.outcome import MUCH_LEFT
-from edhas_jax.diagnosis.sets.set_search import FittedSet, SetSearch
-from edhas_jax.diagnosis.sets.signature_table import signature_table
-from edhas_jax.machine.effects import Effect
-from edhas_jax.measurements.campaign import Campaign
-from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.diagnosis.sets.outcome import MUCH_LEFT
+from edhas_jax.diagnosis.sets.set_search import FittedSet
 
+NOTHING, UNKNOWN = "nothing", "unknown"
 COVERAGE = 0.95  # probability that a member of the set of names is right
+CONFOUNDED_ODDS = 20.0  # ratio of probabilities below which two sets are not told apart
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +23,11 @@ class SetPosterior:
     """
 
     sets: tuple[FittedSet, ...]
+
+    @property
+    def best(self) -> FittedSet:
+        """The most probable set."""
+        return self.sets[0]
 
     @functools.cached_property
     def weights(self) -> tuple[float, ...]:
@@ -68,6 +66,41 @@ class SetPosterior:
             left = [(names, weight) for names, weight in left if chosen[-1] not in names]
         return tuple(chosen)
 
+    @property
+    def near(self) -> tuple[FittedSet, ...]:
+        """The sets that the measurements do not tell from the best one, this one first."""
+        least = self.best.log_weight - math.log(CONFOUNDED_ODDS)
+        return tuple(of for of in self.sets if of is self.best or of.log_weight > least)
+
+    def alternatives(self, candidate: Candidate) -> tuple[Candidate, ...]:
+        """The candidates that can take the place of a member of the best set, the most probable first."""
+        others = self.best.key - {candidate.name}
+        exchanged = [of for of in self.near if len(of.key) == len(self.best.key) and others < of.key]
+        found = [c for of in exchanged for c in of.members if c.name not in self.best.key]
+        return tuple(c for c in found if not isinstance(c, FreeTerm))
+
+    def best_with(self, candidate: Candidate) -> FittedSet:
+        """The most probable set that holds a candidate."""
+        return next(of for of in self.sets if candidate.name in of.key)
+
+    def evidence(self, candidate: Candidate) -> float:
+        """The log weight [nats] of the best set with a candidate, less that of the best one without it."""
+        without = next((of.log_weight for of in self.sets if candidate.name not in of.key), -math.inf)
+        return self.best_with(candidate).log_weight - without
+
+    def candidates(self) -> list[tuple[Candidate, float]]:
+        """The effects and sensor faults of all fitted sets with their probabilities, the most probable first."""
+        found = {c.name: c for of in self.sets for c in of.members if not isinstance(c, FreeTerm)}
+        return sorted(((c, self.probabilities[n]) for n, c in found.items()), key=lambda item: -item[1])
+
+    def locations(self) -> dict[str, float]:
+        """The probability that something is missing in a component of the machine, the largest first."""
+        found: dict[str, float] = {}
+        for of, weight in zip(self.sets, self.weights, strict=True):
+            for place in {c.location for c in of.members}:
+                found[place] = found.get(place, 0.0) + weight
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
 
 def labels(of: FittedSet) -> tuple[str, ...]:
     """The names of the effects and faults of a set, and `UNKNOWN` for a free term.
@@ -77,28 +110,3 @@ def labels(of: FittedSet) -> tuple[str, ...]:
     leaves_much = of.excess > 0.5 * (MUCH_LEFT**2 - 1.0) * of.samples
     of_empty = UNKNOWN if leaves_much else NOTHING
     return tuple(UNKNOWN if isinstance(c, FreeTerm) else c.name for c in of.members) or (of_empty,)
-
-
-@single_threaded_algebra
-def posterior_over_sets(
-    campaign: Campaign, library: Iterable[type[Effect]] | None = None, more: Iterable[type[Effect]] = (),
-    on_progress: Callable[[str], None] | None = None,
-) -> SetPosterior:  # fmt: skip
-    """Calibrate the model of a campaign and search for the sets of effects and sensor faults that it may lack.
-
-    Args:
-        campaign: measurements, model, prior of the uncertain parameters, and noise of the sensors.
-        library: effect classes to consider, all of the library by default; sensor faults are always considered.
-        more: effect classes of the user's own.
-        on_progress: called with a sentence on the progress.
-
-    Raises:
-        FitError: there is nothing to fit, or the model cannot be fitted.
-    """
-    report = on_progress or (lambda sentence: None)
-    campaign, _ = split_for_holdout(checked_campaign(campaign))
-    calibrated, resolution = calibrate(campaign, report)
-    fitted = calibrated.fit.problem
-    candidates = candidates_for(campaign, fitted.machine, fitted.instruments, more, library)
-    table = signature_table(calibrated.fit, candidates, report)
-    return SetPosterior(tuple(SetSearch(calibrated, table, resolution, report).run()))

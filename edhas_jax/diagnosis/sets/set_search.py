@@ -20,9 +20,12 @@ Source: Student distribution in place of a normal one for model error: Miller an
 1113 (coarsened posterior); average over sets: Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535.
 """
 
+import collections
+import copy
 import dataclasses
+import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,13 +34,16 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.symmetric_matrices import inverse_factor
 from edhas_jax.diagnosis.search.calibrated_model import PROGRESSIVE_EXCESS
 from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
+from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.evaluated_fit import COST_TOLERANCE, EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.law_deviation import law_deviation_columns
 from edhas_jax.diagnosis.search.local_minima import fit_progressively
 from edhas_jax.diagnosis.search.screening import MAX_SCALE, MIN_SCALE, Signatures, with_scaled_size
+from edhas_jax.diagnosis.sets.finished_stage import BEST, CALIBRATED, stage_sentence
 from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel, floor_of, noise_level
 from edhas_jax.diagnosis.sets.signature_table import FreeSlopes, SignatureTable
+from edhas_jax.diagnosis.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 FREEDOMS = 30.0  # α: a misfit that a law leaves has about as many free numbers as two or three curves
@@ -46,6 +52,7 @@ UNKNOWN_ODDS = 0.15  # odds that it hides one that no list has, over all places 
 MOST_NAMED = 3  # of a set, beside at most one free curve
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
+LAWS_TRIED = 3  # effects at the place of a free term whose law that may be, fitted whatever is predicted
 SMALL_SIZE = 0.1  # of a cause where its predicted size ends above the set without it
 PREDICTION_ERROR = 0.5 * FREEDOMS  # nats: a signature may predict e times the misfit that a fit leaves
 KEPT_PROMISE = 0.5  # of a predicted gain: a fit that gains less probably ended elsewhere; another start is tried
@@ -102,7 +109,6 @@ class FittedSet:
         members: effects, sensor faults and free terms.
         evaluated: the fit.
         model: the linear model around it.
-        floor: the floor of predictions.
         misfit: see `FlooredModel`, without a floor.
         numbers: the same.
         excess: the same.
@@ -115,7 +121,6 @@ class FittedSet:
     members: tuple[Candidate, ...]
     evaluated: EvaluatedFit
     model: LinearModel
-    floor: Floor
     misfit: float
     numbers: float
     excess: float
@@ -130,7 +135,32 @@ class FittedSet:
         return frozenset(candidate.name for candidate in self.members)
 
     def __str__(self) -> str:
-        return " + ".join(sorted(self.key)) or "nothing"
+        return " + ".join(sorted(candidate.title for candidate in self.members)) or "nothing"
+
+
+class Job(NamedTuple):
+    """The fit of a set.
+
+    Args:
+        members: its members.
+        starts: where it may start.
+        enough: misfit [nats] from which no further start is tried.
+        small: the start that follows where that ends above `known`, the misfit of a smaller set; None for no such one.
+        known: see `small`.
+        move: the move that leads to it; None for another one.
+    """
+
+    members: tuple[Candidate, ...]
+    starts: Sequence[Start]
+    enough: float = -math.inf
+    small: Start | None = None
+    known: float = math.inf
+    move: Move | None = None
+
+    @property
+    def key(self) -> frozenset[str]:
+        """The names of the members."""
+        return frozenset(candidate.name for candidate in self.members)
 
 
 class Scaled(NamedTuple):
@@ -197,9 +227,17 @@ class SetSearch:
         table: the signatures of all causes there.
         resolution: coarse and fine time steps per sample.
         report: called with a sentence on the progress.
+        checkpoint: keeps the coordinates of finished fits; None keeps none.
+        prefix: of their names in it.
+        workers: processes for the fits of a round; None for this one.
     """
 
-    def __init__(self, calibrated: EvaluatedFit, table: SignatureTable, resolution: TimeResolution, report: Report):
+    def __init__(
+        self, calibrated: EvaluatedFit, table: SignatureTable, resolution: TimeResolution, report: Report,
+        checkpoint: Checkpoint | None = None, prefix: str = "", workers: Workers | None = None,
+    ):  # fmt: skip
+        self._checkpoint, self._prefix, self._workers = checkpoint or Checkpoint(), prefix, workers
+        self._times: collections.Counter[frozenset[str]] = collections.Counter()  # how often each set was fitted
         self._base, self._table, self._resolution, self._report = calibrated, table, resolution, report
         self.weight = Weighing(table)
         self.sets: dict[frozenset[str], FittedSet] = {}
@@ -214,14 +252,13 @@ class SetSearch:
             moves, dropped = self._moves(best), self._smaller(best)
             if not moves and not dropped:
                 break
-            for move in moves:
-                if self.weight.predicted(move) > self.weight.of(self.ranked()[0]) - PREDICTION_ERROR:
-                    self._add(self._fit_move(move), move.key)
-            for members in dropped:
-                starts = self._starts(members, best, {}, 0)
-                self._add(self._best_of(members, starts, best.misfit), frozenset(c.name for c in members))
+            jobs = [self._job(move) for move in moves]
+            jobs += [Job(members, self._starts(members, best, {}, 0), best.misfit) for members in dropped]
+            for job, found in self._fits(jobs):
+                self._add(found, job.key)
             self._let_compete()
-            self._report(f"best so far: {self.ranked()[0]}")
+            best = self.ranked()[0]
+            self._report(stage_sentence(f"{BEST}{best}" if best.members else CALIBRATED, best.evaluated))
         for of in self.sets.values():
             of.log_weight = self.weight.of(of)
         return self.ranked()
@@ -245,14 +282,25 @@ class SetSearch:
                 of.moves = self._predicted_moves(of)
         known, found = set(self.sets) | self._failed, {}
         every = (move for of in self.sets.values() for move in of.moves or ())
-        reached = self.weight.of(best)
-        for predicted, move in sorted(((self.weight.predicted(m), m) for m in every), key=lambda row: -row[0]):
+        ranked = sorted(filter(self._is_allowed, every), key=lambda move: -self.weight.predicted(move))
+        for move in ranked:
             # a further effect has to promise something; another first one, or an exchange, only to come near
-            least = reached - (0.0 if move.to is best and best.members else WINDOW)
-            if predicted > least and move.key not in known and self._is_allowed(move):
+            least = self.weight.of(best) - (0.0 if move.to is best and best.members else WINDOW)
+            if self.weight.predicted(move) > least and move.key not in known:
                 found.setdefault(move.key, move)
         curves = [move for move in found.values() if isinstance(move.added, FreeTerm)]
-        return [m for m in found.values() if not isinstance(m.added, FreeTerm) or m is curves[0]][:REFITTED]
+        chosen = [m for m in found.values() if not isinstance(m.added, FreeTerm) or m is curves[0]][:REFITTED]
+        laws = [move for move in ranked if self._may_be_law(move, best)][:LAWS_TRIED]
+        return chosen + [move for move in laws if move.key not in known and move not in chosen]
+
+    @staticmethod
+    def _may_be_law(move: Move, best: FittedSet) -> bool:
+        """Whether a move exchanges the free term of the best set for an effect at the same place.
+
+        The curve may be the law of that effect, however little its signature at another size predicts.
+        """
+        free = next((c for c in best.members if isinstance(c, FreeTerm)), None)
+        return free is not None and move.to.key == best.key - {free.name} and move.added.location == free.location
 
     @staticmethod
     def _is_allowed(move: Move) -> bool:
@@ -274,23 +322,66 @@ class SetSearch:
             if waiting is None or len(near) < 2:
                 return
             start, waiting.untried = waiting.untried[0], waiting.untried[1:]
-            found = self._fitted(waiting.members, start)
+            ((_, found),) = self._fits([Job(waiting.members, [start])])
             if found is not None and found.misfit < waiting.misfit:
                 found.untried = waiting.untried
                 self._add(found, found.key)
 
-    def _fit_move(self, move: Move) -> FittedSet | None:
-        self._report(f"fitting {' + '.join(sorted(move.key))}")
+    def _fits(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, FittedSet | None]]:
+        """The best fit of each of several sets, None where the model fails; kept ones are only evaluated again.
+
+        Moves that promise too little when it is their turn are left out.
+        """
+        stages = [self._stage(job) for job in jobs]
+        kept = [self._checkpoint.recall(stage) for stage in stages]
+        waiting, at_once = [k for k, known in enumerate(kept) if known is None], {}
+        if self._workers is not None and waiting:
+            self._report(f"on the workers: {', '.join(' + '.join(sorted(jobs[k].key)) for k in waiting)}")
+            calls = [(self._for_workers(), jobs[k]._replace(move=None)) for k in waiting]
+            at_once = dict(zip(waiting, self._workers.map(_best_fit, calls), strict=True))
+        for k, (job, known) in enumerate(zip(jobs, kept, strict=True)):
+            best = self.ranked()[0]
+            if job.move is not None and not (self._is_promising(job.move) or self._may_be_law(job.move, best)):
+                continue
+            if known is not None:
+                tried, arrays = known
+                found = self._fitted(job.members, Start(arrays["x"]), 0) if arrays else None
+                if found is not None:
+                    found.untried = list(job.starts[tried:])
+                yield job, found
+                continue
+            if k not in at_once:
+                self._report(f"fitting {' + '.join(sorted(job.key)) or 'nothing'}")
+            found = at_once[k] if k in at_once else self.best_fit(job)
+            tried = 0 if found is None else len(job.starts) - len(found.untried)
+            self._checkpoint.keep(stages[k], tried, {} if found is None else {"x": found.evaluated.fit.x})
+            yield job, found
+
+    def _is_promising(self, move: Move) -> bool:
+        return self.weight.predicted(move) > self.weight.of(self.ranked()[0]) - PREDICTION_ERROR
+
+    def _stage(self, job: Job) -> str:
+        """The name of a fit in the checkpoint, from the names of the members and how often they were fitted before."""
+        self._times[job.key] += 1
+        names = hashlib.sha256(" + ".join(sorted(job.key)).encode()).hexdigest()[:16]
+        return f"{self._prefix}set_{names}_{self._times[job.key]}"
+
+    def _for_workers(self) -> "SetSearch":
+        """The search with what a fit needs, to be sent to another process."""
+        small, best = copy.copy(self), self.ranked()[0]
+        slim = dataclasses.replace(best, evaluated=None, model=None, moves=None, untried=[])
+        small.sets, small._table = {best.key: slim}, dataclasses.replace(self._table, candidates=(), free=())
+        small._checkpoint, small._workers, small._report = Checkpoint(), None, None
+        return small
+
+    def _job(self, move: Move) -> Job:
         members, of = (*move.to.members, move.added), move.to
         promised = of.misfit - KEPT_PROMISE * max(move.fall, 0.0)
         unknowns = move.added.unknowns(self._base.fit.problem.campaign)
         own, small = ({u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)} for x in (move.start, move.small))
         scanned = 0 if isinstance(move.added, FreeTerm) else len(unknowns)
-        found = self._best_of(members, self._starts(members, of, own, scanned), promised)
-        if found is None or found.misfit > of.misfit:  # begin where the cause is hardly felt
-            again = self._fitted(members, self._starts(members, of, small, 0)[0])
-            found = again if again is not None and (found is None or again.misfit < found.misfit) else found
-        return found
+        (hardly_felt,) = self._starts(members, of, small, 0)
+        return Job(members, self._starts(members, of, own, scanned), promised, hardly_felt, of.misfit, move)
 
     def _starts(
         self, members: tuple[Candidate, ...], of: FittedSet, own: Mapping[str, float], scanned: int
@@ -307,24 +398,27 @@ class SetSearch:
         has_minima = of.excess > PROGRESSIVE_EXCESS * noise_level(int(self._table.ends[-1]))
         return [Start(x), Start(x, scanned)] if scanned and has_minima else [Start(x)]
 
-    def _best_of(self, members: tuple[Candidate, ...], starts: Sequence[Start], promised: float) -> FittedSet | None:
-        """The best of fits from some starts, further ones of which wait where it is as good as promised."""
+    def best_fit(self, job: Job) -> FittedSet | None:
+        """The best of fits from some starts, further ones of which wait where it is good enough."""
         best = None
-        for k, start in enumerate(starts):
-            found = self._fitted(members, start)
+        for k, start in enumerate(job.starts):
+            found = self._fitted(job.members, start)
             if found is not None and (best is None or found.misfit < best.misfit):
                 best = found
-            if best is not None and best.misfit <= promised:
-                best.untried = list(starts[k + 1 :])
+            if best is not None and best.misfit <= job.enough:
+                best.untried = list(job.starts[k + 1 :])
                 break
+        if job.small is not None and (best is None or best.misfit > job.known):  # begin where the cause is hardly felt
+            again = self._fitted(job.members, job.small)
+            best = again if again is not None and (best is None or again.misfit < best.misfit) else best
         return best
 
-    def _fitted(self, members: tuple[Candidate, ...], start: Start) -> FittedSet | None:
+    def _fitted(self, members: tuple[Candidate, ...], start: Start, steps: int = FIT_STEPS) -> FittedSet | None:
         """The fit of a set; None where the model fails."""
         problem, coarse = self._problem(members), self._resolution.coarse
         try:
             if not start.scanned:
-                evaluated = fit_coarse(problem, start.x, coarse, FIT_STEPS, self._keep_on_rule(members))
+                evaluated = fit_coarse(problem, start.x, coarse, steps, self._keep_on_rule(members))
             else:
                 starts = np.array([np.zeros(len(start.x)), start.x])
                 evaluated = fit_progressively(problem, starts, start.scanned, coarse, FIT_STEPS)
@@ -332,12 +426,16 @@ class SetSearch:
             return None
         if evaluated is None:
             return None
+        found = self._weighed(members, evaluated, LinearModel(evaluated.fit, None, self._table.background))
         named = [c for c in members if not isinstance(c, FreeTerm)]
-        best = self.weight.of(self.ranked()[0])
-        is_near = self.weight.at(evaluated.cost, members) > best - PREDICTION_ERROR
-        laws = law_deviation_columns(evaluated.fit, named) if named and is_near else None
-        model = LinearModel(evaluated.fit, laws, self._table.background)
-        return self._weighed(members, evaluated, model) if model.is_finite else None
+        if found is None or not named or not self._is_near(found.misfit, members):
+            return found
+        laws = law_deviation_columns(evaluated.fit, named)
+        return self._weighed(members, evaluated, LinearModel(evaluated.fit, laws, self._table.background))
+
+    def _is_near(self, misfit: float, members: tuple[Candidate, ...]) -> bool:
+        """Whether a set with this misfit may become the best one after all."""
+        return self.weight.at(misfit, members) > self.weight.of(self.ranked()[0]) - PREDICTION_ERROR
 
     def _keep_on_rule(self, members: tuple[Candidate, ...]) -> Callable[[int, float], bool]:
         """Whether a fit goes on, asked after every step with its number and ½χ².
@@ -359,9 +457,14 @@ class SetSearch:
 
         return keep_on
 
-    def _weighed(self, members: tuple[Candidate, ...], evaluated: EvaluatedFit, model: LinearModel) -> FittedSet:
-        at, floor = model.at(Floor()), floor_of(model, self._table.ends, SIZES)
-        return FittedSet(members, evaluated, model, floor, at.misfit, at.numbers, at.excess, model.samples)
+    def _weighed(
+        self, members: tuple[Candidate, ...], evaluated: EvaluatedFit, model: LinearModel
+    ) -> FittedSet | None:
+        """A fitted set with its misfit; None where the model or a derivative is not finite at a sample."""
+        if not model.is_finite:
+            return None
+        at = model.at(Floor())
+        return FittedSet(members, evaluated, model, at.misfit, at.numbers, at.excess, model.samples)
 
     def _problem(self, members: Sequence[Candidate]) -> FitProblem:
         return with_candidates(self._base.fit.problem, members)
@@ -373,10 +476,10 @@ class SetSearch:
         counts little. The larger relative fall is taken.
         """
         plain = of.model.at(Floor())
-        scaled = [Scaled(plain, 1.0, math.inf)]
-        if of.floor.size > 0.0:
-            floored, most = of.model.at(of.floor), plain.excess + plain.squares
-            factor = of.floor.noise**2 * most / (floored.excess + floored.squares)
+        scaled, floor = [Scaled(plain, 1.0, math.inf)], floor_of(of.model, self._table.ends, SIZES)
+        if floor.size > 0.0:
+            floored, most = of.model.at(floor), plain.excess + plain.squares
+            factor = floor.noise**2 * most / (floored.excess + floored.squares)
             scaled.append(Scaled(floored, factor, most))
         moves = [self._named_move(of, found, scaled) for found in self._table.candidates]
         moves += [self._free_move(of, slopes, scaled) for slopes in self._table.free]
@@ -407,3 +510,7 @@ class SetSearch:
             found.append((by.fall(0.5 * half @ half) - 0.5 * log_information, tuple(whitening @ half)))
         fall, x = max(found)
         return Move(of, slopes.term, np.array(x), SMALL_SIZE * np.array(x), fall)
+
+
+def _best_fit(search: SetSearch, job: Job) -> FittedSet | None:
+    return search.best_fit(job)

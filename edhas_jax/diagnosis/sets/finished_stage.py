@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.measurements.campaign import Use
 
-CALIBRATED, FOUND = "calibrated", "found: "
+CALIBRATED, BEST = "calibrated", "best so far: "
 SENTENCE = re.compile(
     r"(?P<stage>.+); residual over noise (?P<fit>\S+) on the runs used(, (?P<holdout>\S+) on others)?"
 )
@@ -17,7 +17,7 @@ def stage_sentence(stage: str, model: EvaluatedFit) -> str:
     """The sentence on a finished stage.
 
     Args:
-        stage: `CALIBRATED`, or `FOUND` and the name of a candidate.
+        stage: `CALIBRATED`, or `BEST` and the names of a set.
         model: the model after it.
     """
     used, others = (model.rms_over_noise(use) for use in (Use.FIT, Use.HOLDOUT))
@@ -33,14 +33,16 @@ def read_stages(sentences: Iterable[str]) -> dict[str, dict[str, float]]:
         sentences: all that it has reported so far, among others those of `stage_sentence`.
 
     Returns:
-        The stages of its last beginning: "calibrated", and "+ NAME" for each candidate that was found.
+        The stages of its last beginning: "calibrated", and "+ NAMES" of the best set, if that has members.
     """
     stages: dict[str, dict[str, float]] = {}
     for sentence in sentences:
         if (read := SENTENCE.fullmatch(sentence)) is None:
             continue
+        values = {use: float(read[use]) for use in ("fit", "holdout") if read[use] is not None}
         if read["stage"] == CALIBRATED:
-            stages.clear()
-        name = read["stage"].replace(FOUND, "+ ", 1)
-        stages[name] = {use: float(read[use]) for use in ("fit", "holdout") if read[use] is not None}
+            stages = {CALIBRATED: values}
+        else:
+            stages = {k: v for k, v in stages.items() if k == CALIBRATED}
+            stages[read["stage"].replace(BEST, "+ ", 1)] = values
     return stages

@@ -1,35 +1,32 @@
-"""What a diagnosis has done with a candidate, how strong the evidence for it is, and when much is left: in words."""
+"""What a diagnosis says of a candidate, how strong the evidence for it is, and when much is left: in words."""
 
 import enum
 import math
 
 MUCH_LEFT = 2.0  # residual over noise: from here on a model does not describe the measurements, and the answer says so
-# log-evidence [nats] below which it is called so; a model that leaves much can gain thousands with a wrong effect
+# log evidence [nats] below which it is called so
 EVIDENCE_WORDS = ((3.0, "weak"), (12.0, "clear"), (100.0, "strong"), (math.inf, "overwhelming"))
 RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class Outcome(enum.Enum):
-    """What the search has done with a candidate."""
+    """What a diagnosis says of a candidate that it has fitted."""
 
-    MISSING = "missing"  # it is in the final model, and the verdict names it
-    POSSIBLE = "possibly missing"  # it is in the final model and more probable than not, but not clear enough to name
-    UNLIKELY = "probably not missing"  # it improves the final model, but stands in for other causes more probably
-    IMITATING = "imitates an unknown cause"  # it is in the final model, with implausible values
-    REMOVED = "removed"  # it was in the model first, and the backward pass has removed it
-    TRIED = "tried"  # it was fitted, and is not in the final model
+    MISSING = "missing"  # it is in the best set
+    POSSIBLE = "possibly missing"  # it is in a set that the measurements do not tell from the best one
+    TRIED = "tried"  # it is in less probable sets only
 
     @property
     def is_quiet(self) -> bool:
         """Whether it is shown in grey: it is probably nothing."""
-        return self in (Outcome.UNLIKELY, Outcome.REMOVED, Outcome.TRIED)
+        return self is Outcome.TRIED
 
 
 def evidence_text(gain: float) -> str:
     """How strongly the runs speak for a model with something more, in words with the rounded number.
 
     Args:
-        gain: of log-evidence [nats]; NaN or infinite where there is none.
+        gain: of log evidence or log weight [nats]; NaN or infinite where there is none.
     """
     if not math.isfinite(gain) or abs(gain) < 1.0:
         return "none"
@@ -43,3 +40,5 @@ def _rounded(value: float) -> str:
     if int(exponent) < 4:
         return f"{float(f'{value:.2g}'):g}".replace("-", "−")
     return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}".replace("-", "−")
+
+
