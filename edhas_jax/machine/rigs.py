@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar
 
+from edhas_jax.machine import metrics
 from edhas_jax.machine.components.accumulator import Accumulator
 from edhas_jax.machine.components.check_valve import CheckValve
 from edhas_jax.machine.components.coil_and_amplifier import Coil, CurrentAmplifier, VoltageAmplifier
@@ -73,6 +74,7 @@ class ActuatorBench(Rig):
 
     name: ClassVar[str] = "actuator_bench"
     slots: ClassVar[tuple] = slots.ACTUATOR_SLOTS
+    metrics: ClassVar[dict] = metrics.ELECTRICAL | metrics.TRACKING
 
     reference: SetPoint = Sine()
     supply: Supply = Supply()
@@ -108,6 +110,7 @@ class PumpBench(Rig):
 
     name: ClassVar[str] = "pump_bench"
     slots: ClassVar[tuple] = slots.PUMP_SLOTS
+    metrics: ClassVar[dict] = metrics.ELECTRICAL | metrics.TRACKING | metrics.HYDRAULIC
 
     reference: SetPoint = Sine()
     supply: Supply = Supply()
@@ -151,6 +154,7 @@ class ActuatorSystem(Rig):
 
     name: ClassVar[str] = "actuator_system"
     slots: ClassVar[tuple] = slots.SYSTEM_SLOTS
+    metrics: ClassVar[dict] = metrics.ELECTRICAL | metrics.HYDRAULIC | metrics.RESPONSE
     duration: ClassVar[float] = 0.6
 
     target: SetPoint = Step(step_size=15e-3)

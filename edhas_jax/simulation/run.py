@@ -12,11 +12,10 @@ import pandas as pd
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation import energy_balance
-from edhas_jax.simulation.metrics import Metric, compute_metrics
+from edhas_jax.simulation.metrics import MetricValue, run_metrics
 from edhas_jax.simulation.run_checks import Record, check_run, growth_at_start, step_change
 from edhas_jax.simulation.run_figure import plot_run
 from edhas_jax.simulation.run_settings import Simulation
-from edhas_jax.simulation.signal_metrics import metric_declarations, signal_metrics
 from edhas_jax.simulation.step_choice import search_accuracy, search_step, step_status
 from edhas_jax.simulation.time_loop import check_names, initial_loop_state, integrate
 from edhas_jax.simulation.validity import Status, departure
@@ -113,12 +112,10 @@ class Run:
         return Record(self.machine, self.signals, self.energy, self.volume)
 
     @property
-    def metrics(self) -> dict[str, Metric]:
-        """The metrics of the run by name, over whole cycles where the run has cycles; see `compute_metrics`."""
-        if self.machine.is_own:
-            found, about = signal_metrics(self.signals["time"], self.signals), metric_declarations(self.machine)
-            return {name: Metric(float(value), *about[name]) for name, value in found.items()}
-        return compute_metrics(self.machine, self.signals, self.energy, self.volume)
+    def metrics(self) -> dict[str, MetricValue]:
+        """The metrics of the run by name, over whole cycles where the run has cycles; see `run_metrics`."""
+        found = run_metrics(self.machine, self.signals, self.energy, self.volume)
+        return {name: MetricValue(float(value), self.machine.metrics[name]) for name, value in found.items()}
 
     def frame(self) -> pd.DataFrame:
         """The signals as a table in SI, one row per sample, indexed by time [s]; units in `frame.attrs["units"]`."""
