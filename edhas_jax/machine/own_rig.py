@@ -19,6 +19,7 @@ from edhas_jax.machine.effects.base import EffectError
 from edhas_jax.machine.effects.loading import load_user_class
 from edhas_jax.machine.effects.validation import check_derivatives, check_number, check_parameters, code_reason
 from edhas_jax.machine.interface.metrics import WholeRun
+from edhas_jax.machine.interface.slots import SLOTS
 from edhas_jax.machine.rig_base import Rig, RigError
 
 RESERVED = ("name", "rig", "effects", "parameters", "simulation", "time", "time_step")  # keys and signals of every rig
@@ -73,7 +74,7 @@ def check_rig(cls: type[Rig]) -> None:
     _check_units(cls)
     _check_numbers(cls, machine)
     _check_metrics(cls, machine)
-    for slot in cls.slots:
+    for slot in (slot for slot in cls.slots if slot.name not in SLOTS):
         for name in (part for text in slot.over for part in text.split(":")):
             if name not in cls.signals:
                 raise RigError(f"{locate(cls, slot.name)}: a curve over `{name}`, which is no signal of this rig; "

@@ -26,7 +26,7 @@ from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.deviation import AddedTerm, added_slopes
-from edhas_jax.diagnosis.laws.law_places import law_places, typical_size
+from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.law_samples import samples_at_slots
 from edhas_jax.diagnosis.search.free_term import FreeTerm, score_free_term
 from edhas_jax.diagnosis.search.screening import Score, ScoreTest
@@ -167,7 +167,7 @@ def score_memory_terms(test: ScoreTest, fit: Fit, report: Callable[[str], None])
     samples, terms = samples_at_slots(fit, [place for *_, place in kinds]), []
     for term, class_at, place in kinds:
         if (past := float(np.std(samples[place.slot].values[place.variable]))) > 0.0:
-            terms.append(term(class_at(place), None, place, typical_size(place, past)))
+            terms.append(term(class_at(place), None, place, place.declaration.typical_size / past))
     campaign = fit.problem.campaign
     found = added_slopes(fit, [AddedTerm(term.kind(), term.unknowns(campaign)) for term in terms])
     scores = []
