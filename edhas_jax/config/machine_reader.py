@@ -285,8 +285,8 @@ class MachineReader:
         """The recording in the file that a section names, in the unit of the drive."""
         keys = self.recordings[section]
         unit = m.drive_unit(section)
-        is_command = section == "reference" and unit == "V" and not m.is_own
-        gain = m.amplifier.amplifier_gain if is_command and isinstance(m.amplifier, CurrentAmplifier) else None
+        amplifier = getattr(m, "amplifier", None) if section == "reference" and unit == "V" else None
+        gain = amplifier.amplifier_gain if isinstance(amplifier, CurrentAmplifier) else None
         path = self._base_dir / keys["file"]
         between = read_between(keys["between"]) if "between" in keys else Between.LINE
         recorded = read_recording(path, keys.get("column"), keys.get("unit"), unit, gain, between)

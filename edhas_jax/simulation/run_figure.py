@@ -91,7 +91,11 @@ def _operating_point(machine: Rig) -> str:
             value = getattr(component, p.name)
             if p.name not in DETAILS and np.ndim(value) == 0 and float(value) != 0.0:
                 parts.append(f"{p.name.replace('_', ' ')} {format_quantity(float(value), p.unit)}")
-    return ", ".join(parts[:MOST_CONDITIONS]) or ("" if machine.is_own else type(machine.reference).__name__.lower())
+    return ", ".join(parts[:MOST_CONDITIONS]) or _kind_of_reference(machine)
+
+
+def _kind_of_reference(machine: Rig) -> str:
+    return type(machine.reference).__name__.lower() if hasattr(machine, "reference") else ""
 
 
 def _panels_by_unit(machine: Rig) -> list[tuple[str, list[str]]]:

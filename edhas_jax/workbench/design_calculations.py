@@ -10,6 +10,7 @@ from edhas_jax.config.machine_config import Config, read_config
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.units import display_unit, from_si
+from edhas_jax.design.batch.batch import runs_designs
 from edhas_jax.design.sweep.pareto_front import non_dominated
 from edhas_jax.design.sweep.run import open_sweep
 from edhas_jax.machine.interface.metrics import in_order, metrics_of_batch
@@ -66,7 +67,7 @@ class DesignCalculations:
         return {
             "name": config.name or config.path.stem, "rig": machine.name, "parameters": parameters,
             "effects": [effect.id for effect in machine.effects],
-            "sweepable": machine.cycle is not None or machine.is_own,
+            "sweepable": runs_designs(machine),
             "metrics": in_order(metrics_of_batch(machine), lambda name: machine.metrics[name].rank),
         }  # fmt: skip
 

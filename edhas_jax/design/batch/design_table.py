@@ -32,7 +32,7 @@ def resolve_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
     if flat in metrics or flat in signals and flat not in (p.name for p, _, _ in list_parameters(machine)):
         what = f"a metric ({metrics[flat].doc})" if flat in metrics else f"a signal ({signals[flat].doc})"
         raise ParameterError(f"is {what}, a result of a run; only parameters can be varied")
-    if flat == "ramp_time" and not machine.is_own:
+    if flat == "ramp_time" and machine.cycle is not None:
         raise ParameterError("has no effect in a sweep: every design is run to its periodic state; leave it out")
     p, path = find_parameter(machine, name)
     return p, short_names(machine)[path, p.name]

@@ -10,6 +10,7 @@ import pandas as pd
 
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError
+from edhas_jax.design.batch.batch import runs_designs
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings, derivatives_of_runs
 from edhas_jax.design.gradient.forward import forward
@@ -89,7 +90,7 @@ def gradient(
         GradientError: a name or value is wrong, or the machine has no periodic state.
     """
     metrics, names, columns = _parse_request(machine, metrics, parameters, points)
-    if machine.is_own:
+    if machine.cycle is None:
         found = derivatives_of_runs(machine, columns, names, metrics, settings)
     elif mode is Mode.FORWARD:
         found = forward(machine, columns, names, metrics, settings, on_cycle)
@@ -105,7 +106,7 @@ def _parse_request(machine: Rig, metrics, parameters, points) -> tuple[list[str]
     Raises:
         GradientError: see `gradient`.
     """
-    if machine.cycle is None and not machine.is_own:
+    if not runs_designs(machine):
         raise GradientError(f"a gradient needs a bench that is driven by a sine; this is {machine.name}")
     known = list(metrics_of_batch(machine))
     for name in metrics or ():
@@ -181,11 +182,10 @@ def _why_missing(machine: Rig, columns, point: int, metric: str, value: float, s
     """Why this derivative does not exist; empty if it does."""
     if status in _NO_DERIVATIVE:
         return f"no derivative: {REASONS[status]}"
-    if machine.is_own:
-        return "" if np.isfinite(slope) else "no derivative: it is not finite"
-    supply = columns["supply_voltage"][point] if "supply_voltage" in columns else machine.supply.supply_voltage
-    if metric == "peak_voltage" and value >= float(supply) * (1.0 - 1e-9):
-        return "no derivative: the voltage is clipped, its peak is the supply voltage"
+    if metric == "peak_voltage" and machine.cycle is not None:
+        supply = columns["supply_voltage"][point] if "supply_voltage" in columns else machine.supply.supply_voltage
+        if value >= float(supply) * (1.0 - 1e-9):
+            return "no derivative: the voltage is clipped, its peak is the supply voltage"
     return "" if np.isfinite(slope) else "no derivative: it is not finite"
 
 
