@@ -101,6 +101,7 @@ class Rig:
         signals: every signal with unit and meaning.
         slots: where effects can act.
         metrics: every metric that its runs, batches and derivatives can have.
+        panels: what the figure of a run shows, each panel a title and its signals of one unit; empty: every signal.
         time_step: the time step with which a run begins [s]; it is halved until it is small enough. The largest step
             is five times as long.
         duration: usual length of a run [s].
@@ -116,6 +117,7 @@ class Rig:
     signals: ClassVar[Mapping[str, Signal]] = SIGNALS
     slots: ClassVar[tuple[Slot, ...]] = ()
     metrics: ClassVar[Mapping[str, Metric]] = {}
+    panels: ClassVar[tuple[tuple[str, tuple[str, ...]], ...]] = ()
     time_step: ClassVar[float] = 20e-6
     duration: ClassVar[float] = 0.5
     is_own: ClassVar[bool] = False

@@ -36,7 +36,7 @@ from edhas_jax.machine.equations.outlet import outlet_rates, set_load_flow
 from edhas_jax.machine.equations.pump import pump_initial_state, pump_rates
 from edhas_jax.machine.interface import slots
 from edhas_jax.machine.interface.controller_base import Controller
-from edhas_jax.machine.interface.signals import Signals
+from edhas_jax.machine.interface.signals import PANELS, Signals
 from edhas_jax.machine.rig_base import Rig, State
 
 Amplifier = VoltageAmplifier | CurrentAmplifier
@@ -75,6 +75,7 @@ class ActuatorBench(Rig):
     name: ClassVar[str] = "actuator_bench"
     slots: ClassVar[tuple] = slots.ACTUATOR_SLOTS
     metrics: ClassVar[dict] = metrics.ELECTRICAL | metrics.TRACKING
+    panels: ClassVar[tuple] = PANELS
 
     reference: SetPoint = Sine()
     supply: Supply = Supply()
@@ -111,6 +112,7 @@ class PumpBench(Rig):
     name: ClassVar[str] = "pump_bench"
     slots: ClassVar[tuple] = slots.PUMP_SLOTS
     metrics: ClassVar[dict] = metrics.ELECTRICAL | metrics.TRACKING | metrics.HYDRAULIC
+    panels: ClassVar[tuple] = PANELS
 
     reference: SetPoint = Sine()
     supply: Supply = Supply()
@@ -155,6 +157,7 @@ class ActuatorSystem(Rig):
     name: ClassVar[str] = "actuator_system"
     slots: ClassVar[tuple] = slots.SYSTEM_SLOTS
     metrics: ClassVar[dict] = metrics.ELECTRICAL | metrics.HYDRAULIC | metrics.RESPONSE
+    panels: ClassVar[tuple] = PANELS
     duration: ClassVar[float] = 0.6
 
     target: SetPoint = Step(step_size=15e-3)

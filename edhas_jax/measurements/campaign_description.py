@@ -118,7 +118,7 @@ class CampaignDescription(ProblemList):
         data = self._data
         if self.rig is None:
             return None
-        sections = self.rig.drives if self.rig.is_own else COMPONENT_KINDS
+        sections = {**self.rig.drives, **COMPONENT_KINDS}
         config = {key: data[key] for key in ("parameters", *sections) if key in data} | {"rig": self.rig}
         for section in ("amplifier", "controller"):
             if isinstance(config.get(section), Mapping):
