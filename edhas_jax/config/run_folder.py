@@ -135,7 +135,7 @@ def _write_files(folder: Path, run: Run, figure: bool) -> None:
         units |= {prefix + n: unit for n in entries}
     pq.write_table(_table(columns, units, groups), folder / LEDGER_FILE)
     try:
-        metrics = {n: {"value": m.value, "unit": m.about.unit, "doc": m.about.doc} for n, m in run.metrics.items()}
+        metrics = {n: {"value": m.value, "unit": m.unit, "doc": m.doc} for n, m in run.metrics.items()}
     except RunTooShortError:
         metrics = {}
     validity = {"status": str(run.status), "valid": run.valid, "reason": run.reason}

@@ -27,17 +27,19 @@ from edhas_jax.machine.rigs import Rig
 
 
 class MetricValue(NamedTuple):
-    """A metric of a run: its SI value and its declaration; as text it is in the unit for display."""
+    """A metric of a run: SI value, SI unit, unit for display, meaning; as text it is in the unit for display."""
 
     value: float
-    about: Metric
+    unit: str
+    display_unit: str
+    doc: str
 
     def __str__(self) -> str:
-        return f"{self.shown()} {self.about.display_unit}".removesuffix(" -")
+        return f"{self.shown()} {self.display_unit}".removesuffix(" -")
 
     def shown(self) -> str:
         """The number in the unit for display, with five digits."""
-        return f"{from_si(self.value, self.about.unit, self.about.display_unit):.5g}"
+        return f"{from_si(self.value, self.unit, self.display_unit):.5g}"
 
 
 class RunTooShortError(ValueError):

@@ -115,7 +115,8 @@ class Run:
     def metrics(self) -> dict[str, MetricValue]:
         """The metrics of the run by name, over whole cycles where the run has cycles; see `run_metrics`."""
         found = run_metrics(self.machine, self.signals, self.energy, self.volume)
-        return {name: MetricValue(float(value), self.machine.metrics[name]) for name, value in found.items()}
+        about = self.machine.metrics
+        return {n: MetricValue(float(v), about[n].unit, about[n].display_unit, about[n].doc) for n, v in found.items()}
 
     def frame(self) -> pd.DataFrame:
         """The signals as a table in SI, one row per sample, indexed by time [s]; units in `frame.attrs["units"]`."""

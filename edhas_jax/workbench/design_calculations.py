@@ -94,8 +94,7 @@ class DesignCalculations:
         try:
             found = run.metrics
             leading = [n for n in in_order(found, lambda n: declared[n].rank) if declared[n].rank]
-            metrics = {n: float(from_si(found[n].value, declared[n].unit, declared[n].display_unit))
-                       for n in leading or found}  # fmt: skip
+            metrics = {n: float(from_si(found[n].value, *found[n][1:3])) for n in leading or found}
         except RunTooShortError:
             metrics = {}
         return {

@@ -49,7 +49,7 @@ def test_a_run_has_them_in_closed_form():
     metrics = edhas.simulate(Winding(), RATE).metrics
     found = [metrics[n].value for n in ("loss", "evenness", "stored", "half")]
     assert found == pytest.approx(closed_form(2.0), rel=2e-3), "linear between samples at a tenth of the time constant"
-    assert str(metrics["evenness"]).endswith(" %") and metrics["loss"].about.doc == "mean loss"
+    assert str(metrics["evenness"]).endswith(" %") and metrics["loss"].doc == "mean loss"
 
 
 def test_a_batch_has_those_of_each_single_run():
