@@ -72,43 +72,51 @@ class Mean:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Peak:
-    """The largest value; attributes and methods as of `Mean`."""
+    """The largest value; attributes as of `Mean`."""
 
     of: Callable[[Any, Any], Any]
 
     start = -np.inf
 
     def add(self, total, value):
+        """The total after a step, see `Mean.add`."""
         return one_sided_max(value, total)
 
     def end(self, total, share):
+        """What is taken from the total of a cycle, see `Mean.end`."""
         return total
 
     def over(self, window, values):
+        """What is taken over a window of samples, see `Mean.over`."""
         return values[window.inside].max(axis=0)
 
     def slope(self, window, values, change):
+        """The derivative of `over`, see `Mean.slope`."""
         return np.take_along_axis(change, values.argmax(axis=0)[None], axis=0)[0]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Final:
-    """The last value; attributes and methods as of `Mean`."""
+    """The last value; attributes as of `Mean`."""
 
     of: Callable[[Any, Any], Any]
 
     start = 0.0
 
     def add(self, total, value):
+        """The total after a step, see `Mean.add`."""
         return value
 
     def end(self, total, share):
+        """What is taken from the total of a cycle, see `Mean.end`."""
         return total
 
     def over(self, window, values):
+        """What is taken over a window of samples, see `Mean.over`."""
         return values[window.inside][-1]
 
     def slope(self, window, values, change):
+        """The derivative of `over`, see `Mean.slope`."""
         return change[-1]
 
 
