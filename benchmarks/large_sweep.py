@@ -29,7 +29,7 @@ from edhas_jax.design.sweep import run
 from edhas_jax.design.sweep.chunk_job import ChunkJob, ChunkResult
 from edhas_jax.design.sweep.config import load_sweep
 from edhas_jax.design.sweep.identity import device, versions
-from edhas_jax.simulation.metrics import METRICS
+from edhas_jax.machine.metrics import METRICS
 from edhas_jax.simulation.validity import Status
 
 ROOT = Path(__file__).parent.parent

@@ -23,7 +23,7 @@ from edhas_jax.compiler.loop_engine import LoopBody  # noqa: E402
 from edhas_jax.machine.effects import LugreFriction  # noqa: E402
 from edhas_jax.machine.parameters import get_parameter, set_parameters, short_names  # noqa: E402
 from edhas_jax.machine.rigs import ActuatorBench, PumpBench  # noqa: E402
-from edhas_jax.simulation.integrator import DEFAULT_STEP, step  # noqa: E402
+from edhas_jax.simulation.integrator import step  # noqa: E402
 from studies.emps.rig import LinearDrive  # noqa: E402
 from studies.mbari.rig import PowerTakeOff  # noqa: E402
 from studies.tanks.rig import TwoTanks  # noqa: E402
@@ -95,7 +95,7 @@ def _runner(machine, designs: int):
 
 def _time_step(machine) -> float:
     """The time step [s] that the rig states, or that of the package."""
-    return machine.time_step if machine.is_own else DEFAULT_STEP
+    return machine.time_step
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from edhas_jax.config.yaml_with_lines import KeyPath
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.controller_sampling import Sampled
 from edhas_jax.machine.components.controllers import OpenLoop
+from edhas_jax.machine.components.cylinder import Cylinder
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects.base import EffectError
 from edhas_jax.machine.effects.tabulated_law import table_of
@@ -31,9 +32,6 @@ def check_machine(m: Rig, given: GivenKeys, incomplete: bool) -> list[Problem]:
     Returns:
         Key and message of every problem.
     """
-    if m.is_own:
-        general = [*_check_order(m, given), *_check_tables(m, given), *_check_chirps(m, given)]
-        return general if incomplete else [*general, *_check_derivatives(m)]
     problems = [
         *_check_order(m, given), *_check_tables(m, given), *_check_cylinder(m, given), *_check_chirps(m, given),
         *_check_sampling(m, given),
@@ -65,7 +63,7 @@ def _check_tables(m: Rig, given: GivenKeys) -> Iterator[Problem]:
 
 
 def _check_cylinder(m: Rig, given: GivenKeys) -> Iterator[Problem]:
-    if hasattr(m, "cylinder") and not m.cylinder.cylinder_rod < m.cylinder.cylinder_bore:
+    if isinstance(getattr(m, "cylinder", None), Cylinder) and not m.cylinder.cylinder_rod < m.cylinder.cylinder_bore:
         names = [("cylinder", name) for name in ("cylinder_rod", "cylinder_bore")]
         key = next((given[name] for name in names if name in given), names[1])
         rod, bore = (format_quantity(x, "m") for x in (m.cylinder.cylinder_rod, m.cylinder.cylinder_bore))
@@ -73,7 +71,7 @@ def _check_cylinder(m: Rig, given: GivenKeys) -> Iterator[Problem]:
 
 
 def _check_chirps(m: Rig, given: GivenKeys) -> Iterator[Problem]:
-    for section in m.drives if m.is_own else ("reference", "target"):
+    for section in dict.fromkeys((*m.drives, "reference", "target")):
         for name in ("start_frequency", "end_frequency"):
             if getattr(getattr(m, section, None), name, 1.0) <= 0.0:
                 key = given.get((section, name), (section, name))
@@ -81,15 +79,17 @@ def _check_chirps(m: Rig, given: GivenKeys) -> Iterator[Problem]:
 
 
 def _check_sampling(m: Rig, given: GivenKeys) -> Iterator[Problem]:
-    if isinstance(m.sampling, Sampled) and m.sampling.computation_delay > m.sampling.sample_time:
+    sampling = getattr(m, "sampling", None)
+    if isinstance(sampling, Sampled) and sampling.computation_delay > sampling.sample_time:
         key = given.get(("sampling", "computation_delay"), ("sampling", "sample_time"))
-        limit = format_quantity(m.sampling.sample_time, "s")
+        limit = format_quantity(sampling.sample_time, "s")
         yield key, f"at most one sample time ({limit}) can pass from a sample to its command"
 
 
 def _check_open_loop(m: Rig, given: GivenKeys) -> Iterator[Problem]:
-    if isinstance(m.controller, OpenLoop) and not isinstance(m.reference, Recorded):
-        name = "step_size" if hasattr(m.reference, "step_size") else "amplitude"
+    reference = getattr(m, "reference", None)
+    if isinstance(getattr(m, "controller", None), OpenLoop) and not isinstance(reference, Recorded | None):
+        name = "step_size" if hasattr(reference, "step_size") else "amplitude"
         if ("reference", name) not in given:
             message = "missing; with an open-loop controller the reference is the command"
             yield ("reference", name), f"{message}, write for example `{name}: 12 V`"

@@ -80,7 +80,7 @@ class MachineReader:
         self._given: dict[tuple[str, str], KeyPath] = {}  # keys of the parameters set so far, by (path, name)
         settings, self._overrides = self._split_overrides(overrides)
         self._rig = read_rig(data.get("rig"), base_dir, self._trust, self._add)
-        known = TOP_LEVEL_KEYS if self._rig is None or not self._rig.is_own else own_keys(self._rig)
+        self._keys = known = TOP_LEVEL_KEYS if self._rig is None or not self._rig.is_own else own_keys(self._rig)
         is_unread = self._rig is None and names_own_rig(data.get("rig"))  # its drives are not known
         for key in data:
             if key not in known and not is_unread:
@@ -114,7 +114,7 @@ class MachineReader:
         if self._rig is None:
             return None
         m = self._rig()
-        for section in component_kinds(m) if m.is_own else COMPONENT_KINDS:
+        for section in (s for s in {**m.drives, **COMPONENT_KINDS} if s in self._keys):
             m = self._section(m, section)
         for read in (self._effects, self._parameters, self._apply_overrides, self._recorded_inputs):
             m = read(m)
@@ -285,8 +285,8 @@ class MachineReader:
         """The recording in the file that a section names, in the unit of the drive."""
         keys = self.recordings[section]
         unit = m.drive_unit(section)
-        is_command = section == "reference" and unit == "V" and not m.is_own
-        gain = m.amplifier.amplifier_gain if is_command and isinstance(m.amplifier, CurrentAmplifier) else None
+        amplifier = getattr(m, "amplifier", None) if section == "reference" and unit == "V" else None
+        gain = amplifier.amplifier_gain if isinstance(amplifier, CurrentAmplifier) else None
         path = self._base_dir / keys["file"]
         between = read_between(keys["between"]) if "between" in keys else Between.LINE
         recorded = read_recording(path, keys.get("column"), keys.get("unit"), unit, gain, between)

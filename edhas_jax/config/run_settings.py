@@ -26,7 +26,6 @@ SIMULATION_SETTINGS = {
 SETTING_NAMES = (*SIMULATION_SETTINGS, "precision")
 STEP_OR_ACCURACY = frozenset(("step", "accuracy"))  # only one of the two may be given
 MAX_SAMPLES = 5_000_000  # of a run; each takes about 1 kB
-UNSET_DURATION = 0.6  # s, at most
 CHECK_VALVE_PERIOD = "0.56 ms"  # of the ball of a nominal check valve on its seat
 
 
@@ -91,9 +90,8 @@ def read_settings(
     if step and rate * step > 1.0 + 1e-9:
         limit = f"at most {format_quantity(1.0 / step, 'Hz')} with a step of {format_quantity(step, 's')}"
         add(first_key("sample_rate", "step"), f"{rate_text} asks for samples between steps; {limit}")
-    unset = UNSET_DURATION if not rig.is_own else rig.duration
-    if (duration or unset) * rate > MAX_SAMPLES:
-        limit = f"a run has at most {MAX_SAMPLES:,} samples; {(duration or unset) * rate:,.0f} are asked for"
+    if (duration or rig.duration) * rate > MAX_SAMPLES:
+        limit = f"a run has at most {MAX_SAMPLES:,} samples; {(duration or rig.duration) * rate:,.0f} are asked for"
         add(first_key("sample_rate", "duration"), limit)
     if duration and duration * rate < 1.0:
         limit = f"at least {format_quantity(1.0 / rate, 's')}"
@@ -105,7 +103,7 @@ def read_settings(
 def setting_span(name: str, rig: type[Rig] = Rig) -> tuple[float, float]:
     """The smallest and the largest value (SI) of a setting; times are in proportion to the time step of the rig."""
     low, high = SIMULATION_SETTINGS[name].span
-    if not rig.is_own or name == "accuracy":
+    if name == "accuracy":
         return low, high
     scale = rig.time_step / Rig.time_step
     return (low / scale, high / scale) if name == "sample_rate" else (low * scale, high * scale)

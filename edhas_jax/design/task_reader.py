@@ -18,6 +18,7 @@ from edhas_jax.config.yaml_with_lines import (
     yaml_type,
 )
 from edhas_jax.core.trusted_code import Trust, TrustedCode
+from edhas_jax.design.batch.batch import runs_designs
 from edhas_jax.design.batch.experiment_design import Axis
 from edhas_jax.design.sweep.axes_reader import AxesReader
 from edhas_jax.design.sweep.config import SweepReader
@@ -84,7 +85,7 @@ class TaskReader(ProblemList):
             if axis.values:
                 self.add((ranges, axis.name), "a range {from: …, to: …} belongs here, not a list")
         m = self.machine
-        if m is not None and m.cycle is None and not m.is_own:
+        if m is not None and not runs_designs(m):
             key = ("base" if "base" in self.data else "machine",)
             self.add(key, f"a bench that is driven by a sine is needed; this is {m.name}")
 

@@ -129,10 +129,9 @@ def external_inputs(machine: Rig, external: Sequence[External]) -> list[External
         return [ExternalInput(name, unit, doc, configured(name)), ExternalInput(rate_name, rate_unit(unit), rate)]
 
     inputs = []
-    for name in external if machine.is_own else ():
-        about = machine.drives[name]
+    for name, about in ((n, machine.drives[n]) for n in external if n in machine.drives):
         inputs += with_rate(name, f"{name}_rate", about.unit, about.doc, name.replace("_", " "))
-    is_open = not machine.is_own and isinstance(machine.controller, OpenLoop)
+    is_open = isinstance(getattr(machine, "controller", None), OpenLoop)
     if ExternalSource.REFERENCE in external:
         quantity = "command" if is_open else "set point of the piston"
         inputs += with_rate("reference", "reference_velocity", "V" if is_open else "m", quantity, f"the {quantity}")
@@ -163,11 +162,9 @@ def connect_inputs(
         The machine with its inputs.
     """
     zero = 0.0 * input_time
-    if machine.is_own:
-        drives = {
-            n: ExternalSetPoint(value=values[n], rate=values[f"{n}_rate"], input_time=input_time) for n in external
-        }
-        return structs.replace(machine, **drives)
+    for n in (n for n in external if n in machine.drives):
+        drive = ExternalSetPoint(value=values[n], rate=values[f"{n}_rate"], input_time=input_time)
+        machine = structs.replace(machine, **{n: drive})
     if ExternalSource.REFERENCE in external:
         set_point = ExternalSetPoint(
             value=values["reference"], rate=values["reference_velocity"], input_time=input_time

@@ -150,8 +150,8 @@ def unit_program(machine: Rig, inputs: Sequence[str], largest_step: float) -> Un
     span = setting_span(STEP, type(machine))
     candidates.append(Variable(STEP, "s", "", "largest internal time step", Causality.PARAMETER, largest_step, span))
     replaced = replaced_signals(external)
-    drives = machine.drives if machine.is_own else ("reference", "target")
-    set_points = {n: getattr(machine, n, None) for n in drives if n not in replaced}
+    drives = (n for n in (*machine.drives, "reference", "target") if n not in replaced)
+    set_points = {n: getattr(machine, n, None) for n in drives}
     recorded = {n: r for n, r in set_points.items() if isinstance(r, Recorded)}
 
     def machine_with(values, intervals, input_time) -> Rig:
@@ -276,9 +276,8 @@ def _untranslatable_part(machine: Rig) -> str:
             trace_to_ir(lambda y, m=single: step(m, y, 0.0, 1.0)[0], jnp.float64, carry)
         except Untranslatable:
             return f"the effect {effect.id}"
-    if machine.is_own:
-        return f"the rig {type(machine).__name__}"
-    return f"the controller {type(machine.controller).__name__}"
+    part = next((part for part in machine.replaceable_parts() if part not in machine.effects), machine)
+    return f"the {'rig' if part is machine else 'controller'} {type(part).__name__}"
 
 
 def _dependence(source: ProgramInput) -> Dependence:
@@ -307,7 +306,7 @@ def _inputs(program: Program, roots) -> set[int]:
 
 def _signal(machine: Rig, name: str) -> Signal:
     """A signal; without a controller the reference is the command."""
-    if not machine.is_own and isinstance(machine.controller, OpenLoop) and name in ("reference", "reference_velocity"):
+    if isinstance(getattr(machine, "controller", None), OpenLoop) and name in ("reference", "reference_velocity"):
         unit = SIGNALS[name].unit.replace("m", "V")
         return Signal(unit, unit, SIGNALS[name].doc.replace("set point of the piston", "command"))
     return machine.signals[name]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import types
 from collections import Counter
 from pathlib import Path
 
@@ -16,7 +17,9 @@ from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.effects.base import EffectError
 from edhas_jax.machine.effects.loading import load_user_class
-from edhas_jax.machine.effects.validation import check_derivatives, check_number, check_parameters
+from edhas_jax.machine.effects.validation import check_derivatives, check_number, check_parameters, code_reason
+from edhas_jax.machine.interface.metrics import WholeRun
+from edhas_jax.machine.interface.slots import SLOTS
 from edhas_jax.machine.rig_base import Rig, RigError
 
 RESERVED = ("name", "rig", "effects", "parameters", "simulation", "time", "time_step")  # keys and signals of every rig
@@ -70,7 +73,8 @@ def check_rig(cls: type[Rig]) -> None:
     _check_names(cls)
     _check_units(cls)
     _check_numbers(cls, machine)
-    for slot in cls.slots:
+    _check_metrics(cls, machine)
+    for slot in (slot for slot in cls.slots if slot.name not in SLOTS):
         for name in (part for text in slot.over for part in text.split(":")):
             if name not in cls.signals:
                 raise RigError(f"{locate(cls, slot.name)}: a curve over `{name}`, which is no signal of this rig; "
@@ -109,11 +113,37 @@ def _check_names(cls: type[Rig]) -> None:
     parts = {f.name for f in dataclasses.fields(cls)} - {"effects", *cls.drives}
     numbers = {n for n in machine.known_numbers() if "." not in n}
     groups = (*(("a signal", n) for n in cls.signals), *(("a number", n) for n in numbers),
-              *(("a part", n) for n in parts), *(("a slot", slot.name) for slot in cls.slots))  # fmt: skip
+              *(("a part", n) for n in parts), *(("a slot", slot.name) for slot in cls.slots),
+              *(("a metric", n) for n in cls.metrics))  # fmt: skip
     count = Counter(name for _, name in groups)
     for what, name in groups:
         if count[name] > 1 or name in RESERVED and name != "time":
             raise RigError(f"{locate(cls, name)}: the name `{name}` ({what}) is taken; every name has one meaning")
+
+
+def _check_metrics(cls: type[Rig], machine: Rig) -> None:
+    """What the metrics take exists and is a number, and so are they; tried with signals that are 1."""
+    for name, about in cls.metrics.items():
+        found, where = [], locate(cls, name)
+        for taken in about.taken:
+            size = (3,) if isinstance(taken, WholeRun) else ()
+            values = types.SimpleNamespace(**{n: np.ones(size) for n in cls.signals})
+            try:
+                with np.errstate(all="ignore"):
+                    found.append(taken.of(machine, values))
+            except AttributeError as error:
+                lacking = getattr(error, "obj", None) is values
+                reason = f"there is no signal `{error.name}`; {suggest(error.name, cls.signals)}" if lacking else error
+                raise RigError(f"{where}: {reason}") from None
+            except Exception as error:
+                raise RigError(f"{where}: {code_reason(error)}") from error
+        try:
+            with np.errstate(all="ignore"):
+                found.append(about.value(machine, *found))
+        except Exception as error:
+            raise RigError(f"{where}: {code_reason(error)}") from error
+        if any(np.shape(value) != () or not np.issubdtype(np.result_type(value), np.number) for value in found):
+            raise RigError(f"{where}: gives no number; what a metric takes, and the metric, are one number each")
 
 
 def _check_numbers(cls: type[Rig], machine: Rig) -> None:
@@ -135,7 +165,8 @@ def _check_numbers(cls: type[Rig], machine: Rig) -> None:
 
 def _check_units(cls: type[Rig]) -> None:
     """Every declared unit is one."""
-    units = {n: about.unit for n, about in cls.signals.items()} | {slot.name: slot.unit for slot in cls.slots}
+    units = {n: about.unit for n, about in (cls.signals | cls.metrics).items()}
+    units |= {slot.name: slot.unit for slot in cls.slots}
     for part in (getattr(cls(), f.name) for f in dataclasses.fields(cls) if f.name not in ("effects", *cls.drives)):
         if dataclasses.is_dataclass(part):
             units |= {p.name: p.unit for p in structs.parameters(type(part))}

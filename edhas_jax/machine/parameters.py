@@ -176,6 +176,14 @@ def replace_value(machine: Rig, path: str, name: str, value: Any) -> Rig:
     return structs.replace(machine, **{path: structs.replace(getattr(machine, path), **{name: value})})
 
 
+def replace_values(machine: Rig, values: Mapping[str, Any]) -> Rig:
+    """A copy of the machine with the parameters of these names set to values in SI, numbers or arrays, unchecked."""
+    for name, value in values.items():
+        p, path = find_parameter(machine, name)
+        machine = replace_value(machine, path, p.name, value)
+    return machine
+
+
 def parse_value(p: Parameter, value: Any) -> Any:
     """The SI value for a parameter from a number in SI, a JAX scalar or a text with unit; a traced one is not checked.
 

@@ -27,6 +27,7 @@ from edhas_jax.machine.effects.base import (
     initial_effect_states,
 )
 from edhas_jax.machine.effects.validation import code_reason
+from edhas_jax.machine.interface.metrics import Metric, metrics_of_signals
 from edhas_jax.machine.interface.signals import SIGNALS, Signal, Signals, UnknownNameError
 from edhas_jax.machine.interface.slots import Slot
 
@@ -86,7 +87,8 @@ class Rig:
     - states, `level = state("m", "level of the tank", "start_level")`, whose start is a number or names a parameter;
     - drives, `voltage = drive("V", "voltage of the pump")`, which a configuration replaces by a record or a sine;
     - signals, `flow = signal("m^3/s", "flow out of the tank")`, which the equations set;
-    - slots for effects, `inflow = slot("tank", "m/s", "added to the rate of the level")`.
+    - slots for effects, `inflow = slot("tank", "m/s", "added to the rate of the level")`;
+    - metrics besides mean, rms, smallest, largest and last value of every signal, see `edhas_jax.metric`.
 
     and defines `equations(self, y, s)`, which sets signals and returns the rate of every state by name. `y` has the
     states as attributes; `s` has the parameters, drives and states by name. Use `jax.numpy`, and `jnp.where` for
@@ -98,6 +100,8 @@ class Rig:
         drives: declarations of its drives.
         signals: every signal with unit and meaning.
         slots: where effects can act.
+        metrics: every metric that its runs, batches and derivatives can have.
+        panels: what the figure of a run shows, each panel a title and its signals of one unit; empty: every signal.
         time_step: the time step with which a run begins [s]; it is halved until it is small enough. The largest step
             is five times as long.
         duration: usual length of a run [s].
@@ -112,6 +116,8 @@ class Rig:
     drives: ClassVar[dict[str, Drive]] = {}
     signals: ClassVar[Mapping[str, Signal]] = SIGNALS
     slots: ClassVar[tuple[Slot, ...]] = ()
+    metrics: ClassVar[Mapping[str, Metric]] = {}
+    panels: ClassVar[tuple[tuple[str, tuple[str, ...]], ...]] = ()
     time_step: ClassVar[float] = 20e-6
     duration: ClassVar[float] = 0.5
     is_own: ClassVar[bool] = False
@@ -278,6 +284,10 @@ def _declare(cls: type[Rig]) -> None:
     cls.effects, fields["effects"] = (), tuple[Effect, ...]
     cls.__annotations__ = fields
     cls.signals = _signals(cls, declared)
+    cls.metrics, of_its_own = metrics_of_signals(cls.signals), {n: v for n, v in own.items() if isinstance(v, Metric)}
+    if twice := sorted(cls.metrics.keys() & of_its_own.keys()):
+        raise RigError(f"{cls.__name__}: every signal has the metric `{twice[0]}` already; name yours otherwise")
+    cls.metrics |= of_its_own
 
 
 def _signals(cls: type[Rig], declared: dict[str, Signal]) -> dict[str, Signal]:

@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar
 
+from edhas_jax.machine import metrics
 from edhas_jax.machine.components.accumulator import Accumulator
 from edhas_jax.machine.components.check_valve import CheckValve
 from edhas_jax.machine.components.coil_and_amplifier import Coil, CurrentAmplifier, VoltageAmplifier
@@ -35,7 +36,7 @@ from edhas_jax.machine.equations.outlet import outlet_rates, set_load_flow
 from edhas_jax.machine.equations.pump import pump_initial_state, pump_rates
 from edhas_jax.machine.interface import slots
 from edhas_jax.machine.interface.controller_base import Controller
-from edhas_jax.machine.interface.signals import Signals
+from edhas_jax.machine.interface.signals import PANELS, Signals
 from edhas_jax.machine.rig_base import Rig, State
 
 Amplifier = VoltageAmplifier | CurrentAmplifier
@@ -73,6 +74,8 @@ class ActuatorBench(Rig):
 
     name: ClassVar[str] = "actuator_bench"
     slots: ClassVar[tuple] = slots.ACTUATOR_SLOTS
+    metrics: ClassVar[dict] = metrics.ELECTRICAL | metrics.TRACKING
+    panels: ClassVar[tuple] = PANELS
 
     reference: SetPoint = Sine()
     supply: Supply = Supply()
@@ -108,6 +111,8 @@ class PumpBench(Rig):
 
     name: ClassVar[str] = "pump_bench"
     slots: ClassVar[tuple] = slots.PUMP_SLOTS
+    metrics: ClassVar[dict] = metrics.ELECTRICAL | metrics.TRACKING | metrics.HYDRAULIC
+    panels: ClassVar[tuple] = PANELS
 
     reference: SetPoint = Sine()
     supply: Supply = Supply()
@@ -151,6 +156,8 @@ class ActuatorSystem(Rig):
 
     name: ClassVar[str] = "actuator_system"
     slots: ClassVar[tuple] = slots.SYSTEM_SLOTS
+    metrics: ClassVar[dict] = metrics.ELECTRICAL | metrics.HYDRAULIC | metrics.RESPONSE
+    panels: ClassVar[tuple] = PANELS
     duration: ClassVar[float] = 0.6
 
     target: SetPoint = Step(step_size=15e-3)

@@ -88,7 +88,7 @@ class CampaignDescription(ProblemList):
         # the name of a folder may be no text in UTF-8
         self.name = str(data.get("name") or folder.resolve().name.encode("utf-8", "replace").decode())
         self.rig = read_rig(data.get("rig"), folder, TrustedCode.of(trust), self.add)
-        own = () if self.rig is None or not self.rig.is_own else tuple(self.rig.drives)
+        own = () if self.rig is None else tuple(self.rig.drives)
         self.add_unknown_keys((), data, (*KEYS, *own))
         self.recorded = read_drive_columns(self, data, self.rig)
         self.machine = self._read_machine()
@@ -118,7 +118,7 @@ class CampaignDescription(ProblemList):
         data = self._data
         if self.rig is None:
             return None
-        sections = self.rig.drives if self.rig.is_own else COMPONENT_KINDS
+        sections = {**self.rig.drives, **COMPONENT_KINDS}
         config = {key: data[key] for key in ("parameters", *sections) if key in data} | {"rig": self.rig}
         for section in ("amplifier", "controller"):
             if isinstance(config.get(section), Mapping):

@@ -183,7 +183,7 @@ class RunReader:
         except TimingError as error:
             self._remark(0, f"{error}; the run is left out")
             return []
-        reference = drives.pop("reference", None) if not self._machine.is_own else None
+        reference = None if "reference" in self._machine.drives else drives.pop("reference", None)
         runs, too_short = [], False
         for record, signals, rows in parts:
             self._at(record)

@@ -221,9 +221,9 @@ def _as_slice(indices: np.ndarray) -> np.ndarray | slice:
     return slice(first, first + count) if np.array_equal(indices, np.arange(first, first + count)) else indices
 
 
-def _drives_with_intervals(machine: Rig) -> tuple[str, ...]:
+def _drives_with_intervals(machine: Rig) -> list[str]:
     """The drives that a time loop takes interval by interval where they are recorded."""
-    return tuple(machine.drives) if machine.is_own else ("reference",)
+    return [n for n in dict.fromkeys((*machine.drives, "reference")) if hasattr(machine, n)]
 
 
 def _intervals_of(machine: Rig) -> dict[str, RecordedInterval] | None:

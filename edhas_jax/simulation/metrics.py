@@ -1,20 +1,32 @@
-"""Metrics of a run: named numbers with units, from its signals, energies and volumes."""
+"""Metrics of runs from their samples, energies and volumes, and their derivatives along changes of the signals."""
 
 import math
-from typing import NamedTuple
+import types
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from edhas_jax.core import runtime
 from edhas_jax.core.units import from_si
-from edhas_jax.machine.effects import PistonLeakage
-from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
+from edhas_jax.machine.interface.metrics import (
+    Mean,
+    Metric,
+    Taken,
+    all_taken,
+    instant,
+    metrics_of_batch,
+    metrics_of_run,
+    signals_read,
+    values_of,
+)
+from edhas_jax.machine.parameters import replace_values
+from edhas_jax.machine.rigs import Rig
 
-SETTLING_BAND = 0.02  # share of the step within which the cylinder counts as settled
-GRID_PER_CYCLE = 400  # points per cycle of the grid on which a first harmonic is computed
 
-
-class Metric(NamedTuple):
+class MetricValue(NamedTuple):
     """A metric of a run: SI value, SI unit, unit for display, meaning; as text it is in the unit for display."""
 
     value: float
@@ -30,67 +42,142 @@ class Metric(NamedTuple):
         return f"{from_si(self.value, self.unit, self.display_unit):.5g}"
 
 
-# name: (SI unit, unit for display, meaning); the same for a single run and for a batch
-METRICS: dict[str, tuple[str, str, str]] = {
-    "mean_electrical_power": ("W", "W", "mean of voltage × current"),
-    "rms_current": ("A", "A", "rms current"),
-    "peak_current": ("A", "A", "largest current"),
-    "rms_voltage": ("V", "V", "rms voltage"),
-    "peak_voltage": ("V", "V", "largest voltage"),
-    "copper_loss": ("W", "W", "mean loss in the coil"),
-    "peak_stroke": ("m", "mm", "largest distance from mid-stroke"),
-    "tracking_error": ("m", "µm", "rms of set point − piston"),
-    "amplitude_ratio": ("-", "-", "first harmonic, piston over set point"),
-    "phase_lag": ("rad", "deg", "first harmonic, piston after set point"),
-    "mean_flow": ("m^3/s", "L/min", "mean flow to the load"),
-    "mean_leakage": ("m^3/s", "L/min", "mean flow past both plungers"),
-    "peak_leakage": ("m^3/s", "L/min", "largest flow past one plunger"),
-    "peak_outlet_pressure": ("Pa", "MPa", "largest outlet pressure, absolute"),
-    "pressure_rise": ("Pa", "MPa", "largest outlet pressure above the accumulator"),
-    "pressure_ripple": ("Pa", "MPa", "outlet pressure, peak to peak"),
-    "volumetric_efficiency": ("-", "%", "mean flow over swept volume, half of the gap swept too"),
-    "delivered_power": ("W", "W", "mean power at the load"),
-    "overall_efficiency": ("-", "%", "delivered over electrical power"),
-    "steady_error": ("m", "µm", "target − cylinder at the end of the run"),
-    "response_time": ("s", "s", f"until the cylinder stays within {SETTLING_BAND:.0%} of the step"),
-    "overshoot": ("-", "%", "beyond the target, of the step"),
-}
-
-
 class RunTooShortError(ValueError):
     """A run ends before one whole cycle after the ramp."""
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what is not finite is told by the status
-def compute_metrics(machine: Rig, signals: dict, energy: dict, volume: dict) -> dict[str, Metric]:
-    """All metrics of a run.
+class Window(NamedTuple):
+    """The part of a run over which metrics are taken.
+
+    Attributes:
+        time: times of the samples [s], (samples,), increasing.
+        first: its start [s]; it need not be a sample.
+        last: its end [s].
+        balances: energies [J] and volumes [m³] since the start of the run by row, each (samples,).
+    """
+
+    time: np.ndarray
+    first: float
+    last: float
+    balances: Mapping[str, np.ndarray] = types.MappingProxyType({})
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is the whole run."""
+        return self.first <= self.time[0] and self.last >= self.time[-1]
+
+    @property
+    def inside(self) -> slice | np.ndarray:
+        """Selects the samples inside."""
+        near = 1e-12  # s: the ends are computed
+        return slice(None) if self.is_whole else (self.time >= self.first - near) & (self.time <= self.last + near)
+
+    def mean(self, values: np.ndarray | None, integral: np.ndarray | None = None) -> Any:
+        """The mean of what has these values at the samples, (samples, …), if known with its integral."""
+        if len(self.time) < 2:
+            return math.nan if values is None else values[0]
+        if integral is not None:
+            return np.float64(mean_rate(self.time, integral, self.first, self.last, values))
+        if self.is_whole:
+            return np.trapezoid(values, self.time, axis=0) / (self.time[-1] - self.time[0])
+        pieces = 0.5 * np.diff(self.time) * (values[1:] + values[:-1])
+        integral = np.concatenate([[0.0], np.cumsum(pieces)])
+        return np.float64(mean_rate(self.time, integral, self.first, self.last, values))
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what is not finite is told by the status
+def run_metrics(
+    machine: Rig, signals: Mapping[str, np.ndarray], energy: Mapping[str, np.ndarray] = types.MappingProxyType({}),
+    volume: Mapping[str, np.ndarray] = types.MappingProxyType({}),
+) -> dict[str, Any]:  # fmt: skip
+    """All metrics of a run, or of runs of a rig of one's own side by side.
 
     On a bench with a sine as set point they are taken over the whole cycles after the ramp, otherwise over the whole
-    run. Means come from the energies and volumes cumulated step by step, peaks from the samples.
+    run. Means come from the energies and volumes cumulated step by step where there are any, all else from the samples.
 
     Args:
-        machine: the machine of the run.
-        signals: SI arrays (samples,) by name, with "time" [s].
+        machine: the machine; of several runs its numbers may be arrays (runs,).
+        signals: SI arrays (samples,) by name, with "time" [s]; of several runs (samples, runs).
         energy: energy since the start [J] by row, each (samples,).
         volume: volume since the start [m³] by row, each (samples,).
 
     Returns:
-        The metrics by name.
+        The metrics by name in SI; each a number, or (runs,).
 
     Raises:
         RunTooShortError: the run has no whole cycle after the ramp.
     """
-    t = signals["time"]
-    first, last = metric_window(machine, t[-1])
-    inside = (t >= first - 1e-12) & (t <= last + 1e-12)
-    out = _electrical(signals, energy, t, first, last, inside)
-    if machine.cycle is not None:
-        out |= _tracking(machine, signals, t, first, last)
-    if not isinstance(machine, ActuatorBench):
-        out |= _hydraulic(machine, signals, energy, volume, t, first, last, inside)
-    if isinstance(machine, ActuatorSystem):
-        out |= _step_response(machine, signals, t)
-    return {name: Metric(value, *METRICS[name]) for name, value in out.items()}
+    time = signals["time"]
+    window = Window(time, *metric_window(machine, time[-1]), {**energy, **volume})
+    is_one, at = all(values.ndim == 1 for values in signals.values()), _instants(machine, window, signals)
+    wanted = metrics_of_run(machine) if is_one else metrics_of_batch(machine)
+    found = {taken: taken.over(window, _values(machine, taken, at)) for taken in all_taken(wanted).values()}
+    if is_one:
+        wanted = {n: k for n, k in wanted.items() if k.defined is None or k.defined(machine, *map(found.get, k.taken))}
+    return values_of(wanted, machine, found)
+
+
+def _instants(machine: Rig, window: Window, signals: Mapping[str, np.ndarray]) -> types.SimpleNamespace:
+    if machine.cycle is None:
+        return types.SimpleNamespace(**signals)
+    return instant(signals, float(machine.reference.frequency) * (window.time - window.first))
+
+
+def _values(machine: Rig, taken: Taken, at: types.SimpleNamespace) -> np.ndarray | None:
+    """The values at the samples; None of a mean some of whose signals are not recorded, only its integral."""
+    if isinstance(taken, Mean) and taken.rows and not all(hasattr(at, n) for n in signals_read(machine, (taken,))):
+        return None
+    return taken.of(machine, at)
+
+
+def metric_slopes(
+    machine: Rig, columns: Mapping[str, np.ndarray], seeds: Mapping[str, np.ndarray], metrics: Mapping[str, Metric],
+    signals: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray],
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:  # fmt: skip
+    """Metrics of runs of a rig of one's own side by side, and their derivatives along changes of numbers and signals.
+
+    Args:
+        machine: what the runs have in common.
+        columns: parameters that differ, by name in SI, each (runs,).
+        seeds: their changes, by name, each (runs,).
+        metrics: those that are wanted.
+        signals: SI arrays (samples, runs) by name, with "time" [s], (samples,).
+        changes: those of the signals, arrays of the same shapes.
+
+    Returns:
+        Values by metric and derivatives by metric, each (runs,).
+    """
+    window = Window(signals["time"], signals["time"][0], signals["time"][-1])
+    seeds = {n: np.asarray(seeds[n], float) if n in seeds else np.zeros(np.shape(v)) for n, v in columns.items()}
+    found, slopes, shape = {}, {}, next(iter(changes.values())).shape
+    signals = {**signals, "time": np.broadcast_to(window.time[:, None], shape)}
+    changes = {**changes, "time": np.zeros(shape)}
+
+    def along(function, values, changes, at_samples=False):
+        """Value and derivative of function(machine, values) of one run, or of a sample of it, for all of them."""
+        of_run = jax.vmap(lambda c, v: function(replace_values(machine, c), v))
+        of_all = jax.vmap(of_run, (None, 0)) if at_samples else of_run
+        with runtime.double_precision():
+            both = jax.jvp(of_all, (dict(columns), values), (seeds, changes))
+        return tuple(np.asarray(part) for part in both)
+
+    for taken in all_taken(metrics).values():
+        names = signals_read(machine, (taken,))
+        values, change = along(
+            lambda m, v, taken=taken: taken.of(m, types.SimpleNamespace(**v)),
+            {n: signals[n] for n in names}, {n: changes[n] for n in names}, True,
+        )  # fmt: skip
+        found[taken], slopes[taken] = taken.over(window, values), taken.slope(window, values, change)
+    both = {
+        name: along(lambda m, v, k=k: k.value(m, *v), [found[a] for a in k.taken], [slopes[a] for a in k.taken])
+        for name, k in metrics.items()
+    }
+    return {n: value for n, (value, _) in both.items()}, {n: slope for n, (_, slope) in both.items()}
+
+
+def signals_of(machine: Rig, metrics: Mapping[str, Metric]) -> Collection[str]:
+    """The signals that some metrics of a machine need."""
+    return signals_read(machine, all_taken(metrics).values())
 
 
 def metric_window(machine: Rig, end: float) -> tuple[float, float]:
@@ -126,96 +213,8 @@ def mean_rate(t, cumulated, first: float, last: float, rate=None) -> float:
         last: end of the interval [s].
         rate: the rate at the samples; with it the integral is interpolated by cubics, otherwise linearly.
     """
-    if rate is None:
+    if rate is None or not (np.isfinite(rate).all() and np.isfinite(cumulated).all()):
         ends = np.interp([first, last], t, cumulated)
     else:
         ends = CubicHermiteSpline(t, cumulated, rate)([first, last])
     return float((ends[1] - ends[0]) / (last - first))
-
-
-def _rms(values, t, first, last) -> float:
-    """The rms of a signal between two times."""
-    squares = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (values[1:] ** 2 + values[:-1] ** 2))])
-    return math.sqrt(max(0.0, mean_rate(t, squares, first, last, values**2)))
-
-
-def _electrical(signals, energy, t, first, last, inside) -> dict[str, float]:
-    """Metrics of voltage, current and stroke."""
-    i, u = signals["current"], signals["voltage"]
-    return {
-        "mean_electrical_power": mean_rate(t, energy["electrical input"], first, last, signals["coil_voltage"] * i),
-        "rms_current": _rms(i, t, first, last),
-        "peak_current": float(np.abs(i[inside]).max()),
-        "rms_voltage": _rms(u, t, first, last),
-        "peak_voltage": float(np.abs(u[inside]).max()),
-        "copper_loss": mean_rate(t, energy["copper"], first, last),
-        "peak_stroke": float(np.abs(signals["piston_position"][inside]).max()),
-    }
-
-
-def _harmonic(values, t, first, last, frequency) -> complex:
-    """The complex first harmonic over whole cycles, on a grid of its own so that samples need not fit the cycle."""
-    grid = np.linspace(first, last, 1 + GRID_PER_CYCLE * max(1, round((last - first) * frequency)))[:-1]
-    return 2.0 * np.mean(np.interp(grid, t, values) * np.exp(-2j * np.pi * frequency * grid))
-
-
-def _tracking(machine, signals, t, first, last) -> dict[str, float]:
-    """Metrics of the piston's motion against its set point, over whole cycles."""
-    f = float(machine.reference.frequency)
-    set_point = _harmonic(signals["reference"], t, first, last, f)
-    piston = _harmonic(signals["piston_position"], t, first, last, f)
-    inside = (t >= first) & (t <= last)
-    error = (signals["reference"] - signals["piston_position"])[inside]
-    out = {"tracking_error": float(np.sqrt(np.mean(error**2)))}
-    if abs(set_point) > 0.0:
-        out |= {"amplitude_ratio": abs(piston) / abs(set_point), "phase_lag": float(-np.angle(piston / set_point))}
-    return out
-
-
-def _hydraulic(machine, signals, energy, volume, t, first, last, inside) -> dict[str, float]:
-    """Metrics of flow, pressure and efficiency."""
-    p, q = signals["outlet_pressure"], signals["outlet_flow"]
-    leakages = signals["leakage_a"], signals["leakage_b"]
-    flow = mean_rate(t, volume["outlet_flow"], first, last, q)
-    speed = np.abs(signals["piston_velocity"])
-    travel = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (speed[1:] + speed[:-1]))])
-    swept_flow = float(swept_area(machine)) * mean_rate(t, travel, first, last)
-    hydraulic = mean_rate(t, energy["load orifice" if "load orifice" in energy else "load"], first, last)
-    electrical = mean_rate(t, energy["electrical input"], first, last)
-    out = {
-        "mean_flow": flow,
-        "mean_leakage": mean_rate(t, volume["leakage_a"] + volume["leakage_b"], first, last, sum(leakages)),
-        "peak_leakage": float(np.abs(np.stack(leakages)[:, inside]).max()),
-        "peak_outlet_pressure": float(p[inside].max()),
-        "pressure_rise": float((p - signals["accumulator_pressure"])[inside].max()),
-        "pressure_ripple": float(np.ptp(p[inside])),
-        "volumetric_efficiency": flow / swept_flow if swept_flow > 0 else 0.0,
-        "delivered_power": hydraulic,
-    }
-    if electrical > 0:
-        out["overall_efficiency"] = hydraulic / electrical
-    return out
-
-
-def swept_area(machine):
-    """The area [m²] with which a pump displaces oil: that of a plunger, and half of the gap that leakage gives it.
-
-    The oil in the gap is dragged along by the plunger, with half of its speed on average.
-    """
-    gaps = [e.piston_clearance for e in machine.effects if isinstance(e, PistonLeakage)]
-    return machine.pump.area() + sum(0.5 * math.pi * machine.pump.piston_diameter * gap for gap in gaps)
-
-
-def _step_response(machine, signals, t) -> dict[str, float]:
-    """Metrics of the cylinder's response to a step of its target."""
-    x, target = signals["cylinder_position"], signals["target"]
-    step_size = target[-1] - x[0]
-    out = {"steady_error": float(target[-1] - x[-1])}
-    if step_size != 0.0 and np.ptp(target[1:]) == 0.0:
-        response = (x - x[0]) / step_size
-        outside = np.flatnonzero(response < 1.0 - SETTLING_BAND)
-        if outside[-1] + 1 < len(t):
-            k = outside[-1]
-            out["response_time"] = float(np.interp(1.0 - SETTLING_BAND, response[k : k + 2], t[k : k + 2]))
-        out["overshoot"] = float(max(0.0, response.max() - 1.0))
-    return out

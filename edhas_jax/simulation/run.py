@@ -12,11 +12,10 @@ import pandas as pd
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation import energy_balance
-from edhas_jax.simulation.metrics import Metric, compute_metrics
+from edhas_jax.simulation.metrics import MetricValue, run_metrics
 from edhas_jax.simulation.run_checks import Record, check_run, growth_at_start, step_change
 from edhas_jax.simulation.run_figure import plot_run
 from edhas_jax.simulation.run_settings import Simulation
-from edhas_jax.simulation.signal_metrics import metric_declarations, signal_metrics
 from edhas_jax.simulation.step_choice import search_accuracy, search_step, step_status
 from edhas_jax.simulation.time_loop import check_names, initial_loop_state, integrate
 from edhas_jax.simulation.validity import Status, departure
@@ -113,12 +112,11 @@ class Run:
         return Record(self.machine, self.signals, self.energy, self.volume)
 
     @property
-    def metrics(self) -> dict[str, Metric]:
-        """The metrics of the run by name, over whole cycles where the run has cycles; see `compute_metrics`."""
-        if self.machine.is_own:
-            found, about = signal_metrics(self.signals["time"], self.signals), metric_declarations(self.machine)
-            return {name: Metric(float(value), *about[name]) for name, value in found.items()}
-        return compute_metrics(self.machine, self.signals, self.energy, self.volume)
+    def metrics(self) -> dict[str, MetricValue]:
+        """The metrics of the run by name, over whole cycles where the run has cycles; see `run_metrics`."""
+        found = run_metrics(self.machine, self.signals, self.energy, self.volume)
+        about = self.machine.metrics
+        return {n: MetricValue(float(v), about[n].unit, about[n].display_unit, about[n].doc) for n, v in found.items()}
 
     def frame(self) -> pd.DataFrame:
         """The signals as a table in SI, one row per sample, indexed by time [s]; units in `frame.attrs["units"]`."""
@@ -213,14 +211,14 @@ def simulate(
     if found.interrupted:
         return _finished(found.finest or run, "step {}", remark="the check of the step was interrupted")
     if asked:
-        remedy = f"use step: {_step_text(machine, found.confirmed.step)}" if found.confirmed else UNCONFIRMED
+        remedy = f"use step: {_step_text(found.confirmed.step)}" if found.confirmed else UNCONFIRMED
         return _finished(run, "step {} (as asked)", *step_status(found.first_change, run.step, remedy))
     name, change = found.last_change
     if found.confirmed is None:
         kept = found.finest or run
         status = step_status(found.last_change, 2.0 * kept.step, UNCONFIRMED)
         return _finished(kept, "step {} (the smallest of those tried)", *status)
-    chosen = "default" if found.confirmed is run else f"chosen, since {_step_text(machine, run.step)} is too large"
+    chosen = "default" if found.confirmed is run else f"chosen, since {_step_text(run.step)} is too large"
     return _finished(found.confirmed, f"step {{}} ({chosen}; half of it changes {name} by {100 * change:.1g} %)")
 
 
@@ -230,18 +228,17 @@ def _finished(run: Run, note: str, status: Status = Status.OK, reason: str = "",
         status, reason = check_run(run.record, run.energy_residual(), run.volume_residual())
         name, growth = growth_at_start(run.machine) if run.machine.is_own and status.is_valid else ("", 0.0)
         if growth * run.step > 2.0:
-            fast, short = (_step_text(run.machine, t) for t in (1.0 / growth, 0.5 / growth))
+            fast, short = (_step_text(t) for t in (1.0 / growth, 0.5 / growth))
             status = Status.STEP_TOO_LARGE
             reason = f"{name} grows e-fold within {fast} at the start, which the step jumps over; "
             reason += f"set `time_step` of the rig to {short} or less"
     reason = "; ".join(filter(None, (reason, remark)))
-    note = note.format(_step_text(run.machine, run.step))
+    note = note.format(_step_text(run.step))
     return dataclasses.replace(run, step_note=note, status=status, reason=reason)
 
 
-def _step_text(machine: Rig, step: float) -> str:
-    """A time step as text: in microseconds, of a rig of one's own in the unit that suits it."""
-    return format_quantity(step, "s") if machine.is_own else f"{step * 1e6:.4g} µs"
+def _step_text(step: float) -> str:
+    return format_quantity(step, "s")
 
 
 def _simulate_to_accuracy(machine: Rig, simulation: Simulation, on_progress) -> Run:
@@ -272,8 +269,8 @@ def _simulate_with_step(
 ) -> tuple[Run, "Failure | None"]:
     """Simulate with a fixed step, up to a failure if there is one."""
     if not 0.0 < largest_step <= machine.largest_step() * (1.0 + 1e-9):
-        limit = _step_text(machine, machine.largest_step())
-        raise ValueError(f"step {_step_text(machine, largest_step)}: must lie above 0 and at most {limit}")
+        limit = _step_text(machine.largest_step())
+        raise ValueError(f"step {_step_text(largest_step)}: must lie above 0 and at most {limit}")
     rate = simulation.rate(machine)
     interval = 1.0 / rate
     per_sample = max(1, math.ceil(interval / largest_step - 1e-9))
@@ -311,4 +308,4 @@ def _simulate_with_step(
     what, more = "is not a finite number", ""
     if check >= len(loop.y):
         what, more = departure(machine, name, np.concatenate([b.signals[name] for b in blocks])[: valid + 1])
-    return run, Failure(failed_step * float(h), name, what, more, _step_text(machine, float(h)))
+    return run, Failure(failed_step * float(h), name, what, more, _step_text(float(h)))

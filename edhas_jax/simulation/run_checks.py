@@ -13,7 +13,7 @@ from edhas_jax.compiler.sparse_elimination import jacobian
 from edhas_jax.core import runtime
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.metrics import RunTooShortError, compute_metrics, mean_rate, metric_window
+from edhas_jax.simulation.metrics import RunTooShortError, mean_rate, metric_window, run_metrics
 from edhas_jax.simulation.validity import REASONS, Status, failed_tests
 
 ONLY_WITH_STEP = "mean leakage", "delivered power"  # results that say nothing more of the period than the others
@@ -114,8 +114,7 @@ def check_run(record: Record, energy_residual: float, volume_residual: float) ->
     if m.is_own:
         return _check_own(record, energy_residual)
     try:
-        metrics = compute_metrics(m, record.signals, record.energy, record.volume)
-        values = {n: metric.value for n, metric in metrics.items()}
+        values = run_metrics(m, record.signals, record.energy, record.volume)
     except RunTooShortError:
         values = {"peak_stroke": float(np.abs(record.signals["piston_position"]).max())}
     changing, change = _change_of_last_cycles(record)

@@ -20,18 +20,6 @@ MOST_CONDITIONS = 5
 SHOWN_CYCLES = 2
 SMALL_SHARE = 5e-3  # share of the input below which rows of the energy balance are summed as "other"
 
-PANELS = (
-    ("piston", ("reference", "piston_position")),
-    ("cylinder", ("target", "cylinder_position")),
-    ("voltage", ("voltage",)),
-    ("current", ("current",)),
-    ("pressure", ("chamber_pressure_a", "chamber_pressure_b", "outlet_pressure", "accumulator_pressure")),
-    ("pressure", ("head_pressure", "rod_pressure")),
-    ("valve lift", ("suction_lift_a", "delivery_lift_a")),  # of one chamber each: suction of A hides delivery of B
-    ("valve lift", ("suction_lift_b", "delivery_lift_b")),
-    ("flow", ("outlet_flow",)),
-    ("friction", ("friction_force",)),
-)
 LABELS = {
     "reference": "set point", "piston_position": "piston", "target": "target", "cylinder_position": "cylinder",
     "chamber_pressure_a": "chamber A", "chamber_pressure_b": "chamber B", "outlet_pressure": "outlet",
@@ -58,7 +46,7 @@ def plot_run(machine: Rig, signals: dict, ledger, names: list[str] | None = None
     from edhas_jax.core.figure import Figure  # slow to import
 
     if names is None:
-        listed = _panels_by_unit(machine) if machine.is_own else PANELS
+        listed = machine.panels or _panels_by_unit(machine)
         panels = [(title, [n for n in names if n in signals]) for title, names in listed]
         panels = [(title, present) for title, present in panels if present]
     else:
@@ -91,11 +79,15 @@ def _operating_point(machine: Rig) -> str:
             value = getattr(component, p.name)
             if p.name not in DETAILS and np.ndim(value) == 0 and float(value) != 0.0:
                 parts.append(f"{p.name.replace('_', ' ')} {format_quantity(float(value), p.unit)}")
-    return ", ".join(parts[:MOST_CONDITIONS]) or ("" if machine.is_own else type(machine.reference).__name__.lower())
+    return ", ".join(parts[:MOST_CONDITIONS]) or _kind_of_reference(machine)
+
+
+def _kind_of_reference(machine: Rig) -> str:
+    return type(machine.reference).__name__.lower() if hasattr(machine, "reference") else ""
 
 
 def _panels_by_unit(machine: Rig) -> list[tuple[str, list[str]]]:
-    """The signals of a rig of one's own, those of one unit in one panel, as many as there are colours."""
+    """The signals of a rig that names no panels, those of one unit in one panel, as many as there are colours."""
     by_unit: dict[str, list[str]] = {}
     for name, about in machine.signals.items():
         if name != "time":

@@ -9,8 +9,9 @@ import numpy as np
 
 from edhas_jax.core import runtime
 from edhas_jax.core.units import format_quantity
+from edhas_jax.machine.components.mover import EndStops
 from edhas_jax.machine.interface import slots
-from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
+from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench, Rig
 
 STEP_SENSITIVITY = 0.01  # relative change of flow, power or stroke with the step, above which they are not trusted
 BALANCE_TOLERANCE = 0.02  # share by which a result may miss a bound of physics
@@ -89,15 +90,12 @@ def failed_tests(m: Rig, values: Mapping[str, Any], periodic, xp=jnp) -> list[tu
     """Each status with whether it applies, in increasing severity; for numbers as for arrays of designs.
 
     Args:
-        m: the machine.
+        m: the machine, a rig of the package.
         values: metrics in SI by name, with `BEYOND_RANGE` if the ranges are to be tested here; a test without its
             metrics is left out.
         periodic: whether the cycles have converged.
         xp: `jax.numpy`, or `numpy` for the numbers of one run, of which nothing is then compiled.
     """
-    if m.is_own:
-        beyond = [(Status.OUT_OF_RANGE, values[BEYOND_RANGE] > 0.0)] if BEYOND_RANGE in values else []
-        return [*beyond, (Status.NOT_FINITE, ~xp.stack([xp.isfinite(v) for v in values.values()]).all(axis=0))]
     half = 0.5 * m.stops.pump_stroke
     tests = [(Status.NOT_PERIODIC, ~xp.asarray(periodic))]
     if "amplitude_ratio" in values:
@@ -156,13 +154,11 @@ def signal_problems(machine: Rig, signals: Mapping[str, np.ndarray]) -> list[tup
     for name, (low, high) in ranges.items():
         if signals[name].min() < low or signals[name].max() > high:
             found.append((Status.OUT_OF_RANGE, f"{name.replace('_', ' ')} leaves the range that the model describes"))
-    if machine.is_own:
-        return found
-    if not isinstance(machine, ActuatorBench):
+    if isinstance(machine, PumpBench | ActuatorSystem):
         outlet, pressure = machine.outlet, machine.accumulator.accumulator_pressure
         if float(pressure) > float(outlet.relief_pressure) and float(outlet.relief_conductance) > 0.0:
             found.append((Status.RELIEF_OPEN, REASONS[Status.RELIEF_OPEN]))
-    half = 0.5 * float(machine.stops.pump_stroke)
-    if "piston_position" in signals and np.abs(signals["piston_position"]).max() > half:
+    stops, position = getattr(machine, "stops", None), signals.get("piston_position")
+    if isinstance(stops, EndStops) and position is not None and np.abs(position).max() > 0.5 * float(stops.pump_stroke):
         found.append((Status.HIT_STOPS, REASONS[Status.HIT_STOPS]))
     return found

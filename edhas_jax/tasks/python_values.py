@@ -9,7 +9,6 @@ from edhas_jax.core.structs import Parameter
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.signal_metrics import metric_declarations
 
 
 def quantity(unit: str, value: Any) -> Any:
@@ -53,10 +52,9 @@ def axes(machine: Rig, specs: Mapping[str, Any] | None) -> dict[str, Any]:
 
 def bounds(machine: Rig, limits: Mapping[str, Any] | None) -> dict[str, Any]:
     """Limits of metrics, {"rms_current": {"max": 4.0}}, as a configuration has them."""
-    declared = metric_declarations(machine)
     return {
-        name: {end: quantity(declared[name][0], v) for end, v in ends.items()}
-        if isinstance(ends, Mapping) and name in declared
+        name: {end: quantity(machine.metrics[name].unit, v) for end, v in ends.items()}
+        if isinstance(ends, Mapping) and name in machine.metrics
         else ends
         for name, ends in (limits or {}).items()
     }

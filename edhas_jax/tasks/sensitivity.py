@@ -117,7 +117,7 @@ def sensitivity(
 
     Args:
         source: a machine or a configuration; also a task or the file of one, and then nothing else.
-        metrics: the outputs; None: flow, efficiency and amplitude ratio, where the machine has them.
+        metrics: the outputs; None: the three leading ones of the machine, such as flow, power and efficiency.
         parameters: whose elasticities are wanted; None: all that act in the periodic state.
         points: by parameter a list of values: all combinations are the operating points.
         ranges: by parameter (from, to), for the global analysis; numbers in SI, texts with unit.

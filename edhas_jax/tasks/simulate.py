@@ -9,13 +9,14 @@ from edhas_jax.config.machine_config import Config, as_config
 from edhas_jax.config.run_folder import save_run
 from edhas_jax.core.summary import Summary, SummaryTable, Text, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.core.units import format_quantity, from_si
+from edhas_jax.core.units import format_quantity
+from edhas_jax.machine.interface.metrics import SIGNAL_METRICS
+from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.metrics import Metric, RunTooShortError
+from edhas_jax.simulation.metrics import MetricValue, RunTooShortError
 from edhas_jax.simulation.run import Run, Simulation
 from edhas_jax.simulation.run import simulate as simulate_machine
-from edhas_jax.simulation.signal_metrics import KINDS
 from edhas_jax.simulation.validity import Status
 from edhas_jax.tasks.result import with_methods
 
@@ -37,7 +38,7 @@ class RunResult(Run):
         head = f"{name}: {self.machine.name}" if name else self.machine.name
         settings = "; ".join(filter(None, (self.step_note, self.simulation.precision.value, note)))
         return Summary(
-            f"{head}, effects: {effects}", (settings, self._status(), self._metrics_table(), *self._energy_table())
+            f"{head}, effects: {effects}", (settings, self._status(), *self._metrics_tables(), *self._energy_table())
         )
 
     def save(self, folder: Path | str, overwrite: bool = False, figure: bool = True) -> Path:
@@ -58,20 +59,18 @@ class RunResult(Run):
         head = f"valid, with a warning: {name}" if self.valid else f"not valid: {name}"
         return Toned(f"{head}: {self.reason}", Tone.CAUTION if self.valid else Tone.BAD)
 
-    def _metrics_table(self) -> SummaryTable | Text:
-        """The metrics in engineering units, or a sentence that says why there are none."""
+    def _metrics_tables(self) -> list[SummaryTable | Text]:
+        """The metrics in engineering units, those of signals in a table of their own; or why there are none."""
         try:
             metrics = self.metrics
         except RunTooShortError as error:
-            return f"no metrics: {error}"
-        if self.machine.is_own:
-            return _signals_table(self, metrics)
-        rows, records = [], []
-        for name, metric in metrics.items():
-            unit = "" if metric.display_unit == "-" else metric.display_unit
-            rows.append((name, metric.shown(), unit, metric.doc))
-            records.append({"metric": name, "value": metric.value, "unit": metric.unit, "meaning": metric.doc})
-        return SummaryTable.of("metrics", ("metric", "value", "unit", "meaning"), rows, records)
+            return [f"no metrics: {error}"]
+        of_signals = _signals_table(self, metrics)
+        own = {n: m for n, m in metrics.items() if n not in [record["metric"] for record in of_signals.records]}
+        rows = [(n, m.shown(), _shown_unit(m), m.doc) for n, m in own.items()]
+        name, records = "own metrics" if of_signals.rows else "metrics", map(_record, own, own.values())
+        table = SummaryTable.of(name, ("metric", "value", "unit", "meaning"), rows, records)
+        return [part for part in (of_signals, table) if part.rows]
 
     def _energy_table(self) -> tuple[SummaryTable, ...]:
         """The energy balance; nothing for a rig of one's own that does not state what goes in."""
@@ -88,18 +87,23 @@ class RunResult(Run):
         return (SummaryTable.of("energy", columns, rows, records, "energy ledger", caption),)
 
 
-def _signals_table(run: Run, metrics: Mapping[str, Metric]) -> SummaryTable:
-    """The metrics of a rig of one's own: a row for each signal."""
+def _signals_table(run: Run, metrics: Mapping[str, MetricValue]) -> SummaryTable:
+    """The metrics that are those of a signal: a row for each signal."""
     rows, records = [], []
     for name, about in run.machine.signals.items():
-        if f"mean_{name}" not in metrics:
-            continue
-        of_signal = [metrics[f"{kind}_{name}"].value for kind in KINDS]
-        shown = (f"{from_si(value, about.unit, about.display_unit):.5g}" for value in of_signal)
-        rows.append((name, *shown, "" if about.display_unit == "-" else about.display_unit, about.doc))
-        records += [{"metric": f"{kind}_{name}", "value": value, "unit": about.unit, "meaning": about.doc}
-                    for kind, value in zip(KINDS, of_signal, strict=True)]  # fmt: skip
-    return SummaryTable.of("metrics", ("signal", *KINDS, "unit", "meaning"), rows, records)
+        of_signal = {f"{kind}_{name}": metrics.get(f"{kind}_{name}") for kind in SIGNAL_METRICS}
+        if None not in of_signal.values():
+            rows.append((name, *(m.shown() for m in of_signal.values()), _shown_unit(about), about.doc))
+            records += [_record(n, m) | {"meaning": about.doc} for n, m in of_signal.items()]
+    return SummaryTable.of("metrics", ("signal", *SIGNAL_METRICS, "unit", "meaning"), rows, records)
+
+
+def _shown_unit(about: MetricValue | Signal) -> str:
+    return "" if about.display_unit == "-" else about.display_unit
+
+
+def _record(name: str, metric: MetricValue) -> dict[str, Any]:
+    return {"metric": name, "value": metric.value, "unit": metric.unit, "meaning": metric.doc}
 
 
 def simulate(

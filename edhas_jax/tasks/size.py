@@ -17,7 +17,6 @@ from edhas_jax.design.sizing.size import SizedMachine, SizingResult
 from edhas_jax.design.sizing.size import size as solve
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.signal_metrics import metric_declarations
 from edhas_jax.tasks.python_values import axes, bounds, tolerances
 from edhas_jax.tasks.result import Result, save_figure, with_methods
 
@@ -67,9 +66,9 @@ class SizeResult(Result, SizingResult):
 
     def _metrics(self, names: list[str]) -> SummaryTable:
         rows, records = [], []
-        declared = metric_declarations(self.task.machine)
+        declared = self.task.machine.metrics
         for metric in (c for c in self.start.metrics.columns if c in declared):
-            si_unit, display_unit, _ = declared[metric]
+            si_unit, display_unit = declared[metric].unit, declared[metric].display_unit
             cells, record = [], {"metric": metric, "unit": si_unit}
             for name, sized in zip(names, (self.start, *self.machines), strict=True):
                 ends = [float(f(sized.metrics[metric])) for f in (min, max)]

@@ -10,13 +10,14 @@ from edhas_jax.config.machine_config import Config, read_config
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.units import display_unit, from_si
+from edhas_jax.design.batch.batch import runs_designs
 from edhas_jax.design.sweep.pareto_front import non_dominated
 from edhas_jax.design.sweep.run import open_sweep
+from edhas_jax.machine.interface.metrics import in_order, metrics_of_batch
 from edhas_jax.machine.parameters import list_parameters, set_parameters, short_names
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.simulation.metrics import RunTooShortError
 from edhas_jax.simulation.run import Simulation, simulate
-from edhas_jax.simulation.signal_metrics import metric_declarations
 from edhas_jax.workbench.workspace import DESIGNS, RESULTS, Workspace, WorkspaceError
 
 AS_GIVEN_FILE = "as_given.yaml"
@@ -66,12 +67,12 @@ class DesignCalculations:
         return {
             "name": config.name or config.path.stem, "rig": machine.name, "parameters": parameters,
             "effects": [effect.id for effect in machine.effects],
-            "sweepable": machine.cycle is not None or machine.is_own,
-            "metrics": list(metric_declarations(machine)) if machine.is_own else [],
+            "sweepable": runs_designs(machine),
+            "metrics": in_order(metrics_of_batch(machine), lambda name: machine.metrics[name].rank),
         }  # fmt: skip
 
     def simulate(self, name: str, trust: list[str], values: Mapping[str, float]) -> dict[str, Any]:
-        """Run a machine with some parameters changed: its last cycle, its metrics, its status.
+        """Run a machine with some parameters changed: its last cycle, its leading metrics, its status.
 
         Args:
             name: the configuration below the folder.
@@ -80,7 +81,7 @@ class DesignCalculations:
         """
         config = self._read(name, trust)
         machine = set_parameters(config.machine, dict(values))
-        run, declared = simulate(machine, config.simulation), metric_declarations(machine)
+        run, declared = simulate(machine, config.simulation), machine.metrics
         time = run.signals["time"]
         is_cycle = machine.cycle is not None
         first = time[-1] - CYCLES_SHOWN / float(machine.reference.frequency) if is_cycle else 0.0
@@ -91,13 +92,15 @@ class DesignCalculations:
             if n in machine.signals and n != "time"
         }
         try:
-            metrics = {n: float(from_si(m.value, m.unit, m.display_unit)) for n, m in run.metrics.items()}
+            found = run.metrics
+            leading = [n for n in in_order(found, lambda n: declared[n].rank) if declared[n].rank]
+            metrics = {n: float(from_si(found[n].value, *found[n][1:3])) for n in leading or found}
         except RunTooShortError:
             metrics = {}
         return {
             "time": 1e3 * (time[inside] - time[inside][0]), "signals": signals, "metrics": metrics,
             "units": {n: machine.signals[n].display_unit for n in signals},
-            "metric_units": {n: declared[n][1] for n in metrics if n in declared},
+            "metric_units": {n: declared[n].display_unit for n in metrics},
             "status": run.status.name.lower(), "reason": run.reason, "valid": run.valid, "step": run.step_note,
         }  # fmt: skip
 

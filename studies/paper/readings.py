@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from edhas_jax.machine.metrics import SETTLING_BAND
 from edhas_jax.machine.parameters import get_parameter, list_parameters
 from edhas_jax.machine.rigs import ActuatorSystem, PumpBench
 from edhas_jax.simulation.batch_trajectories import simulate_batch
-from edhas_jax.simulation.metrics import SETTLING_BAND
 
 Table = Mapping[str, np.ndarray]
 SAMPLES = 1000  # per cycle

@@ -98,7 +98,7 @@ def draw_distributions(task: SizingTask, samples: dict[str, dict[str, np.ndarray
     from matplotlib.figure import Figure
 
     from edhas_jax.core.units import from_si
-    from edhas_jax.simulation.metrics import METRICS
+    from edhas_jax.machine.metrics import METRICS
 
     near_limit = [
         limit.metric for limit in task.constraints
@@ -112,7 +112,7 @@ def draw_distributions(task: SizingTask, samples: dict[str, dict[str, np.ndarray
             if name == "objective":
                 values = 100 * np.expm1(metrics[name] - best)
             else:
-                values = from_si(metrics[name], *METRICS[name][:2])
+                values = from_si(metrics[name], METRICS[name].unit, METRICS[name].display_unit)
             values = values[np.isfinite(values)]  # NaN: the simulation failed
             share = f", {100 * np.mean(meets_limits(task, metrics)):.0f} % meet all limits"
             axes.hist(values, bins=50, density=True, color=COLOURS[kind], alpha=0.55, label=kind + share)
@@ -125,11 +125,11 @@ def draw_distributions(task: SizingTask, samples: dict[str, dict[str, np.ndarray
             axes.set_ylim(0, 1.35 * axes.get_ylim()[1])
         else:
             limit = next(limit for limit in task.constraints if limit.metric == name)
-            at = from_si(limit.value, *METRICS[name][:2])
+            at = from_si(limit.value, METRICS[name].unit, METRICS[name].display_unit)
             axes.axvline(at, color="#1b1f24", lw=1.2)
             axes.annotate("limit", (at, 0.97), (4, 0), xycoords=("data", "axes fraction"), textcoords="offset points",
                           fontsize=8, va="top")  # fmt: skip
-            axes.set_xlabel(f"{name.replace('_', ' ')}, {METRICS[name][1]}")
+            axes.set_xlabel(f"{name.replace('_', ' ')}, {METRICS[name].display_unit}")
     count = len(next(iter(samples.values()))["objective"])
     figure.suptitle(f"{count:,} machines of each design, drawn from the tolerances", x=0.01, ha="left", fontsize=11)
     return figure

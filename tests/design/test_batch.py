@@ -11,7 +11,7 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.design.batch.batch import BatchError, BatchSettings, Status, plan_chunks, run_designs
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage
-from edhas_jax.simulation.metrics import METRICS
+from edhas_jax.machine.metrics import METRICS
 from edhas_jax.simulation.run_settings import Precision
 from edhas_jax.simulation.validity import REASONS
 from tests.support.reference import DATA

@@ -17,7 +17,7 @@ from edhas_jax.design.sweep.identity import device, versions
 from edhas_jax.design.sweep.run import open_sweep, stream_sweep, sweep_parts
 from edhas_jax.design.sweep.sweep_summary import summary_of_parts, sweep_summary
 from edhas_jax.design.sweep.table_windows import windows
-from edhas_jax.simulation.metrics import METRICS
+from edhas_jax.machine.metrics import METRICS
 from edhas_jax.simulation.validity import Status
 
 MACHINE = edhas.PumpBench()

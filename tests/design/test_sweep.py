@@ -18,7 +18,7 @@ import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.design.batch.batch import REASONS, plan_chunks
 from edhas_jax.design.sweep import chunk_job, folder, identity
-from edhas_jax.simulation.metrics import METRICS
+from edhas_jax.machine.metrics import METRICS
 from tests.support import CONFIGS
 
 # four frequencies are four chunks

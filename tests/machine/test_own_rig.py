@@ -10,8 +10,10 @@ import pytest
 
 from edhas_jax import (
     Effect,
+    Mean,
     Oil,
     OilNode,
+    Peak,
     Recorded,
     Rig,
     Sine,
@@ -19,6 +21,7 @@ from edhas_jax import (
     change,
     drive,
     get,
+    metric,
     par,
     signal,
     simulate,
@@ -200,6 +203,11 @@ def mistakes():
     yield {"x": state("m", "position", None)}, "None; a finite number belongs here as start"
     yield {"push": slot("tank", "m/s", "push", "lvl")}, "a curve over `lvl`, which is no signal of this rig"
     yield {"push": slot("tank", "m/s", "push", "x", np.nan)}, "nan; a finite number belongs here as typical size"
+    yield {"rush": metric("m", "peak", Peak(lambda m, s: s.speed))}, "there is no signal `speed`"
+    yield {"rush": metric("m per", "peak", Peak(lambda m, s: s.x))}, "not a unit"
+    yield {"rush": metric("m", "both", (Peak(lambda m, s: s.x), Mean(lambda m, s: s.x)))}, "positional argument"
+    yield {"rush": metric("m", "ends", Mean(lambda m, s: (s.x, s.x)))}, "gives no number"
+    yield {"x_squared": metric("m^2", "x", Mean(lambda m, s: m.mass * s.x**2))}, "mass"
     yield {"equations": sets(x=3.0)}, "s.set.x=….: `x` is a state, drive or number, which is not set"
     yield {"equations": sets(level=3.0)}, "s.set.level=….: `level` is not declared"
     yield {"equations": lambda self, y, s: {"x": y.x / 0.0}}, "derivative of the rate of x with respect to x at rest"

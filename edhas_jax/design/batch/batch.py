@@ -65,11 +65,11 @@ class BatchSettings:
 def settings_of_batch(machine: Rig, simulation: Simulation) -> dict[str, Any]:
     """The fields of `BatchSettings` that follow from the settings of a run.
 
-    These are step and precision, and of a rig of one's own also duration and sample rate.
+    These are step and precision, and where no sine drives the machine also duration and sample rate.
     """
     found: dict[str, Any] = {"precision": simulation.precision}
     found |= {"step": simulation.step} if simulation.step else {}
-    if not machine.is_own:
+    if machine.cycle is not None:
         return found
     usual = {"step": machine.time_step, "duration": simulation.length(machine), "sample_rate": simulation.rate(machine)}
     return usual | found
@@ -97,6 +97,14 @@ class BatchError(ValueError):
     """These designs cannot be run as a batch."""
 
 
+def runs_designs(machine: Rig) -> bool:
+    """Whether designs of a machine are run: to the periodic state that a sine gives, of a rig of one's own whole runs.
+
+    The rigs of the package have no metrics of whole runs in batches: their means come from balances.
+    """
+    return machine.cycle is not None or machine.is_own
+
+
 def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchSettings) -> list[Chunk]:
     """Cut a table of designs into chunks, the same for the same table wherever the same engine runs it.
 
@@ -105,12 +113,12 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     Raises:
         BatchError: the machine is not driven by a sine on a bench.
     """
-    if machine.is_own:
+    if not runs_designs(machine):
+        raise BatchError(f"a batch needs a bench that is driven by a sine; this is {machine.name}")
+    if machine.cycle is None:
         rows = np.arange(len(next(iter(values.values()))))
         on_gpu = many_lanes(len(rows), float)
         return [Chunk(rows[i : i + LONG_TABLE], 0, on_gpu) for i in range(0, len(rows), LONG_TABLE)]
-    if machine.cycle is None:
-        raise BatchError(f"a batch needs a bench that is driven by a sine; this is {machine.name}")
     count = len(next(iter(values.values())))
     varied = [values[n] for n in ("frequency", "reference.frequency") if n in values]
     frequency = np.asarray(varied[0] if varied else get_parameter(machine, "reference.frequency"), float)
@@ -141,7 +149,7 @@ def engine_of_designs(machine: Rig, values: Mapping[str, np.ndarray], precision:
         precision: of all numbers.
         on_gpu: whether the table has so many designs that a GPU is faster (`Chunk.many_lanes`).
     """
-    if machine.is_own:
+    if machine.cycle is None:
         return serving_engine(on_gpu).name
     dtype = np.dtype(precision.value)
     base = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), machine)
@@ -155,7 +163,7 @@ def run_chunk(
 
     The result depends on the designs and settings alone, not on the number of cores or on the neighbours.
     """
-    if machine.is_own:
+    if machine.cycle is None:
         columns = {n: np.asarray(v)[chunk.rows] for n, v in values.items()}
         return run_own_designs(machine, columns, settings.run_grid(machine), chunk.many_lanes)
     dtype = np.dtype(settings.precision.value)

@@ -12,7 +12,6 @@ from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.design.batch.experiment_design import MAX_DESIGNS, DesignError
 from edhas_jax.machine.parameters import ParameterError, find_parameter, format_span, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.signal_metrics import metric_declarations
 
 
 def resolve_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
@@ -29,11 +28,11 @@ def resolve_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
         ParameterError: the name is unknown or ambiguous, or is a result of a run and not a parameter.
     """
     flat = name.rpartition(".")[2]
-    metrics, signals = metric_declarations(machine), machine.signals
+    metrics, signals = machine.metrics, machine.signals
     if flat in metrics or flat in signals and flat not in (p.name for p, _, _ in list_parameters(machine)):
-        what = f"a metric ({metrics[flat][2]})" if flat in metrics else f"a signal ({signals[flat].doc})"
+        what = f"a metric ({metrics[flat].doc})" if flat in metrics else f"a signal ({signals[flat].doc})"
         raise ParameterError(f"is {what}, a result of a run; only parameters can be varied")
-    if flat == "ramp_time" and not machine.is_own:
+    if flat == "ramp_time" and machine.cycle is not None:
         raise ParameterError("has no effect in a sweep: every design is run to its periodic state; leave it out")
     p, path = find_parameter(machine, name)
     return p, short_names(machine)[path, p.name]

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from edhas_jax.machine.parameters import replace_values
 from edhas_jax.machine.rig_base import Rig
 from edhas_jax.simulation.batch_trajectories import simulate_batch
-from edhas_jax.simulation.signal_metrics import KINDS, metric_slopes, signal_metrics
+from edhas_jax.simulation.metrics import metric_slopes, run_metrics, signals_of
 from edhas_jax.simulation.validity import STEP_SENSITIVITY, Status, valid_ranges
 
 MOST_NUMBERS = 20_000_000  # of the signals that are held at a time
@@ -63,7 +64,8 @@ def run_own_designs(
             ).values
             for k in (1, 2)
         )
-        found, before = (signal_metrics(grid.time, signals) for signals in (fine, coarse))
+        machines = replace_values(machine, some)
+        found, before = (run_metrics(machines, {"time": grid.time, **signals}) for signals in (fine, coarse))
         residual = np.max([_change(n, found, before) for n in names], axis=0)
         finite = np.all([np.isfinite(v) for v in found.values()], axis=0)
         beyond = np.zeros(len(residual), bool)
@@ -88,21 +90,17 @@ def own_slopes(
         Values by metric, (designs,); slopes by metric, (designs, parameters); status, (designs,).
     """
     count, width = len(next(iter(columns.values()))), len(parameters)
-    names = tuple(dict.fromkeys(_signal_of(metric) for metric in metrics))
+    declared = {name: machine.metrics[name] for name in metrics}
+    names = tuple(name for name in signals_of(machine, declared) if name != "time")
     wide = {n: np.repeat(np.asarray(v, float), width) for n, v in columns.items()}
     seeds = {n: np.tile([float(n == other) for other in parameters], count) for n in parameters}
     traces = simulate_batch(machine, wide, seeds, grid.step, grid.steps_per_sample, grid.samples, names)
-    found, change = signal_metrics(grid.time, traces.values), metric_slopes(grid.time, traces.values, traces.slopes)
+    signals = {"time": grid.time, **traces.values}
+    found, change = metric_slopes(machine, wide, seeds, declared, signals, traces.slopes)
     values = {m: found[m][::width] for m in metrics}
     slopes = {m: change[m].reshape(count, width) for m in metrics}
     finite = np.all([np.isfinite(v) for v in values.values()], axis=0)
     return values, slopes, np.where(finite, float(Status.OK), float(Status.NOT_FINITE))
-
-
-def _signal_of(metric: str) -> str:
-    """The signal of a metric: `level` of `mean_level`."""
-    kind, _, name = metric.partition("_")
-    return name if kind in KINDS else metric
 
 
 def _change(signal: str, new: Mapping[str, np.ndarray], old: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -21,7 +21,7 @@ from edhas_jax.design.function.named_parameters import named_columns
 from edhas_jax.design.function.periodic_metrics import PeriodicMetrics
 from edhas_jax.design.function.sampled_trajectory import SampledTrajectory
 from edhas_jax.design.gradient.fixed_point import GradientSettings
-from edhas_jax.design.gradient.table import metrics_of
+from edhas_jax.machine.interface.metrics import metrics_of_batch
 from edhas_jax.machine.parameters import find_parameter, get_parameter, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP, evaluate_signals
@@ -69,7 +69,7 @@ class Model:
     @functools.cached_property
     def metric_names(self) -> tuple[str, ...]:
         """The metrics of this machine."""
-        return tuple(metrics_of(self.machine))
+        return tuple(metrics_of_batch(self.machine))
 
     @functools.cached_property
     def signal_names(self) -> tuple[str, ...]:

@@ -8,18 +8,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from edhas_jax.core import runtime
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError
-from edhas_jax.design.batch.cycle_metrics import cycle_metrics, empty_sums
+from edhas_jax.design.batch.batch import runs_designs
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings, derivatives_of_runs
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.design.gradient.reverse import reverse
+from edhas_jax.machine.interface.metrics import metrics_of_batch
 from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, parse_value, short_names
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.metrics import METRICS
-from edhas_jax.simulation.signal_metrics import metric_declarations
 from edhas_jax.simulation.validity import REASONS, Status
 
 # what is said of a design whose metrics change by leaps, or not at all
@@ -92,7 +90,7 @@ def gradient(
         GradientError: a name or value is wrong, or the machine has no periodic state.
     """
     metrics, names, columns = _parse_request(machine, metrics, parameters, points)
-    if machine.is_own:
+    if machine.cycle is None:
         found = derivatives_of_runs(machine, columns, names, metrics, settings)
     elif mode is Mode.FORWARD:
         found = forward(machine, columns, names, metrics, settings, on_cycle)
@@ -108,9 +106,9 @@ def _parse_request(machine: Rig, metrics, parameters, points) -> tuple[list[str]
     Raises:
         GradientError: see `gradient`.
     """
-    if machine.cycle is None and not machine.is_own:
+    if not runs_designs(machine):
         raise GradientError(f"a gradient needs a bench that is driven by a sine; this is {machine.name}")
-    known = metrics_of(machine)
+    known = list(metrics_of_batch(machine))
     for name in metrics or ():
         if name not in known:
             raise GradientError(f"{name}: no metric of {machine.name}; {suggest(name, known)}")
@@ -131,14 +129,6 @@ def _parse_request(machine: Rig, metrics, parameters, points) -> tuple[list[str]
     count = lengths.pop() if lengths else 1
     columns = {n: np.full(count, float(get_parameter(machine, n))) for n in names}
     return list(metrics or known), names, columns | given
-
-
-def metrics_of(machine: Rig) -> list[str]:
-    """The metrics of a machine in its periodic state; of a rig of one's own those of a whole run."""
-    if machine.is_own:
-        return list(metric_declarations(machine))
-    shapes = runtime.eval_shape(lambda m, sums: cycle_metrics(m, sums, 1.0), machine, empty_sums(machine, float))
-    return [n for n in METRICS if n in shapes]
 
 
 def parameters_of(machine: Rig) -> list[str]:
@@ -165,12 +155,11 @@ def _own_names(machine: Rig, parameters: Sequence[str]) -> list[str]:
 
 def _frame(machine, columns, names, metrics, shown, found: Derivatives) -> pd.DataFrame:
     units = {n: resolve_parameter(machine, n)[0].unit for n in names}
-    declared = metric_declarations(machine)
     rows = []
     for point, status in enumerate(found.status):
         at = {n: columns[n][point] for n in shown}
         for metric in metrics:
-            value, unit = found.values[metric][point], declared[metric][0]
+            value, unit = found.values[metric][point], machine.metrics[metric].unit
             for j, name in enumerate(names):
                 size, slope = columns[name][point], found.slopes[metric][point, j]
                 note = _why_missing(machine, columns, point, metric, value, slope, Status(int(status)))
@@ -193,11 +182,10 @@ def _why_missing(machine: Rig, columns, point: int, metric: str, value: float, s
     """Why this derivative does not exist; empty if it does."""
     if status in _NO_DERIVATIVE:
         return f"no derivative: {REASONS[status]}"
-    if machine.is_own:
-        return "" if np.isfinite(slope) else "no derivative: it is not finite"
-    supply = columns["supply_voltage"][point] if "supply_voltage" in columns else machine.supply.supply_voltage
-    if metric == "peak_voltage" and value >= float(supply) * (1.0 - 1e-9):
-        return "no derivative: the voltage is clipped, its peak is the supply voltage"
+    if metric == "peak_voltage" and machine.cycle is not None:
+        supply = columns["supply_voltage"][point] if "supply_voltage" in columns else machine.supply.supply_voltage
+        if value >= float(supply) * (1.0 - 1e-9):
+            return "no derivative: the voltage is clipped, its peak is the supply voltage"
     return "" if np.isfinite(slope) else "no derivative: it is not finite"
 
 

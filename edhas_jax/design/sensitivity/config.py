@@ -12,14 +12,15 @@ from edhas_jax.core.trusted_code import Trust
 from edhas_jax.design.batch.batch import BatchSettings
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.batch.experiment_design import Axis, full_factorial
-from edhas_jax.design.gradient.table import metrics_of, parameters_of
+from edhas_jax.design.gradient.table import parameters_of
 from edhas_jax.design.sensitivity.global_sensitivity import MIN_ROWS, MIN_TRAJECTORIES
 from edhas_jax.design.task_reader import TaskReader
+from edhas_jax.machine.interface.metrics import in_order, metrics_of_batch
 from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.machine.rigs import Rig
 
 SECTIONS = ("points", "metrics", "local", "ranges", "samples", "trajectories", "seed")
-DEFAULT_METRICS = ("mean_flow", "mean_electrical_power", "overall_efficiency")
+USUAL_METRICS = 3  # that are analysed where a task names none: the leading ones
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +74,7 @@ def load_sensitivity(source: Path | str | Mapping[str, Any], trust: Trust = ()) 
     """
     reader = TaskReader(source, SECTIONS, "ranges", optional=True, trust=trust)
     points = reader.operating_points("points")
-    known = metrics_of(reader.machine) if reader.machine is not None and not reader.problems else []
+    known = metrics_of_batch(reader.machine) if reader.machine is not None and not reader.problems else {}
     metrics = reader.list_section("metrics")
     for i, name in enumerate(metrics):
         if known and name not in known:
@@ -99,7 +100,7 @@ def load_sensitivity(source: Path | str | Mapping[str, Any], trust: Trust = ()) 
         reader.add(("ranges", name), "is fixed by the operating points; remove it from one of the two sections")
     reader.finish()
     axes = reader.axes
-    default = tuple(n for n in DEFAULT_METRICS if n in known) or tuple(known[:3])
+    default = tuple(in_order(known, lambda name: known[name].rank)[:USUAL_METRICS])
     return SensitivityTask(
         reader.machine, points, tuple(metrics) or default,
         tuple(dict.fromkeys(local)) or tuple(parameters_of(reader.machine)),

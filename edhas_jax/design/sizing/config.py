@@ -17,11 +17,10 @@ from edhas_jax.core.units import UnitError, format_quantity, format_result, to_s
 from edhas_jax.design.batch.batch import BatchSettings
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.batch.experiment_design import Axis, full_factorial
-from edhas_jax.design.gradient.table import metrics_of
 from edhas_jax.design.task_reader import TaskReader
+from edhas_jax.machine.interface.metrics import metrics_of_batch
 from edhas_jax.machine.parameters import ParameterError, get_parameter, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.signal_metrics import metric_declarations
 
 SECTIONS = ("points", "free", "objective", "front", "constraints", "robust", "starts", "iterations", "seed")
 
@@ -157,7 +156,7 @@ def load_sizing(source: Path | str | Mapping[str, Any], trust: Trust = ()) -> Si
     points = r.operating_points("points")
     for name in sorted({a.name for a in points} & {a.name for a in r.axes}):
         r.add(("free", name), "is fixed by the operating points; remove it from one of the two sections")
-    known = None if r.machine is None else metrics_of(r.machine)
+    known = None if r.machine is None else list(metrics_of_batch(r.machine))
     weights = _read_objective(r, known)
     front = r.read_integer(("front",), r.data.get("front", "0"), 0, 100)
     if front and len(weights) != 2:
@@ -226,7 +225,6 @@ def _read_objective(r: TaskReader, known: list[str] | None) -> dict[str, float]:
 
 def _read_constraints(r: TaskReader, known: list[str] | None) -> tuple[Constraint, ...]:
     constraints = []
-    declared = {} if known is None else metric_declarations(r.machine)
     for name, spec in r.section("constraints", "{rms_current: {max: 4 A}}").items():
         key = ("constraints", name)
         if known is None:
@@ -234,16 +232,16 @@ def _read_constraints(r: TaskReader, known: list[str] | None) -> tuple[Constrain
         if name not in known:
             r.add(key, f"no metric `{name}`; {suggest(str(name), known)}")
         elif not isinstance(spec, Mapping) or not set(spec) & {"min", "max"}:
-            r.add(key, f"`max:` or `min:` and a quantity in {declared[name][0]} belong here")
+            r.add(key, f"`max:` or `min:` and a quantity in {r.machine.metrics[name].unit} belong here")
         else:
             r.add_unknown_keys(key, spec, ("min", "max"))
-            unit, shown, doc = declared[name]
-            p = Parameter(name, 1.0, unit, (-np.inf, np.inf), doc, "", Constraint)
+            about = r.machine.metrics[name]
+            p = Parameter(name, 1.0, about.unit, (-np.inf, np.inf), about.doc, "", Constraint)
             for bound in ("min", "max"):
                 if bound in spec:
                     value = _read_quantity(r, (*key, bound), p, spec[bound])
                     if value is not None:
-                        constraints.append(Constraint(name, bound == "max", value, unit, shown))
+                        constraints.append(Constraint(name, bound == "max", value, about.unit, about.display_unit))
             if {"min", "max"} <= set(spec) and len(constraints) > 1 and constraints[-2].value > constraints[-1].value:
                 r.add(key, "`min` lies above `max`: they cannot be met together")
     return tuple(constraints)

@@ -9,7 +9,6 @@ from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sizing.config import SizingTask
 from edhas_jax.design.sizing.optimiser import FEASIBILITY_TOLERANCE
 from edhas_jax.design.sizing.size import SizingResult
-from edhas_jax.simulation.signal_metrics import metric_declarations
 
 BEST_COLOUR, START_COLOUR = COLOURS[1], COLOURS[0]
 
@@ -77,13 +76,13 @@ def draw_front(task: SizingTask, result: SizingResult):
     """A matplotlib figure: the two metrics of the objective, averaged over the cases, and the designs on the front."""
     from edhas_jax.core.figure import Figure
 
-    metrics, declared = list(task.weights), metric_declarations(task.machine)
+    metrics, declared = list(task.weights), task.machine.metrics
     figure = Figure(figsize=(10.5, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
 
     def mean(sized, metric):
-        unit, shown, _ = declared[metric]
-        return from_si(float(sized.metrics[metric].mean()), unit, shown)
+        about = declared[metric]
+        return from_si(float(sized.metrics[metric].mean()), about.unit, about.display_unit)
 
     feasible = [sized for sized in result.machines if sized.violation <= FEASIBILITY_TOLERANCE]
     x, y = ([mean(sized, m) for sized in feasible] for m in metrics)
@@ -94,7 +93,7 @@ def draw_front(task: SizingTask, result: SizingResult):
     label = "start" if result.start.violation <= FEASIBILITY_TOLERANCE else "start, infeasible"
     left.plot(*start, "s", color=START_COLOUR, ms=6)
     left.annotate(label, start, (7, -11), textcoords="offset points", fontsize=8.5, color=START_COLOUR)
-    labels = [f"{m.replace('_', ' ')}, {declared[m][1]}, mean of the points" for m in metrics]
+    labels = [f"{m.replace('_', ' ')}, {declared[m].display_unit}, mean of the points" for m in metrics]
     left.set(xlabel=labels[0], ylabel=labels[1])
     left.margins(0.1)
     fractions = [[a.fraction_of(s.design[a.name]) for s in feasible] for a in task.variables]

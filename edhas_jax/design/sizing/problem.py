@@ -74,7 +74,7 @@ class SizingProblem:
         self.steps_per_cycle = steps_per_cycle
         self.machine_seconds = 0.0
         self.supply, self._machine, self.constraints = math.inf, task.machine, task.constraints
-        if not task.machine.is_own:
+        if task.machine.cycle is not None:
             self._raise_supply()
         points = task.operating_points()
         count = len(next(iter(points.values()))) if points else 1
@@ -116,7 +116,7 @@ class SizingProblem:
         scale = np.stack([axis.derivative_at(variables[axis.name]) for axis in self.task.variables], axis=1)
         columns, factor = self._columns(variables, n)
         settings = GradientSettings(self.steps_per_cycle, CYCLE_TOLERANCE, MAX_CYCLES, self.task.settings)
-        evaluate = derivatives_of_runs if self._machine.is_own else forward
+        evaluate = derivatives_of_runs if self._machine.cycle is None else forward
         found = evaluate(self._machine, columns, self.names, self._metrics, settings)
         self._count_time(found, columns, n * cases)
         failed = np.isin(found.status, FAILED_STATUSES).reshape(n, cases).any(axis=1)
@@ -146,7 +146,7 @@ class SizingProblem:
 
     def _count_time(self, found: Derivatives, columns: dict[str, np.ndarray], runs: int) -> None:
         """Add the simulated time of some runs; each derivative counts as a run."""
-        if self._machine.is_own:
+        if self._machine.cycle is None:
             grid = self.task.settings.run_grid(self._machine)
             self.machine_seconds += runs * (1 + len(self.names)) * float(grid.time[-1])
             return

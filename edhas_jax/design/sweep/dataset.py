@@ -16,7 +16,7 @@ from edhas_jax.core.source_location import first_line
 from edhas_jax.core.summary import Summary
 from edhas_jax.design.sweep.figures import draw_sweep
 from edhas_jax.design.sweep.sweep_summary import sweep_summary
-from edhas_jax.design.sweep.table import NOT_RUN, SweepResult
+from edhas_jax.design.sweep.table import NOT_RUN, Field, SweepResult
 from edhas_jax.simulation.validity import REASONS, Status
 
 DESIGN = "design"  # the dimension of designs that are no grid
@@ -132,14 +132,15 @@ def open_dataset(path: Path | str) -> SweepData:
     return SweepData(data.data_vars, data.coords, data.attrs)
 
 
-def _attributes(result: SweepResult, name: str, role: str) -> Mapping[str, str]:
-    unit, shown, doc = result.fields[name]
-    return {"units": "1" if unit == "-" else unit, "shown": shown, "long_name": doc, "role": role}
+def _attributes(result: SweepResult, name: str, role: str) -> Mapping[str, str | int]:
+    unit, shown, doc, rank = result.fields[name]
+    known = {"units": "1" if unit == "-" else unit, "shown": shown, "long_name": doc, "role": role}
+    return known | ({"rank": rank} if rank else {})
 
 
-def _field(attributes: Mapping[str, str]) -> tuple[str, str, str]:
+def _field(attributes: Mapping[str, Any]) -> Field:
     unit = "-" if attributes["units"] == "1" else attributes["units"]
-    return unit, attributes.get("shown", unit), attributes.get("long_name", "")
+    return Field(unit, attributes.get("shown", unit), attributes.get("long_name", ""), int(attributes.get("rank", 0)))
 
 
 def _reason(status: str) -> str:

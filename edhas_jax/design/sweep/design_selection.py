@@ -16,7 +16,6 @@ from edhas_jax.design.sweep.table import NOT_RUN, SweepResult
 GRID_COLOUR, FAILED_COLOUR = "#d8dee4", "#d0d7de"
 COLOUR_MAP = "viridis"
 TITLE_WIDTH = 85  # characters per line
-DEFAULT_METRICS = ("mean_flow", "overall_efficiency", "amplitude_ratio")
 SLICE_HALF_WIDTH = 0.05  # share of a parameter's range, of a slice through sampled designs
 
 
@@ -159,10 +158,8 @@ def require_one_of(name: str, valid: Sequence[str], what: str) -> str:
 
 
 def choose_metric(result: SweepResult, name: str | None) -> str:
-    """The metric with this name, or by default the first of `DEFAULT_METRICS` that the result has."""
-    if name is not None:
-        return require_one_of(name, result.metrics, "no metric")
-    return next((n for n in DEFAULT_METRICS if n in result.metrics), result.metrics[0])
+    """The metric with this name, or by default the leading one."""
+    return result.leading[0] if name is None else require_one_of(name, result.metrics, "no metric")
 
 
 def tick_label(value: float) -> str:

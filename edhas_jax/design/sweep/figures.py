@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from edhas_jax.design.sweep.design_selection import DEFAULT_METRICS, choose_metric, require_one_of, select_designs
-from edhas_jax.design.sweep.heat_map import HEAT_METRICS, draw_heat_map, metric_of_two_parameters
-from edhas_jax.design.sweep.parallel_coordinates import CONTEXT_METRICS, draw_parallel_coordinates
+from edhas_jax.design.sweep.design_selection import choose_metric, require_one_of, select_designs
+from edhas_jax.design.sweep.heat_map import CANDIDATES, draw_heat_map, metric_of_two_parameters
+from edhas_jax.design.sweep.parallel_coordinates import FURTHER_METRICS, draw_parallel_coordinates
 from edhas_jax.design.sweep.pareto_front import ACTUATOR_OBJECTIVES, PUMP_OBJECTIVES, draw_pareto_front
 from edhas_jax.design.sweep.table import SweepResult
 
@@ -12,13 +12,15 @@ KINDS = ("heat", "parallel", "pareto")
 
 
 def metrics_of_figures(
-    available: Sequence[str], metric: str | None = None, objectives: Sequence[str] | None = None
+    leading: Sequence[str], metric: str | None = None, objectives: Sequence[str] | None = None
 ) -> set[str]:
-    """The metrics that the figures of a sweep need, of those `available`; arguments else as of `draw_sweep`."""
+    """The metrics that the figures of a sweep need, of all in the order of `SweepResult.leading`.
+
+    The other arguments are as of `draw_sweep`.
+    """
     pairs = (*PUMP_OBJECTIVES, *ACTUATOR_OBJECTIVES) if objectives is None else objectives
     objectives = (text.partition(":")[0] for text in pairs)
-    wanted = {metric, *DEFAULT_METRICS, *CONTEXT_METRICS, *HEAT_METRICS, *available[:1], *objectives}
-    return wanted & set(available)
+    return {metric, *leading[: max(CANDIDATES, FURTHER_METRICS + 1)], *objectives} & set(leading)
 
 
 def draw_sweep(

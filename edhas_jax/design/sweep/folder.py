@@ -42,7 +42,6 @@ from edhas_jax.design.sweep.manifest import (
 )
 from edhas_jax.design.sweep.table import TABLE_FILE, sweep_table
 from edhas_jax.design.sweep.table_windows import windows, write_table
-from edhas_jax.simulation.metrics import METRICS
 
 DESIGNS_FILE = "designs.parquet"
 OWN_NAMES = (MANIFEST_FILE, DESIGNS_FILE, TABLE_FILE, CHUNKS_FOLDER, LOCK_FILE)
@@ -181,7 +180,7 @@ class SweepFolder:
 
     def check_space(self, designs: int) -> None:
         """Raise SweepError if the results of so many designs would fill the disk."""
-        needed = designs * 2 * 8 * (len(self._sweep.designs) + len(METRICS) + 4) + 2**20
+        needed = designs * 2 * 8 * (len(self._sweep.designs) + len(self._sweep.machine.metrics) + 4) + 2**20
         free = shutil.disk_usage(self.path).free
         if free < needed:
             raise SweepError(f"{self.path}: the result needs about {needed / 1e6:.0f} MB, and the disk has "

@@ -9,7 +9,6 @@ from edhas_jax.design.sweep.design_selection import (
     FAILED_COLOUR,
     DesignSelection,
     FigureError,
-    choose_metric,
     few_levels,
     require_one_of,
     tick_label,
@@ -18,7 +17,7 @@ from edhas_jax.design.sweep.design_selection import (
 MAX_PANEL_COLUMNS, MAX_PANEL_ROWS = 4, 3
 DESIGNS_PER_CELL = 25  # intended, of sampled designs
 MAX_EXACT_VALUES = 12  # distinct values of a parameter that get a cell each; more are binned
-HEAT_METRICS = ("mean_flow", "overall_efficiency", "mean_leakage", "mean_electrical_power", "amplitude_ratio")
+CANDIDATES = 6  # leading metrics among which a map looks for one that depends on two parameters
 LEAST_SECOND_SHARE = 0.05  # of the variance that the first parameter explains: what the second one has to explain
 VARIANCE_DESIGNS = 100_000  # evenly spread over the table, of which this share is calculated
 VARIANCE_BINS = 10  # of a parameter, for the share of variance that it explains
@@ -89,18 +88,17 @@ def draw_heat_map(selection: DesignSelection, metric: str, x: str | None, y: str
 
 
 def metric_of_two_parameters(selection: DesignSelection) -> str:
-    """The first of `HEAT_METRICS` that depends on a second parameter too, or the one that does so most.
+    """The first of the leading metrics that depends on a second parameter too, or the one that does so most.
 
     A map of a metric that depends on one parameter alone has stripes.
     """
     shares = {}
-    for metric in HEAT_METRICS:
-        if metric in selection.result.metrics:
-            explained = sorted(_explained_variance(selection, metric, n) for n in selection.varied())
-            shares[metric] = explained[-2] / explained[-1] if len(explained) > 1 and explained[-1] > 0.0 else 0.0
-            if shares[metric] > LEAST_SECOND_SHARE:
-                return metric
-    return max(shares, key=shares.__getitem__) if shares else choose_metric(selection.result, None)
+    for metric in selection.result.leading[:CANDIDATES]:
+        explained = sorted(_explained_variance(selection, metric, n) for n in selection.varied())
+        shares[metric] = explained[-2] / explained[-1] if len(explained) > 1 and explained[-1] > 0.0 else 0.0
+        if shares[metric] > LEAST_SECOND_SHARE:
+            return metric
+    return max(shares, key=shares.__getitem__)
 
 
 def _explained_variance(selection: DesignSelection, metric: str, name: str) -> float:

@@ -114,10 +114,12 @@ def effect_code(machine: Rig) -> dict[str, str]:
     for name, table in tables.items():
         if table is not None:
             sources[name] = " ".join(("table", table.place.slot, table.place.variable, *table.place.factors))
-    if machine.is_own:
-        return sources | {"rig": _code_of(machine)}
-    controller = _code_of(machine.controller)
-    return sources if controller == "library" else sources | {"controller": controller}
+    for part in machine.replaceable_parts():
+        if part is machine:
+            sources["rig"] = _code_of(machine)
+        elif part not in machine.effects and _code_of(part) != "library":
+            sources["controller"] = _code_of(part)
+    return sources
 
 
 def user_code(machine: Rig) -> TrustedCode:

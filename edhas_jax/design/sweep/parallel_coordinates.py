@@ -13,7 +13,7 @@ from edhas_jax.design.sweep.design_selection import (
 )
 
 MAX_LINES = 1500
-CONTEXT_METRICS = ("mean_electrical_power", "overall_efficiency", "peak_voltage")  # shown besides the chosen one
+FURTHER_METRICS = 3  # leading ones that are shown besides the chosen one
 MAX_EXACT_TICKS = 8  # distinct values of a column that get a tick each
 
 
@@ -38,7 +38,7 @@ def draw_parallel_coordinates(selection: DesignSelection, metric: str):
 
     if not selection.ok.any():
         raise FigureError("every design that would be shown has failed", missing=True)
-    context = [n for n in CONTEXT_METRICS if n in selection.result.metrics and n != metric]
+    context = [n for n in selection.result.leading if n != metric][:FURTHER_METRICS]
     names = [*selection.varied(), *context, metric]
     rng = np.random.default_rng(0)
     good, failed = np.flatnonzero(selection.ok), np.flatnonzero(selection.failed)

@@ -22,6 +22,7 @@ from edhas_jax.design.sweep.folder import DESIGNS_FILE, SweepFolder
 from edhas_jax.design.sweep.identity import machine_text, user_code
 from edhas_jax.design.sweep.manifest import SweepError, open_listed_file, read_manifest
 from edhas_jax.design.sweep.table import TABLE_FILE, TEXT_COLUMNS, SweepResult, to_result, with_results
+from edhas_jax.machine.interface.metrics import in_order
 
 MOST_PENDING = 256  # chunks that are handed to workers at a time
 
@@ -129,8 +130,8 @@ def open_sweep(folder: Path | str, wanted: Callable[[Sequence[str]], Collection[
 
     Args:
         folder: the folder of the sweep.
-        wanted: which of the metrics are to be in the table, from the names of all; None: all. With it the table is
-            only to be read, and has no reasons.
+        wanted: which of the metrics are to be in the table, from the names of all in the order in which they are
+            shown; None: all. With it the table is only to be read, and has no reasons.
 
     Returns:
         The table of all designs with units and meanings.
@@ -145,10 +146,10 @@ def open_sweep(folder: Path | str, wanted: Callable[[Sequence[str]], Collection[
         data = pq.ParquetFile(file, read_dictionary=TEXT_COLUMNS if finished else [])
         if finished:
             whole = data.schema_arrow
-            metrics = [f.name for f in whole if (f.metadata or {}).get(b"role") == b"metric"]
             if wanted is None:
                 return to_result(data.read(), manifest)
-            left_out = {"reason", *metrics} - set(wanted(metrics))
+            about = {f.name: f.metadata for f in whole if (f.metadata or {}).get(b"role") == b"metric"}
+            left_out = {"reason", *about} - set(wanted(in_order(about, lambda n: int(about[n].get(b"rank", 0)))))
             return to_result(data.read([n for n in whole.names if n not in left_out]), manifest, whole)
         data = data.read()
     results: dict[str, np.ndarray] = {n: np.full(len(data), np.nan) for n in ("cycles", "residual", "status")}

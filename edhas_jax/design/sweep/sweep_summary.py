@@ -44,8 +44,9 @@ def summary_of_parts(parts: Iterable[SweepResult]) -> Summary:
     ]
     texts = []
     for r in ranges:
-        unit, shown, _ = part.fields[r["name"]]
-        texts.append((r["name"], r["role"], *(format_result(float(r[end]), unit, shown) for end in ("from", "to"))))
+        about = part.fields[r["name"]]
+        ends = (format_result(float(r[end]), about.unit, about.shown) for end in ("from", "to"))
+        texts.append((r["name"], r["role"], *ends))
     title = f"{part.manifest.get('name') or 'sweep'}: {total:,} designs of {', '.join(part.parameters)}"
     return Summary(title, (
         SummaryTable.of("statuses", ("status", "designs", "meaning"), rows, records),

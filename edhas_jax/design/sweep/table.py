@@ -1,27 +1,38 @@
 """Table of a sweep: a row per design with parameters and metrics in SI, and their units in the schema."""
 
 import dataclasses
+import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
 from edhas_jax.core.units import display_unit, from_si
+from edhas_jax.machine.interface.metrics import in_order, metrics_of_batch
+from edhas_jax.machine.metrics import METRICS
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.metrics import METRICS
-from edhas_jax.simulation.signal_metrics import Declarations, metric_declarations
 from edhas_jax.simulation.validity import REASONS, Status
 
 TABLE_FILE = "table.parquet"
+DECLARED = b"metrics"  # in the schema of a table of designs: what is known of each metric of their machine
 TEXT_COLUMNS = ["status", "reason"]  # a few texts many times: read as numbers of a dictionary
 NOT_RUN = "not_run"
 CONVERGENCE_COLUMNS = {
     "cycles": "cycles that were run",
     "residual": "larger change of the metrics over the last two cycles",
 }
+
+
+class Field(NamedTuple):
+    """What is known of a column: SI unit, unit in which it is shown, meaning, and the rank of a metric."""
+
+    unit: str
+    shown: str
+    doc: str
+    rank: int = 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,14 +44,14 @@ class SweepResult:
             reason of a failure, or "not_run". Only designs that are "ok" have metrics, the others NaN.
         parameters: columns that are varied parameters.
         metrics: columns that are metrics.
-        fields: by column its SI unit, the unit it is shown in, and its meaning.
+        fields: what is known of each column.
         manifest: description of the sweep and its state.
     """
 
     frame: pd.DataFrame
     parameters: tuple[str, ...]
     metrics: tuple[str, ...]
-    fields: Mapping[str, tuple[str, str, str]]
+    fields: Mapping[str, Field]
     manifest: Mapping[str, Any]
 
     @property
@@ -48,10 +59,15 @@ class SweepResult:
         """The number of designs that have been run."""
         return int((self.frame["status"] != NOT_RUN).sum())
 
+    @property
+    def leading(self) -> list[str]:
+        """The metrics, in the order in which they are shown where only some are."""
+        return in_order(self.metrics, lambda name: self.fields[name].rank)
+
     def shown(self, name: str) -> np.ndarray:
         """A column in the unit it is shown in, shape (designs,)."""
-        unit, shown, _ = self.fields[name]
-        return from_si(self.frame[name].to_numpy(float), unit, shown)
+        about = self.fields[name]
+        return from_si(self.frame[name].to_numpy(float), about.unit, about.shown)
 
 
 def sweep_table(
@@ -60,7 +76,7 @@ def sweep_table(
     """Build the Arrow table of designs and, if given, their results.
 
     Args:
-        machine: gives the units and meanings of the parameters.
+        machine: gives the units and meanings of parameters and metrics.
         designs: by parameter a column of values (SI), shape (designs,).
         metrics: by metric a column of values (SI), with status, cycles and residual; NaN for a design that has not
             been run.
@@ -70,30 +86,34 @@ def sweep_table(
         p, _ = find_parameter(machine, name)
         shown = display_unit(p.unit, float(np.abs(values).max())) or "-"
         columns.append(_column(name, values, role="parameter", unit=p.unit, shown=shown, doc=p.doc))
-    table = pa.table([values for _, values in columns], schema=pa.schema([field for field, _ in columns]))
-    return table if metrics is None else with_results(table, metrics, metric_declarations(machine))
+    declared = {n: (k.unit, k.display_unit, k.doc, k.rank) for n, k in metrics_of_batch(machine).items()}
+    schema = pa.schema([field for field, _ in columns], metadata={DECLARED: json.dumps(declared)})
+    table = pa.table([values for _, values in columns], schema=schema)
+    return table if metrics is None else with_results(table, metrics)
 
 
-def with_results(
-    table: pa.Table, metrics: Mapping[str, np.ndarray], declared: Declarations | None = None
-) -> pa.Table:
+def _declared(table: pa.Table) -> dict[str, Field]:
+    """What is known of each metric; a table of an older version does not say it, and is of a rig of the package."""
+    text = (table.schema.metadata or {}).get(DECLARED)
+    if text is None:
+        return {n: Field(k.unit, k.display_unit, k.doc, k.rank) for n, k in METRICS.items()}
+    return {name: Field(*about) for name, about in json.loads(text).items()}
+
+
+def with_results(table: pa.Table, metrics: Mapping[str, np.ndarray]) -> pa.Table:
     """Add the results to a table of designs.
 
     The metrics of a design that is not OK are NaN, so that no selection by a metric finds it.
 
     Args:
-        table: the designs, a row each.
+        table: the designs, a row each, from `sweep_table`.
         metrics: as for `sweep_table`.
-        declared: units and meanings of the metrics; None where the machine is not at hand.
     """
-    if declared is None:
-        others = (n for n in metrics if n not in (*METRICS, *CONVERGENCE_COLUMNS, "status"))
-        declared = METRICS | {n: ("-", "-", n.replace("_", " ")) for n in others}
     columns, ok = [], np.asarray(metrics["status"], float) == Status.OK
-    for name in (n for n in declared if n in metrics):
-        unit, shown, doc = declared[name]
-        values = np.where(ok, metrics[name], np.nan)
-        columns.append(_column(name, values, role="metric", unit=unit, shown=shown, doc=doc))
+    for name, about in _declared(table).items():
+        if name in metrics:
+            known = about._asdict() | {"rank": str(about.rank)}
+            columns.append(_column(name, np.where(ok, metrics[name], np.nan), role="metric", **known))
     for name, doc in CONVERGENCE_COLUMNS.items():
         columns.append(_column(name, metrics[name], role="account", unit="-", shown="-", doc=doc))
     codes, place = np.unique(np.nan_to_num(metrics["status"], nan=-1.0).astype(int), return_inverse=True)
@@ -132,6 +152,9 @@ def to_result(data: pa.Table, manifest: Mapping[str, Any], whole: pa.Schema | No
     """
     schema = data.schema if whole is None else whole
     metadata = {f.name: {k.decode(): v.decode() for k, v in (f.metadata or {}).items()} for f in schema}
-    fields = {n: (t.get("unit", "-"), t.get("shown", "-"), t.get("doc", "")) for n, t in metadata.items()}
+    fields = {
+        n: Field(t.get("unit", "-"), t.get("shown", "-"), t.get("doc", ""), int(t.get("rank", 0)))
+        for n, t in metadata.items()
+    }
     parameters, metrics = (tuple(n for n, t in metadata.items() if t.get("role") == r) for r in ("parameter", "metric"))
     return SweepResult(to_frame(data, copy=whole is None), parameters, metrics, fields, manifest)

@@ -6,7 +6,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.curve_basis import basis, explained_share, fit_values, free_nodes, law_nodes
-from edhas_jax.diagnosis.laws.law_places import law_places, typical_size
+from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.law_samples import LawSamples, law_samples
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.tabulated_law import LawPlace
@@ -104,7 +104,7 @@ def start_from_nothing(
         return None
     x, weight = samples.values[place.variable], samples.weight(place)
     nodes = free_nodes(float(x.min()), float(x.max())) if nodes is None else np.asarray(nodes, float)
-    size = typical_size(place, float(np.sqrt(np.mean(np.square(weight)))))
+    size = place.declaration.typical_size / float(np.sqrt(np.mean(np.square(weight))))
     return CurveStart(place, True, nodes, np.full(len(nodes), place.neutral), size, None, x, weight, None)
 
 

@@ -29,7 +29,7 @@ class PlannedCampaignDescription(CampaignDescription):
             CampaignError: the set point is a recording, or a run would have too few or too many samples.
         """
         for drive, source in self.recorded.items():
-            own = self.rig.is_own
+            own = drive in self.rig.drives
             instead = "write files with the columns of the drives alone" if own else "describe the set point"
             raise CampaignError(
                 f"{self.folder / CAMPAIGN_FILE}: `{drive}: {source.column}` is recorded with the runs, "
@@ -76,7 +76,7 @@ def read_planned_campaign(
     path = Path(path)
     file = path / CAMPAIGN_FILE if path.is_dir() else path
     description, _ = read_description(file, PlannedCampaignDescription, trust)
-    own_drives = description.recorded and description.rig.is_own
+    own_drives = any(name in description.rig.drives for name in description.recorded)
     if own_drives and all(file.path.exists() for entry in description.run_entries for file in entry.files):
         return read_campaign(path, trust, planned=True)
     planned = description.planned_runs(rate)

@@ -25,8 +25,6 @@ from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownPar
 
 SENSOR_FAULTS: tuple[type[SensorModel], ...] = (SensorLag, SensorDelay, SensorGain, SensorOffset)
 SENSOR_LOCATION = "sensor"
-# a second coupling or line in such a slot would have no physical meaning
-SINGLE_EFFECT_SLOTS = ("coupling_force", "suction_line_resistance", "suction_line_flow", "outlet_line_flow")
 # end and width of a plausible range in standard deviations of the prior
 PLAUSIBLE_COORDINATE, PLAUSIBLE_RANGE_SIGMAS = 2.0, 4.0
 PRIOR_BOUND = 3.0  # bound of a fitted coordinate, in standard deviations of its prior
@@ -172,7 +170,7 @@ def can_mount(machine: Rig, kind: type[Effect]) -> bool:
     mounted = tuple(type(effect) for effect in machine.effects)
     if kind.id in {effect.id for effect in machine.effects}:
         return False
-    if any(is_used(slot, mounted) for slot in kind.slots if slot.name in SINGLE_EFFECT_SLOTS):
+    if any(is_used(slot, mounted) for slot in kind.slots if slot.is_exclusive):
         return False
     return _has_parts_for(KindOfMachine(machine), kind)
 

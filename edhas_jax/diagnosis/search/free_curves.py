@@ -28,8 +28,6 @@ from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-# slots at which a curve is the same term of the same equation, but for its sign
-SAME_TERMS = {"mover_friction": "mover_force", "cylinder_friction_force": "cylinder_force"}
 # curves that are simulated together: more save compilation, fewer the time of each step
 GROUP = 4
 MIN_GAIN = 12.0  # nats: the best of some fifty curves gains less by chance
@@ -132,5 +130,5 @@ def _distinct_places(machine: Rig) -> list[LawPlace]:
     present = {effect.id for effect in machine.effects}
     for slot in machine.slots:
         for place in (p for p in law_places(machine, slot.name) if _id_at(p) not in present):
-            found.setdefault((SAME_TERMS.get(slot.name, slot.name), place.variable, place.factors), place)
+            found.setdefault((slot.same_as or slot.name, place.variable, place.factors), place)
     return list(found.values())

@@ -26,10 +26,9 @@ from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.deviation import AddedTerm, Columns, added_slopes
-from edhas_jax.diagnosis.laws.law_places import law_places, typical_size
+from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.law_samples import samples_at_slots
-from edhas_jax.diagnosis.search.free_term import FreeTerm, score_free_term
-from edhas_jax.diagnosis.search.screening import Score, ScoreTest
+from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.base import state
 from edhas_jax.machine.effects.tabulated_law import LawPlace
@@ -149,18 +148,6 @@ def _term_class(
     return type("".join(part.title() for part in name.split("_")), (Effect,), body)
 
 
-def score_memory_terms(test: ScoreTest, fit: Fit, report: Callable[[str], None]) -> list[Score]:
-    """The score tests of terms with memory at the places of a machine, the largest predicted fall of χ² first.
-
-    Args:
-        test: score test of a model.
-        fit: the fit of this model.
-        report: called with a sentence on the progress.
-    """
-    found = [score_free_term(test, term, slopes) for term, slopes in memories_with_slopes(fit, report)]
-    return sorted(found, key=lambda score: -score.chi_square_fall)
-
-
 def memories_with_slopes(fit: Fit, report: Callable[[str], None]) -> list[tuple[MemoryTerm, Columns]]:
     """The terms with memory at the places of a machine, each with the derivatives of all signals by its coefficients.
 
@@ -178,7 +165,7 @@ def memories_with_slopes(fit: Fit, report: Callable[[str], None]) -> list[tuple[
     samples, terms = samples_at_slots(fit, [place for *_, place in kinds]), []
     for term, class_at, place in kinds:
         if (past := float(np.std(samples[place.slot].values[place.variable]))) > 0.0:
-            terms.append(term(class_at(place), None, place, typical_size(place, past)))
+            terms.append(term(class_at(place), None, place, place.declaration.typical_size / past))
     campaign = fit.problem.campaign
     found = added_slopes(fit, [AddedTerm(term.kind(), term.unknowns(campaign)) for term in terms])
     return [

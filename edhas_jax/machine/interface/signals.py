@@ -63,6 +63,20 @@ SIGNALS: dict[str, Signal] = {
 }
 
 
+# of the figure of a run: title, and signals of one unit
+PANELS = (
+    ("piston", ("reference", "piston_position")),
+    ("cylinder", ("target", "cylinder_position")),
+    ("voltage", ("voltage",)),
+    ("current", ("current",)),
+    ("pressure", ("chamber_pressure_a", "chamber_pressure_b", "outlet_pressure", "accumulator_pressure")),
+    ("pressure", ("head_pressure", "rod_pressure")),
+    ("valve lift", ("suction_lift_a", "delivery_lift_a")),  # of one chamber each: suction of A hides delivery of B
+    ("valve lift", ("suction_lift_b", "delivery_lift_b")),
+    ("flow", ("outlet_flow",)),
+    ("friction", ("friction_force",)),
+)
+
 MAX_NODE_PRESSURE = 1e9  # Pa, above which no term of the model is valid
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from edhas_jax.core.units import to_si
+from edhas_jax.machine.components.controllers import Supply
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 from edhas_jax.measurements.checks.noise_records import fast_noise
 from edhas_jax.measurements.checks.time_axis_checks import GAP_IN_INTERVALS, MAX_JITTER, jitter
@@ -129,7 +130,5 @@ def is_sensor_limit(campaign: Campaign, name: str, value: float) -> bool:
 
 def is_supply_limit(campaign: Campaign, run: BenchRun, value: float) -> bool:
     """Whether a command stands at the supply voltage, where the controller itself limits it."""
-    if campaign.machine.is_own:
-        return False
-    limit = float(campaign.machine_of(run).supply.supply_voltage)
-    return abs(abs(value) / limit - 1.0) < 0.01
+    supply = getattr(campaign.machine_of(run), "supply", None)
+    return isinstance(supply, Supply) and abs(abs(value) / float(supply.supply_voltage) - 1.0) < 0.01

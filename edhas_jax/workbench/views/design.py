@@ -17,10 +17,6 @@ from edhas_jax.workbench.workspace import CALIBRATED, DESIGNS, DIAGNOSED, RESULT
 AS_GIVEN = "the campaign's model"
 FIRST_SLIDERS = ("frequency", "amplitude", "piston_clearance", "load_orifice_area", "coil_resistance", "force_constant")
 FIRST_SIGNALS = ("voltage", "current", "piston_position", "outlet_pressure", "outlet_flow")
-SHOWN_METRICS = (
-    "mean_flow", "peak_outlet_pressure", "mean_electrical_power", "overall_efficiency", "volumetric_efficiency",
-    "amplitude_ratio", "tracking_error", "peak_current", "copper_loss", "pressure_ripple",
-)  # fmt: skip
 STEPS = 60  # of a slider
 TASKS = {"sizing": "size", "size": "size", "sensitivity": "sensitivity", "sweep": "sweep"}
 
@@ -223,13 +219,11 @@ class DesignView:
         self._status.set_text(f"{state} · {run['step']}{took}")
         self._metrics.clear()
         with self._metrics:
-            shown = SHOWN_METRICS if set(SHOWN_METRICS) & run["metrics"].keys() else run["metrics"]
-            for name in shown:
-                if name in run["metrics"]:
-                    unit = run["metric_units"].get(name, "")
-                    with ui.column().classes("gap-0"):
-                        ui.label(name.replace("_", " ")).classes("wb-quiet")
-                        ui.label(f"{run['metrics'][name]:.4g} {unit if unit != '-' else ''}").classes("font-semibold")
+            for name, value in run["metrics"].items():
+                unit = run["metric_units"][name]
+                with ui.column().classes("gap-0"):
+                    ui.label(name.replace("_", " ")).classes("wb-quiet")
+                    ui.label(f"{value:.4g} {unit if unit != '-' else ''}").classes("font-semibold")
 
     async def _show_design(self, values: dict[str, float]) -> None:
         """Show the cycle of a design of a sweep."""

@@ -15,8 +15,6 @@ from edhas_jax.workbench.jobs import DONE, RUNNING, Job
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.workspace import DESIGNS, RESULTS
 
-METRICS = "mean_electrical_power", "amplitude_ratio", "tracking_error", "peak_current", "copper_loss", "peak_stroke"
-PUMP_METRICS = "mean_flow", "overall_efficiency", "volumetric_efficiency", "pressure_ripple", "mean_leakage"
 GRID = 9  # values of each parameter
 
 
@@ -68,8 +66,7 @@ class SweepPanel:
                 ranged, value=defaults[2 if len(defaults) > 2 else 1], label="vertical", with_input=True
             )
             self._y.classes("min-w-48")
-            usual = [*(() if self._opened["rig"] == "actuator_bench" else PUMP_METRICS), *METRICS]
-            metrics = self._opened["metrics"] or usual
+            metrics = self._opened["metrics"]
             self._metric = ui.select(metrics, value=metrics[0], label="metric").classes("min-w-44")
             for field in (self._x, self._y, self._metric):
                 field.props("dense options-dense outlined")

@@ -20,7 +20,7 @@ from studies.hidden_effects.generators.chains import DrawnLink, draw_links, typi
 from studies.hidden_effects.generators.content import CONTENT, OWN_MACHINES
 from studies.hidden_effects.generators.disturbances import draw_disturbances
 from studies.hidden_effects.generators.hidden_case import JUDGING_ORDER, CaseKey, Family, HiddenCase, Split
-from studies.hidden_effects.generators.laws import SINGLE_EFFECT_SLOTS, Law, can_mount, library_law
+from studies.hidden_effects.generators.laws import Law, can_mount, library_law
 from studies.hidden_effects.generators.records import recorded
 from studies.hidden_effects.generators.sensor_faults import draw_fault
 from studies.hidden_effects.generators.settings import draw_drifts, usual_deviations, with_deviations
@@ -290,7 +290,7 @@ def _smaller(bench: Bench, rng: np.random.Generator) -> Bench:
 def _may_act_together(laws: Sequence[Law]) -> bool:
     """Whether no mechanism comes twice, and no place that holds one effect only."""
     mechanisms = [law.mechanism for law in laws]
-    exclusive = [slot.name for law in laws for slot in law.kind.slots if slot.name in SINGLE_EFFECT_SLOTS]
+    exclusive = [slot.name for law in laws for slot in law.kind.slots if slot.is_exclusive]
     return len(set(mechanisms)) == len(mechanisms) and len(set(exclusive)) == len(exclusive)
 
 

@@ -15,7 +15,6 @@ from edhas_jax.machine.rigs import Rig
 # laws of the library whose effect falls with their first parameter
 FALLING = (MagneticSaturation, CoilHeating, CouplingCompliance)
 # a second coupling or line in such a slot would have no physical meaning
-SINGLE_EFFECT_SLOTS = ("coupling_force", "suction_line_resistance", "suction_line_flow", "outlet_line_flow")
 SPAN = 1e3  # limits of a parameter over its plausible range
 
 
@@ -103,7 +102,7 @@ def _parameter(name: str, unit: str, low: float, high: float) -> Any:
 def can_mount(machine: Rig, kind: type[Effect]) -> bool:
     """Whether a machine has the slots of an effect, free where they hold one effect only, and the signals it reads."""
     slots = {slot.name for slot in kind.slots}
-    taken = {slot.name for effect in machine.effects for slot in effect.slots} & set(SINGLE_EFFECT_SLOTS)
+    taken = {slot.name for effect in machine.effects for slot in effect.slots if slot.is_exclusive}
     if slots & taken or not slots <= {slot.name for slot in machine.slots}:
         return False
     return kind.id not in {effect.id for effect in machine.effects} and _can_act(KindOfMachine(machine), kind)
