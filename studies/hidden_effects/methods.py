@@ -11,14 +11,13 @@ import time
 
 from studies.hidden_effects.answers import Answer
 from studies.hidden_effects.generators.hidden_case import HiddenCase
-from studies.hidden_effects.our_answer import answer_of, answer_of_sets
+from studies.hidden_effects.our_answer import answer_of
 
 
 class Method(enum.Enum):
     """A method; the values are the words of the command line and the names of the result files."""
 
     OURS = "ours"
-    SETS = "sets"
     PREVIOUS = "previous"
     BIC = "bic"
     CORRELATION = "correlation"
@@ -30,8 +29,7 @@ class Method(enum.Enum):
 
 
 TITLES = {
-    Method.OURS: "edhas diagnose", Method.SETS: "posterior over sets",
-    Method.PREVIOUS: "edhas diagnose, previous",
+    Method.OURS: "edhas diagnose", Method.PREVIOUS: "edhas diagnose, previous",
     Method.BIC: "forward selection by BIC", Method.CORRELATION: "residual correlation",
 }  # fmt: skip
 
@@ -62,8 +60,6 @@ def answer_with(method: Method, case: HiddenCase, shared: SharedParts) -> Answer
     try:
         if method in (Method.OURS, Method.PREVIOUS):
             return _diagnosed(case)
-        if method is Method.SETS:
-            return _from_sets(case)
         common = shared.calibrated.seconds  # computed by the first of them, counted for all
         start = time.process_time()
         return dataclasses.replace(_rival(method, shared.calibrated), seconds=common + _since(start))
@@ -90,15 +86,6 @@ def _diagnosed(case: HiddenCase) -> Answer:
     found = edhas.diagnose(case.campaign, case.own_library, library=case.library)
     seconds = _since(start)
     return dataclasses.replace(answer_of(as_json(found)), seconds=seconds)
-
-
-def _from_sets(case: HiddenCase) -> Answer:
-    """The answer of the search over sets of effects."""
-    from edhas_jax.diagnosis.sets.diagnose import posterior_over_sets
-
-    start = time.process_time()
-    found = posterior_over_sets(case.campaign, case.library, case.own_library)
-    return dataclasses.replace(answer_of_sets(found), seconds=_since(start))
 
 
 def _since(start: float) -> float:

@@ -6,8 +6,6 @@ What is read here is the same in versions 2 and 3 of that file, so that an earli
 from collections.abc import Mapping
 from typing import Any
 
-from edhas_jax.diagnosis.search.free_term import FreeTerm
-from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN
 from studies.hidden_effects.answers import Answer, Law, Verdict
 
 VERDICTS_WITH_NAMES = (Verdict.MISSING_EFFECT, Verdict.AMBIGUOUS)
@@ -30,25 +28,6 @@ def answer_of(plain: Mapping[str, Any]) -> Answer:
         verdict, named, tuple(answer["set"]), place, answer["probabilities"][answer["first"]],
         {name: laws[name] for name in named if name in laws}, tuple(answer["probabilities"])[:MAX_RANKED], parameters,
     )  # fmt: skip
-
-
-def answer_of_sets(found) -> Answer:
-    """The answer of a posterior over sets of effects: the set with the largest weight, and the sums over all sets.
-
-    A cause without a name is reported where that set has a free term that explains more than any name in it.
-    """
-    from edhas_jax.diagnosis.sets.posterior import labels  # which an earlier version of the package does not have
-
-    p, members = found.probabilities, [candidate for candidate, _ in found.members]
-    if not members:
-        (only,) = labels(found.sets[0])
-        verdict = Verdict.ADEQUATE if only == NOTHING else Verdict.UNKNOWN_EFFECT
-        return Answer(verdict, (), found.credible, None, p[only], ranked=tuple(p)[:MAX_RANKED])
-    names = tuple(c.name for c in members if not isinstance(c, FreeTerm))
-    is_unknown = isinstance(members[0], FreeTerm)
-    verdict = Verdict.UNKNOWN_EFFECT if is_unknown else Verdict.MISSING_EFFECT
-    first, named = (UNKNOWN, ()) if is_unknown else (names[0], names)
-    return Answer(verdict, named, found.credible, members[0].location, p[first], ranked=tuple(p)[:MAX_RANKED])
 
 
 def _name(effect: str, signal: str | None) -> str:

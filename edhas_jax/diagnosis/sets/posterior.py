@@ -94,8 +94,11 @@ class SetPosterior:
         return sorted(((c, self.probabilities[n]) for n, c in found.items()), key=lambda item: -item[1])
 
     def locations(self) -> dict[str, float]:
-        """The probability that something is missing in a component of the machine, the largest first."""
-        found: dict[str, float] = {}
+        """The probability that something is missing in a component of the machine, the largest first.
+
+        Of equal ones that of the member of the best set that explains more is first.
+        """
+        found = {candidate.location: 0.0 for candidate, _ in self.members}
         for of, weight in zip(self.sets, self.weights, strict=True):
             for place in {c.location for c in of.members}:
                 found[place] = found.get(place, 0.0) + weight
