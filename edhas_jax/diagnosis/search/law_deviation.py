@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.laws.curve_basis import free_nodes
+from edhas_jax.diagnosis.laws.curve_basis import basis, free_nodes
 from edhas_jax.diagnosis.laws.curve_start import start_beside_law
 from edhas_jax.diagnosis.laws.deviation import AddedTerm, added_slopes, curve_columns
 from edhas_jax.diagnosis.laws.law_places import law_places
@@ -73,6 +73,26 @@ def law_deviation(fit: Fit, candidate: Candidate) -> LawDeviation | None:
     nodes = free_nodes(low, high, STEEP_NODES, STEEP_CLUSTERING) if is_steep else free_nodes(low, high)
     kind = tabulated_class(candidate.id + SUFFIX, start.place, len(nodes))
     return LawDeviation(kind, None, start.place, DEVIATION_SHARE * start.size, tuple(map(float, nodes)))
+
+
+def law_at_nodes(fit: Fit, candidate: Candidate, curve: CurveCandidate) -> tuple[np.ndarray, float] | None:
+    """The law of a candidate at the nodes of a free curve (n,), and its largest magnitude, SI.
+
+    Args:
+        fit: a fit that contains the candidate.
+        candidate: the candidate.
+        curve: the curve, of another fit.
+
+    Returns:
+        None where the law is not one over the variable of the curve, or acts elsewhere.
+    """
+    start = None if candidate.signal is not None else start_beside_law(fit, _effect_of(fit, candidate))
+    place = curve.place
+    if start is None or start.law_values is None or start.place[1:3] != place[1:3]:
+        return None
+    if start.place.slot != place.slot and start.place.declaration.same_as != place.declaration.same_as:
+        return None
+    return basis(np.asarray(start.nodes), np.array(curve.nodes)) @ start.law_values, start.size
 
 
 def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[str, np.ndarray]]:

@@ -47,6 +47,7 @@ class _Inputs:
     checkpoint: Checkpoint
     workers: Workers | None
     prefix: str = ""  # of the names of what is kept
+    known: FittedSet | None = None  # the best set of a search with another noise
 
 
 class _Found(NamedTuple):
@@ -98,7 +99,8 @@ def diagnose(
     if quieter is campaign:
         return found
     report("once more, with the noise that the fit leaves")
-    return _diagnosed(dataclasses.replace(inputs, campaign=quieter, prefix="quieter_"), holdout_sentence)
+    again = dataclasses.replace(inputs, campaign=quieter, prefix="quieter_", known=found.posterior.best)
+    return _diagnosed(again, holdout_sentence)
 
 
 @single_threaded_algebra
@@ -127,7 +129,7 @@ def _search(inputs: _Inputs) -> _Found:
     candidates = candidates_for(campaign, fitted.machine, fitted.instruments, inputs.more, inputs.library)
     table = signature_table(calibrated.fit, candidates, report)
     search = SetSearch(calibrated, table, resolution, report, inputs.checkpoint, inputs.prefix, inputs.workers)
-    return _Found(SetPosterior(tuple(map(_without_columns, search.run()))), len(candidates), resolution)
+    return _Found(SetPosterior(tuple(map(_without_columns, search.run(inputs.known)))), len(candidates), resolution)
 
 
 def _without_columns(of: FittedSet) -> FittedSet:

@@ -10,6 +10,7 @@ Products of these columns are taken once; every size τ and noise ν, and every 
 small matrix.
 """
 
+import copy
 import dataclasses
 import functools
 import math
@@ -63,9 +64,24 @@ class LinearModel:
         self.prior[:unknowns] = [float(u.has_prior) for u in problem.unknowns]
         self.pull = np.zeros(self.columns.shape[1])
         self.pull[:unknowns] = -self.prior[:unknowns] * fit.x
-        self.penalty = float(self.prior[:unknowns] @ np.square(fit.x))
+        self.x, self.penalty = fit.x, float(self.prior[:unknowns] @ np.square(fit.x))
         self.gram, self.right = self.columns.T @ self.columns, self.columns.T @ self.residual
         self.square = float(self.residual @ self.residual)
+
+    def with_prior(self, places: np.ndarray, mean: np.ndarray, spread: np.ndarray) -> "LinearModel":
+        """The model with other priors of some unknowns of the fit.
+
+        Args:
+            places: their places (k,) among the unknowns.
+            mean: means (k,) of the new priors, as coordinates.
+            spread: their standard deviations (k,), in those of the former priors.
+        """
+        other, former = copy.copy(self), self.prior[places] * np.square(self.x[places])
+        other.prior, other.pull = self.prior.copy(), self.pull.copy()
+        other.prior[places] = 1.0 / np.square(spread)
+        other.pull[places] = -other.prior[places] * (self.x[places] - mean)
+        other.penalty += float(np.sum(other.prior[places] * np.square(self.x[places] - mean)) - np.sum(former))
+        return other
 
     @property
     def samples(self) -> int:
@@ -99,9 +115,11 @@ class FlooredModel:
         self.floor, self._of = floor, model
         self._scale = np.ones(model.columns.shape[1])  # of the columns: τ for those of the background
         self._scale[model.first_of_background :] = floor.size
-        scale = self._scale / floor.noise
-        # a factor W of the inverse W Wᵀ of the information A of the coefficients, ln det A, and Wᵀ times its right side
-        self._factor, self._log_information = inverse_factor(model.gram * scale[:, None] * scale + np.diag(model.prior))
+        scale, proper = self._scale / floor.noise, model.prior[model.prior > 0.0]
+        # a factor W of the inverse W Wᵀ of the information A of the coefficients, ln det A less that of the priors, and
+        # Wᵀ times its right side
+        self._factor, log_determinant = inverse_factor(model.gram * scale[:, None] * scale + np.diag(model.prior))
+        self._log_information = log_determinant - float(np.sum(np.log(proper)))
         self._right = self._factor.T @ (model.right * scale / floor.noise + model.pull)
 
     @functools.cached_property

@@ -35,9 +35,10 @@ from edhas_jax.diagnosis.calibration.symmetric_matrices import inverse_factor
 from edhas_jax.diagnosis.search.calibrated_model import PROGRESSIVE_EXCESS
 from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
+from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import COST_TOLERANCE, EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
-from edhas_jax.diagnosis.search.law_deviation import law_deviation_columns
+from edhas_jax.diagnosis.search.law_deviation import DEVIATION_SHARE, law_at_nodes, law_deviation_columns
 from edhas_jax.diagnosis.search.local_minima import fit_progressively
 from edhas_jax.diagnosis.search.screening import MAX_SCALE, MIN_SCALE, Signatures, with_scaled_size
 from edhas_jax.diagnosis.sets.finished_stage import BEST, CALIBRATED, stage_sentence
@@ -53,6 +54,7 @@ MOST_NAMED = 3  # of a set, beside at most one free curve
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
 LAWS_TRIED = 3  # effects at the place of a free term whose law that may be, fitted whatever is predicted
+USUAL_COORDINATE = 1.5  # of the largest number of a free term, in standard deviations of its prior
 SMALL_SIZE = 0.1  # of a cause where its predicted size ends above the set without it
 PREDICTION_ERROR = 0.5 * FREEDOMS  # nats: a signature may predict e times the misfit that a fit leaves
 KEPT_PROMISE = 0.5  # of a predicted gain: a fit that gains less probably ended elsewhere; another start is tried
@@ -174,6 +176,18 @@ class Scaled(NamedTuple):
         """The fall of the misfit without a floor [nats]."""
         return min(self.factor * float(of), self.most)
 
+    def fall_of_term(self, inner: np.ndarray, overlap: np.ndarray, wider: float) -> tuple[float, np.ndarray, float]:
+        """The fall of the misfit by a free term less what its numbers cost [nats], its coordinates, and `wider`.
+
+        Args:
+            inner: products of its rows, see `FlooredModel.reduced`.
+            overlap: the same with the residual.
+            wider: factor on the standard deviations of its priors.
+        """
+        factor, log_information = inverse_factor(wider**2 * inner + np.eye(len(inner)))
+        half = factor.T @ (wider * overlap)
+        return self.fall(0.5 * half @ half) - 0.5 * log_information, factor @ half, wider
+
 
 class Weighing:
     """The weights of sets, see the module.
@@ -242,11 +256,20 @@ class SetSearch:
         self.weight = Weighing(table)
         self.sets: dict[frozenset[str], FittedSet] = {}
         self._failed: set[frozenset[str]] = set()
+        self._compared: set[tuple[frozenset[str], frozenset[str]]] = set()  # effects with curves in their place
         empty = self._weighed((), calibrated, LinearModel(calibrated.fit, None, table.background))
         self._add(empty, empty.key)
 
-    def run(self) -> list[FittedSet]:
-        """Search, and return all sets that were fitted, the one with the largest weight first."""
+    def run(self, known: FittedSet | None = None) -> list[FittedSet]:
+        """Search, and return all sets that were fitted, the one with the largest weight first.
+
+        Args:
+            known: the best set of another search on these runs; it is fitted first.
+        """
+        if known is not None and known.members:
+            start = Start(start_coordinates(self._problem(known.members), known.evaluated.fit.values))
+            for job, found in self._fits([Job(known.members, [start])]):
+                self._add(found, job.key)
         for _ in range(MAX_ROUNDS):
             best = self.ranked()[0]
             moves, dropped = self._moves(best), self._smaller(best)
@@ -256,6 +279,7 @@ class SetSearch:
             jobs += [Job(members, self._starts(members, best, {}, 0), best.misfit) for members in dropped]
             for job, found in self._fits(jobs):
                 self._add(found, job.key)
+            self._take_curves_as_laws()
             self._let_compete()
             best = self.ranked()[0]
             self._report(stage_sentence(f"{BEST}{best}" if best.members else CALIBRATED, best.evaluated))
@@ -312,6 +336,38 @@ class SetSearch:
         known = set(self.sets) | self._failed
         found = [tuple(c for c in best.members if c is not gone) for gone in best.members]
         return [members for members in found if frozenset(c.name for c in members) not in known]
+
+    def _take_curves_as_laws(self) -> None:
+        """Weigh effects whose law may be a free curve that was fitted in their place.
+
+        The same fit with another prior of the values of the curve, around the law of the library, is the model with the
+        effect and a law that deviates from it.
+        """
+        curves = [(of, c) for of in self.ranked()[:EXPANDED] for c in of.members if isinstance(c, CurveCandidate)]
+        for by_curve, curve in curves:
+            others = by_curve.key - {curve.name}
+            for of in [of for of in self.sets.values() if of.key > others and len(of.key) == len(by_curve.key)]:
+                (named,) = (c for c in of.members if c.name not in others)
+                pair = of.key, by_curve.key
+                if isinstance(named, FreeTerm) or named.location != curve.location or pair in self._compared:
+                    continue
+                self._compared.add(pair)
+                law = law_at_nodes(of.evaluated.fit, named, curve)
+                if law is None:
+                    continue
+                values, size = law
+                unknowns = by_curve.evaluated.fit.problem.unknowns
+                places = np.array([k for k, u in enumerate(unknowns) if u.name in curve.value_names])
+                mean = (values - curve.place.neutral) / curve.spread
+                spread = np.full(len(places), DEVIATION_SHARE * size / curve.spread)
+                found = self._weighed(of.members, of.evaluated, by_curve.model.with_prior(places, mean, spread))
+                own = named.own_unknowns(of.evaluated.fit.problem.unknowns)
+                x = [v for v, u in zip(of.evaluated.fit.x, of.evaluated.fit.problem.unknowns, strict=True)
+                     if u in own.values()]  # fmt: skip
+                found.misfit += 0.5 * float(np.square(x).sum())
+                found.numbers += 0.5 * float(np.square(x).sum())
+                if found.misfit < of.misfit:
+                    self._add(found, found.key)
 
     def _let_compete(self) -> None:
         """Fit those sets from their other starts too that compete with the best one."""
@@ -502,14 +558,17 @@ class SetSearch:
         return Move(of, signatures.candidate, x, small, fall)
 
     def _free_move(self, of: FittedSet, slopes: FreeSlopes, scaled: Sequence[Scaled]) -> Move:
-        products, found = of.model.products(slopes.rows), []
+        products, best = of.model.products(slopes.rows), None
         for by in scaled:
             inner, overlap = by.model.reduced(products, slopes.gram)
-            whitening, log_information = inverse_factor(inner + np.eye(len(inner)))
-            half = whitening.T @ overlap
-            found.append((by.fall(0.5 * half @ half) - 0.5 * log_information, tuple(whitening @ half)))
-        fall, x = max(found)
-        return Move(of, slopes.term, np.array(x), SMALL_SIZE * np.array(x), fall)
+            gain, x, wider = by.fall_of_term(inner, overlap, 1.0)
+            if (size := float(np.abs(x).max())) > USUAL_COORDINATE:  # with a prior as wide as the data demand
+                gain, x, wider = by.fall_of_term(inner, overlap, size / USUAL_COORDINATE)
+            if best is None or gain > best[0]:
+                best = gain, x, wider
+        gain, x, wider = best
+        term = dataclasses.replace(slopes.term, spread=wider * slopes.term.spread)
+        return Move(of, term, x, SMALL_SIZE * x, gain)
 
 
 def _best_fit(search: SetSearch, job: Job) -> FittedSet | None:
