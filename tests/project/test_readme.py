@@ -100,8 +100,8 @@ def test_the_demo_finds_what_the_readme_says(here):
     stated = quoted_headline("README.md", "make demo")
     for state in ("before", "calibrated", "after"):
         assert diagnosis.errors()[state]["holdout"]["overall"] == pytest.approx(float(stated[state]), rel=0.01)
-    named = [t.candidate.id for t in diagnosis.named]
-    laws = ["differs" if m.law_differs else "as_in_the_library" for m in diagnosis.members if m.candidate.id in named]
+    named = [candidate.id for candidate in diagnosis.named]
+    laws = ["differs" if law.differs else "as_in_the_library" for law in diagnosis.laws]
     assert [diagnosis.verdict.value, *named, *laws] == [stated[k] for k in ("verdict", "effects", "laws")]
 
 

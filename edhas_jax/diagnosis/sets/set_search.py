@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.symmetric_matrices import inverse_factor
 from edhas_jax.diagnosis.search.calibrated_model import PROGRESSIVE_EXCESS
@@ -54,7 +55,7 @@ MOST_NAMED = 3  # of a set, beside at most one free curve
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
 LAWS_TRIED = 3  # effects at the place of a free term whose law that may be, fitted whatever is predicted
-USUAL_COORDINATE = 1.5  # of the largest number of a free term, in standard deviations of its prior
+USUAL_COORDINATE = 1.5  # of the largest number of a memory or resonance, in standard deviations of its prior
 SMALL_SIZE = 0.1  # of a cause where its predicted size ends above the set without it
 PREDICTION_ERROR = 0.5 * FREEDOMS  # nats: a signature may predict e times the misfit that a fit leaves
 KEPT_PROMISE = 0.5  # of a predicted gain: a fit that gains less probably ended elsewhere; another start is tried
@@ -115,6 +116,7 @@ class FittedSet:
         numbers: the same.
         excess: the same.
         samples: number of samples of the fit.
+        log_information: ½ ln det of the information of its numbers, less that of their priors.
         log_weight: logarithm of its weight [nats]; NaN before the search has ended.
         untried: further starts of its fit.
         moves: predicted additions; None before they are predicted.
@@ -127,6 +129,7 @@ class FittedSet:
     numbers: float
     excess: float
     samples: int
+    log_information: float = 0.0
     log_weight: float = math.nan
     untried: list[Start] = dataclasses.field(default_factory=list)
     moves: list[Move] | None = None
@@ -256,6 +259,7 @@ class SetSearch:
         self.weight = Weighing(table)
         self.sets: dict[frozenset[str], FittedSet] = {}
         self._failed: set[frozenset[str]] = set()
+        self._at_their_ends: list[Fit] = []  # fits that do not go on
         self._compared: set[tuple[frozenset[str], frozenset[str]]] = set()  # effects with curves in their place
         empty = self._weighed((), calibrated, LinearModel(calibrated.fit, None, table.background))
         self._add(empty, empty.key)
@@ -281,6 +285,7 @@ class SetSearch:
                 self._add(found, job.key)
             self._take_curves_as_laws()
             self._let_compete()
+            self._go_on()
             best = self.ranked()[0]
             self._report(stage_sentence(f"{BEST}{best}" if best.members else CALIBRATED, best.evaluated))
         for of in self.sets.values():
@@ -315,6 +320,7 @@ class SetSearch:
         curves = [move for move in found.values() if isinstance(move.added, FreeTerm)]
         chosen = [m for m in found.values() if not isinstance(m.added, FreeTerm) or m is curves[0]][:REFITTED]
         laws = [move for move in ranked if self._may_be_law(move, best)][:LAWS_TRIED]
+        laws += [move for move in ranked if self._is_curve_beside_law(move, best)][:1]
         return chosen + [move for move in laws if move.key not in known and move not in chosen]
 
     @staticmethod
@@ -325,6 +331,16 @@ class SetSearch:
         """
         free = next((c for c in best.members if isinstance(c, FreeTerm)), None)
         return free is not None and move.to.key == best.key - {free.name} and move.added.location == free.location
+
+    @staticmethod
+    def _is_curve_beside_law(move: Move, best: FittedSet) -> bool:
+        """Whether a move adds a curve at the place of an effect of the best set, which leaves more than noise.
+
+        The law of that effect may deviate by more than its linear deviations can show.
+        """
+        places = {c.location for c in best.members if not isinstance(c, FreeTerm)}
+        is_at_law = isinstance(move.added, CurveCandidate) and move.added.location in places
+        return is_at_law and move.to is best and best.excess > 0.0
 
     @staticmethod
     def _is_allowed(move: Move) -> bool:
@@ -383,6 +399,21 @@ class SetSearch:
                 found.untried = waiting.untried
                 self._add(found, found.key)
 
+    def _go_on(self) -> None:
+        """Fit the best set on from where its fit has ended before it had converged, as long as that lowers ½χ²."""
+        while True:
+            best = self.ranked()[0]
+            fit = best.evaluated.fit
+            is_at_its_end = fit.converged or any(fit is end for end in self._at_their_ends)
+            if not best.members or is_at_its_end or not best.excess > 0.0:
+                return
+            ((_, found),) = self._fits([Job(best.members, [Start(fit.x)])])
+            if found is None or not fit.cost - found.evaluated.fit.cost > LEAST_FALL * best.excess:
+                self._at_their_ends.append(fit)
+                return
+            found.untried = best.untried
+            self._add(found, found.key)
+
     def _fits(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, FittedSet | None]]:
         """The best fit of each of several sets, None where the model fails; kept ones are only evaluated again.
 
@@ -396,8 +427,7 @@ class SetSearch:
             calls = [(self._for_workers(), jobs[k]._replace(move=None)) for k in waiting]
             at_once = dict(zip(waiting, self._workers.map(_best_fit, calls), strict=True))
         for k, (job, known) in enumerate(zip(jobs, kept, strict=True)):
-            best = self.ranked()[0]
-            if job.move is not None and not (self._is_promising(job.move) or self._may_be_law(job.move, best)):
+            if job.move is not None and not self._is_promising(job.move):
                 continue
             if known is not None:
                 tried, arrays = known
@@ -414,7 +444,9 @@ class SetSearch:
             yield job, found
 
     def _is_promising(self, move: Move) -> bool:
-        return self.weight.predicted(move) > self.weight.of(self.ranked()[0]) - PREDICTION_ERROR
+        best = self.ranked()[0]
+        is_law = self._may_be_law(move, best) or self._is_curve_beside_law(move, best)
+        return is_law or self.weight.predicted(move) > self.weight.of(best) - PREDICTION_ERROR
 
     def _stage(self, job: Job) -> str:
         """The name of a fit in the checkpoint, from the names of the members and how often they were fitted before."""
@@ -435,9 +467,11 @@ class SetSearch:
         promised = of.misfit - KEPT_PROMISE * max(move.fall, 0.0)
         unknowns = move.added.unknowns(self._base.fit.problem.campaign)
         own, small = ({u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)} for x in (move.start, move.small))
-        scanned = 0 if isinstance(move.added, FreeTerm) else len(unknowns)
         (hardly_felt,) = self._starts(members, of, small, 0)
-        return Job(members, self._starts(members, of, own, scanned), promised, hardly_felt, of.misfit, move)
+        starts = self._starts(members, of, own, len(unknowns))
+        if isinstance(move.added, FreeTerm):  # far from the fit a linear prediction overshoots
+            starts.insert(1, hardly_felt)
+        return Job(members, starts, promised, hardly_felt, of.misfit, move)
 
     def _starts(
         self, members: tuple[Candidate, ...], of: FittedSet, own: Mapping[str, float], scanned: int
@@ -458,7 +492,7 @@ class SetSearch:
         """The best of fits from some starts, further ones of which wait where it is good enough."""
         best = None
         for k, start in enumerate(job.starts):
-            found = self._fitted(job.members, start)
+            found = self._fitted(job.members, start, known=best)
             if found is not None and (best is None or found.misfit < best.misfit):
                 best = found
             if best is not None and best.misfit <= job.enough:
@@ -469,47 +503,44 @@ class SetSearch:
             best = again if again is not None and (best is None or again.misfit < best.misfit) else best
         return best
 
-    def _fitted(self, members: tuple[Candidate, ...], start: Start, steps: int = FIT_STEPS) -> FittedSet | None:
-        """The fit of a set; None where the model fails."""
+    def _fitted(
+        self, members: tuple[Candidate, ...], start: Start, steps: int = FIT_STEPS, known: FittedSet | None = None
+    ) -> FittedSet | None:
+        """The fit of a set; None where the model fails, or a fit on growing parts does not improve on a known one."""
         problem, coarse = self._problem(members), self._resolution.coarse
         try:
             if not start.scanned:
-                evaluated = fit_coarse(problem, start.x, coarse, steps, self._keep_on_rule(members))
+                evaluated = fit_coarse(problem, start.x, coarse, steps, self._keep_on_rule())
             else:
                 starts = np.array([np.zeros(len(start.x)), start.x])
-                evaluated = fit_progressively(problem, starts, start.scanned, coarse, FIT_STEPS)
+                whole = None if known is None else known.evaluated
+                evaluated = fit_progressively(problem, starts, start.scanned, coarse, FIT_STEPS, whole)
         except FitError:
             return None
         if evaluated is None:
             return None
         found = self._weighed(members, evaluated, LinearModel(evaluated.fit, None, self._table.background))
         named = [c for c in members if not isinstance(c, FreeTerm)]
-        if found is None or not named or not self._is_near(found.misfit, members):
-            return found
-        laws = law_deviation_columns(evaluated.fit, named)
-        return self._weighed(members, evaluated, LinearModel(evaluated.fit, laws, self._table.background))
+        if found is None:
+            return None
+        laws = law_deviation_columns(evaluated.fit, named) if named else []
+        if laws and any(columns.size for columns in laws[0].values()):
+            model = LinearModel(evaluated.fit, laws, self._table.background)
+            return self._weighed(members, evaluated, model) or found
+        # what the fit has not reached, perhaps because of bounds, although its linear model promises it
+        missed = max(evaluated.cost - (found.misfit - found.log_information), 0.0)
+        return dataclasses.replace(found, misfit=found.misfit + missed, excess=found.excess + missed)
 
-    def _is_near(self, misfit: float, members: tuple[Candidate, ...]) -> bool:
-        """Whether a set with this misfit may become the best one after all."""
-        return self.weight.at(misfit, members) > self.weight.of(self.ranked()[0]) - PREDICTION_ERROR
-
-    def _keep_on_rule(self, members: tuple[Candidate, ...]) -> Callable[[int, float], bool]:
-        """Whether a fit goes on, asked after every step with its number and ½χ².
-
-        It ends where the last steps have brought next to nothing, or as much again would not bring it near to the best
-        set.
-        """
+    def _keep_on_rule(self) -> Callable[[int, float], bool]:
+        """Whether a fit goes on, asked after every step with its number and ½χ²: not where that hardly falls."""
         costs: list[float] = []
-        best, noise = self.weight.of(self.ranked()[0]), noise_level(int(self._table.ends[-1]))
+        noise = noise_level(int(self._table.ends[-1]))
 
         def keep_on(step: int, cost: float) -> bool:
             costs.append(cost)
             if len(costs) <= CHECKED_STEPS:
                 return True
-            fall = costs[-1 - CHECKED_STEPS] - cost
-            if fall < LEAST_FALL * max(cost - noise, 0.0) + COST_TOLERANCE:
-                return False
-            return self.weight.at(cost - fall, members) > best - PREDICTION_ERROR
+            return costs[-1 - CHECKED_STEPS] - cost > LEAST_FALL * max(cost - noise, 0.0) + COST_TOLERANCE
 
         return keep_on
 
@@ -520,7 +551,10 @@ class SetSearch:
         if not model.is_finite:
             return None
         at = model.at(Floor())
-        return FittedSet(members, evaluated, model, at.misfit, at.numbers, at.excess, model.samples)
+        information = at.numbers - at.squares
+        return FittedSet(
+            members, evaluated, model, at.misfit, at.numbers, at.excess, model.samples, information
+        )
 
     def _problem(self, members: Sequence[Candidate]) -> FitProblem:
         return with_candidates(self._base.fit.problem, members)
@@ -562,13 +596,14 @@ class SetSearch:
         for by in scaled:
             inner, overlap = by.model.reduced(products, slopes.gram)
             gain, x, wider = by.fall_of_term(inner, overlap, 1.0)
-            if (size := float(np.abs(x).max())) > USUAL_COORDINATE:  # with a prior as wide as the data demand
+            size = float(np.abs(x).max())
+            if size > USUAL_COORDINATE and not isinstance(slopes.term, CurveCandidate):  # as wide as the data demand
                 gain, x, wider = by.fall_of_term(inner, overlap, size / USUAL_COORDINATE)
             if best is None or gain > best[0]:
                 best = gain, x, wider
         gain, x, wider = best
         term = dataclasses.replace(slopes.term, spread=wider * slopes.term.spread)
-        return Move(of, term, x, SMALL_SIZE * x, gain)
+        return Move(of, term, x, 0.0 * x, gain)
 
 
 def _best_fit(search: SetSearch, job: Job) -> FittedSet | None:
