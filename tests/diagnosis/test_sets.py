@@ -60,6 +60,24 @@ def test_the_misfit_is_the_negative_log_evidence(model):
     assert model.at(large).misfit - model.at(small).misfit == pytest.approx(difference, rel=1e-6)
 
 
+def test_another_prior_of_some_unknowns_is_that_of_a_dense_covariance(model):
+    """A curve around the law of an effect is the same model as one around nothing, with another prior."""
+    places, mean, spread = np.array([1, 3]), np.array([0.7, -0.4]), np.array([0.5, 2.0])
+    other = model.with_prior(places, mean, spread)
+
+    def negative_log_density(means, spreads):
+        offset = model.residual - model.columns[:, :4] @ (means - model.x)
+        columns = np.concatenate([model.columns[:, :4] * spreads, model.columns[:, 4 : model.first_of_background]], axis=1)
+        matrix = np.eye(model.samples) + columns @ columns.T
+        return 0.5 * offset @ np.linalg.solve(matrix, offset) + 0.5 * np.linalg.slogdet(matrix)[1]
+
+    means, spreads = np.zeros(4), np.ones(4)
+    before = negative_log_density(means, spreads)
+    means[places], spreads[places] = mean, spread
+    difference = negative_log_density(means, spreads) - before
+    assert other.at(Floor()).misfit - model.at(Floor()).misfit == pytest.approx(difference, rel=1e-6)
+
+
 def test_further_columns_are_reduced_as_by_dense_matrices(model):
     rows = np.random.default_rng(2).standard_normal((3, model.samples))
     floor = Floor(3.0, 1.7)
@@ -90,7 +108,8 @@ def test_far_above_the_noise_only_the_ratio_of_misfits_counts():
 
 
 def a_set(weight, *kinds):
-    return FittedSet(tuple(Candidate(kind) for kind in kinds), None, None, 0.0, 0.0, 0.0, 1000, np.log(weight))
+    members = tuple(Candidate(kind) for kind in kinds)
+    return FittedSet(members, None, None, 0.0, 0.0, 0.0, 1000, log_weight=np.log(weight))
 
 
 def test_probabilities_are_sums_over_sets():
