@@ -320,9 +320,14 @@ class Page:
         mark = self.workspace.mark()
         if mark == self._mark or self.session.calculator.busy_with:
             return
-        campaign_changed = next(iter(mark), None) != next(iter(self._mark), None)
-        self._mark = mark
-        if campaign_changed:
+        if next(iter(mark), None) != next(iter(self._mark), None):
             await self.read_campaign()
-        for name in self._built:
-            await self._views[name].refresh()
+        failed = None
+        for name in tuple(self._built):
+            try:
+                await self._views[name].refresh()
+            except Exception as error:  # of a half-written file: the other views follow, and it is tried again
+                failed = error
+        if failed is not None:
+            raise failed
+        self._mark = mark

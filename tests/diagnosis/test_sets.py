@@ -67,7 +67,8 @@ def test_another_prior_of_some_unknowns_is_that_of_a_dense_covariance(model):
 
     def negative_log_density(means, spreads):
         offset = model.residual - model.columns[:, :4] @ (means - model.x)
-        columns = np.concatenate([model.columns[:, :4] * spreads, model.columns[:, 4 : model.first_of_background]], axis=1)
+        scale = np.concatenate([spreads, np.ones(model.first_of_background - 4)])
+        columns = model.columns[:, : model.first_of_background] * scale
         matrix = np.eye(model.samples) + columns @ columns.T
         return 0.5 * offset @ np.linalg.solve(matrix, offset) + 0.5 * np.linalg.slogdet(matrix)[1]
 

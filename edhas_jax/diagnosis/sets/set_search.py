@@ -286,8 +286,10 @@ class SetSearch:
             self._take_curves_as_laws()
             self._let_compete()
             self._go_on()
-            best = self.ranked()[0]
+            former, best = best, self.ranked()[0]
             self._report(stage_sentence(f"{BEST}{best}" if best.members else CALIBRATED, best.evaluated))
+            if best.key == former.key and not best.excess > 0.0:
+                break  # a set at the noise, and nothing better in a whole round
         for of in self.sets.values():
             of.log_weight = self.weight.of(of)
         return self.ranked()
@@ -390,7 +392,7 @@ class SetSearch:
         while True:
             ranked = self.ranked()
             near = [of for of in ranked if self.weight.of(of) > self.weight.of(ranked[0]) - WINDOW]
-            waiting = next((of for of in near if of.untried), None)
+            waiting = next((of for of in near if of.untried and of.excess > 0.0), None)
             if waiting is None or len(near) < 2:
                 return
             start, waiting.untried = waiting.untried[0], waiting.untried[1:]
@@ -495,10 +497,11 @@ class SetSearch:
             found = self._fitted(job.members, start, known=best)
             if found is not None and (best is None or found.misfit < best.misfit):
                 best = found
-            if best is not None and best.misfit <= job.enough:
+            if best is not None and (best.misfit <= job.enough or not best.excess > 0.0):
                 best.untried = list(job.starts[k + 1 :])
                 break
-        if job.small is not None and (best is None or best.misfit > job.known):  # begin where the cause is hardly felt
+        has_failed = best is None or best.excess > 0.0 and best.misfit > job.known
+        if job.small is not None and has_failed:  # begin where the cause is hardly felt
             again = self._fitted(job.members, job.small)
             best = again if again is not None and (best is None or again.misfit < best.misfit) else best
         return best
