@@ -84,11 +84,11 @@ def law_at_nodes(fit: Fit, candidate: Candidate, curve: CurveCandidate) -> tuple
         curve: the curve, of another fit.
 
     Returns:
-        None where the law is not one over the variable of the curve, or acts elsewhere.
+        None where the law is no function of the variable of the curve alone, or acts elsewhere.
     """
     start = None if candidate.signal is not None else start_beside_law(fit, _effect_of(fit, candidate))
     place = curve.place
-    if start is None or start.law_values is None or start.place[1:3] != place[1:3]:
+    if start is None or not start.replaces or start.place[1:3] != place[1:3]:
         return None
     if start.place.slot != place.slot and start.place.declaration.same_as != place.declaration.same_as:
         return None

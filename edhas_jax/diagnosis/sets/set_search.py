@@ -5,7 +5,8 @@ Student distribution of its misfit X (`FlooredModel.misfit`) with α freedoms,
 
     ln w = Σ ln prior odds − (α/2) ln(1 + 2 (X − X₀)/α)
 
-with X₀ the misfit of the best set where that is at the noise, and else what the noise alone would leave. Near the noise
+with X₀ the misfit of the best set where that is at the noise, and else what the noise alone would leave; less a
+thousandth of what the best set explains, which the error of its laws may leave anywhere. Near the noise
 (X − X₀ ≪ α) that is the usual evidence. Far above it only the ratio of misfits counts, because the error of a model is
 a few smooth functions, not one error for each sample: half the misfit is worth (α/2) ln 2.
 
@@ -51,6 +52,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 FREEDOMS = 30.0  # α: a misfit that a law leaves has about as many free numbers as two or three curves
 EXPECTED = 0.7  # named effects that a campaign hides on average, over all candidates together
 UNKNOWN_ODDS = 0.15  # odds that it hides one that no list has, over all places together
+LAW_ERROR = 0.001  # of what a set explains: 3 % of its amplitude
 MOST_NAMED = 3  # of a set, beside at most one free curve
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
@@ -202,18 +204,21 @@ class Weighing:
     def __init__(self, table: SignatureTable):
         self._log_named = math.log(EXPECTED / max(len(table.candidates), 1))
         self._log_free = math.log(UNKNOWN_ODDS / max(len(table.free), 1))
-        self._least_numbers = self._least_misfit = math.inf
+        self._least_numbers = self._least_misfit = self._of_nothing = math.inf
         self._noise = noise_level(len(table.background))
 
     def note(self, of: FittedSet) -> None:
         """Take account of a fitted set."""
         self._least_numbers = min(self._least_numbers, of.numbers)
         self._least_misfit = min(self._least_misfit, of.misfit)
+        if not of.members:
+            self._of_nothing = min(self._of_nothing, of.misfit)
 
     @property
     def _least(self) -> float:
         """X₀ of the module."""
-        return min(self._noise + self._least_numbers, self._least_misfit)
+        least = min(self._noise + self._least_numbers, self._least_misfit)
+        return least - LAW_ERROR * max(self._of_nothing - least, 0.0)
 
     def of(self, fitted: FittedSet) -> float:
         """The logarithm of the weight of a fitted set [nats]."""
