@@ -46,7 +46,8 @@ def test_matrices_staircase_worst_signal_and_a_click_on_a_cell(diagnosed_folder,
         assert all(is_worse == (after[at][0] > 1.05 * before[at][0]) for at, (_, is_worse) in after.items())
     assert of_stages[1]["run3", "current"][1]  # calibration has paid for the voltage with the current
     assert max(value for value, _ in of_stages[2].values()) < 1.3
-    errors = json.loads((diagnosed_folder / "workbench/diagnosed/diagnosis.json").read_text())["error"]
+    file = diagnosed_folder / "workbench/diagnosed/diagnosis.json"
+    errors = json.loads(file.read_text())["error"]
     shown = mark(page, "staircase").inner_text()
     for state in ("before", "calibrated", "after"):
         assert all(f"{errors[state][use]['overall']:.2f}" in shown for use in ("fit", "holdout"))
@@ -59,7 +60,9 @@ def test_matrices_staircase_worst_signal_and_a_click_on_a_cell(diagnosed_folder,
     wait_until(lambda: is_in_view(page, "overlay"), "the plot in view")
     assert Place.read(page.evaluate("location.hash")) == Place("Overview", "run1", "current")
     mark(page, "schematic").locator("[data-part=coil]").first.click(position={"x": 12, "y": 8})
-    wait_until(lambda: mark(page, "part").all_inner_texts()[:1] == ["Coil: 97%"], "the part in the view Machine")
+    (where,) = (row for row in json.loads(file.read_text())["where"] if row["slot"] == "coil")
+    title = f"Coil: {100.0 * where['probability']:.0f}%"
+    wait_until(lambda: mark(page, "part").all_inner_texts()[:1] == [title], "the part in the view Machine")
 
 
 def test_the_staircase_grows_with_the_search_that_runs(campaign_folder, workbench, look):
