@@ -10,7 +10,7 @@ import edhas_jax as edhas
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
-from edhas_jax.diagnosis.sets.diagnose import posterior_over_sets
+from edhas_jax.diagnosis.sets.diagnose import diagnose
 from edhas_jax.diagnosis.sets.linear_model import Floor, LinearModel, effective_samples, floor_of
 from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN, SetPosterior, labels
 from edhas_jax.diagnosis.sets.set_search import FREEDOMS, FittedSet, Weighing, log_student
@@ -143,6 +143,6 @@ def test_the_reference_is_the_noise_or_what_the_best_set_leaves(model):
 @pytest.mark.parametrize("effects", [(), (InverterDeadTime(dead_time_voltage=0.5), CoggingForce())])
 def test_the_hidden_effects_are_the_most_probable_set(effects):
     truth = structs.replace(bench(), effects=(*bench().effects, *effects))
-    found = posterior_over_sets(measured(empty_campaign(), truth), LIBRARY)
+    found = diagnose(measured(empty_campaign(), truth), LIBRARY).posterior
     assert found.sets[0].key == {effect.id for effect in effects}
     assert found.weights[0] > 0.5

@@ -9,13 +9,12 @@ from edhas_jax.diagnosis.search.candidates import MOST_ON_GRID, Candidate, at_pr
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.local_minima import fit_across_minima
-from edhas_jax.diagnosis.search.screening import Score, with_scaled_size
+from edhas_jax.diagnosis.search.screening import SMALL_SIZE, Score, with_scaled_size
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 CANDIDATE_STEPS = 12  # maximum number of Levenberg-Marquardt steps
 MIN_ACHIEVED_FALL_SHARE = 0.3  # of the predicted fall of χ²: a fit that achieves less is restarted elsewhere
 MIN_RESTARTED_SHARE = 0.2  # of the misfit, predicted: a candidate with less is not restarted from its grid point
-SMALL_SIZE = 0.1  # of the predicted size, of a start that is hardly above the model without the candidate
 NEARLY_ALL_SHARE = 0.7  # of the excess of χ²: below it the fit may have ended in a local minimum
 # a fit is given up where, after so many steps, it is above the model without the candidate and would be so after as
 # many nats more as the last `FALL_STEPS` steps have brought

@@ -37,6 +37,11 @@ def remaining(excess: float, samples: int) -> float:
     return max(excess - EXCESS_SIGMAS * math.sqrt(0.5 * samples), 0.0)
 
 
+def noise_level(samples: int) -> float:
+    """The most that noise alone leaves of ½χ² [nats]: more than that counts, see `remaining`."""
+    return 0.5 * samples + EXCESS_SIGMAS * math.sqrt(0.5 * samples)
+
+
 @dataclasses.dataclass(frozen=True)
 class EvaluatedFit:
     """A fit with its residuals on all runs.

@@ -14,6 +14,7 @@ Source: Rao's score test, with signatures of finite size because local derivativ
 """
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,6 +33,7 @@ from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownPar
 
 MIN_PROJECTED_SHARE = 1e-12  # of a signature's square: below it the projection leaves only rounding errors
 MAX_SCALE, MIN_SCALE = 4.0, 0.25  # scale factors of a signature beyond which another grid point is nearer
+SMALL_SIZE = 0.1  # of a signature, of a start that is hardly above the model without the candidate
 EXPONENTS = 0.5, 2.0  # smallest and largest magnitude of the power with which a signature grows
 
 
@@ -88,9 +90,20 @@ class ScoreTest:
     def __init__(self, fit: Fit, accepted: Sequence[Candidate]):
         self._fit, self._accepted = fit, tuple(accepted)
         self._model, self._campaign = fit.problem.model(), fit.problem.campaign
-        problem, columns = fit.problem, []
         self._valid = [np.isfinite(self._whitened_run(r, run.signals)) for r, run in enumerate(self._model.runs)]
-        for run, outcome in zip(self._model.runs, fit.outcomes, strict=True):
+        # signatures are differences, so both sides are simulated with the same coarse step
+        self._baseline = self._model.predict_all_runs(fit.x, fit.resolution.coarse)
+
+    @property
+    def residual(self) -> np.ndarray:
+        """The whitened residual of all samples, followed by that of the priors (m + q,)."""
+        return self._residual_and_basis[0]
+
+    @functools.cached_property
+    def _residual_and_basis(self) -> tuple[np.ndarray, np.ndarray]:
+        """`residual`, and an orthonormal basis (m + q, q) of what the unknowns and the bench change in it."""
+        problem, columns = self._fit.problem, []
+        for run, outcome in zip(self._model.runs, self._fit.outcomes, strict=True):
             columns.append(run_columns(self._campaign, run, outcome, problem.unknowns, problem.bench)[0])
         prior = np.array([float(u.has_prior) for u in problem.unknowns])
         own, samples = len(problem.bench.of_runs), sum(len(rows) for rows in columns)
@@ -104,12 +117,8 @@ class ScoreTest:
             start = stop
         weights = np.concatenate([prior, np.ones(basis.shape[1] - len(prior))])
         basis[samples:] = np.diag(weights)
-        pull = np.concatenate([-prior * fit.x, np.zeros(len(weights) - len(prior))])
-        self.residual = np.concatenate([*(rows[:, -1] for rows in columns), pull])
-        self._sensitivity_basis = np.linalg.qr(basis)[0]
-        self._prior_rows = len(weights)
-        # signatures are differences, so both sides are simulated with the same coarse step
-        self._baseline = self._model.predict_all_runs(fit.x, fit.resolution.coarse)
+        pull = np.concatenate([-prior * self._fit.x, np.zeros(len(weights) - len(prior))])
+        return np.concatenate([*(rows[:, -1] for rows in columns), pull]), np.linalg.qr(basis)[0]
 
     def score(self, candidate: Candidate) -> Score:
         """The score at the best grid point; its fall of χ² is 0 where the model fails or no fall is predicted."""
@@ -136,21 +145,22 @@ class ScoreTest:
         """
         count = next(iter(columns[0].values())).shape[1]
         rows = [self._whitened_run(r, run)[self._valid[r]] for r, run in enumerate(columns)]
-        stacked = np.concatenate([*rows, np.zeros((self._prior_rows, count))])
+        residual, basis = self._residual_and_basis
+        stacked = np.concatenate([*rows, np.zeros((basis.shape[1], count))])
         if not (np.abs(stacked) < OVERFLOW_LIMIT).all():
             return Score(candidate, 0.0, np.zeros(count))
-        projected = stacked - self._sensitivity_basis @ (self._sensitivity_basis.T @ stacked)
-        overlap = projected.T @ self.residual
+        projected = stacked - basis @ (basis.T @ stacked)
+        overlap = projected.T @ residual
         x = regularised_inverse(projected.T @ projected + np.eye(count)) @ overlap
         return Score(candidate, float(overlap @ x), x)
 
     def signatures(self, candidate: Candidate) -> Signatures:
         """The whitened signatures of a candidate at its grid points."""
         unknowns = candidate.unknowns(self._campaign)
-        points, rows = screening_grid(unknowns), len(self.residual) - self._prior_rows
-        every = [(x, row[:rows]) for x, row in zip(points, self._signatures(candidate, points), strict=True)]
+        points = screening_grid(unknowns)
+        every = zip(points, self._signatures(candidate, points), strict=True)
         found = [(x, row) for x, row in every if (np.abs(row) < OVERFLOW_LIMIT).all() and row.any()]
-        stack = np.array([row for _, row in found], np.float32).reshape(len(found), rows)
+        stack = np.array([row for _, row in found], np.float32).reshape(len(found), self.ends[-1])
         return Signatures(candidate, np.array([x for x, _ in found]), stack, _size_exponent(unknowns, found))
 
     def whitened(self, columns: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
@@ -168,22 +178,23 @@ class ScoreTest:
 
     def _projected(self, candidate: Candidate, points: np.ndarray) -> list[np.ndarray | None]:
         """The part of each signature orthogonal to the sensitivities; None where not finite or mere rounding."""
-        signatures = np.array(self._signatures(candidate, points)).T
+        basis = self._residual_and_basis[1]
+        rows = [np.concatenate([row, np.zeros(basis.shape[1])]) for row in self._signatures(candidate, points)]
+        signatures = np.array(rows).T
         finite = (np.abs(signatures) < OVERFLOW_LIMIT).all(axis=0)
         signatures = np.where(finite, signatures, 0.0)
-        basis = self._sensitivity_basis
         projected = signatures - basis @ (basis.T @ signatures)
         squares, kept = np.sum(np.square(signatures), axis=0), np.sum(np.square(projected), axis=0)
         usable = finite & (kept > MIN_PROJECTED_SHARE * squares)
         return [column if ok else None for column, ok in zip(projected.T, usable, strict=True)]
 
     def _signatures(self, candidate: Candidate, points: np.ndarray) -> list[np.ndarray]:
-        """The whitened change of the signals by a candidate at each grid point, zero in the rows of the priors."""
-        rows, out = np.zeros(self._prior_rows), []
+        """The whitened change of the signals by a candidate at each grid point."""
+        out = []
         with np.errstate(over="ignore", invalid="ignore"):  # a candidate with which the model diverges is skipped later
             for changes in self._changes_of(candidate, points):
                 parts = [self._whitened_run(r, change)[self._valid[r]] for r, change in enumerate(changes)]
-                out.append(np.concatenate([*parts, rows]))
+                out.append(np.concatenate(parts))
         return out
 
     def _changes_of(self, candidate: Candidate, points: np.ndarray) -> Iterator[list[dict[str, np.ndarray]]]:

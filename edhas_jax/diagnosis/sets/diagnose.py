@@ -103,21 +103,6 @@ def diagnose(
     return _diagnosed(again, holdout_sentence)
 
 
-@single_threaded_algebra
-def posterior_over_sets(
-    campaign: Campaign, library: Iterable[type[Effect]] | None = None, more: Iterable[type[Effect]] = (),
-    on_progress: Report | None = None,
-) -> SetPosterior:  # fmt: skip
-    """Calibrate the model of a campaign and search for the sets of effects and sensor faults that it may lack.
-
-    Args and errors as of `diagnose`.
-    """
-    campaign, _ = split_for_holdout(checked_campaign(campaign))
-    library = None if library is None else tuple(library)
-    report = on_progress or (lambda sentence: None)
-    return _search(_Inputs(campaign, library, tuple(more), report, Checkpoint(), None)).posterior
-
-
 def _search(inputs: _Inputs) -> _Found:
     campaign, report = inputs.campaign, inputs.report
     calibrated, resolution = inputs.checkpoint.stage(

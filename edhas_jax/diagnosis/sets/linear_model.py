@@ -13,7 +13,6 @@ small matrix.
 import copy
 import dataclasses
 import functools
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -21,8 +20,7 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.symmetric_matrices import inverse_factor
 from edhas_jax.diagnosis.likelihood.run_equations import run_columns
-
-NOISE_SIGMAS = 2.0  # scatter of a χ² of noise, in its standard deviations, that counts as none left
+from edhas_jax.diagnosis.search.evaluated_fit import remaining
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,8 +127,8 @@ class FlooredModel:
 
     @functools.cached_property
     def excess(self) -> float:
-        """½ (Σ left² − samples) [nats], where that is more than the scatter of noise."""
-        return max(0.5 * float(self.left @ self.left) - noise_level(self._of.samples), 0.0)
+        """½ (Σ left² − samples) [nats] beyond the scatter of noise, see `remaining`."""
+        return remaining(0.5 * (float(self.left @ self.left) - self._of.samples), self._of.samples)
 
     @functools.cached_property
     def squares(self) -> float:
@@ -165,11 +163,6 @@ class FlooredModel:
         half = (products[:, :-1] * (self._scale / variance)) @ self._factor
         taken = np.sum(half**2, axis=1) if gram.ndim == 1 else half @ half.T
         return gram / variance - taken, products[:, -1] / variance - half @ self._right
-
-
-def noise_level(samples: int) -> float:
-    """The most ½ Σ left² [nats] that noise alone leaves."""
-    return 0.5 * (samples + NOISE_SIGMAS * math.sqrt(2.0 * samples))
 
 
 def effective_samples(left: np.ndarray, ends: np.ndarray) -> float:

@@ -12,10 +12,10 @@ import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.search.candidates import Candidate, with_candidate
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
+from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, noise_level
 from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_columns, law_deviation, memory_columns
-from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel, noise_level
+from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel
 from edhas_jax.diagnosis.sets.set_search import log_student
 from edhas_jax.measurements.time_resolution import TimeResolution
 

@@ -38,13 +38,19 @@ from edhas_jax.diagnosis.search.calibrated_model import PROGRESSIVE_EXCESS
 from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
-from edhas_jax.diagnosis.search.evaluated_fit import COST_TOLERANCE, EvaluatedFit, fit_coarse, start_coordinates
-from edhas_jax.diagnosis.search.free_term import FreeTerm
+from edhas_jax.diagnosis.search.evaluated_fit import (
+    COST_TOLERANCE,
+    EvaluatedFit,
+    fit_coarse,
+    noise_level,
+    start_coordinates,
+)
+from edhas_jax.diagnosis.search.free_term import USUAL_COORDINATE, FreeTerm
 from edhas_jax.diagnosis.search.law_deviation import DEVIATION_SHARE, law_at_nodes, law_deviation_columns
 from edhas_jax.diagnosis.search.local_minima import fit_progressively
-from edhas_jax.diagnosis.search.screening import MAX_SCALE, MIN_SCALE, Signatures, with_scaled_size
+from edhas_jax.diagnosis.search.screening import MAX_SCALE, MIN_SCALE, SMALL_SIZE, Signatures, with_scaled_size
 from edhas_jax.diagnosis.sets.finished_stage import BEST, CALIBRATED, stage_sentence
-from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel, floor_of, noise_level
+from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel, floor_of
 from edhas_jax.diagnosis.sets.signature_table import FreeSlopes, SignatureTable
 from edhas_jax.diagnosis.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
@@ -53,12 +59,10 @@ FREEDOMS = 30.0  # α: a misfit that a law leaves has about as many free numbers
 EXPECTED = 0.7  # named effects that a campaign hides on average, over all candidates together
 UNKNOWN_ODDS = 0.15  # odds that it hides one that no list has, over all places together
 LAW_ERROR = 0.001  # of what a set explains: 3 % of its amplitude
-MOST_NAMED = 3  # of a set, beside at most one free curve
+MOST_NAMED = 3  # of a set, beside at most one free term
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
-LAWS_TRIED = 3  # effects at the place of a free term whose law that may be, fitted whatever is predicted
-USUAL_COORDINATE = 1.5  # of the largest number of a memory or resonance, in standard deviations of its prior
-SMALL_SIZE = 0.1  # of a cause where its predicted size ends above the set without it
+LAWS_TRIED = 3  # effects that are fitted in place of a free term at their part of the machine, as it may be their law
 PREDICTION_ERROR = 0.5 * FREEDOMS  # nats: a signature may predict e times the misfit that a fit leaves
 KEPT_PROMISE = 0.5  # of a predicted gain: a fit that gains less probably ended elsewhere; another start is tried
 FIT_STEPS = 15  # maximum number of Levenberg-Marquardt steps of a fit, and of each part of one on growing parts
@@ -67,6 +71,11 @@ SIZES = np.concatenate([[0.0], 10.0 ** np.arange(0.0, 4.01, 0.5)])  # of the bac
 MIN_INDEPENDENT = 1e-9  # share of a signature that the columns of a set leave, below which it is rounding errors
 
 Report = Callable[[str], None]
+
+
+def key_of(members: Sequence[Candidate]) -> frozenset[str]:
+    """The names of the members of a set, by which sets are told apart."""
+    return frozenset(candidate.name for candidate in members)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,7 +127,6 @@ class FittedSet:
         numbers: the same.
         excess: the same.
         samples: number of samples of the fit.
-        log_information: ½ ln det of the information of its numbers, less that of their priors.
         log_weight: logarithm of its weight [nats]; NaN before the search has ended.
         untried: further starts of its fit.
         moves: predicted additions; None before they are predicted.
@@ -131,7 +139,6 @@ class FittedSet:
     numbers: float
     excess: float
     samples: int
-    log_information: float = 0.0
     log_weight: float = math.nan
     untried: list[Start] = dataclasses.field(default_factory=list)
     moves: list[Move] | None = None
@@ -139,7 +146,7 @@ class FittedSet:
     @property
     def key(self) -> frozenset[str]:
         """The names of its members."""
-        return frozenset(candidate.name for candidate in self.members)
+        return key_of(self.members)
 
     def __str__(self) -> str:
         return " + ".join(sorted(candidate.title for candidate in self.members)) or "nothing"
@@ -167,7 +174,7 @@ class Job(NamedTuple):
     @property
     def key(self) -> frozenset[str]:
         """The names of the members."""
-        return frozenset(candidate.name for candidate in self.members)
+        return key_of(self.members)
 
 
 class Scaled(NamedTuple):
@@ -199,13 +206,16 @@ class Weighing:
 
     Args:
         table: the signatures of all causes, whose numbers set the prior odds of each.
+
+    Attributes:
+        noise: the most ½χ² that noise alone leaves [nats].
     """
 
     def __init__(self, table: SignatureTable):
         self._log_named = math.log(EXPECTED / max(len(table.candidates), 1))
         self._log_free = math.log(UNKNOWN_ODDS / max(len(table.free), 1))
         self._least_numbers = self._least_misfit = self._of_nothing = math.inf
-        self._noise = noise_level(len(table.background))
+        self.noise = noise_level(len(table.background))
 
     def note(self, of: FittedSet) -> None:
         """Take account of a fitted set."""
@@ -217,7 +227,7 @@ class Weighing:
     @property
     def _least(self) -> float:
         """X₀ of the module."""
-        least = min(self._noise + self._least_numbers, self._least_misfit)
+        least = min(self.noise + self._least_numbers, self._least_misfit)
         return least - LAW_ERROR * max(self._of_nothing - least, 0.0)
 
     def of(self, fitted: FittedSet) -> float:
@@ -311,7 +321,7 @@ class SetSearch:
             self.weight.note(found)
 
     def _moves(self, best: FittedSet) -> list[Move]:
-        """The additions that are fitted next, of which at most one is a free curve."""
+        """The additions that are fitted next; one free term at most, beside a curve next to a law."""
         smaller = [self.sets.get(best.key - {c.name}) for c in best.members]
         for of in [*self.ranked()[:EXPANDED], *(of for of in smaller if of is not None)]:
             if of.moves is None:
@@ -358,14 +368,10 @@ class SetSearch:
         """The best set without one of its members, where that has not been fitted yet."""
         known = set(self.sets) | self._failed
         found = [tuple(c for c in best.members if c is not gone) for gone in best.members]
-        return [members for members in found if frozenset(c.name for c in members) not in known]
+        return [members for members in found if key_of(members) not in known]
 
     def _take_curves_as_laws(self) -> None:
-        """Weigh effects whose law may be a free curve that was fitted in their place.
-
-        The same fit with another prior of the values of the curve, around the law of the library, is the model with the
-        effect and a law that deviates from it.
-        """
+        """Weigh effects whose law may be a free curve that was fitted in their place."""
         curves = [(of, c) for of in self.ranked()[:EXPANDED] for c in of.members if isinstance(c, CurveCandidate)]
         for by_curve, curve in curves:
             others = by_curve.key - {curve.name}
@@ -375,22 +381,35 @@ class SetSearch:
                 if isinstance(named, FreeTerm) or named.location != curve.location or pair in self._compared:
                     continue
                 self._compared.add(pair)
-                law = law_at_nodes(of.evaluated.fit, named, curve)
-                if law is None:
-                    continue
-                values, size = law
-                unknowns = by_curve.evaluated.fit.problem.unknowns
-                places = np.array([k for k, u in enumerate(unknowns) if u.name in curve.value_names])
-                mean = (values - curve.place.neutral) / curve.spread
-                spread = np.full(len(places), DEVIATION_SHARE * size / curve.spread)
-                found = self._weighed(of.members, of.evaluated, by_curve.model.with_prior(places, mean, spread))
-                own = named.own_unknowns(of.evaluated.fit.problem.unknowns)
-                x = [v for v, u in zip(of.evaluated.fit.x, of.evaluated.fit.problem.unknowns, strict=True)
-                     if u in own.values()]  # fmt: skip
-                found.misfit += 0.5 * float(np.square(x).sum())
-                found.numbers += 0.5 * float(np.square(x).sum())
-                if found.misfit < of.misfit:
+                found = self._with_curve_as_law(of, named, by_curve, curve)
+                if found is not None and found.misfit < of.misfit:
                     self._add(found, found.key)
+
+    def _with_curve_as_law(
+        self, of: FittedSet, named: Candidate, by_curve: FittedSet, curve: CurveCandidate
+    ) -> FittedSet | None:
+        """A set with the misfit that it has where the law of an effect is a free curve; None where it cannot be one.
+
+        The fit with the curve, but with another prior of its values, around the law of the library, is the model with
+        the effect and a law that deviates from it.
+
+        Args:
+            of: the set with the effect.
+            named: the effect.
+            by_curve: the same set with the curve in its place.
+            curve: the curve.
+        """
+        law = law_at_nodes(of.evaluated.fit, named, curve)
+        if law is None:
+            return None
+        values, size = law
+        unknowns = by_curve.evaluated.fit.problem.unknowns
+        places = np.array([k for k, u in enumerate(unknowns) if u.name in curve.value_names])
+        mean = (values - curve.place.neutral) / curve.spread
+        spread = np.full(len(places), DEVIATION_SHARE * size / curve.spread)
+        found = self._weighed(of.members, of.evaluated, by_curve.model.with_prior(places, mean, spread))
+        own = 0.5 * sum(x * x for x in named.own_coordinates(of.evaluated.fit).values())  # of the effect's parameters
+        return dataclasses.replace(found, misfit=found.misfit + own, numbers=found.numbers + own)
 
     def _let_compete(self) -> None:
         """Fit those sets from their other starts too that compete with the best one."""
@@ -492,7 +511,7 @@ class SetSearch:
             scanned: see `Start`.
         """
         x = start_coordinates(self._problem(members), {**of.evaluated.fit.values, **own})
-        has_minima = of.excess > PROGRESSIVE_EXCESS * noise_level(int(self._table.ends[-1]))
+        has_minima = of.excess > PROGRESSIVE_EXCESS * self.weight.noise
         return [Start(x), Start(x, scanned)] if scanned and has_minima else [Start(x)]
 
     def best_fit(self, job: Job) -> FittedSet | None:
@@ -527,42 +546,41 @@ class SetSearch:
             return None
         if evaluated is None:
             return None
-        found = self._weighed(members, evaluated, LinearModel(evaluated.fit, None, self._table.background))
         named = [c for c in members if not isinstance(c, FreeTerm)]
-        if found is None:
-            return None
         laws = law_deviation_columns(evaluated.fit, named) if named else []
         if laws and any(columns.size for columns in laws[0].values()):
-            model = LinearModel(evaluated.fit, laws, self._table.background)
-            return self._weighed(members, evaluated, model) or found
-        # what the fit has not reached, perhaps because of bounds, although its linear model promises it
-        missed = max(evaluated.cost - (found.misfit - found.log_information), 0.0)
-        return dataclasses.replace(found, misfit=found.misfit + missed, excess=found.excess + missed)
+            return self._weighed(members, evaluated, LinearModel(evaluated.fit, laws, self._table.background))
+        model = LinearModel(evaluated.fit, None, self._table.background)
+        return self._weighed(members, evaluated, model, evaluated.cost)
 
     def _keep_on_rule(self) -> Callable[[int, float], bool]:
         """Whether a fit goes on, asked after every step with its number and ½χ²: not where that hardly falls."""
         costs: list[float] = []
-        noise = noise_level(int(self._table.ends[-1]))
 
         def keep_on(step: int, cost: float) -> bool:
             costs.append(cost)
             if len(costs) <= CHECKED_STEPS:
                 return True
-            return costs[-1 - CHECKED_STEPS] - cost > LEAST_FALL * max(cost - noise, 0.0) + COST_TOLERANCE
+            return costs[-1 - CHECKED_STEPS] - cost > LEAST_FALL * max(cost - self.weight.noise, 0.0) + COST_TOLERANCE
 
         return keep_on
 
     def _weighed(
-        self, members: tuple[Candidate, ...], evaluated: EvaluatedFit, model: LinearModel
+        self, members: tuple[Candidate, ...], evaluated: EvaluatedFit, model: LinearModel, reached: float = -math.inf
     ) -> FittedSet | None:
-        """A fitted set with its misfit; None where the model or a derivative is not finite at a sample."""
+        """A fitted set with its misfit; None where the model or a derivative is not finite at a sample.
+
+        Args:
+            members: its members.
+            evaluated: its fit.
+            model: the linear model around that.
+            reached: ½χ² with priors of the fit [nats]; what the linear model promises below it counts as left.
+        """
         if not model.is_finite:
             return None
         at = model.at(Floor())
-        information = at.numbers - at.squares
-        return FittedSet(
-            members, evaluated, model, at.misfit, at.numbers, at.excess, model.samples, information
-        )
+        missed = max(reached - (at.misfit - at.numbers + at.squares), 0.0)  # perhaps because of bounds
+        return FittedSet(members, evaluated, model, at.misfit + missed, at.numbers, at.excess + missed, model.samples)
 
     def _problem(self, members: Sequence[Candidate]) -> FitProblem:
         return with_candidates(self._base.fit.problem, members)

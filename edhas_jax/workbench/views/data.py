@@ -15,6 +15,7 @@ from edhas_jax.workbench.calculator import CalculationError
 from edhas_jax.workbench.figures import record_figure
 from edhas_jax.workbench.views.mapper import Mapper
 from edhas_jax.workbench.views.plot import Plot
+from edhas_jax.workbench.views.table import show_table
 from edhas_jax.workbench.workspace import CAMPAIGN_FILE
 
 SEVERITIES = {"error": "wb-bad", "warning": "", "note": ""}
@@ -155,20 +156,12 @@ class DataView:
                 choice.on_value_change(self._draw_record)
 
     def _noise_table(self, summary: dict[str, Any]) -> None:
-        with ui.element("div").classes("wb-scroll"), ui.element("table").classes("wb-table"):
-            with ui.element("tr"):
-                for head in ("noise", "stated", "measured", "used"):
-                    with ui.element("th"):
-                        ui.label(head)
-            for name, row in summary["noise_table"].items():
-                with ui.element("tr"):
-                    values = (row[key] for key in ("stated", "measured", "used"))
-                    cells = [
-                        "–" if v is None or not math.isfinite(v) else format_quantity(v, row["unit"]) for v in values
-                    ]
-                    for text in (name.replace("_", " "), *cells):
-                        with ui.element("td"):
-                            ui.label(text)
+        heads, rows = ("noise", "stated", "measured", "used"), []
+        for name, row in summary["noise_table"].items():
+            values = (row[key] for key in heads[1:])
+            cells = ["–" if v is None or not math.isfinite(v) else format_quantity(v, row["unit"]) for v in values]
+            rows.append((name.replace("_", " "), *cells))
+        show_table(heads, rows)
 
     async def _draw_record(self) -> None:
         if self._record is None or self._page.summary is None:

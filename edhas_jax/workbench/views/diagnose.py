@@ -7,6 +7,7 @@ from edhas_jax.workbench.views.job_panel import JobPanel
 from edhas_jax.workbench.views.parameters import Parameters
 from edhas_jax.workbench.views.save import csv_button
 from edhas_jax.workbench.views.suspects import Suspects
+from edhas_jax.workbench.views.table import show_table
 
 
 class DiagnoseView:
@@ -74,16 +75,7 @@ class DiagnoseView:
             with ui.row().classes("items-center gap-1"):
                 ui.label("What was tried, side by side").classes("wb-h")
                 csv_button("tried", lambda: [heads, *table])
-            with ui.element("div").classes("wb-scroll"), ui.element("table").classes("wb-table"):
-                with ui.element("tr"):
-                    for head in heads:
-                        with ui.element("th").classes("n" if head.startswith("runs") else ""):
-                            ui.label(head)
-                for texts in table:
-                    with ui.element("tr"):
-                        for head, text in zip(heads, texts, strict=True):
-                            with ui.element("td").classes("n" if head.startswith("runs") else ""):
-                                ui.label(text)
+            show_table(heads, table, heads[1:3])
 
 
 def _error(value: float | None) -> str:

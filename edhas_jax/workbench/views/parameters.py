@@ -7,6 +7,7 @@ from nicegui import ui
 
 from edhas_jax.core.units import estimate_text, format_quantity
 from edhas_jax.workbench.views.save import csv_button
+from edhas_jax.workbench.views.table import show_table
 from edhas_jax.workbench.workspace import CALIBRATED
 
 HEADS = "parameter", "given", "known to", "sought from", "to", "calibrated", "moved", "most like"
@@ -43,16 +44,7 @@ class Parameters:
             with ui.row().classes("items-center gap-1"):
                 ui.label("Uncertain parameters").classes("wb-h")
                 csv_button("parameters", lambda: [HEADS, *rows])
-            with ui.element("div").classes("wb-scroll"), ui.element("table").classes("wb-table"):
-                with ui.element("tr"):
-                    for head in HEADS:
-                        with ui.element("th"):
-                            ui.label(head)
-                for row in rows:
-                    with ui.element("tr"):
-                        for text in row:
-                            with ui.element("td"):
-                                ui.label(text)
+            show_table(HEADS, rows)
             ui.label(NOTES).classes("wb-quiet")
 
 
