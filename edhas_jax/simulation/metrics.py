@@ -124,7 +124,7 @@ def _instants(machine: Rig, window: Window, signals: Mapping[str, np.ndarray]) -
 
 
 def _values(machine: Rig, taken: Taken, at: types.SimpleNamespace) -> np.ndarray | None:
-    """The values at the samples; None of a mean some of whose signals are not recorded, only its integral."""
+    """The values at the samples; None where their signals are not recorded, so that only the integral is known."""
     if isinstance(taken, Mean) and taken.rows and not all(hasattr(at, n) for n in signals_read(machine, (taken,))):
         return None
     return taken.of(machine, at)
@@ -176,7 +176,7 @@ def metric_slopes(
 
 
 def signals_of(machine: Rig, metrics: Mapping[str, Metric]) -> Collection[str]:
-    """The signals that some metrics of a machine need."""
+    """The names of the signals from which metrics of a machine are computed."""
     return signals_read(machine, all_taken(metrics).values())
 
 

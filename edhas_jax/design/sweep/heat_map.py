@@ -88,7 +88,7 @@ def draw_heat_map(selection: DesignSelection, metric: str, x: str | None, y: str
 
 
 def metric_of_two_parameters(selection: DesignSelection) -> str:
-    """The first of the leading metrics that depends on a second parameter too, or the one that does so most.
+    """The most important metric that depends on at least two parameters; without one, that which comes nearest.
 
     A map of a metric that depends on one parameter alone has stripes.
     """

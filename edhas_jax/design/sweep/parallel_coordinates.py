@@ -13,7 +13,7 @@ from edhas_jax.design.sweep.design_selection import (
 )
 
 MAX_LINES = 1500
-FURTHER_METRICS = 3  # leading ones that are shown besides the chosen one
+FURTHER_METRICS = 3  # shown beside the chosen metric, the most important ones first
 MAX_EXACT_TICKS = 8  # distinct values of a column that get a tick each
 
 

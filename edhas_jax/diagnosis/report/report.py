@@ -176,7 +176,7 @@ def _term_sections(diagnosis: Diagnosis) -> list[str]:
 
 
 def law_curve(diagnosis: Diagnosis, candidate: Candidate) -> LawCurve | None:
-    """The law of an effect of the best set, or its free curve, as an estimated curve; None where it has no variable."""
+    """The curve estimated for a member of the best set; None for a memory, or a law that is no function of a signal."""
     if isinstance(candidate, CurveCandidate):
         return fitted_curve(diagnosis.final, candidate)
     if isinstance(candidate, MemoryTerm):
@@ -223,7 +223,7 @@ def _bench_section(diagnosis: Diagnosis) -> list[str]:
 
 
 def _set_table(diagnosis: Diagnosis) -> str:
-    """The most probable sets with what they leave, as an HTML table."""
+    """The most probable sets of effects with their probabilities and residuals, as an HTML table."""
     posterior, body = diagnosis.posterior, []
     for of, weight in list(zip(posterior.sets, posterior.weights, strict=True))[:MAX_LISTED_SETS]:
         names = " + ".join(c.title for c in of.members) or "nothing"

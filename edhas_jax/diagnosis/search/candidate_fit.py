@@ -95,7 +95,7 @@ def _fit_irregular(
     baseline: EvaluatedFit, problem: FitProblem, starts: list[np.ndarray], score: Score, resolution: TimeResolution,
     max_steps: int,
 ) -> EvaluatedFit | None:  # fmt: skip
-    """The fit where the signals depend irregularly on the unknowns; arguments as in `fit_with_candidate`.
+    """As `fit_with_candidate`, for a model whose signals depend irregularly on its unknowns.
 
     The first start is the centre of the candidate's prior: an ensemble finds the way from a large effect to a small
     one, but not from one that is too small to matter. Where that brings less than predicted, the second one follows,

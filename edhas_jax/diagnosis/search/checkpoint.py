@@ -91,7 +91,7 @@ class Checkpoint:
         return plain["value"], arrays
 
     def keep(self, name: str, value: Any, arrays: Mapping[str, np.ndarray]) -> None:
-        """Keep plain data and arrays under a name; a full disk, for example, ends the keeping but not the diagnosis."""
+        """Store plain data and arrays under a name. Where that fails, as on a full disk, the diagnosis goes on."""
         if not self._keeps:
             return
         try:

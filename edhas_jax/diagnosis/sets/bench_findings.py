@@ -29,9 +29,9 @@ def clear_deviations(evaluated: EvaluatedFit) -> list[EstimatedDeviation]:
 
 
 def bench_rows(evaluated: EvaluatedFit) -> list[tuple[str, str, str, str]]:
-    """The clear deviations as texts of what, run, size with standard error, and accuracy.
+    """The deviations that the runs show clearly, as texts: quantity, run, value ± standard error, accuracy.
 
-    Those that no bench has are not among them.
+    Corrections that no bench needs are left out.
     """
     return [_row(evaluated, row) for row in clear_deviations(evaluated) if row.is_possible]
 

@@ -25,7 +25,7 @@ from edhas_jax.diagnosis.search.evaluated_fit import remaining
 
 @dataclasses.dataclass(frozen=True)
 class Floor:
-    """What any model may leave.
+    """What a model is allowed to leave when the effect of further columns is predicted.
 
     Args:
         size: size τ of the background, in standard deviations of the noise of all samples together.

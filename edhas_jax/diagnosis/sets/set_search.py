@@ -178,14 +178,20 @@ class Job(NamedTuple):
 
 
 class Scaled(NamedTuple):
-    """A linear model with a floor, what a fall that it predicts is worth without one, and the most of that."""
+    """A linear model with a floor that predicts falls of the misfit, and their conversion to a model without one.
+
+    Args:
+        model: the model.
+        factor: fall without a floor over fall with it.
+        most: largest fall without a floor [nats].
+    """
 
     model: FlooredModel
     factor: float
     most: float
 
     def fall(self, of: float) -> float:
-        """The fall of the misfit without a floor [nats]."""
+        """The fall of the misfit without a floor [nats], from that with the floor."""
         return min(self.factor * float(of), self.most)
 
     def fall_of_term(self, inner: np.ndarray, overlap: np.ndarray, wider: float) -> tuple[float, np.ndarray, float]:
