@@ -78,6 +78,11 @@ class Signatures:
     rows: np.ndarray
     exponent: float
 
+    @functools.cached_property
+    def squares(self) -> np.ndarray:
+        """The square (k,) of each row."""
+        return np.einsum("km,km->k", self.rows, self.rows, dtype=float)
+
 
 class ScoreTest:
     """The score test of candidates against one calibrated model.

@@ -490,7 +490,9 @@ class SetSearch:
         """The search with what a fit needs, to be sent to another process."""
         small, best = copy.copy(self), self.ranked()[0]
         slim = dataclasses.replace(best, evaluated=None, model=None, moves=None, untried=[])
-        small.sets, small._table = {best.key: slim}, dataclasses.replace(self._table, candidates=(), free=())
+        small.sets, small._table = {best.key: slim}, dataclasses.replace(
+            self._table, candidates=(), free=(), rows=self._table.rows[:0]
+        )
         small._checkpoint, small._workers, small._report = Checkpoint(), None, None
         return small
 
@@ -603,13 +605,18 @@ class SetSearch:
             floored, most = of.model.at(floor), plain.excess + plain.squares
             factor = floor.noise**2 * most / (floored.excess + floored.squares)
             scaled.append(Scaled(floored, factor, most))
-        moves = [self._named_move(of, found, scaled) for found in self._table.candidates]
-        moves += [self._free_move(of, slopes, scaled) for slopes in self._table.free]
+        causes = *self._table.candidates, *self._table.free
+        products = np.split(of.model.products(self._table.rows), np.cumsum([len(cause.rows) for cause in causes])[:-1])
+        moves = []
+        for cause, own in zip(causes, products, strict=True):
+            predict = self._named_move if isinstance(cause, Signatures) else self._free_move
+            moves.append(predict(of, cause, own, scaled))
         return [move for move in moves if move.added.name not in of.key]
 
-    def _named_move(self, of: FittedSet, signatures: Signatures, scaled: Sequence[Scaled]) -> Move:
-        rows, best = signatures.rows, (-math.inf, 0, 0.0)
-        squares, products = np.einsum("km,km->k", rows, rows, dtype=float), of.model.products(rows)
+    def _named_move(
+        self, of: FittedSet, signatures: Signatures, products: np.ndarray, scaled: Sequence[Scaled]
+    ) -> Move:
+        squares, best = signatures.squares, (-math.inf, 0, 0.0)
         for by in scaled:
             inner, overlap = by.model.reduced(products, squares)
             usable = inner > MIN_INDEPENDENT * squares / by.model.floor.noise**2
@@ -623,8 +630,10 @@ class SetSearch:
         small = with_scaled_size(unknowns, point, SMALL_SIZE, signatures.exponent)
         return Move(of, signatures.candidate, x, small, fall)
 
-    def _free_move(self, of: FittedSet, slopes: FreeSlopes, scaled: Sequence[Scaled]) -> Move:
-        products, best = of.model.products(slopes.rows), None
+    def _free_move(
+        self, of: FittedSet, slopes: FreeSlopes, products: np.ndarray, scaled: Sequence[Scaled]
+    ) -> Move:
+        best = None
         for by in scaled:
             inner, overlap = by.model.reduced(products, slopes.gram)
             gain, x, wider = by.fall_of_term(inner, overlap, 1.0)

@@ -42,12 +42,14 @@ class SignatureTable:
         free: the free terms: curves, memories and resonances.
         background: directions (m, g) of the background, whitened.
         ends: where the signals end among the m samples.
+        rows: the rows of all candidates, then those of all free terms, of which theirs are views.
     """
 
     candidates: tuple[Signatures, ...]
     free: tuple[FreeSlopes, ...]
     background: np.ndarray
     ends: np.ndarray
+    rows: np.ndarray
 
 
 def signature_table(fit: Fit, candidates: Sequence[Candidate], report: Callable[[str], None]) -> SignatureTable:
@@ -66,7 +68,12 @@ def signature_table(fit: Fit, candidates: Sequence[Candidate], report: Callable[
         rows = test.whitened([{n: term.spread * v for n, v in run.items()} for run in slopes]).T
         if (np.abs(rows) < OVERFLOW_LIMIT).all() and np.abs(rows).max() > 0.0:
             found.append(FreeSlopes(term, rows.astype(np.float32), rows @ rows.T))
-    return SignatureTable(named, tuple(found), _background(found, int(test.ends[-1])), test.ends)
+    samples = int(test.ends[-1])
+    every = np.concatenate([np.zeros((0, samples), np.float32), *(of.rows for of in (*named, *found))])
+    views = iter(np.split(every, np.cumsum([len(of.rows) for of in (*named, *found)])))
+    named = tuple(dataclasses.replace(of, rows=next(views)) for of in named)
+    found = tuple(dataclasses.replace(of, rows=next(views)) for of in found)
+    return SignatureTable(named, found, _background(found, samples), test.ends, every)
 
 
 def _background(free: Sequence[FreeSlopes], samples: int) -> np.ndarray:
