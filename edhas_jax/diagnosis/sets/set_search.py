@@ -477,8 +477,9 @@ class SetSearch:
 
     def _is_promising(self, move: Move) -> bool:
         best = self.ranked()[0]
-        is_law = self._may_be_law(move, best) or self._is_curve_beside_law(move, best)
-        return is_law or self.weight.predicted(move) > self.weight.of(best) - PREDICTION_ERROR
+        if best.excess > 0.0 or self._may_be_law(move, best):
+            return True
+        return self.weight.predicted(move) > self.weight.of(best) - PREDICTION_ERROR
 
     def _stage(self, job: Job) -> str:
         """The name of a fit in the checkpoint, from the names of the members and how often they were fitted before."""
