@@ -59,7 +59,7 @@ FREEDOMS = 30.0  # α: a misfit that a law leaves has about as many free numbers
 EXPECTED = 0.7  # named effects that a campaign hides on average, over all candidates together
 UNKNOWN_ODDS = 0.15  # odds that it hides one that no list has, over all places together
 LAW_ERROR = 0.001  # of what a set explains: 3 % of its amplitude
-MOST_NAMED = 3  # of a set, beside at most one free term
+MOST_EFFECTS = 3  # of a set, beside faults of sensors and at most one free term
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
 LAWS_TRIED = 3  # effects that are fitted in place of a free term at their part of the machine, as it may be their law
@@ -367,8 +367,9 @@ class SetSearch:
 
     @staticmethod
     def _is_allowed(move: Move) -> bool:
-        free = sum(isinstance(c, FreeTerm) for c in (*move.to.members, move.added))
-        return free <= 1 and len(move.key) - free <= MOST_NAMED
+        members = (*move.to.members, move.added)
+        free = sum(isinstance(c, FreeTerm) for c in members)
+        return free <= 1 and sum(c.signal is None for c in members) - free <= MOST_EFFECTS
 
     def _smaller(self, best: FittedSet) -> list[tuple[Candidate, ...]]:
         """The best set without one of its members, where that has not been fitted yet."""
