@@ -260,7 +260,4 @@ def _rms_text(rms: float) -> str:
 def parameter_texts(candidate: Candidate, fitted: Fit) -> list[str]:
     """The parameters of a candidate in a fit as text, with standard errors and units."""
     own, machine = candidate.own_unknowns(fitted.problem.unknowns), fitted.problem.machine
-    return [
-        f"{name.replace('_', ' ')} {fitted.text(u.name, candidate.unit(u, machine))}"
-        for name, u in own.items()
-    ]
+    return [f"{name.replace('_', ' ')} {fitted.text(u.name, candidate.unit(u, machine))}" for name, u in own.items()]

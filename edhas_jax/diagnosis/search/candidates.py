@@ -210,9 +210,7 @@ def build_problem(
         machine, instruments = candidate.mounted(machine, instruments)
         accepted.append(candidate)
     own = [u for c in accepted for u in c.unknowns(campaign)]
-    of_effects = {
-        u.name.removeprefix(c.prefix) for c in accepted if c.signal is None for u in c.unknowns(campaign)
-    }
+    of_effects = {u.name.removeprefix(c.prefix) for c in accepted if c.signal is None for u in c.unknowns(campaign)}
     uncertain = [limit_to_prior_bound(u) for u in uncertain_unknowns(campaign, machine) if u.name not in of_effects]
     unknowns = (*uncertain, *own)
     bench = bench_deviations(campaign, unknowns)

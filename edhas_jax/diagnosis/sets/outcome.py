@@ -40,5 +40,3 @@ def _rounded(value: float) -> str:
     if int(exponent) < 4:
         return f"{float(f'{value:.2g}'):g}".replace("-", "−")
     return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}".replace("-", "−")
-
-

@@ -492,8 +492,9 @@ class SetSearch:
         """The search with what a fit needs, to be sent to another process."""
         small, best = copy.copy(self), self.ranked()[0]
         slim = dataclasses.replace(best, evaluated=None, model=None, moves=None, untried=[])
-        small.sets, small._table = {best.key: slim}, dataclasses.replace(
-            self._table, candidates=(), free=(), rows=self._table.rows[:0]
+        small.sets, small._table = (
+            {best.key: slim},
+            dataclasses.replace(self._table, candidates=(), free=(), rows=self._table.rows[:0]),
         )
         small._checkpoint, small._workers, small._report = Checkpoint(), None, None
         return small
@@ -632,9 +633,7 @@ class SetSearch:
         small = with_scaled_size(unknowns, point, SMALL_SIZE, signatures.exponent)
         return Move(of, signatures.candidate, x, small, fall)
 
-    def _free_move(
-        self, of: FittedSet, slopes: FreeSlopes, products: np.ndarray, scaled: Sequence[Scaled]
-    ) -> Move:
+    def _free_move(self, of: FittedSet, slopes: FreeSlopes, products: np.ndarray, scaled: Sequence[Scaled]) -> Move:
         best = None
         for by in scaled:
             inner, overlap = by.model.reduced(products, slopes.gram)
