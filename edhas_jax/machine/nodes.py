@@ -156,6 +156,3 @@ class Body:
     def rates(self) -> dict[str, Any]:
         """The rate of the state; after all forces."""
         return {self.name: self.force / self._inertia}
-
-
-

@@ -95,6 +95,27 @@ def law_at_nodes(fit: Fit, candidate: Candidate, curve: CurveCandidate) -> tuple
     return basis(np.asarray(start.nodes), np.array(curve.nodes)) @ start.law_values, start.size
 
 
+def law_size(fit: Fit, candidate: Candidate, place: LawPlace) -> float | None:
+    """The magnitude of the law of a candidate as that of a curve at a place, SI; None where it acts elsewhere.
+
+    Args:
+        fit: a fit that contains the candidate.
+        candidate: the candidate.
+        place: the place, over any variable.
+    """
+    if candidate.signal is not None:
+        return None
+    term = place.declaration.same_as or place.slot
+    slot = next((slot for slot in candidate.kind.slots if (slot.same_as or slot.name) == term), None)
+    own = () if slot is None else law_places(fit.machine, slot.name)
+    if not own:
+        return None
+    law = law_samples(fit, own[:1], candidate.id).law - own[0].neutral
+    weight = law_samples(fit, (place,)).weight(place)
+    size = float(np.abs(law).max() / np.sqrt(np.mean(np.square(weight))))
+    return size if size > 0.0 and np.isfinite(size) else None
+
+
 def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[str, np.ndarray]]:
     """The change of the signals by a deviation of each accepted law, by fitted run and signal (samples, k) in SI.
 
@@ -129,12 +150,13 @@ def memory_columns(fit: Fit, candidate: Candidate) -> list[dict[str, np.ndarray]
         candidate: the candidate.
 
     Returns:
-        By fitted run and signal (samples, k) in SI; None for a law without memory, and where it is not finite.
+        By fitted run and signal (samples, k) in SI; None for a law without memory, where it is not finite, and where
+        the fit has these memories already.
     """
     if candidate.signal is not None or not candidate.memory_of:
         return None
     place = LawPlace(candidate.kind.slots[0].name, candidate.memory_of)
-    if place not in law_places(fit.machine, place.slot):
+    if place not in law_places(fit.machine, place.slot) or memory_class(place).id in {e.id for e in fit.machine.effects}:
         return None
     samples = law_samples(fit, (place,), candidate.id)
     past, size = np.std(samples.values[place.variable]), np.abs(samples.law).max()

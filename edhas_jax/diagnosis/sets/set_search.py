@@ -46,7 +46,12 @@ from edhas_jax.diagnosis.search.evaluated_fit import (
     start_coordinates,
 )
 from edhas_jax.diagnosis.search.free_term import USUAL_COORDINATE, FreeTerm
-from edhas_jax.diagnosis.search.law_deviation import DEVIATION_SHARE, law_at_nodes, law_deviation_columns
+from edhas_jax.diagnosis.search.law_deviation import (
+    DEVIATION_SHARE,
+    law_at_nodes,
+    law_deviation_columns,
+    law_size,
+)
 from edhas_jax.diagnosis.search.local_minima import fit_progressively
 from edhas_jax.diagnosis.search.screening import MAX_SCALE, MIN_SCALE, SMALL_SIZE, Signatures, with_scaled_size
 from edhas_jax.diagnosis.sets.finished_stage import BEST, CALIBRATED, stage_sentence
@@ -343,7 +348,7 @@ class SetSearch:
         curves = [move for move in found.values() if isinstance(move.added, FreeTerm)]
         chosen = [m for m in found.values() if not isinstance(m.added, FreeTerm) or m is curves[0]][:REFITTED]
         laws = [move for move in ranked if self._may_be_law(move, best)][:LAWS_TRIED]
-        laws += [move for move in ranked if self._is_curve_beside_law(move, best)][:1]
+        laws += [move for move in ranked if self._is_curve_beside_law(move, best, chosen)][:1]
         return chosen + [move for move in laws if move.key not in known and move not in chosen]
 
     @staticmethod
@@ -356,14 +361,15 @@ class SetSearch:
         return free is not None and move.to.key == best.key - {free.name} and move.added.location == free.location
 
     @staticmethod
-    def _is_curve_beside_law(move: Move, best: FittedSet) -> bool:
-        """Whether a move adds a curve at the place of an effect of the best set, which leaves more than noise.
+    def _is_curve_beside_law(move: Move, best: FittedSet, chosen: Sequence[Move]) -> bool:
+        """Whether a move adds a curve at the place of an effect of the best set, whose law may deviate by it.
 
-        The law of that effect may deviate by more than its linear deviations can show.
+        Only where that set leaves more than noise, or another effect of the same place is about to be added.
         """
         places = {c.location for c in best.members if not isinstance(c, FreeTerm)}
-        is_at_law = isinstance(move.added, CurveCandidate) and move.added.location in places
-        return is_at_law and move.to is best and best.excess > 0.0
+        if move.to is not best or not isinstance(move.added, CurveCandidate) or move.added.location not in places:
+            return False
+        return best.excess > 0.0 or any(m.to is best and m.added.location == move.added.location for m in chosen)
 
     @staticmethod
     def _is_allowed(move: Move) -> bool:
@@ -378,44 +384,52 @@ class SetSearch:
         return [members for members in found if key_of(members) not in known]
 
     def _take_curves_as_laws(self) -> None:
-        """Weigh effects whose law may be a free curve that was fitted in their place."""
+        """Weigh effects whose law may be, or deviate by, a free curve that was fitted in their place or beside them."""
         curves = [(of, c) for of in self.ranked()[:EXPANDED] for c in of.members if isinstance(c, CurveCandidate)]
         for by_curve, curve in curves:
             others = by_curve.key - {curve.name}
-            for of in [of for of in self.sets.values() if of.key > others and len(of.key) == len(by_curve.key)]:
-                (named,) = (c for c in of.members if c.name not in others)
+            for of in [of for of in self.sets.values() if of.key >= others and len(of.key) <= len(by_curve.key)]:
                 pair = of.key, by_curve.key
-                if isinstance(named, FreeTerm) or named.location != curve.location or pair in self._compared:
+                effects = [c for c in of.members if of.key == others or c.name not in others]
+                effects = [c for c in effects if not isinstance(c, FreeTerm) and c.location == curve.location]
+                if pair in self._compared or not effects:
                     continue
                 self._compared.add(pair)
-                found = self._with_curve_as_law(of, named, by_curve, curve)
-                if found is not None and found.misfit < of.misfit:
-                    self._add(found, found.key)
+                for effect in effects:
+                    found = self._with_curve_as_law(of, effect, by_curve, curve)
+                    if found is not None and found.misfit < self.sets[of.key].misfit:
+                        self._add(found, found.key)
 
     def _with_curve_as_law(
-        self, of: FittedSet, named: Candidate, by_curve: FittedSet, curve: CurveCandidate
+        self, of: FittedSet, effect: Candidate, by_curve: FittedSet, curve: CurveCandidate
     ) -> FittedSet | None:
-        """A set with the misfit that it has where the law of an effect is a free curve; None where it cannot be one.
+        """A set with the misfit that it has where a free curve is the law of an effect; None where it cannot be that.
 
-        The fit with the curve, but with another prior of its values, around the law of the library, is the model with
-        the effect and a law that deviates from it.
+        The fit with the curve, but with another prior of its values, is the model with the effect and a law that
+        deviates from it: around the law of the library where the curve is in the place of the effect, around zero where
+        it is beside it.
 
         Args:
             of: the set with the effect.
-            named: the effect.
-            by_curve: the same set with the curve in its place.
+            effect: the effect.
+            by_curve: the same set with the curve in its place, or beside it.
             curve: the curve.
         """
-        law = law_at_nodes(of.evaluated.fit, named, curve)
-        if law is None:
+        is_beside, own = effect.name in by_curve.key, 0.0
+        if is_beside:
+            mean, size = np.zeros(len(curve.nodes)), law_size(by_curve.evaluated.fit, effect, curve.place)
+        elif (law := law_at_nodes(of.evaluated.fit, effect, curve)) is not None:
+            mean, size = (law[0] - curve.place.neutral) / curve.spread, law[1]
+        else:
             return None
-        values, size = law
+        if size is None:
+            return None
         unknowns = by_curve.evaluated.fit.problem.unknowns
         places = np.array([k for k, u in enumerate(unknowns) if u.name in curve.value_names])
-        mean = (values - curve.place.neutral) / curve.spread
         spread = np.full(len(places), DEVIATION_SHARE * size / curve.spread)
         found = self._weighed(of.members, of.evaluated, by_curve.model.with_prior(places, mean, spread))
-        own = 0.5 * sum(x * x for x in named.own_coordinates(of.evaluated.fit).values())  # of the effect's parameters
+        if not is_beside:  # the parameters of the effect are no unknowns of that fit
+            own = 0.5 * sum(x * x for x in effect.own_coordinates(of.evaluated.fit).values())
         return dataclasses.replace(found, misfit=found.misfit + own, numbers=found.numbers + own)
 
     def _let_compete(self) -> None:
