@@ -6,7 +6,8 @@ Student distribution of its misfit X (`FlooredModel.misfit`) with α freedoms,
     ln w = Σ ln prior odds − (α/2) ln(1 + 2 (X − X₀)/α)
 
 with X₀ the misfit of the best set where that is at the noise, and else what the noise alone would leave; less a
-thousandth of what the best set explains, which the error of its laws may leave anywhere. Near the noise
+hundredth of what the best set explains, which the error of its laws may leave anywhere, and ten nats at least, which
+the error of any model of a bench may leave. Near the noise
 (X − X₀ ≪ α) that is the usual evidence. Far above it only the ratio of misfits counts, because the error of a model is
 a few smooth functions, not one error for each sample: half the misfit is worth (α/2) ln 2.
 
@@ -63,7 +64,8 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 FREEDOMS = 30.0  # α: a misfit that a law leaves has about as many free numbers as two or three curves
 EXPECTED = 0.7  # named effects that a campaign hides on average, over all candidates together
 UNKNOWN_ODDS = 0.15  # odds that it hides one that no list has, over all places together
-LAW_ERROR = 0.001  # of what a set explains: 3 % of its amplitude
+LAW_ERROR = 0.01  # of what a set explains: 10 % of its amplitude
+LEAST_ERROR = 10.0  # nats: of a model with the right effects, because settings, sensors and clocks deviate in more ways
 MOST_EFFECTS = 3  # of a set, beside faults of sensors and at most one free term
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
@@ -239,7 +241,7 @@ class Weighing:
     def _least(self) -> float:
         """X₀ of the module."""
         least = min(self.noise + self._least_numbers, self._least_misfit)
-        return least - LAW_ERROR * max(self._of_nothing - least, 0.0)
+        return least - max(LAW_ERROR * (self._of_nothing - least), LEAST_ERROR)
 
     def of(self, fitted: FittedSet) -> float:
         """The logarithm of the weight of a fitted set [nats]."""
