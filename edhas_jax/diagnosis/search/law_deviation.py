@@ -156,7 +156,8 @@ def memory_columns(fit: Fit, candidate: Candidate) -> list[dict[str, np.ndarray]
     if candidate.signal is not None or not candidate.memory_of:
         return None
     place = LawPlace(candidate.kind.slots[0].name, candidate.memory_of)
-    if place not in law_places(fit.machine, place.slot) or memory_class(place).id in {e.id for e in fit.machine.effects}:
+    is_mounted = any(effect.id == memory_class(place).id for effect in fit.machine.effects)
+    if is_mounted or place not in law_places(fit.machine, place.slot):
         return None
     samples = law_samples(fit, (place,), candidate.id)
     past, size = np.std(samples.values[place.variable]), np.abs(samples.law).max()
