@@ -2,8 +2,11 @@
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from edhas_jax.core.optional_parts import OptionalParts
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
@@ -11,7 +14,10 @@ from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
 from edhas_jax.diagnosis.calibration.figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
+from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.fit import fit as calibrate
+from edhas_jax.diagnosis.calibration.fit_choices import FitChoices
+from edhas_jax.diagnosis.calibration.fit_choices_reader import read_choices
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.report import fit_report
 from edhas_jax.diagnosis.calibration.result import NOT_CONVERGED, Calibration, campaign_residuals, save_calibration
@@ -21,7 +27,7 @@ from edhas_jax.measurements.campaign_reader import as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.noise_measurement import without_refuted_noise
 from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
+from edhas_jax.measurements.residuals import normalised_residuals
 from edhas_jax.tasks.compare import toned_residual
 from edhas_jax.tasks.result import Result, with_methods
 
@@ -122,6 +128,7 @@ def fit(
     trust: Trust = (),
     on_progress: Callable[[str], None] | None = None,
     keep: Callable[[FitResult], None] | None = None,
+    choices: FitChoices | Mapping[str, Any] | Path | str | None = None,
 ) -> FitResult:
     """Calibrate the uncertain parameters of a campaign's machine, and check the estimate.
 
@@ -132,34 +139,45 @@ def fit(
         trust: Python files of your own that may run if the campaign names them.
         on_progress: called with a sentence on the work at hand.
         keep: called with the estimates before the checks begin, so that an interruption loses nothing.
+        choices: free and fixed parameters with their limits and priors, runs, signals and time windows, where they
+            differ from what the campaign says: a YAML file, or a mapping with the same keys and texts.
 
     Returns:
         The estimates. A check that fails or is interrupted costs a sentence.
 
     Raises:
-        CampaignError: the campaign is wrong, a profile is of no uncertain parameter, or the fit fails.
+        CampaignError: the campaign or the choices are wrong, a profile is of no free parameter, or the fit fails.
     """
     began = time.perf_counter()
     report, optional = on_progress or (lambda sentence: None), OptionalParts()
     report("checking the data")
-    campaign = checked_campaign(as_campaign(campaign, trust))
-    unknowns = uncertain_unknowns(campaign)
+    given = checked_campaign(as_campaign(campaign, trust))
+    choices = read_choices(choices, given)
+    campaign, is_chosen = choices.applied(given), choices != FitChoices()
+    unknowns = choices.unknowns(campaign)
     require_uncertain(profiles, [u.name for u in unknowns])
     report("reading")
+
+    def problem_of(campaign: Campaign) -> FitProblem:
+        return FitProblem(choices.weighted(campaign), campaign.machine, unknowns)
+
+    points = choices.starts(unknowns, starts) if starts > 0 else starts
     try:
-        found = calibrate(FitProblem(campaign, campaign.machine, unknowns), starts=starts, on_progress=report)
-        quieter = without_refuted_noise(campaign, found.residuals, len(unknowns))
+        found = calibrate(problem_of(campaign), points, on_progress=report)
+        quieter = without_refuted_noise(campaign, _over_noise(campaign, found), len(unknowns))
         if quieter is not campaign:
-            campaign, problem = quieter, FitProblem(quieter, quieter.machine, unknowns)
+            campaign = quieter
             report("once more, with the noise that the fit leaves")
-            found = calibrate(problem, found.x, search=False, on_progress=report)
+            found = calibrate(problem_of(campaign), found.x, search=False, on_progress=report)
     except FitError as error:
         raise CampaignError(str(error)) from None
     report("residuals of all runs")
     fine = found.resolution.fine
-    before = campaign_residuals(campaign, campaign.machine, Instruments(), fine)
-    after = campaign_residuals(found.campaign, found.machine, found.instruments, fine)
-    result = Calibration(found, None, (), before, after, time.perf_counter() - began)
+    before = campaign_residuals(campaign, given.machine, Instruments(), fine)
+    fitted = dataclasses.replace(found.campaign, channels=campaign.channels)
+    after = campaign_residuals(fitted, found.machine, found.instruments, fine)
+    chosen = {"choices": choices, "given": given} if is_chosen else {}
+    result = Calibration(found, None, (), before, after, time.perf_counter() - began, **chosen)
     if keep is not None:
         keep(with_methods(FitResult, result))
     drift, likelihoods, assumed, interrupted = None, [], [], False
@@ -179,8 +197,14 @@ def fit(
         optional.failures.append("Interrupted: the results so far are written.")
         interrupted = True
     seconds = time.perf_counter() - began
-    result = Calibration(found, drift, tuple(likelihoods), before, after, seconds, tuple(assumed))
+    result = Calibration(found, drift, tuple(likelihoods), before, after, seconds, tuple(assumed), **chosen)
     return with_methods(FitResult, result, failures=tuple(optional.failures), interrupted=interrupted)
+
+
+def _over_noise(campaign: Campaign, found: Fit) -> dict[str, dict[str, np.ndarray]]:
+    """(measured − model)/noise (samples,) of the fitted runs, by run and signal, with the noise of a campaign."""
+    rows = zip(found.problem.model().runs, found.outcomes, strict=True)
+    return {run.name: normalised_residuals(campaign, run, predicted) for run, predicted in rows}
 
 
 def require_uncertain(profiles: Sequence[str], uncertain: Sequence[str]) -> None:

@@ -15,6 +15,7 @@ from edhas_jax.diagnosis.calibration.confounding import (
     weak_combinations,
 )
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.fit_choices import FitChoices
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.uncertainty import Drift, ProfileLikelihood
 from edhas_jax.machine.rigs import Rig
@@ -47,6 +48,8 @@ class Calibration:
         after: the same after the fit.
         seconds: computing time.
         assumed: parameters taken as known whose error the unknowns would hide.
+        choices: what was chosen for the fit; residuals are over the noise of the sensors, without the chosen factors.
+        given: the campaign before anything was chosen; None where nothing was.
     """
 
     fit: Fit
@@ -56,6 +59,8 @@ class Calibration:
     after: dict[str, dict[str, np.ndarray]]
     seconds: float
     assumed: tuple[AssumedParameter, ...] = ()
+    choices: FitChoices = FitChoices()
+    given: Campaign | None = None
 
     def rms_residuals(self) -> dict[str, dict[str, dict[str, float]]]:
         """Root mean square of residual over noise: {before, calibrated} × {fit, holdout} × {overall, each signal}."""
@@ -104,6 +109,7 @@ class Calibration:
         if not self.fit.converged:
             sentences.append(NOT_CONVERGED)
         sentences.append(f"Residual over noise on the {runs}: {overall:.2f}; {signal}.")
+        sentences += [] if self.given is None else self.choices.sentences(self.given)
         sentences += own_values_sentences(self.fit)
         if (larger := model_error_sentence(rms[Use.FIT.value]["overall"])) is not None:
             sentences.append(larger)
@@ -250,6 +256,7 @@ def calibration_as_json(calibration: Calibration) -> dict:
     out = {
         "campaign": fit.problem.campaign.name,
         "data": data_as_json(fit.problem.campaign),
+        "choices": {} if calibration.given is None else calibration.choices.as_mapping(calibration.given),
         "calibrated": estimates_as_json(fit),
         OF_RUNS: values_of_runs_as_json(fit),
         "error": calibration.rms_residuals(),
