@@ -1,5 +1,6 @@
 """The command `edhas fit`."""
 
+import dataclasses
 from pathlib import Path
 
 from edhas_jax.commands.arguments import (
@@ -22,7 +23,8 @@ def add_parser(commands) -> None:
     """Declare the command and its arguments."""
     parser = commands.add_parser(
         "fit", help="calibrate the uncertain parameters of a campaign's machine",
-        epilog=f"The exit status is {STATUS_NOT_CONVERGED} if the fit has not converged.",
+        epilog=f"The exit status is {STATUS_NOT_CONVERGED} if the fit has not converged. Ctrl-C ends the search and "
+        "keeps the best values so far.",
     )  # fmt: skip
     add_campaign_folder(parser)
     add_output_folder(parser, "fits")
@@ -76,7 +78,10 @@ def run(options) -> int:
             save_calibration(estimates, folder)
 
     with WorkProgress(options) as progress:
-        result = fit(campaign, options.starts, options.profile, on_progress=progress, keep=keep, choices=choices)
+        result = fit(
+            campaign, options.starts, options.profile, on_progress=progress, keep=keep, choices=choices,
+            on_step=lambda step: progress.numbers(dataclasses.asdict(step)),
+        )  # fmt: skip
         progress("writing the report")
         with report_write_errors(folder):
             failures = result.write_files(folder)

@@ -14,13 +14,13 @@ from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
 from edhas_jax.diagnosis.calibration.figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
-from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.fit import Fit, FitStep
 from edhas_jax.diagnosis.calibration.fit import fit as calibrate
 from edhas_jax.diagnosis.calibration.fit_choices import FitChoices
 from edhas_jax.diagnosis.calibration.fit_choices_reader import read_choices
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.report import fit_report
-from edhas_jax.diagnosis.calibration.result import NOT_CONVERGED, Calibration, campaign_residuals, save_calibration
+from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
 from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_reader import as_campaign
@@ -38,7 +38,7 @@ class FitResult(Result, Calibration):
 
     Attributes:
         failures: a sentence on each check that could not be made.
-        interrupted: whether the user has interrupted the checks; the estimates are complete.
+        interrupted: whether the user has interrupted the search (`fit.stopped`) or the checks after it.
     """
 
     failures: tuple[str, ...] = ()
@@ -51,11 +51,12 @@ class FitResult(Result, Calibration):
         return self.fit.machine
 
     def summary(self) -> Summary:
-        """See `Result.summary`; that a fit has not converged is said first."""
+        """See `Result.summary`; that a fit was stopped or has not converged is said first."""
         campaign = self.fit.problem.campaign
         title = f"{campaign.name}: {len(self.fit.problem.unknowns)} parameters calibrated in {self.seconds:.0f} s"
-        findings = [sentence for sentence in self.findings() if sentence != NOT_CONVERGED]
-        warning = [] if self.fit.converged else [Toned(NOT_CONVERGED, Tone.BAD)]
+        said = self.warning()
+        findings = [sentence for sentence in self.findings() if sentence != said]
+        warning = [] if said is None else [Toned(said, Tone.BAD)]
         numbered = [f"{number}. {sentence}" for number, sentence in enumerate(findings, 1)]
         return Summary(title, (*warning, self._errors(), self._estimates(), *numbered, *self.failures))
 
@@ -129,6 +130,7 @@ def fit(
     on_progress: Callable[[str], None] | None = None,
     keep: Callable[[FitResult], None] | None = None,
     choices: FitChoices | Mapping[str, Any] | Path | str | None = None,
+    on_step: Callable[[FitStep], None] | None = None,
 ) -> FitResult:
     """Calibrate the uncertain parameters of a campaign's machine, and check the estimate.
 
@@ -141,9 +143,11 @@ def fit(
         keep: called with the estimates before the checks begin, so that an interruption loses nothing.
         choices: free and fixed parameters with their limits and priors, runs, signals and time windows, where they
             differ from what the campaign says: a YAML file, or a mapping with the same keys and texts.
+        on_step: called after every step of the search, with its cost and the values of the unknowns.
 
     Returns:
-        The estimates. A check that fails or is interrupted costs a sentence.
+        The estimates. A check that fails or is interrupted costs a sentence. After an interruption of the search they
+        are the best until then, without checks, and the result says that it was stopped.
 
     Raises:
         CampaignError: the campaign or the choices are wrong, a profile is of no free parameter, or the fit fails.
@@ -163,12 +167,12 @@ def fit(
 
     points = choices.starts(unknowns, starts) if starts > 0 else starts
     try:
-        found = calibrate(problem_of(campaign), points, on_progress=report)
+        found = calibrate(problem_of(campaign), points, on_progress=report, on_step=on_step)
         quieter = without_refuted_noise(campaign, _over_noise(campaign, found), len(unknowns))
-        if quieter is not campaign:
+        if quieter is not campaign and not found.stopped:
             campaign = quieter
             report("once more, with the noise that the fit leaves")
-            found = calibrate(problem_of(campaign), found.x, search=False, on_progress=report)
+            found = calibrate(problem_of(campaign), found.x, search=False, on_progress=report, on_step=on_step)
     except FitError as error:
         raise CampaignError(str(error)) from None
     report("residuals of all runs")
@@ -180,6 +184,8 @@ def fit(
     result = Calibration(found, None, (), before, after, time.perf_counter() - began, **chosen)
     if keep is not None:
         keep(with_methods(FitResult, result))
+    if found.stopped:
+        return with_methods(FitResult, result, interrupted=True)
     drift, likelihoods, assumed, interrupted = None, [], [], False
     try:
         drift = optional.attempt(
