@@ -6,28 +6,24 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from edhas_jax.core.optional_parts import OptionalParts
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity
+from edhas_jax.diagnosis.calibration.chosen_fit import fit_with_choices
 from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
 from edhas_jax.diagnosis.calibration.figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
-from edhas_jax.diagnosis.calibration.fit import Fit, FitStep
-from edhas_jax.diagnosis.calibration.fit import fit as calibrate
+from edhas_jax.diagnosis.calibration.fit import FitStep
 from edhas_jax.diagnosis.calibration.fit_choices import FitChoices
 from edhas_jax.diagnosis.calibration.fit_choices_reader import read_choices
-from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
+from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.calibration.report import fit_report
 from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
 from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_reader import as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-from edhas_jax.measurements.checks.noise_measurement import without_refuted_noise
 from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.measurements.residuals import normalised_residuals
 from edhas_jax.tasks.compare import toned_residual
 from edhas_jax.tasks.result import Result, with_methods
 
@@ -157,22 +153,11 @@ def fit(
     report("checking the data")
     given = checked_campaign(as_campaign(campaign, trust))
     choices = read_choices(choices, given)
-    campaign, is_chosen = choices.applied(given), choices != FitChoices()
-    unknowns = choices.unknowns(campaign)
-    require_uncertain(profiles, [u.name for u in unknowns])
+    is_chosen = choices != FitChoices()
+    require_uncertain(profiles, [u.name for u in choices.unknowns(choices.applied(given))])
     report("reading")
-
-    def problem_of(campaign: Campaign) -> FitProblem:
-        return FitProblem(choices.weighted(campaign), campaign.machine, unknowns)
-
-    points = choices.starts(unknowns, starts) if starts > 0 else starts
     try:
-        found = calibrate(problem_of(campaign), points, on_progress=report, on_step=on_step)
-        quieter = without_refuted_noise(campaign, _over_noise(campaign, found), len(unknowns))
-        if quieter is not campaign and not found.stopped:
-            campaign = quieter
-            report("once more, with the noise that the fit leaves")
-            found = calibrate(problem_of(campaign), found.x, search=False, on_progress=report, on_step=on_step)
+        campaign, found = fit_with_choices(given, choices, starts, on_progress=report, on_step=on_step)
     except FitError as error:
         raise CampaignError(str(error)) from None
     report("residuals of all runs")
@@ -205,12 +190,6 @@ def fit(
     seconds = time.perf_counter() - began
     result = Calibration(found, drift, tuple(likelihoods), before, after, seconds, tuple(assumed), **chosen)
     return with_methods(FitResult, result, failures=tuple(optional.failures), interrupted=interrupted)
-
-
-def _over_noise(campaign: Campaign, found: Fit) -> dict[str, dict[str, np.ndarray]]:
-    """(measured − model)/noise (samples,) of the fitted runs, by run and signal, with the noise of a campaign."""
-    rows = zip(found.problem.model().runs, found.outcomes, strict=True)
-    return {run.name: normalised_residuals(campaign, run, predicted) for run, predicted in rows}
 
 
 def require_uncertain(profiles: Sequence[str], uncertain: Sequence[str]) -> None:

@@ -132,6 +132,7 @@ def test_samples_outside_a_window_have_no_influence(campaign):
         ({"parameters": {"coil_resistance": {"min": "1.5 Ω", "max": "1.4 Ω"}}}, "min must be below max"),
         ({"parameters": {"coil_resistance": {"prior": "-1"}}}, "prior: must be above 0"),
         ({"parameters": {"coil_resistance": {"free": False, "max": "1.5 Ω"}}}, "max: means nothing for a parameter"),
+        ({"parameters": {"coulomb_friction": {"free": False, "value": "7 N"}}}, "parameters: "),
         ({"parameters": {"coil_inductance": {"free": True}}}, "needs a prior, such as `prior: 0.1`"),
         ({"parameters": {name: {"free": False} for name in TRUTH}}, "no parameter is left free"),
         ({"parameters": {"coil_resistance in run1": {"free": False}}}, "no fitted run has a value of its own"),

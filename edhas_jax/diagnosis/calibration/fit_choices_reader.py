@@ -11,7 +11,7 @@ from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.diagnosis.calibration.fit_choices import FitChoices, ParameterChoice
-from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, list_parameters
+from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, short_names
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
 from edhas_jax.measurements.record_timing import read_time
 from edhas_jax.measurements.unknown_parameters import UnknownParameter, read_spread, uncertain_unknowns
@@ -109,8 +109,7 @@ class _Reader(ProblemList):
         except ParameterError as error:
             self.add(key, str(error))
             return None
-        is_unique = sum(q.name == p.name for q, _, _ in list_parameters(self._campaign.machine)) == 1
-        return p.name if is_unique else f"{path}.{p.name}", p
+        return short_names(self._campaign.machine)[path, p.name], p
 
     def _read_parameter(self, key: tuple, name: str, p: Parameter, row: Mapping[str, Any]) -> ParameterChoice | None:
         free = row.get("free", True)
@@ -131,8 +130,7 @@ class _Reader(ProblemList):
                     self.add((*key, n), "means nothing for a parameter that is not free; leave it out")
         elif name not in self._unknowns and spread is None and name not in self._campaign.uncertain:
             self.add(key, "is not under `uncertain` of the campaign, so it needs a prior, such as `prior: 0.1`")
-        choice = ParameterChoice(free, numbers.get("value"), numbers.get("min"), numbers.get("max"), spread, has_prior)
-        return choice
+        return ParameterChoice(free, numbers.get("value"), numbers.get("min"), numbers.get("max"), spread, has_prior)
 
     def _read_number(self, key: tuple, p: Parameter, value: Any) -> float | None:
         """A text with unit, or from Python a number in SI."""
@@ -199,7 +197,11 @@ class _Reader(ProblemList):
 
     def _check_as_a_whole(self) -> None:
         """Check what depends on several choices: limits around values, something to fit."""
-        campaign = self.choices.applied(self._campaign)
+        try:
+            campaign = self.choices.applied(self._campaign)
+        except ParameterError as error:  # a fixed value is not allowed beside the others
+            self.add(("parameters",), str(error))
+            return
         fitted = campaign.runs_for(Use.FIT)
         if not any(run.valid_samples for run in fitted):
             self.add((), "no sample is left to be fitted: no run is chosen that has one of the chosen signals")
