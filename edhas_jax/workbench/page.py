@@ -16,6 +16,7 @@ from edhas_jax.workbench.place import Place
 from edhas_jax.workbench.session import Session
 from edhas_jax.workbench.standing import BENCH_CORRECTED, USES, Standing, standing
 from edhas_jax.workbench.style import CSS, PRIMARY
+from edhas_jax.workbench.views.calibrate import CalibrateView
 from edhas_jax.workbench.views.compare import CompareView
 from edhas_jax.workbench.views.data import DataView
 from edhas_jax.workbench.views.design import DesignView
@@ -35,14 +36,16 @@ VIEWS: dict[str, tuple[type, str, tuple[str, ...]]] = {
     "Overview": (OverviewView, "dashboard", ("calibrate", "diagnose", "try")),
     "Data": (DataView, "upload_file", ("write campaign", "change campaign")),
     "Compare": (CompareView, "show_chart", ("compare",)),
-    "Diagnose": (DiagnoseView, "troubleshoot", ("calibrate", "diagnose", "try")),
+    "Calibrate": (CalibrateView, "straighten", ("calibrate", "keep")),
+    "Diagnose": (DiagnoseView, "troubleshoot", ("diagnose", "try")),
     "Machine": (MachineView, "precision_manufacturing", ("diagnose", "try")),
     "Report": (ReportView, "description", ("calibrate", "diagnose", "report")),
     "Design": (DesignView, "tune", ("simulate", "sweep", "size", "sensitivity")),
     "Steps": (StepsView, "terminal", ("",)),
 }
-WHOLE_VERDICT, VERDICT = "Overview", ("Overview", "Compare", "Diagnose", "Machine", "Report")  # views that show it
-IN_PROGRESS = "Overview", "Diagnose"  # views that show what a job has reported
+WHOLE_VERDICT = "Overview"
+VERDICT = "Overview", "Compare", "Calibrate", "Diagnose", "Machine", "Report"  # views that show it
+IN_PROGRESS = "Overview", "Calibrate", "Diagnose"  # views that show what a job has reported
 START = """({
   dark: matchMedia('(prefers-color-scheme: dark)').matches,
   address: location.hash,
@@ -316,7 +319,7 @@ class Page:
         self.show_state()
         if any(job.status == RUNNING for job in self.session.jobs.all()):
             for name in self._built.intersection(IN_PROGRESS):
-                self._views[name].show_progress()
+                await self._views[name].show_progress()
         mark = self.workspace.mark()
         if mark == self._mark or self.session.calculator.busy_with:
             return
