@@ -58,6 +58,12 @@ def test_an_interruption_before_the_first_point_keeps_nothing(campaign, monkeypa
         edhas.fit(campaign, starts=2)
 
 
+def test_a_fit_within_other_work_passes_the_interruption_on(campaign):
+    problem = FitProblem(campaign, campaign.machine, uncertain_unknowns(campaign))
+    with pytest.raises(KeyboardInterrupt):
+        fit(problem, starts=2, on_step=interrupt_after(2, []))
+
+
 def test_steps_tell_the_lowest_cost_and_where_it_is(campaign):
     steps = []
     problem = FitProblem(campaign, campaign.machine, uncertain_unknowns(campaign))

@@ -31,7 +31,8 @@ def fit_with_choices(
         on_step: called after every step of a search.
 
     Returns:
-        The campaign as chosen, with the noise of the sensors; the fit, with the factors on the noise.
+        The campaign as chosen, with the noise of the sensors; the fit, with the factors on the noise. After
+        KeyboardInterrupt in a search the fit is the best point until then, `stopped`.
 
     Raises:
         FitError: no run to fit, no unknown, no start, or a model that fails from every start.
@@ -45,12 +46,13 @@ def fit_with_choices(
     def problem_of(campaign: Campaign) -> FitProblem:
         return FitProblem(choices.weighted(campaign), campaign.machine, unknowns)
 
-    found = fit(problem_of(campaign), starts, search=search, on_progress=report, on_step=on_step)
+    found = fit(problem_of(campaign), starts, search=search, on_progress=report, on_step=on_step, keeps_best=True)
     quieter = without_refuted_noise(campaign, _over_noise(campaign, found), len(unknowns))
     if quieter is campaign or found.stopped:
         return campaign, found
     report("once more, with the noise that the fit leaves")
-    return quieter, fit(problem_of(quieter), found.x, search=False, on_progress=report, on_step=on_step)
+    again = fit(problem_of(quieter), found.x, search=False, on_progress=report, on_step=on_step, keeps_best=True)
+    return quieter, again
 
 
 def _over_noise(campaign: Campaign, found: Fit) -> dict[str, dict[str, np.ndarray]]:

@@ -244,6 +244,7 @@ def fit(
     search: bool = True,
     on_progress: Callable[[str], None] | None = None,
     on_step: Callable[[FitStep], None] | None = None,
+    keeps_best: bool = False,
 ) -> Fit:
     """Minimise ½Σ((measured − model)/noise)² + ½Σx² over the coordinates x of the unknowns.
 
@@ -262,9 +263,10 @@ def fit(
         search: False skips the rough search: the first start begins at the fine step.
         on_progress: called with a sentence on the progress.
         on_step: called after every step of a search.
+        keeps_best: whether KeyboardInterrupt ends the search with its best point, `stopped`; otherwise it passes.
 
     Returns:
-        The estimate with its covariance. After KeyboardInterrupt the best point until then, `stopped`.
+        The estimate with its covariance.
 
     Raises:
         FitError: no run to fit, no unknown, no start, or a model that fails from every start.
@@ -317,7 +319,7 @@ def fit(
             problem, fine.x[0], covariance, resolution.fine, lambda x: constraints.project(x, low, high)
         )
     except KeyboardInterrupt:
-        if best.x is None:
+        if best.x is None or not keeps_best:
             raise
         report("stopped: the best point so far")
         return best.fit(resolution, costs)

@@ -45,7 +45,7 @@ class Certainty:
 
     def _build(self, fit: dict[str, Any]) -> None:
         names = {name: name.replace("_", " ") for name in fit["calibrated"]}
-        first, second = next(iter(names)), list(names)[min(1, len(names) - 1)]
+        first, second = _most_alike(fit)
         with ui.element("div").classes("wb-two"):
             with ui.column().classes("gap-1 w-full"):
                 ui.label("Correlations of the estimates").classes("wb-h")
@@ -106,3 +106,13 @@ class Certainty:
             self._correlogram.hide()
         else:
             self._correlogram.show(autocorrelation_figure(found, self._page.dark))
+
+
+def _most_alike(fit: dict[str, Any]) -> tuple[str, str]:
+    """The two parameters with standard errors that are most correlated; the first two where there are none."""
+    names = [name for name, row in fit["calibrated"].items() if row.get("std") is not None]
+    pairs = [(abs(fit["correlation"][a][b] or 0.0), a, b) for k, a in enumerate(names) for b in names[k + 1 :]]
+    if pairs:
+        return max(pairs)[1:]
+    names = list(fit["calibrated"])
+    return names[0], names[min(1, len(names) - 1)]
