@@ -74,6 +74,7 @@ class Page:
         self._views: dict[str, Any] = {}
         self._places: dict[str, Any] = {}
         self._is_ready, self._changed = False, ()
+        self._errors_shown: Any = None
         self._mark: tuple = ()
         self._begun: set[str] = set()  # views whose building has begun, and those that are built
         self._built: set[str] = set()
@@ -219,18 +220,10 @@ class Page:
     def show_state(self) -> None:
         """Show what stands above every view: the errors so far, the job that runs, the last command."""
         now = self.standing()
-        self._errors.clear()
-        with self._errors:
-            for k, (name, row) in enumerate(now.stages.items()):
-                value = row.get(now.use)
-                if value is not None:
-                    mark = "error-before" if k == 0 else "error-" + name.strip("+ ")
-                    of = f", {BENCH_CORRECTED}" if name in now.corrected else ""
-                    shown = ui.html(f"{'→ ' if k else ''}{html.escape(name)} <b>{value:.2f}</b>", sanitize=False)
-                    shown.props["data-mark"] = mark
-                    shown.tooltip(f"residual over noise on the {USES[now.use]}{of}; 1 is the noise of the sensors")
-            if now.corrected:
-                ui.label(f"({BENCH_CORRECTED})").classes("gt-sm")
+        errors = now.stages, now.corrected, now.use
+        if errors != self._errors_shown:
+            self._errors_shown = errors
+            self._show_errors(now)
         if now.changed != self._changed:
             self._changed = now.changed
             self._notice.clear()
@@ -246,6 +239,21 @@ class Page:
             self.say(f"{job.title}: {rows[-1]['what'] if rows else 'starting'}")
         elif not self.session.calculator.busy_with:
             self.say("")
+
+    def _show_errors(self, now: Standing) -> None:
+        """Show the residual over noise after each stage."""
+        self._errors.clear()
+        with self._errors:
+            for k, (name, row) in enumerate(now.stages.items()):
+                value = row.get(now.use)
+                if value is not None:
+                    mark = "error-before" if k == 0 else "error-" + name.strip("+ ")
+                    of = f", {BENCH_CORRECTED}" if name in now.corrected else ""
+                    shown = ui.html(f"{'→ ' if k else ''}{html.escape(name)} <b>{value:.2f}</b>", sanitize=False)
+                    shown.props["data-mark"] = mark
+                    shown.tooltip(f"residual over noise on the {USES[now.use]}{of}; 1 is the noise of the sensors")
+            if now.corrected:
+                ui.label(f"({BENCH_CORRECTED})").classes("gt-sm")
 
     def _show_verdict(self, now: Standing) -> None:
         view = self._tabs.value
