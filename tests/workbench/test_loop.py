@@ -89,7 +89,7 @@ def test_from_a_dropped_file_to_the_report(measured_campaign, tmp_path, workbenc
     mark(page, "job-done").wait_for()
     before, calibrated = error_shown(page, "before"), error_shown(page, "calibrated")
     found = json.loads((folder / "workbench/calibrated/fit.json").read_text())["calibrated"]["coil_resistance"]
-    size = estimate_text(found["value"], found["std"], found["unit"])
+    size = estimate_text(found["value"], found["std"], found["unit"], found.get("limit"))
     mark(page, "row-coil_resistance").get_by_text(size, exact=True).wait_for()
     tab(page, "Diagnose")
     page.get_by_role("button", name="Diagnose", exact=True).click()
