@@ -28,7 +28,7 @@ from tests.support.synthetic_campaign import bench, empty_campaign, measured  # 
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 1800e3  # ms
-VIEWS = "Overview", "Data", "Compare", "Diagnose", "Machine", "Report", "Design", "Steps"
+VIEWS = "Overview", "Data", "Compare", "Calibrate", "Diagnose", "Machine", "Report", "Design", "Steps"
 EFFECT, SECOND_EFFECT = "inverter_dead_time", "coil_heating"
 WIDTHS = 1280, 390
 # until Plotly has drawn once more, in ms
@@ -170,12 +170,12 @@ def measure(browser, address: str, folder: Path, times: Times) -> None:
     spans = [other.evaluate(ZOOM, [0.01 * k, 0.01 * k + 0.05]) for k in range(6)]
     times.row("zoom_s", "zoom", 1e-3 * float(np.median(spans[1:])))
     other.context.close()
-    page.get_by_role("tab", name="Diagnose").click()
+    page.get_by_role("tab", name="Calibrate").click()
     page.get_by_role("button", name="Calibrate", exact=True).click()
     page.locator("[data-mark=job-done]").wait_for()
     open_compare(page)
     began = time.perf_counter()
-    page.get_by_label("model").click()
+    page.get_by_label("model", exact=True).click()
     page.get_by_role("option", name="calibrated", exact=True).click()
     page.locator("[data-mark=command]").get_by_text("--model").wait_for()
     drawn(page, "traces")

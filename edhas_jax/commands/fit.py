@@ -1,5 +1,8 @@
 """The command `edhas fit`."""
 
+import dataclasses
+from pathlib import Path
+
 from edhas_jax.commands.arguments import (
     add_campaign_folder,
     add_output_folder,
@@ -20,7 +23,8 @@ def add_parser(commands) -> None:
     """Declare the command and its arguments."""
     parser = commands.add_parser(
         "fit", help="calibrate the uncertain parameters of a campaign's machine",
-        epilog=f"The exit status is {STATUS_NOT_CONVERGED} if the fit has not converged.",
+        epilog=f"The exit status is {STATUS_NOT_CONVERGED} if the fit has not converged. Ctrl-C ends the search and "
+        "keeps the best values so far.",
     )  # fmt: skip
     add_campaign_folder(parser)
     add_output_folder(parser, "fits")
@@ -28,6 +32,11 @@ def add_parser(commands) -> None:
     parser.add_argument(
         "--profile", action="append", default=[], metavar="NAME",
         help="also the likelihood along this parameter, all others fitted anew; may be given several times",
+    )  # fmt: skip
+    parser.add_argument(
+        "--choices", type=Path, metavar="FILE.yaml",
+        help="free and fixed parameters, limits, priors, runs, signals and time windows, where they differ from the "
+        "campaign",
     )  # fmt: skip
     add_own_code(parser, effects=False)
     add_output_options(parser)
@@ -41,14 +50,14 @@ def run(options) -> int:
         The exit status: 0, or 4 if the fit has not converged.
 
     Raises:
-        CampaignError: a profile is asked of a parameter that is not uncertain, or the fit fails.
+        CampaignError: the choices are wrong, a profile is asked of a parameter that is not free, or the fit fails.
         ResultFileError: the folder exists or cannot be written.
     """
     from edhas_jax.config.run_folder import report_write_errors
+    from edhas_jax.diagnosis.calibration.fit_choices_reader import read_choices
     from edhas_jax.diagnosis.calibration.result import save_calibration
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-    from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
     from edhas_jax.tasks.fit import FitResult, fit, require_uncertain
 
     campaign = read_campaign(options.campaign, own_code(options))
@@ -58,7 +67,8 @@ def run(options) -> int:
         campaign = checked_campaign(campaign)
     folder = output_folder(options, "fits", campaign.name)
     files = FitResult.reserve(folder, options.overwrite)
-    require_uncertain(options.profile, [u.name for u in uncertain_unknowns(campaign)])
+    choices = read_choices(options.choices, campaign)
+    require_uncertain(options.profile, [u.name for u in choices.unknowns(choices.applied(campaign))])
     print_data_check(out, campaign)
 
     def keep(estimates: FitResult) -> None:
@@ -68,7 +78,10 @@ def run(options) -> int:
             save_calibration(estimates, folder)
 
     with WorkProgress(options) as progress:
-        result = fit(campaign, options.starts, options.profile, on_progress=progress, keep=keep)
+        result = fit(
+            campaign, options.starts, options.profile, on_progress=progress, keep=keep, choices=choices,
+            on_step=lambda step: progress.numbers(dataclasses.asdict(step)),
+        )  # fmt: skip
         progress("writing the report")
         with report_write_errors(folder):
             failures = result.write_files(folder)

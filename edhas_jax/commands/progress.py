@@ -4,7 +4,9 @@ import json
 import os
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from edhas_jax.core.literal_text import terminal_text
 
@@ -55,26 +57,31 @@ class WorkProgress:
             done = "" if share is None else f", {100.0 * share:.0f} %"
             print(terminal_text(f"edhas: {sentence}{done}"), file=sys.stderr, flush=True)
 
+    def numbers(self, numbers: Mapping[str, Any]) -> None:
+        """Hand numbers on the present work to the program that has started the command."""
+        self._file.report(self._sentence, numbers=numbers)
+
     def share(self, share: float) -> None:
         """Show the share of the present work that is done, 0 … 1."""
         self(self._sentence, share)
 
 
 class ProgressFile:
-    """Appends a line of JSON for each report of progress: `at` [s since 1970], `what`, and `share` done (0 … 1)."""
+    """Appends a line of JSON for each report: `at` [s since 1970], `what`, `share` done (0 … 1), `numbers` (SI)."""
 
     def __init__(self):
         named = os.environ.get(VARIABLE)
         self._path = Path(named) if named else None
         self._last: tuple[str, int] | None = None
 
-    def report(self, what: str, share: float | None = None) -> None:
+    def report(self, what: str, share: float | None = None, numbers: Mapping[str, Any] | None = None) -> None:
         """Append a line, unless it says the same as the last one; a file that cannot be written ends the reports."""
         shown = what, -1 if share is None else int(100.0 * share)
-        if self._path is None or shown == self._last:
+        if self._path is None or (shown == self._last and numbers is None):
             return
         self._last = shown
         line = {"at": time.time(), "what": what} | ({} if share is None else {"share": round(share, 4)})
+        line |= {} if numbers is None else {"numbers": dict(numbers)}
         try:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line, ensure_ascii=False) + "\n")

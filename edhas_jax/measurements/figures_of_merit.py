@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 
+from edhas_jax.measurements.autocorrelation import autocorrelation
 from edhas_jax.measurements.comparison import Comparison, RunComparison
 from edhas_jax.measurements.residuals import rms_over_noise
 
@@ -53,7 +54,7 @@ def _row(compared: RunComparison, signal: str, noise: float) -> dict[str, float]
     error = np.where(valid, model - measured, np.nan)
     rate = np.gradient(model, compared.run.time)[valid]
     rate_squared = float(rate @ rate)
-    autocorrelation, statistic = ljung_box(residuals)
+    memory, statistic = ljung_box(residuals)
     harmonic, ratio = _harmonic_ratio(compared, measured, model, valid, noise)
     return {
         "residual_over_noise": rms_over_noise([residuals]),
@@ -64,7 +65,7 @@ def _row(compared: RunComparison, signal: str, noise: float) -> dict[str, float]
         "amplitude": abs(ratio),
         "phase": float(-np.angle(ratio)) if np.isfinite(ratio) else np.nan,
         "delay": -float(error[valid] @ rate) / rate_squared if rate_squared > 0.0 else np.nan,
-        "memory": autocorrelation,
+        "memory": memory,
         "white": bool(statistic < CHI_SQUARED_LIMIT),
     }
 
@@ -113,13 +114,9 @@ def ljung_box(residuals: np.ndarray) -> tuple[float, float]:
 
     Source: Ljung, Box, Biometrika 65 (1978) 297.
     """
-    finite = np.where(np.isfinite(residuals), residuals, np.nan)
-    values = np.nan_to_num(finite - np.nanmean(finite))
-    n, power = len(values), float(values @ values)
-    if power == 0.0 or n <= LJUNG_BOX_LAGS:
+    n = len(residuals)
+    if n <= LJUNG_BOX_LAGS:
         return 0.0, 0.0
-    autocorrelation = np.array([
-        float(values[lag:] @ values[:-lag]) / power for lag in range(1, LJUNG_BOX_LAGS + 1)
-    ])  # fmt: skip
+    found = autocorrelation(residuals, LJUNG_BOX_LAGS)[1:]
     weights = n - np.arange(1, LJUNG_BOX_LAGS + 1)
-    return float(autocorrelation[0]), float(n * (n + 2) * np.sum(autocorrelation**2 / weights))
+    return float(found[0]), float(n * (n + 2) * np.sum(found**2 / weights))

@@ -2,26 +2,28 @@
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from edhas_jax.core.optional_parts import OptionalParts
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity
+from edhas_jax.diagnosis.calibration.chosen_fit import fit_with_choices
 from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
 from edhas_jax.diagnosis.calibration.figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
-from edhas_jax.diagnosis.calibration.fit import fit as calibrate
-from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
+from edhas_jax.diagnosis.calibration.fit import FitStep
+from edhas_jax.diagnosis.calibration.fit_choices import FitChoices
+from edhas_jax.diagnosis.calibration.fit_choices_reader import read_choices
+from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.calibration.report import fit_report
-from edhas_jax.diagnosis.calibration.result import NOT_CONVERGED, Calibration, campaign_residuals, save_calibration
+from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
 from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_reader import as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-from edhas_jax.measurements.checks.noise_measurement import without_refuted_noise
 from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 from edhas_jax.tasks.compare import toned_residual
 from edhas_jax.tasks.result import Result, with_methods
 
@@ -32,7 +34,7 @@ class FitResult(Result, Calibration):
 
     Attributes:
         failures: a sentence on each check that could not be made.
-        interrupted: whether the user has interrupted the checks; the estimates are complete.
+        interrupted: whether the user has interrupted the search (`fit.stopped`) or the checks after it.
     """
 
     failures: tuple[str, ...] = ()
@@ -45,11 +47,12 @@ class FitResult(Result, Calibration):
         return self.fit.machine
 
     def summary(self) -> Summary:
-        """See `Result.summary`; that a fit has not converged is said first."""
+        """See `Result.summary`; that a fit was stopped or has not converged is said first."""
         campaign = self.fit.problem.campaign
         title = f"{campaign.name}: {len(self.fit.problem.unknowns)} parameters calibrated in {self.seconds:.0f} s"
-        findings = [sentence for sentence in self.findings() if sentence != NOT_CONVERGED]
-        warning = [] if self.fit.converged else [Toned(NOT_CONVERGED, Tone.BAD)]
+        said = self.warning()
+        findings = [sentence for sentence in self.findings() if sentence != said]
+        warning = [] if said is None else [Toned(said, Tone.BAD)]
         numbered = [f"{number}. {sentence}" for number, sentence in enumerate(findings, 1)]
         return Summary(title, (*warning, self._errors(), self._estimates(), *numbered, *self.failures))
 
@@ -122,6 +125,8 @@ def fit(
     trust: Trust = (),
     on_progress: Callable[[str], None] | None = None,
     keep: Callable[[FitResult], None] | None = None,
+    choices: FitChoices | Mapping[str, Any] | Path | str | None = None,
+    on_step: Callable[[FitStep], None] | None = None,
 ) -> FitResult:
     """Calibrate the uncertain parameters of a campaign's machine, and check the estimate.
 
@@ -132,36 +137,40 @@ def fit(
         trust: Python files of your own that may run if the campaign names them.
         on_progress: called with a sentence on the work at hand.
         keep: called with the estimates before the checks begin, so that an interruption loses nothing.
+        choices: free and fixed parameters with their limits and priors, runs, signals and time windows, where they
+            differ from what the campaign says: a YAML file, or a mapping with the same keys and texts.
+        on_step: called after every step of the search, with its cost and the values of the unknowns.
 
     Returns:
-        The estimates. A check that fails or is interrupted costs a sentence.
+        The estimates. A check that fails or is interrupted costs a sentence. After an interruption of the search they
+        are the best until then, without checks, and the result says that it was stopped.
 
     Raises:
-        CampaignError: the campaign is wrong, a profile is of no uncertain parameter, or the fit fails.
+        CampaignError: the campaign or the choices are wrong, a profile is of no free parameter, or the fit fails.
     """
     began = time.perf_counter()
     report, optional = on_progress or (lambda sentence: None), OptionalParts()
     report("checking the data")
-    campaign = checked_campaign(as_campaign(campaign, trust))
-    unknowns = uncertain_unknowns(campaign)
-    require_uncertain(profiles, [u.name for u in unknowns])
+    given = checked_campaign(as_campaign(campaign, trust))
+    choices = read_choices(choices, given)
+    is_chosen = choices != FitChoices()
+    require_uncertain(profiles, [u.name for u in choices.unknowns(choices.applied(given))])
     report("reading")
     try:
-        found = calibrate(FitProblem(campaign, campaign.machine, unknowns), starts=starts, on_progress=report)
-        quieter = without_refuted_noise(campaign, found.residuals, len(unknowns))
-        if quieter is not campaign:
-            campaign, problem = quieter, FitProblem(quieter, quieter.machine, unknowns)
-            report("once more, with the noise that the fit leaves")
-            found = calibrate(problem, found.x, search=False, on_progress=report)
+        campaign, found = fit_with_choices(given, choices, starts, on_progress=report, on_step=on_step)
     except FitError as error:
         raise CampaignError(str(error)) from None
     report("residuals of all runs")
     fine = found.resolution.fine
-    before = campaign_residuals(campaign, campaign.machine, Instruments(), fine)
-    after = campaign_residuals(found.campaign, found.machine, found.instruments, fine)
-    result = Calibration(found, None, (), before, after, time.perf_counter() - began)
+    before = campaign_residuals(campaign, given.machine, Instruments(), fine)
+    fitted = dataclasses.replace(found.campaign, channels=campaign.channels)
+    after = campaign_residuals(fitted, found.machine, found.instruments, fine)
+    chosen = {"choices": choices, "given": given} if is_chosen else {}
+    result = Calibration(found, None, (), before, after, time.perf_counter() - began, **chosen)
     if keep is not None:
         keep(with_methods(FitResult, result))
+    if found.stopped:
+        return with_methods(FitResult, result, interrupted=True)
     drift, likelihoods, assumed, interrupted = None, [], [], False
     try:
         drift = optional.attempt(
@@ -179,7 +188,7 @@ def fit(
         optional.failures.append("Interrupted: the results so far are written.")
         interrupted = True
     seconds = time.perf_counter() - began
-    result = Calibration(found, drift, tuple(likelihoods), before, after, seconds, tuple(assumed))
+    result = Calibration(found, drift, tuple(likelihoods), before, after, seconds, tuple(assumed), **chosen)
     return with_methods(FitResult, result, failures=tuple(optional.failures), interrupted=interrupted)
 
 

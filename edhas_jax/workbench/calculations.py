@@ -7,6 +7,7 @@ from edhas_jax.core.runtime import keep_xla_programs
 from edhas_jax.workbench.campaign_calculations import CampaignCalculations
 from edhas_jax.workbench.data_calculations import DataCalculations
 from edhas_jax.workbench.design_calculations import DesignCalculations
+from edhas_jax.workbench.fit_calculations import FitCalculations
 from edhas_jax.workbench.workspace import Workspace
 
 
@@ -21,6 +22,7 @@ class Calculations:
         campaign: comparison of models with the measurements, trials of effects.
         data: files that were dropped, and the check of the campaign.
         design: runs and sweeps of a machine.
+        fit: the choices for a fit, where one stands that runs, how certain one is.
     """
 
     def __init__(self, folder: Path, say: Callable[[str], None]):
@@ -29,6 +31,7 @@ class Calculations:
         self.campaign = CampaignCalculations(workspace, say)
         self.data = DataCalculations(workspace, say)
         self.design = DesignCalculations(workspace, say)
+        self.fit = FitCalculations(workspace, self.campaign, say)
 
     def answer(self, name: str, arguments: tuple):
         """The answer to one question, such as "campaign.compare"."""

@@ -10,7 +10,7 @@ import numpy as np
 from edhas_jax.config.law_file import law_units
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core.literal_text import file_name
-from edhas_jax.core.units import exact_quantity, from_si
+from edhas_jax.core.units import exact_quantity, format_quantity, from_si
 from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
 from edhas_jax.diagnosis.laws.curve_figure import Z_95
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
@@ -18,6 +18,7 @@ from edhas_jax.diagnosis.report.report import law_sentence
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.interface.slots import Rule
+from edhas_jax.machine.parameters import list_parameters, short_names
 from edhas_jax.measurements.campaign import Campaign, Severity
 from edhas_jax.measurements.campaign_reader import read_campaign, with_values_of_runs
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -56,7 +57,7 @@ class CampaignCalculations:
 
     def open(self) -> dict[str, Any]:
         """The campaign in brief: runs, signals, noise, and what the check of the data found."""
-        campaign = self._checked()
+        campaign = self.checked()
         signals = campaign.machine.signals
         order = list(Severity)
         remarks = sorted(campaign.remarks, key=lambda remark: order.index(remark.severity))
@@ -68,16 +69,20 @@ class CampaignCalculations:
             "signals": {name: signals[name].display_unit for name in campaign.channels},
             "noise": {name: self._difference(signals[name], c.noise) for name, c in campaign.channels.items()},
             "noise_table": noise_as_json(campaign),
-            "runs": {run.name: {"use": run.use.value, "samples": len(run.time)} for run in campaign.runs},
+            "runs": {
+                run.name: {"use": run.use.value, "samples": len(run.time), "end": float(run.time[-1])}
+                for run in campaign.runs
+            },
             "conditions": run_descriptions(campaign),
             "uncertain": {u.name: _prior(u) for u in uncertain_unknowns(campaign)},
+            "parameters": _other_parameters(campaign),
             "sentences": data_sentences(campaign),
             "remarks": [(r.severity.value, r.file.name, r.line, r.sentence) for r in remarks],
         }
 
     def compare(self, model: str, replay: str, trust: list[str]) -> dict[str, Any]:
         """Errors of a model by run and signal, and the patterns of the residuals as sentences with their places."""
-        comparison, patterns = self._comparison(model, replay, trust)
+        comparison, patterns = self.comparison(model, replay, trust)
         return {
             "matrix": comparison.rms_over_noise(),
             "signals": {name: comparison.machine.signals[name].display_unit for name in comparison.signals},
@@ -110,7 +115,7 @@ class CampaignCalculations:
             if not of_models:
                 continue
             compared = next(iter(of_models.values()))
-            time, about, channel = compared.run.time, self._checked().machine.signals[signal], compared.run.signals
+            time, about, channel = compared.run.time, self.checked().machine.signals[signal], compared.run.signals
 
             def row(values, time=time):
                 index = thinned(time, values, first, last, width)
@@ -118,9 +123,9 @@ class CampaignCalculations:
 
             out.append({
                 "run": run, "signal": signal, "unit": about.display_unit, "samples": len(time),
-                "measured": row(self._shown(about, channel[signal])),
+                "measured": row(self.shown(about, channel[signal])),
                 "models": {
-                    model: row(self._shown(about, c.model[signal])) | {
+                    model: row(self.shown(about, c.model[signal])) | {
                         "rms": c.rms_over_noise[signal],
                         "residual": row(-c.residuals[signal]),  # shown as model − measured
                     }
@@ -135,24 +140,24 @@ class CampaignCalculations:
         """All samples of some signals of a run, measured and modelled, as rows below their head."""
         columns: dict[str, list] = {}
         for signal in signals:
-            about = self._checked().machine.signals[signal]
+            about = self.checked().machine.signals[signal]
             for model, compared in self._compared_run(models, replay, trust, run, signal).items():
                 name = f"{signal} [{about.display_unit}]"
                 columns.setdefault("time [s]", compared.run.time.tolist())
-                columns.setdefault(f"measured {name}", self._shown(about, compared.run.signals[signal]).tolist())
-                columns[f"{model} {name}"] = self._shown(about, compared.model[signal]).tolist()
+                columns.setdefault(f"measured {name}", self.shown(about, compared.run.signals[signal]).tolist())
+                columns[f"{model} {name}"] = self.shown(about, compared.model[signal]).tolist()
         return [list(columns), *map(list, zip(*columns.values(), strict=True))]
 
     def matrix_picture(self, panels: dict[str, dict[str, dict[str, float]]], suffix: str) -> bytes:
         """The matrices of several models side by side as a picture, "png" or "svg"."""
-        figure = draw_residual_matrix(panels, run_descriptions(self._checked()))
+        figure = draw_residual_matrix(panels, run_descriptions(self.checked()))
         buffer = io.BytesIO()
         figure.savefig(buffer, format=suffix, dpi=PICTURE_DPI)
         return buffer.getvalue()
 
     def residual_over(self, model: str, replay: str, trust: list[str], signal: str, variable: str) -> dict[str, Any]:
         """The residual of a signal over a variable: points of each run, and the mean in bins of all runs together."""
-        comparison, _ = self._comparison(model, replay, trust)
+        comparison, _ = self.comparison(model, replay, trust)
         runs = [compared for compared in comparison.runs if signal in compared.residuals]
         x = [self._variable(comparison, compared, variable) for compared in runs]
         y = [-compared.residuals[signal] for compared in runs]  # shown as model − measured
@@ -178,7 +183,7 @@ class CampaignCalculations:
             names: ids of effects, or FILE.py:Class, in the order in which they are added.
             trust: files of the user that may run.
         """
-        campaign = self._checked()
+        campaign = self.checked()
         kinds = [load_effect(name, trust=trust) for name in names]
         chain: tuple[str, ...] = ()
         if chain not in self._chosen:
@@ -229,7 +234,8 @@ class CampaignCalculations:
             "y_title": f"{place.slot.replace('_', ' ')}{over}" + (f", {y_unit}" if y_unit else ""),
         }  # fmt: skip
 
-    def _checked(self) -> Campaign:
+    def checked(self) -> Campaign:
+        """The campaign with its data checked, read again where a file of the folder has changed."""
         self._workspace.require_files_inside()
         if not self._workspace.has_campaign:
             raise WorkspaceError("There is no campaign.yaml in this folder yet: bring data first")
@@ -243,8 +249,9 @@ class CampaignCalculations:
             self._chosen.clear()
         return self._campaign
 
-    def _comparison(self, model: str, replay: str, trust: list[str]) -> tuple[Comparison, list[Pattern]]:
-        campaign, models = self._checked(), self._workspace.models()
+    def comparison(self, model: str, replay: str, trust: list[str]) -> tuple[Comparison, list[Pattern]]:
+        """The comparison of a model with the measurements, and the patterns of its residuals."""
+        campaign, models = self.checked(), self._workspace.models()
         if model not in models:
             raise WorkspaceError(f"there is no model “{model}”; there are: {', '.join(models)}")
         path = models[model]
@@ -262,7 +269,7 @@ class CampaignCalculations:
         self, models: list[str], replay: str, trust: list[str], run: str, signal: str
     ) -> dict[str, RunComparison]:
         """A run as each of some models has it, where it could be simulated and has the signal."""
-        of_models = {model: self._comparison(model, replay, trust)[0].runs for model in models}
+        of_models = {model: self.comparison(model, replay, trust)[0].runs for model in models}
         found = {m: next((c for c in runs if c.run.name == run), None) for m, runs in of_models.items()}
         return {model: c for model, c in found.items() if c is not None and signal in c.residuals}
 
@@ -281,14 +288,15 @@ class CampaignCalculations:
     def _variable(self, comparison: Comparison, compared: RunComparison, variable: str) -> np.ndarray:
         if variable == "time":
             return compared.run.time
-        return self._shown(comparison.machine.signals[variable], compared.model[variable])
+        return self.shown(comparison.machine.signals[variable], compared.model[variable])
 
     @staticmethod
-    def _shown(about: Signal, values):
+    def shown(about: Signal, values):
+        """Values of a signal in the unit in which it is shown."""
         return from_si(values, about.unit, about.display_unit)
 
     def _difference(self, about: Signal, value: float) -> float:
-        return float(self._shown(about, value) - self._shown(about, 0.0))
+        return float(self.shown(about, value) - self.shown(about, 0.0))
 
 
 def _prior(unknown: UnknownParameter) -> dict[str, Any]:
@@ -299,3 +307,11 @@ def _prior(unknown: UnknownParameter) -> dict[str, Any]:
     return {
         "given": unknown.centre, "unit": unit, "smallest": smallest, "largest": largest, "known_to": f"± {known}",
     }  # fmt: skip
+
+
+def _other_parameters(campaign: Campaign) -> dict[str, str]:
+    """The values of the parameters of the machine that are not uncertain, as texts by name."""
+    names = short_names(campaign.machine)
+    known = {u.parameter for u in uncertain_unknowns(campaign)}
+    rows = {names[path, p.name]: format_quantity(value, p.unit) for p, value, path in list_parameters(campaign.machine)}
+    return {name: value for name, value in rows.items() if name not in known}

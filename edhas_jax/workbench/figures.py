@@ -9,18 +9,26 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.measurements.residual_matrix import COLOUR_RANGE, COLOUR_STOPS, ERROR_LABEL
-from edhas_jax.workbench.plot_theme import Theme, theme
+from edhas_jax.workbench.figure_parts import (
+    BOTTOM,
+    CONFIG,
+    TOP,
+    axis_number,
+    base_layout,
+    numbers,
+    plain,
+    x_axis,
+    y_axis,
+)
+from edhas_jax.workbench.plot_theme import theme
 
 PANEL, BELOW, BETWEEN = 150.0, 62.0, 26.0  # px: a signal, its residual, the space after them
-TOP, BOTTOM = 26.0, 46.0  # px
 STAGE, NAME_WIDTH = 64.0, 16  # of the staircase: px of a stage, characters of a line of its name
 TICKS = [m * 10**k for k in range(5) for m in (1, 2, 5)]  # of its axis
 ERROR = "error / noise"  # a title where ERROR_LABEL has no room
 LEAST = 0.6  # residual over noise at the left end of the staircase: a little below 1, the noise of the sensors
 WORSE = "#de4a1c"  # colour of an error that rises
 SET_POINT = "set point"  # the name of the curve that is drawn as a band
-# the buttons of Plotly would lie on the legend: one drags to zoom, clicks twice to go back, and saves beside the plot
-CONFIG = {"displayModeBar": False, "responsive": True}
 
 
 def error_colour(value: float | None) -> tuple[str, str]:
@@ -49,17 +57,17 @@ def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequen
     colours = theme(dark)
     height = TOP + BOTTOM + len(panels) * (PANEL + BELOW + BETWEEN)
     whole = height - TOP - BOTTOM
-    layout = _layout(colours, height)
+    layout = base_layout(colours, height)
     data: list[dict] = []
     for k, panel in enumerate(panels):
-        upper, lower = _axis(2 * k), _axis(2 * k + 1)
+        upper, lower = axis_number(2 * k), axis_number(2 * k + 1)
         start = 1.0 - (k * (PANEL + BELOW + BETWEEN) + BETWEEN) / whole
-        layout[f"yaxis{upper}"] = _y_axis(colours, [start - PANEL / whole, start], panel["unit"] or "–")
+        layout[f"yaxis{upper}"] = y_axis(colours, [start - PANEL / whole, start], panel["unit"] or "–")
         end = start - PANEL / whole - 4.0 / whole
-        layout[f"yaxis{lower}"] = _y_axis(colours, [max(end - BELOW / whole, 0.0), end], ERROR) | {"nticks": 5}
+        layout[f"yaxis{lower}"] = y_axis(colours, [max(end - BELOW / whole, 0.0), end], ERROR) | {"nticks": 5}
         errors = " → ".join(f"{model['rms']:.2f}" for model in panel["models"].values())
         layout["annotations"].append({
-            "text": f"<b>{_plain(panel['run'])} · {panel['signal'].replace('_', ' ')}</b>   {errors} × noise",
+            "text": f"<b>{plain(panel['run'])} · {panel['signal'].replace('_', ' ')}</b>   {errors} × noise",
             "xref": "paper", "yref": "paper", "x": 0.0, "y": start, "xanchor": "left", "yanchor": "bottom",
             "showarrow": False, "font": {"size": 12.5, "color": colours.ink},
         })  # fmt: skip
@@ -76,12 +84,12 @@ def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequen
             rows.append((of_residual[0], model["residual"], lower, of_residual[1], 1.0))
         for name, row, axis, colour, width in rows:
             data.append({
-                "type": "scatter", "mode": "lines", "name": _plain(name), "x": row["x"].tolist(),
-                "y": _numbers(row["y"]), "yaxis": f"y{axis}", "line": {"color": colour, "width": width},
+                "type": "scatter", "mode": "lines", "name": plain(name), "x": row["x"].tolist(),
+                "y": numbers(row["y"]), "yaxis": f"y{axis}", "line": {"color": colour, "width": width},
                 "legendgroup": name.partition(":")[0], "showlegend": k == 0 and (axis == upper or is_alone),
-                "hovertemplate": "%{y:.4g}<extra>" + _plain(name) + "</extra>",
+                "hovertemplate": "%{y:.4g}<extra>" + plain(name) + "</extra>",
             })  # fmt: skip
-    layout["xaxis"] = _x_axis(colours, "time, s") | {"anchor": f"y{_axis(2 * len(panels) - 1)}"}
+    layout["xaxis"] = x_axis(colours, "time, s") | {"anchor": f"y{axis_number(2 * len(panels) - 1)}"}
     if shown is not None:
         layout["xaxis"]["range"] = list(shown)
     layout["hovermode"] = "x"
@@ -91,28 +99,28 @@ def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequen
 def residual_figure(found: Mapping[str, Any], signal: str, variable: str, dark: bool) -> dict[str, Any]:
     """The residual of a signal over a variable: points by run, and the mean in bins."""
     colours = theme(dark)
-    layout = _layout(colours, 330.0)
+    layout = base_layout(colours, 330.0)
     data = [
-        {"type": "scatter", "mode": "markers", "name": _plain(run), "x": x.tolist(),
-         "y": _numbers(y), "marker": {"size": 3.2, "opacity": 0.45, "color": colours.runs[k % len(colours.runs)]},
+        {"type": "scatter", "mode": "markers", "name": plain(run), "x": x.tolist(),
+         "y": numbers(y), "marker": {"size": 3.2, "opacity": 0.45, "color": colours.runs[k % len(colours.runs)]},
          "hoverinfo": "skip"}
         for k, (run, x, y) in enumerate(found["runs"])
     ]  # fmt: skip
     x, y = found["bins"]
-    data.append({"type": "scatter", "mode": "lines+markers", "name": "mean", "x": x.tolist(), "y": _numbers(y),
+    data.append({"type": "scatter", "mode": "lines+markers", "name": "mean", "x": x.tolist(), "y": numbers(y),
                  "line": {"color": colours.ink, "width": 2}, "marker": {"size": 4},
                  "hovertemplate": "%{x:.4g}: %{y:.3g} × noise<extra></extra>"})  # fmt: skip
     unit = f", {found['unit']}" if found["unit"] not in ("", "-") else ""
     what = variable if variable == "time" else f"{variable.replace('_', ' ')} of the model"
-    layout["xaxis"] = _x_axis(colours, what + unit)
-    layout["yaxis"] = _y_axis(colours, [0.0, 1.0], f"{signal.replace('_', ' ')}: {ERROR_LABEL}")
+    layout["xaxis"] = x_axis(colours, what + unit)
+    layout["yaxis"] = y_axis(colours, [0.0, 1.0], f"{signal.replace('_', ' ')}: {ERROR_LABEL}")
     return {"data": data, "layout": layout, "config": CONFIG}
 
 
 def staircase_figure(stages: Mapping[str, Mapping[str, float]], dark: bool) -> dict[str, Any]:
     """Residual over noise after each stage, an arrow from the stage before; a row of dots for each use of the runs."""
     colours = theme(dark)
-    layout, data = _layout(colours, TOP + BOTTOM + STAGE * len(stages)), []
+    layout, data = base_layout(colours, TOP + BOTTOM + STAGE * len(stages)), []
     series = {
         "fit": ("runs used", colours.residual, -0.1, "top center"),
         "holdout": ("runs not used", colours.measured, 0.1, "bottom center"),
@@ -135,12 +143,12 @@ def staircase_figure(stages: Mapping[str, Mapping[str, float]], dark: bool) -> d
             "hovertemplate": "%{text} × noise<extra>" + title + "</extra>",
         })  # fmt: skip
     largest = max((v for row in stages.values() for v in row.values() if v is not None), default=1.0)
-    layout["xaxis"] = _x_axis(colours, "residual over noise") | {
+    layout["xaxis"] = x_axis(colours, "residual over noise") | {
         "type": "log", "range": [math.log10(LEAST), math.log10(1.6 * max(largest, 1.5))], "tickvals": TICKS,
         "fixedrange": True,
     }  # fmt: skip
     lines = [textwrap.wrap(name.replace("_", " "), NAME_WIDTH, break_long_words=False) for name in stages]
-    names = ["<br>".join(map(_plain, of_name)) for of_name in lines]
+    names = ["<br>".join(map(plain, of_name)) for of_name in lines]
     layout["yaxis"] = {
         "range": [len(stages) - 0.5, -0.5], "tickvals": list(range(len(stages))), "ticktext": names, "automargin": True,
         "tickfont": {"color": colours.ink, "size": 12.5}, "showgrid": False, "zeroline": False, "fixedrange": True,
@@ -164,13 +172,13 @@ def lines_figure(
     colours = theme(dark)
     height = TOP + BOTTOM + len(panels) * (PANEL + BETWEEN)
     whole = height - TOP - BOTTOM
-    layout, data = _layout(colours, height), []
+    layout, data = base_layout(colours, height), []
     for k, (title, unit, curves) in enumerate(panels):
-        axis = _axis(k)
+        axis = axis_number(k)
         start = 1.0 - (k * (PANEL + BETWEEN) + BETWEEN) / whole
-        layout[f"yaxis{axis}"] = _y_axis(colours, [max(start - PANEL / whole, 0.0), start], unit or "–")
+        layout[f"yaxis{axis}"] = y_axis(colours, [max(start - PANEL / whole, 0.0), start], unit or "–")
         layout["annotations"].append({
-            "text": f"<b>{_plain(title)}</b>", "xref": "paper", "yref": "paper", "x": 0.0, "y": start,
+            "text": f"<b>{plain(title)}</b>", "xref": "paper", "yref": "paper", "x": 0.0, "y": start,
             "xanchor": "left", "yanchor": "bottom", "showarrow": False, "font": {"size": 12.5, "color": colours.ink},
         })  # fmt: skip
         series = itertools.cycle((colours.measured, colours.model, colours.good, colours.grey))
@@ -180,10 +188,10 @@ def lines_figure(
             else:
                 line = {"color": next(series), "width": 1.6}
             data.append({
-                "type": "scatter", "mode": "lines", "name": _plain(name), "x": np.asarray(x).tolist(),
-                "y": _numbers(y), "yaxis": f"y{axis}", "line": line, "showlegend": len(curves) > 1,
+                "type": "scatter", "mode": "lines", "name": plain(name), "x": np.asarray(x).tolist(),
+                "y": numbers(y), "yaxis": f"y{axis}", "line": line, "showlegend": len(curves) > 1,
             })  # fmt: skip
-    layout["xaxis"] = _x_axis(colours, x_title) | {"anchor": f"y{_axis(len(panels) - 1)}"}
+    layout["xaxis"] = x_axis(colours, x_title) | {"anchor": f"y{axis_number(len(panels) - 1)}"}
     return {"data": data, "layout": layout, "config": CONFIG}
 
 
@@ -200,10 +208,10 @@ def heat_map_figure(
         dark: whether the page is dark.
     """
     colours = theme(dark)
-    layout = _layout(colours, 430.0)
-    layout["xaxis"], layout["yaxis"] = _x_axis(colours, labels[0]), _y_axis(colours, [0.0, 1.0], labels[1])
+    layout = base_layout(colours, 430.0)
+    layout["xaxis"], layout["yaxis"] = x_axis(colours, labels[0]), y_axis(colours, [0.0, 1.0], labels[1])
     bar = {"title": {"text": labels[2], "side": "right"}, "outlinewidth": 0, "thickness": 14}
-    data = [{"type": "heatmap", "x": x.tolist(), "y": y.tolist(), "z": [_numbers(row) for row in z],
+    data = [{"type": "heatmap", "x": x.tolist(), "y": y.tolist(), "z": [numbers(row) for row in z],
              "colorscale": "Viridis", "colorbar": bar, "hoverongaps": False,
              "hovertemplate": "%{x:.4g}, %{y:.4g}: %{z:.4g}<extra></extra>"}]  # fmt: skip
     return {"data": data, "layout": layout, "config": CONFIG}
@@ -214,51 +222,15 @@ def points_figure(
 ) -> dict[str, Any]:
     """Two metrics of all designs, with those that no other dominates joined by a line."""
     colours = theme(dark)
-    layout = _layout(colours, 380.0)
-    layout["xaxis"], layout["yaxis"] = _x_axis(colours, labels[0]), _y_axis(colours, [0.0, 1.0], labels[1])
+    layout = base_layout(colours, 380.0)
+    layout["xaxis"], layout["yaxis"] = x_axis(colours, labels[0]), y_axis(colours, [0.0, 1.0], labels[1])
     data = [
-        {"type": "scatter", "mode": "markers", "name": "designs", "x": _numbers(x), "y": _numbers(y),
+        {"type": "scatter", "mode": "markers", "name": "designs", "x": numbers(x), "y": numbers(y),
          "marker": {"color": colours.residual, "size": 5, "opacity": 0.6}},
-        {"type": "scatter", "mode": "lines+markers", "name": "front", "x": _numbers(x[front]), "y": _numbers(y[front]),
+        {"type": "scatter", "mode": "lines+markers", "name": "front", "x": numbers(x[front]), "y": numbers(y[front]),
          "line": {"color": colours.model, "width": 1.6}, "marker": {"size": 6}},
     ]  # fmt: skip
     return {"data": data, "layout": layout, "config": CONFIG}
-
-
-def _layout(colours: Theme, height: float) -> dict[str, Any]:
-    return {
-        "height": height, "margin": {"l": 62, "r": 16, "t": TOP, "b": BOTTOM}, "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)", "font": {"family": "system-ui, sans-serif", "size": 12, "color": colours.grey},
-        "legend": {"orientation": "h", "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom",
-                   "font": {"color": colours.ink}},
-        "annotations": [], "shapes": [], "dragmode": "zoom",
-        "hoverlabel": {"font": {"family": "system-ui, sans-serif"}},
-    }  # fmt: skip
-
-
-def _x_axis(colours: Theme, title: str) -> dict[str, Any]:
-    return {"title": {"text": title, "font": {"color": colours.ink}, "standoff": 8}, "gridcolor": colours.grid,
-            "zeroline": False, "linecolor": colours.grid}  # fmt: skip
-
-
-def _y_axis(colours: Theme, domain: list[float], title: str) -> dict[str, Any]:
-    return {"domain": domain, "title": {"text": title, "font": {"size": 11.5, "color": colours.ink}, "standoff": 4},
-            "gridcolor": colours.grid, "zeroline": False, "fixedrange": False, "nticks": 6}  # fmt: skip
-
-
-def _axis(k: int) -> str:
-    """The number of an axis as Plotly writes it: the first one has none."""
-    return "" if k == 0 else str(k + 1)
-
-
-def _numbers(values) -> list[float | None]:
-    """Numbers for JSON, which has no NaN."""
-    return [float(v) if math.isfinite(v) else None for v in np.asarray(values, float)]
-
-
-def _plain(text: str) -> str:
-    """A text that Plotly does not take for markup."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
 def _rgb(colour: str) -> tuple[int, ...]:
@@ -268,23 +240,23 @@ def _rgb(colour: str) -> tuple[int, ...]:
 def law_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:
     """The curve of a law with its 95 % band, and the law of the library, see `CampaignCalculations.law_curve`."""
     colours = theme(dark)
-    layout = _layout(colours, 380.0)
+    layout = base_layout(colours, 380.0)
     layout["xaxis"], layout["yaxis"] = (
-        _x_axis(colours, found["x_title"]),
-        _y_axis(colours, [0.0, 1.0], found["y_title"]),
+        x_axis(colours, found["x_title"]),
+        y_axis(colours, [0.0, 1.0], found["y_title"]),
     )
     x, total, half = (np.asarray(found[key], float) for key in ("x", "total", "half"))
     line = {"width": 0}
     data = [
-        {"type": "scatter", "mode": "lines", "x": _numbers(x), "y": _numbers(total - half), "line": line,
+        {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(total - half), "line": line,
          "showlegend": False, "hoverinfo": "skip"},
-        {"type": "scatter", "mode": "lines", "x": _numbers(x), "y": _numbers(total + half), "line": line,
+        {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(total + half), "line": line,
          "fill": "tonexty", "fillcolor": "rgba(70,140,220,0.22)", "name": "95 %", "hoverinfo": "skip"},
-        {"type": "scatter", "mode": "lines+markers", "x": _numbers(x), "y": _numbers(total), "name": "estimated",
+        {"type": "scatter", "mode": "lines+markers", "x": numbers(x), "y": numbers(total), "name": "estimated",
          "line": {"color": colours.measured}},
     ]  # fmt: skip
     if found["law"] is not None:
-        data.append({"type": "scatter", "mode": "lines", "x": _numbers(x), "y": _numbers(found["law"]),
+        data.append({"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(found["law"]),
                      "name": "law of the library", "line": {"color": colours.model, "dash": "dash"}})  # fmt: skip
     return {"data": data, "layout": layout, "config": CONFIG}
 
@@ -292,8 +264,8 @@ def law_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:
 def record_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:
     """A record with what is left out of it, see `DataCalculations.record`."""
     colours = theme(dark)
-    layout = _layout(colours, 280.0)
-    layout["xaxis"], layout["yaxis"] = _x_axis(colours, "time, s"), _y_axis(colours, [0.0, 1.0], found["unit"] or "–")
+    layout = base_layout(colours, 280.0)
+    layout["xaxis"], layout["yaxis"] = x_axis(colours, "time, s"), y_axis(colours, [0.0, 1.0], found["unit"] or "–")
     layout["shapes"] = [
         {"type": "rect", "x0": first, "x1": last, "yref": "paper", "y0": 0, "y1": 1, "fillcolor": colours.grey,
          "opacity": 0.3, "line": {"width": 0}} for first, last in found["gaps"]
@@ -303,9 +275,9 @@ def record_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:
     ]  # fmt: skip
     x, y = found["left_out"]
     data = [
-        {"type": "scatter", "mode": "lines", "name": "recorded", "x": found["x"].tolist(), "y": _numbers(found["y"]),
+        {"type": "scatter", "mode": "lines", "name": "recorded", "x": found["x"].tolist(), "y": numbers(found["y"]),
          "line": {"color": colours.measured, "width": 1.2}, "showlegend": False},
-        {"type": "scatter", "mode": "markers", "name": "left out", "x": x.tolist(), "y": _numbers(y),
+        {"type": "scatter", "mode": "markers", "name": "left out", "x": x.tolist(), "y": numbers(y),
          "marker": {"color": "#de4a1c", "size": 7, "symbol": "x"}, "showlegend": len(x) > 0},
     ]  # fmt: skip
     return {"data": data, "layout": layout, "config": CONFIG}

@@ -4,7 +4,7 @@ from nicegui import ui
 
 NEXT_RUN, PREVIOUS_RUN, NEXT_SIGNAL, PREVIOUS_SIGNAL, HELP = "n", "p", "s", "S", "?"
 KEYS = {
-    "1 … 8": "the views, in their order",
+    "1 … 9": "the views, in their order",
     f"{NEXT_RUN}, {PREVIOUS_RUN}": "next and previous run",
     f"{NEXT_SIGNAL}, {PREVIOUS_SIGNAL}": "next and previous signal",
     HELP: "this list",

@@ -16,6 +16,7 @@ from edhas_jax.workbench.place import Place
 from edhas_jax.workbench.session import Session
 from edhas_jax.workbench.standing import BENCH_CORRECTED, USES, Standing, standing
 from edhas_jax.workbench.style import CSS, PRIMARY
+from edhas_jax.workbench.views.calibrate import CalibrateView
 from edhas_jax.workbench.views.compare import CompareView
 from edhas_jax.workbench.views.data import DataView
 from edhas_jax.workbench.views.design import DesignView
@@ -35,14 +36,16 @@ VIEWS: dict[str, tuple[type, str, tuple[str, ...]]] = {
     "Overview": (OverviewView, "dashboard", ("calibrate", "diagnose", "try")),
     "Data": (DataView, "upload_file", ("write campaign", "change campaign")),
     "Compare": (CompareView, "show_chart", ("compare",)),
-    "Diagnose": (DiagnoseView, "troubleshoot", ("calibrate", "diagnose", "try")),
+    "Calibrate": (CalibrateView, "straighten", ("calibrate", "keep")),
+    "Diagnose": (DiagnoseView, "troubleshoot", ("diagnose", "try")),
     "Machine": (MachineView, "precision_manufacturing", ("diagnose", "try")),
     "Report": (ReportView, "description", ("calibrate", "diagnose", "report")),
     "Design": (DesignView, "tune", ("simulate", "sweep", "size", "sensitivity")),
     "Steps": (StepsView, "terminal", ("",)),
 }
-WHOLE_VERDICT, VERDICT = "Overview", ("Overview", "Compare", "Diagnose", "Machine", "Report")  # views that show it
-IN_PROGRESS = "Overview", "Diagnose"  # views that show what a job has reported
+WHOLE_VERDICT = "Overview"
+VERDICT = "Overview", "Compare", "Calibrate", "Diagnose", "Machine", "Report"  # views that show it
+IN_PROGRESS = "Overview", "Calibrate", "Diagnose"  # views that show what a job has reported
 START = """({
   dark: matchMedia('(prefers-color-scheme: dark)').matches,
   address: location.hash,
@@ -71,6 +74,7 @@ class Page:
         self._views: dict[str, Any] = {}
         self._places: dict[str, Any] = {}
         self._is_ready, self._changed = False, ()
+        self._errors_shown: Any = None
         self._mark: tuple = ()
         self._begun: set[str] = set()  # views whose building has begun, and those that are built
         self._built: set[str] = set()
@@ -216,18 +220,10 @@ class Page:
     def show_state(self) -> None:
         """Show what stands above every view: the errors so far, the job that runs, the last command."""
         now = self.standing()
-        self._errors.clear()
-        with self._errors:
-            for k, (name, row) in enumerate(now.stages.items()):
-                value = row.get(now.use)
-                if value is not None:
-                    mark = "error-before" if k == 0 else "error-" + name.strip("+ ")
-                    of = f", {BENCH_CORRECTED}" if name in now.corrected else ""
-                    shown = ui.html(f"{'→ ' if k else ''}{html.escape(name)} <b>{value:.2f}</b>", sanitize=False)
-                    shown.props["data-mark"] = mark
-                    shown.tooltip(f"residual over noise on the {USES[now.use]}{of}; 1 is the noise of the sensors")
-            if now.corrected:
-                ui.label(f"({BENCH_CORRECTED})").classes("gt-sm")
+        errors = now.stages, now.corrected, now.use
+        if errors != self._errors_shown:
+            self._errors_shown = errors
+            self._show_errors(now)
         if now.changed != self._changed:
             self._changed = now.changed
             self._notice.clear()
@@ -243,6 +239,21 @@ class Page:
             self.say(f"{job.title}: {rows[-1]['what'] if rows else 'starting'}")
         elif not self.session.calculator.busy_with:
             self.say("")
+
+    def _show_errors(self, now: Standing) -> None:
+        """Show the residual over noise after each stage."""
+        self._errors.clear()
+        with self._errors:
+            for k, (name, row) in enumerate(now.stages.items()):
+                value = row.get(now.use)
+                if value is not None:
+                    mark = "error-before" if k == 0 else "error-" + name.strip("+ ")
+                    of = f", {BENCH_CORRECTED}" if name in now.corrected else ""
+                    shown = ui.html(f"{'→ ' if k else ''}{html.escape(name)} <b>{value:.2f}</b>", sanitize=False)
+                    shown.props["data-mark"] = mark
+                    shown.tooltip(f"residual over noise on the {USES[now.use]}{of}; 1 is the noise of the sensors")
+            if now.corrected:
+                ui.label(f"({BENCH_CORRECTED})").classes("gt-sm")
 
     def _show_verdict(self, now: Standing) -> None:
         view = self._tabs.value
@@ -316,7 +327,7 @@ class Page:
         self.show_state()
         if any(job.status == RUNNING for job in self.session.jobs.all()):
             for name in self._built.intersection(IN_PROGRESS):
-                self._views[name].show_progress()
+                await self._views[name].show_progress()
         mark = self.workspace.mark()
         if mark == self._mark or self.session.calculator.busy_with:
             return

@@ -5,6 +5,7 @@ import json
 import shlex
 
 from edhas_jax.workbench.calculator import Calculator
+from edhas_jax.workbench.choices import Choices
 from edhas_jax.workbench.jobs import Job, JobList
 from edhas_jax.workbench.workspace import (
     CALIBRATED,
@@ -25,6 +26,7 @@ class Session:
     Attributes:
         calculator: answers the questions of all windows.
         jobs: the long commands.
+        choices: what is chosen for the next calibration.
         allowed: effects of files that a click has allowed to run, as FILE.py:Class; forgotten when the server ends.
     """
 
@@ -32,13 +34,37 @@ class Session:
         self.workspace = workspace
         self.calculator = Calculator(workspace.folder)
         self.jobs = JobList(workspace)
+        self.choices = Choices(workspace)
         self.allowed: list[str] = []
 
     def calibrate(self) -> Job:
-        """Start `edhas fit`."""
-        out = self._out(CALIBRATED)
-        arguments = ["fit", str(self.workspace.shown), "--out", out, "--overwrite"]
-        return self._start("calibrate", arguments, f'edhas.fit("{self.workspace.shown}").save("{out}")')
+        """Start `edhas fit` with the choices of the folder."""
+        self._out(CALIBRATED)
+        return self._start("calibrate", self._fit_arguments(), self.python_fit())
+
+    def command_fit(self, *more: str) -> str:
+        """The command that calibrates with the choices of the folder."""
+        return shlex.join(["edhas", *self._fit_arguments(), *more])
+
+    def python_fit(self, profile: str = "") -> str:
+        """The Python line that does the same, perhaps with the profile of a parameter."""
+        shown = self.workspace.shown
+        chosen = f', profiles=["{profile}"]' if profile else ""
+        chosen += f', choices="{shown / self.choices.name}"' if self.choices.exist else ""
+        return f'edhas.fit("{shown}"{chosen}).save("{shown / RESULTS / CALIBRATED}")'
+
+    def keep_fit(self, name: str) -> None:
+        """Keep the present calibration under a name."""
+        folder = self.workspace.keep_fit(name)
+        shown, made = self.workspace.shown, self.workspace.shown / RESULTS / CALIBRATED
+        command = shlex.join(["cp", "-r", str(made), str(shown / folder)])
+        python = f'shutil.copytree("{made}", "{shown / folder}")'
+        self.workspace.add_step(f"keep the fit {folder.name}", command, python)
+
+    def _fit_arguments(self) -> list[str]:
+        shown = self.workspace.shown
+        arguments = ["fit", str(shown), "--out", str(shown / RESULTS / CALIBRATED), "--overwrite"]
+        return arguments + (["--choices", str(shown / self.choices.name)] if self.choices.exist else [])
 
     def diagnose(self) -> Job:
         """Start `edhas diagnose`; the same command goes on from finished fits."""

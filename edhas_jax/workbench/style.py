@@ -59,6 +59,9 @@ ol.wb-list { list-style: decimal } ol.wb-list li > * { vertical-align: top }
 .wb-table { border-collapse: collapse; font-size: 13.5px } .wb-table td, .wb-table th { padding: 3px 14px 3px 0;
   text-align: left; vertical-align: top } .wb-table th { font-weight: 600;
   border-bottom: 1px solid rgba(128,128,128,.5) }
+.wb-fields td { vertical-align: middle } .wb-fields .q-field { min-width: 96px; max-width: 150px }
+.wb-fields .q-field__control { height: 30px; border-bottom: 1px solid rgba(128,128,128,.45) }
+.wb-fields .q-field__native { font-size: 13.5px; padding: 0 }
 .wb-table td.n, .wb-table th.n { text-align: right; font-variant-numeric: tabular-nums }
 .wb-verdict { border-left: 5px solid #de4a1c; padding: 2px 0 2px 12px; font-size: 17px }
 .wb-verdict.fine { border-color: #1a7f4b } .wb-verdict > :not(:first-child) { font-size: 14px }

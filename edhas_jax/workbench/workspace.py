@@ -9,6 +9,7 @@ import io
 import json
 import os
 import shlex
+import shutil
 import time
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -23,6 +24,7 @@ from edhas_jax.core.regular_file import read_regular_file
 CAMPAIGN_FILE = "campaign.yaml"
 RESULTS = "workbench"  # folder of everything that the workbench writes, besides the campaign itself
 CALIBRATED, DIAGNOSED, TRIED, JOBS, DESIGNS = "calibrated", "diagnosed", "tried", "jobs", "designs"
+KEPT = "fits"  # fits that were kept under a name
 AS_GIVEN = "as given"  # the campaign's own model
 CALIBRATED_FIRST = "calibrated by the diagnosis"  # which lets the bench deviate as well
 MODEL_FILES = {
@@ -32,6 +34,7 @@ MODEL_FILES = {
 }
 RESULT_FILES = {CALIBRATED: "fit.json", DIAGNOSED: "diagnosis.json"}
 DECISIONS_FILE, STEPS_FILE, PLACE_FILE = "decisions.json", "steps.jsonl", "place.txt"
+CHOICES_FILE = "choices.yaml"
 TRIED_KEYS = {"effects", "named", "before", "parameters", "error", "error_by_run"}
 MAX_JSON_BYTES, MAX_STEPS = 100_000_000, 200
 MAX_YAML_BYTES = 10_000_000
@@ -170,7 +173,31 @@ class Workspace:
                 found[name] = path
         for path in sorted(self.inside(Path(RESULTS, TRIED)).glob("*.yaml")):
             found[f"with {path.stem}"] = self.inside(Path(RESULTS, TRIED, path.name))
+        for path in sorted(self.inside(Path(RESULTS, KEPT)).glob("*/config.yaml")):
+            found[f"fit {path.parent.name}"] = self.inside(Path(RESULTS, KEPT, path.parent.name, path.name))
         return found
+
+    def keep_fit(self, name: str) -> Path:
+        """Keep the present calibration under a name, beside later ones; its folder below that of the workspace.
+
+        Raises:
+            WorkspaceError: there is no calibration, or the name is taken.
+        """
+        folder = Path(RESULTS, KEPT, file_name(name.strip()))
+        if self.result(CALIBRATED) is None:
+            raise WorkspaceError("There is no calibration yet that could be kept")
+        if not name.strip():
+            raise WorkspaceError("Give the fit a name")
+        target = self.inside(folder)
+        if target.exists():
+            raise WorkspaceError(f"A fit “{folder.name}” is there already; choose another name")
+        made = Path(RESULTS, CALIBRATED)
+        files = [self.inside(made / path.name) for path in self.inside(made).iterdir()]  # none may lie elsewhere
+        target.mkdir(parents=True)
+        for path in files:
+            if path.is_file():
+                shutil.copy2(path, target / path.name)
+        return folder
 
     def result(self, name: str) -> dict[str, Any] | None:
         """`fit.json` of the calibration or `diagnosis.json` of the diagnosis; None where there is none."""
@@ -275,7 +302,8 @@ class Workspace:
     def _watched_results(self) -> Iterator[Path]:
         for name in (CALIBRATED, DIAGNOSED, TRIED, JOBS):
             yield from sorted(self.inside(Path(RESULTS, name)).glob("*.json"))
-        yield from (self.inside(Path(RESULTS, name)) for name in (DECISIONS_FILE, STEPS_FILE))
+        yield from sorted(self.inside(Path(RESULTS, KEPT)).glob("*/fit.json"))
+        yield from (self.inside(Path(RESULTS, name)) for name in (DECISIONS_FILE, STEPS_FILE, CHOICES_FILE))
 
     def _read_json(self, name: Path) -> dict[str, Any] | None:
         try:

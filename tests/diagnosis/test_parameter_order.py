@@ -12,6 +12,7 @@ from edhas_jax.diagnosis.calibration.fit import fit
 from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.diagnosis.calibration.parameter_order import LinearConstraints, order_constraints
+from edhas_jax.diagnosis.calibration.uncertainty import profile_likelihood
 from edhas_jax.machine.effects import Effect, EffectError
 from edhas_jax.machine.effects.validation import check_declaration
 from edhas_jax.machine.parameters import ParameterError
@@ -60,6 +61,17 @@ def test_static_friction_is_fitted_at_least_as_large_as_coulomb_friction():
     values = found.values
     assert values["static_friction"] >= values["coulomb_friction"] * (1.0 - 1e-9)
     assert values["static_friction"] == pytest.approx(values["coulomb_friction"], rel=1e-3) and found.converged
+
+
+def test_a_profile_keeps_to_the_order_and_so_never_lies_below_the_minimum():
+    campaign = empty_campaign(uncertain=FRICTION | {"mover_damping": 0.5}, lengths=(201, 201, 201))
+    truth = bench()
+    for name, value in (("coulomb_friction", 4.0), ("static_friction", 3.0)):
+        object.__setattr__(truth.effects[0], name, value)
+    campaign = measured(campaign, truth)
+    found = fit(FitProblem(campaign, campaign.machine, uncertain_unknowns(campaign)), starts=1)
+    profile = profile_likelihood(found, "mover_damping")
+    assert profile.chi2_increase.min() > -0.1 and profile.chi2_increase[[0, -1]].min() > 5.0
 
 
 @pytest.mark.parametrize("uncertain", [("static_friction",), ("coulomb_friction",), ("mover_damping",)])

@@ -84,14 +84,14 @@ def test_from_a_dropped_file_to_the_report(measured_campaign, tmp_path, workbenc
     mark(page, "traces").locator(".main-svg").first.wait_for()
     mark(page, "over").get_by_text("current of the model, A").wait_for()
 
-    tab(page, "Diagnose")
+    tab(page, "Calibrate")
     page.get_by_role("button", name="Calibrate", exact=True).click()
     mark(page, "job-done").wait_for()
     before, calibrated = error_shown(page, "before"), error_shown(page, "calibrated")
     found = json.loads((folder / "workbench/calibrated/fit.json").read_text())["calibrated"]["coil_resistance"]
-    size = estimate_text(found["value"], found["std"], found["unit"])
-    row = mark(page, "parameters").get_by_role("row").filter(has_text="coil resistance").first
-    row.get_by_text(size, exact=True).wait_for()
+    size = estimate_text(found["value"], found["std"], found["unit"], found.get("limit"))
+    mark(page, "row-coil_resistance").get_by_text(size, exact=True).wait_for()
+    tab(page, "Diagnose")
     page.get_by_role("button", name="Diagnose", exact=True).click()
     mark(page, "verdict").wait_for()
     assert "inverter_dead_time" in mark(page, "verdict").inner_text()
@@ -196,7 +196,7 @@ def test_names_with_markup_are_shown_as_they_are(campaign_folder, workbench, loo
     text = path.read_text().replace("file: run1.csv", 'file: "<b>run<b>.csv"')
     path.write_text(re.sub(r"^name: .*$", f"name: '{evil}'", text, flags=re.MULTILINE))
     page = look(workbench(campaign_folder).address)
-    for name in ("Compare", "Diagnose", "Machine", "Report", "Steps", "Data"):
+    for name in ("Compare", "Calibrate", "Diagnose", "Machine", "Report", "Steps", "Data"):
         tab(page, name)
     tab(page, "Compare")
     mark(page, "matrix").first.wait_for()

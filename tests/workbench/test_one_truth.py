@@ -84,7 +84,7 @@ def test_one_verdict_in_page_command_report_and_json_and_all_of_the_page_follows
 
 def test_a_campaign_that_changes_while_a_job_runs_is_said(campaign_folder, workbench, look):
     page = look(workbench(campaign_folder).address)
-    tab(page, "Diagnose")
+    tab(page, "Calibrate")
     page.get_by_role("button", name="Calibrate", exact=True).click()
     mark(page, "job-running").wait_for()
     file = Workspace(campaign_folder).campaign_file

@@ -104,7 +104,7 @@ def test_every_run_and_signal_has_an_address_and_keys_and_back_go_there(diagnose
     shows("run3", "current")
     page.go_back()
     shows("run1", "current")
-    page.keyboard.press("4")
+    page.keyboard.press("5")
     page.get_by_role("button", name="Diagnose", exact=True).wait_for()
     page.go_back()
     shows("run1", "current")

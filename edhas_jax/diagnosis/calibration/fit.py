@@ -33,6 +33,28 @@ ROUGH_COST_TOLERANCE = 1.0  # difference of ½χ² that the rough search neither
 
 
 @dataclasses.dataclass(frozen=True)
+class FitStep:
+    """Where the search of a fit stands after a step.
+
+    Attributes:
+        search: "rough search" or "fine search".
+        number: of the step in this search, from 1.
+        cost: lowest ½χ² of residuals and prior so far.
+        residual_over_noise: root mean square of the residuals over noise that it corresponds to.
+        values: the unknowns there by name, SI.
+    """
+
+    search: str
+    number: int
+    cost: float
+    residual_over_noise: float
+    values: dict[str, float]
+
+    def __str__(self) -> str:
+        return f"{self.search}, step {self.number}: residual over noise {self.residual_over_noise:.3f}"
+
+
+@dataclasses.dataclass(frozen=True)
 class Fit:
     """Maximum a posteriori estimate of n unknowns with its covariance.
 
@@ -48,6 +70,8 @@ class Fit:
         resolution: the rough and the fine number of steps per sample.
         converged: whether the search at the fine step has converged.
         costs: final ½χ² of every start at the rough step; empty without a rough search.
+        stopped: whether the search was interrupted: the estimate is the best point until then, at the step of the
+            search that was interrupted.
     """
 
     problem: FitProblem
@@ -59,6 +83,7 @@ class Fit:
     resolution: TimeResolution
     converged: bool
     costs: np.ndarray
+    stopped: bool = False
 
     @property
     def std(self) -> np.ndarray:
@@ -218,6 +243,8 @@ def fit(
     max_steps: int = 30,
     search: bool = True,
     on_progress: Callable[[str], None] | None = None,
+    on_step: Callable[[FitStep], None] | None = None,
+    keeps_best: bool = False,
 ) -> Fit:
     """Minimise ½Σ((measured − model)/noise)² + ½Σx² over the coordinates x of the unknowns.
 
@@ -235,6 +262,8 @@ def fit(
         max_steps: largest number of steps of either search.
         search: False skips the rough search: the first start begins at the fine step.
         on_progress: called with a sentence on the progress.
+        on_step: called after every step of a search.
+        keeps_best: whether KeyboardInterrupt ends the search with its best point, `stopped`; otherwise it passes.
 
     Returns:
         The estimate with its covariance.
@@ -255,33 +284,92 @@ def fit(
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
     constraints = problem.constraints()
 
-    def report_step(stage):
-        return lambda step, cost: report(
-            f"{stage}, step {step}: residual over noise {_rms_over_noise(model, cost.min()):.3f}"
-        )
+    best = _BestPoint(problem)
+
+    def report_step(search: str) -> Callable[[int, np.ndarray], None]:
+        def say(number: int, cost: np.ndarray) -> None:
+            step = best.step(search, number)
+            report(str(step))
+            if on_step is not None:
+                on_step(step)
+
+        return say
 
     costs = np.zeros(0)
-    if search and (len(points) > 1 or resolution.coarse != resolution.fine):
-        rough = levenberg_marquardt(
-            _evaluator(problem, resolution.coarse), points, low, high,
-            tolerance=ROUGH_COST_TOLERANCE, max_steps=max_steps, merge=ROUGH_COST_TOLERANCE,
-            on_step=report_step("rough search"), constraints=constraints,
+    try:
+        if search and (len(points) > 1 or resolution.coarse != resolution.fine):
+            rough = levenberg_marquardt(
+                best.evaluator(resolution.coarse), points, low, high,
+                tolerance=ROUGH_COST_TOLERANCE, max_steps=max_steps, merge=ROUGH_COST_TOLERANCE,
+                on_step=report_step("rough search"), constraints=constraints,
+            )  # fmt: skip
+            costs = rough.model.cost
+            points = rough.x[[np.argmin(costs)]]
+        fine = levenberg_marquardt(
+            best.evaluator(resolution.fine), points, low, high, max_steps=max_steps,
+            on_step=report_step("fine search"), constraints=constraints,
         )  # fmt: skip
-        costs = rough.model.cost
-        points = rough.x[[np.argmin(costs)]]
-    fine = levenberg_marquardt(
-        _evaluator(problem, resolution.fine), points, low, high, max_steps=max_steps,
-        on_step=report_step("fine search"), constraints=constraints,
-    )  # fmt: skip
-    if not np.isfinite(fine.model.cost[0]):
-        raise FitError("the model fails (it is not finite, or leaves its physical range) at every point of the search")
-    report("correcting the discretisation error of the estimate")
-    covariance = regularised_inverse(fine.model.curvature[0])
-    x, outcomes = _correct_discretisation(
-        problem, fine.x[0], covariance, resolution.fine, lambda x: constraints.project(x, low, high)
-    )
+        if not np.isfinite(fine.model.cost[0]):
+            raise FitError(
+                "the model fails (it is not finite, or leaves its physical range) at every point of the search"
+            )
+        report("correcting the discretisation error of the estimate")
+        covariance = regularised_inverse(fine.model.curvature[0])
+        x, outcomes = _correct_discretisation(
+            problem, fine.x[0], covariance, resolution.fine, lambda x: constraints.project(x, low, high)
+        )
+    except KeyboardInterrupt:
+        if best.x is None or not keeps_best:
+            raise
+        report("stopped: the best point so far")
+        return best.fit(resolution, costs)
     cost, converged = float(fine.model.cost[0]), bool(fine.converged[0])
     return Fit(problem, x, fine.x[0], covariance, cost, outcomes, resolution, converged, costs)
+
+
+class _BestPoint:
+    """The best point that was evaluated at the present time step, so that an interruption loses nothing.
+
+    Args:
+        problem: the unknowns and the runs.
+
+    Attributes:
+        x: the point in coordinates (n,); None before one has a finite cost.
+    """
+
+    def __init__(self, problem: FitProblem):
+        self._problem, self._per_sample = problem, 0
+        self.x: np.ndarray | None = None
+        self._cost, self._curvature = np.inf, np.zeros(0)
+
+    def evaluator(self, per_sample: int) -> Callable[[np.ndarray, np.ndarray], QuadraticModel]:
+        """Evaluates points at a time step. The first evaluation replaces the point of an earlier time step."""
+        evaluate, is_new = _evaluator(self._problem, per_sample), True
+
+        def noted(x: np.ndarray, starts: np.ndarray) -> QuadraticModel:
+            nonlocal is_new
+            found = evaluate(x, starts)
+            k = int(np.argmin(np.where(np.isfinite(found.cost), found.cost, np.inf)))
+            if np.isfinite(found.cost[k]) and (is_new or found.cost[k] < self._cost):
+                self.x, self._cost, self._curvature = np.array(x[k]), float(found.cost[k]), found.curvature[k]
+                self._per_sample, is_new = per_sample, False
+            return found
+
+        return noted
+
+    def step(self, search: str, number: int) -> FitStep:
+        """The point as a step of a search."""
+        unknowns = self._problem.unknowns
+        values = {} if self.x is None else {u.name: float(u.value(x)) for u, x in zip(unknowns, self.x, strict=True)}
+        return FitStep(search, number, self._cost, _rms_over_noise(self._problem.model(), self._cost), values)
+
+    def fit(self, resolution: TimeResolution, costs: np.ndarray) -> Fit:
+        """The point as the estimate of a search that was stopped."""
+        (outcomes,) = self._problem.predict(self.x[None], self._per_sample, with_sensitivities=True)
+        covariance = regularised_inverse(self._curvature)
+        return Fit(
+            self._problem, self.x, self.x, covariance, self._cost, outcomes, resolution, False, costs, stopped=True
+        )  # fmt: skip
 
 
 def _correct_discretisation(

@@ -15,6 +15,7 @@ from edhas_jax.diagnosis.calibration.confounding import (
     weak_combinations,
 )
 from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.calibration.fit_choices import FitChoices
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.uncertainty import Drift, ProfileLikelihood
 from edhas_jax.machine.rigs import Rig
@@ -32,6 +33,7 @@ IMPLAUSIBLE_DISTANCE = 2.5  # distance from the prior mean, in prior standard de
 DRIFT_SCORE = 3.5  # score of a run's own estimate that chance rarely reaches among some hundred
 MAX_LISTED_RUNS = 4  # in a sentence on drift, those furthest from the common value
 NOT_CONVERGED = "The fit has not converged: the values are those of its last step."
+STOPPED = "The fit was stopped: the values are the best until then."
 CONFIG_FILE, RESULT_FILE = "config.yaml", "fit.json"
 
 
@@ -47,6 +49,8 @@ class Calibration:
         after: the same after the fit.
         seconds: computing time.
         assumed: parameters taken as known whose error the unknowns would hide.
+        choices: what was chosen for the fit; residuals are over the noise of the sensors, without the chosen factors.
+        given: the campaign before anything was chosen; None where nothing was.
     """
 
     fit: Fit
@@ -56,6 +60,8 @@ class Calibration:
     after: dict[str, dict[str, np.ndarray]]
     seconds: float
     assumed: tuple[AssumedParameter, ...] = ()
+    choices: FitChoices = FitChoices()
+    given: Campaign | None = None
 
     def rms_residuals(self) -> dict[str, dict[str, dict[str, float]]]:
         """Root mean square of residual over noise: {before, calibrated} × {fit, holdout} × {overall, each signal}."""
@@ -93,6 +99,10 @@ class Calibration:
         worst = np.minimum(worst, np.nan_to_num(apart).max(axis=(0, 1)))
         return [self.fit.problem.unknowns[k].name for k in np.argsort(-worst) if worst[k] > DRIFT_SCORE]
 
+    def warning(self) -> str | None:
+        """That the search was stopped or has not converged; None where it has."""
+        return STOPPED if self.fit.stopped else None if self.fit.converged else NOT_CONVERGED
+
     def findings(self) -> list[str]:
         """Conclusions on the fit as sentences, the most important first."""
         rms, sentences = self.rms_residuals()["calibrated"], []
@@ -101,9 +111,10 @@ class Calibration:
         runs = "held-out runs" if use is Use.HOLDOUT else "fitted runs (none is held out)"
         worst = max((n for n in rms[use.value] if n != "overall"), key=rms[use.value].__getitem__)
         signal = f"worst signal {worst}, {rms[use.value][worst]:.2f}"
-        if not self.fit.converged:
-            sentences.append(NOT_CONVERGED)
+        if (warning := self.warning()) is not None:
+            sentences.append(warning)
         sentences.append(f"Residual over noise on the {runs}: {overall:.2f}; {signal}.")
+        sentences += [] if self.given is None else self.choices.sentences(self.given)
         sentences += own_values_sentences(self.fit)
         if (larger := model_error_sentence(rms[Use.FIT.value]["overall"])) is not None:
             sentences.append(larger)
@@ -250,10 +261,12 @@ def calibration_as_json(calibration: Calibration) -> dict:
     out = {
         "campaign": fit.problem.campaign.name,
         "data": data_as_json(fit.problem.campaign),
+        "choices": {} if calibration.given is None else calibration.choices.as_mapping(calibration.given),
         "calibrated": estimates_as_json(fit),
         OF_RUNS: values_of_runs_as_json(fit),
         "error": calibration.rms_residuals(),
         "converged": fit.converged,
+        "stopped": fit.stopped,
         "half_chi_square": fit.cost,
         "step": min(run.interval for run in fit.problem.campaign.runs) / fit.resolution.fine,
         "step_error_over_noise": fit.resolution.error,

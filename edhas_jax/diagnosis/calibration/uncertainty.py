@@ -135,6 +135,7 @@ def profile_likelihood(fit: Fit, name: str, on_progress: Callable[[str], None] |
             fit.problem, [EvaluationPoint(row, all_runs) for row in x], fit.resolution.fine
         ),
         starts, low, high, free=free, tolerance=COST_TOLERANCE, on_step=_step_reporter(on_progress),
+        constraints=fit.problem.constraints(),
     )  # fmt: skip
     # the correction of the discretisation error shifts the whole curve
     x = np.append(found.x[:, k], fit.uncorrected[k]) + (fit.x[k] - fit.uncorrected[k])

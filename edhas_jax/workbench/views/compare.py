@@ -16,6 +16,7 @@ REPLAYS = {
     "set_point": "set point", "voltage": "measured voltage", "current": "measured current",
     "piston_position": "measured position",
 }  # fmt: skip
+NO_OTHER = "none"  # no second model
 ONE_RUN, ONE_SIGNAL = "signals of one run", "runs of one signal"
 INTERVALS = 500  # into which a plot is divided when a record is thinned
 MAX_PANELS = 10
@@ -27,7 +28,7 @@ class CompareView:
 
     def __init__(self, page):
         self._page = page
-        self._model, self._replay = AS_GIVEN, "set_point"
+        self._model, self._other, self._replay = AS_GIVEN, NO_OTHER, "set_point"
         self._run, self._signal, self._mode = "", "", ONE_RUN
         self._found: dict[str, Any] | None = None
         self._panels: list[dict] = []
@@ -43,6 +44,8 @@ class CompareView:
         with ui.row().classes("items-end gap-4"):
             self._models = ui.select(list(models), value=self._model, label="model")
             self._models.classes("min-w-48").props("dense options-dense outlined").on_value_change(self._choose_model)
+            self._others = ui.select([NO_OTHER, *models], value=self._other, label="over another model")
+            self._others.classes("min-w-48").props("dense options-dense outlined").on_value_change(self._choose_other)
             replays = ui.select(REPLAYS, value=self._replay, label="driven by").classes("min-w-40")
             replays.props("dense options-dense outlined").on_value_change(self._choose_replay)
             ui.button("Report of this comparison", on_click=self._report).props("flat no-caps dense icon=description")
@@ -56,6 +59,8 @@ class CompareView:
         if self._models.options != models or wanted != self._model:
             self._model = wanted
             self._models.set_options(models, value=wanted)
+            self._other = self._other if self._other in models else NO_OTHER
+            self._others.set_options([NO_OTHER, *models], value=self._other)
         if self._found is None or self._found.get("of") != self._identity():
             await self._compare()
         elif self._follow_place():
@@ -79,15 +84,24 @@ class CompareView:
             await self._draw_residual()
 
     def _identity(self) -> tuple:
-        path = self._page.workspace.models().get(self._model)
-        changed = path.stat().st_mtime_ns if path is not None and path.is_file() else 0
+        paths = [self._page.workspace.models().get(model) for model in self._overlaid()]
+        changed = [path.stat().st_mtime_ns if path is not None and path.is_file() else 0 for path in paths]
         file = self._page.workspace.campaign_file
-        return self._model, self._replay, changed, file.stat().st_mtime_ns if file.is_file() else 0
+        return self._overlaid(), self._replay, changed, file.stat().st_mtime_ns if file.is_file() else 0
+
+    def _overlaid(self) -> list[str]:
+        """The models that are drawn, the one that is compared last."""
+        return [self._model] if self._other in (NO_OTHER, self._model) else [self._other, self._model]
 
     async def _choose_model(self, event) -> None:
         if event.value != self._model:
             self._model = event.value
             self._page.move(model=event.value)
+            await self._compare()
+
+    async def _choose_other(self, event) -> None:
+        if event.value != self._other:
+            self._other = event.value
             await self._compare()
 
     async def _choose_replay(self, event) -> None:
@@ -110,7 +124,10 @@ class CompareView:
         if found is None:
             self._found = None
             return
-        self._found = found | {"of": self._identity()}
+        before = None
+        if len(self._overlaid()) > 1:
+            before = await page.ask("campaign.compare", self._other, self._replay, page.session.allowed)
+        self._found = found | {"of": self._identity(), "before": None if before is None else before["matrix"]}
         page.did("compare", page.session.command_compare(self._model, self._replay),
                  page.session.python_compare(self._model))  # fmt: skip
         signals, matrix = list(found["signals"]), found["matrix"]
@@ -134,11 +151,15 @@ class CompareView:
             with ui.column().classes("gap-1"):
                 with ui.row().classes("items-center gap-1"):
                     ui.label("Residual over noise").classes("wb-h")
-                    csv_button("matrix", lambda: matrix_rows({self._model: self._found["matrix"]}))
-                ui.label("1 is the noise of the sensors. Click a cell to see the signal.").classes("wb-quiet")
+                    csv_button("matrix", self._matrix_rows)
+                note = "1 is the noise of the sensors. Click a cell to see the signal."
+                if found["before"] is not None:
+                    note = f"“{self._other}” → “{self._model}”; ▲ is worse. {note}"
+                ui.label(note).classes("wb-quiet")
                 if (note := self._bench_note()) is not None:
                     ui.label(note).classes("wb-quiet").props("data-mark=bench-note")
-                error_matrix(found["matrix"], list(found["signals"]), page.summary["conditions"], self._click_cell)
+                notes = page.summary["conditions"]
+                error_matrix(found["matrix"], list(found["signals"]), notes, self._click_cell, found["before"])
             with ui.column().classes("gap-1"):
                 ui.label("Where the model deviates").classes("wb-h")
                 if not found["sentences"]:
@@ -169,6 +190,10 @@ class CompareView:
             self._variables = ui.select(found["variables"], value=self._variable)
             self._variables.props("dense options-dense outlined").on_value_change(self._choose_variable)
         self._over = Plot("over")
+
+    def _matrix_rows(self) -> list[tuple]:
+        before = {} if self._found["before"] is None else {self._other: self._found["before"]}
+        return matrix_rows(before | {self._model: self._found["matrix"]})
 
     def _bench_note(self) -> str | None:
         """Why the errors differ from those above the page; None where the bench is not corrected there either."""
@@ -242,13 +267,13 @@ class CompareView:
     async def _traces(self, first: float, last: float) -> list[dict] | None:
         arguments = self._panel_names(), first, last, INTERVALS
         return await self._page.ask(
-            "campaign.traces", [self._model], self._replay, self._page.session.allowed, *arguments
+            "campaign.traces", self._overlaid(), self._replay, self._page.session.allowed, *arguments
         )
 
     async def _samples(self) -> list[list] | None:
         """All samples of the run that is drawn, as a table with its head."""
         signals = list(self._found["matrix"][self._run])
-        return await self._page.ask("campaign.samples", [self._model], self._replay, self._page.session.allowed,
+        return await self._page.ask("campaign.samples", self._overlaid(), self._replay, self._page.session.allowed,
                                     self._run, signals)  # fmt: skip
 
     async def _zoomed(self, event) -> None:

@@ -1,17 +1,16 @@
-"""Diagnose: calibrate and search for missing effects as jobs; suspects as cards that one tries, adds or rejects."""
+"""Diagnose: search for missing effects as a job; suspects as cards that one tries, adds or rejects."""
 
 from nicegui import ui
 
 from edhas_jax.workbench.standing import sizes_text
 from edhas_jax.workbench.views.job_panel import JobPanel
-from edhas_jax.workbench.views.parameters import Parameters
 from edhas_jax.workbench.views.save import csv_button
 from edhas_jax.workbench.views.suspects import Suspects
 from edhas_jax.workbench.views.table import show_table
 
 
 class DiagnoseView:
-    """Jobs, parameters, suspects, what was tried."""
+    """Job, suspects, what was tried."""
 
     def __init__(self, page):
         self._page = page
@@ -19,44 +18,34 @@ class DiagnoseView:
     async def build(self) -> None:
         """Build the view."""
         with ui.row().classes("items-center gap-3"):
-            ui.button("Calibrate", on_click=self._calibrate).props("no-caps unelevated icon=straighten")
             ui.button("Diagnose", on_click=self._diagnose).props("no-caps unelevated icon=troubleshoot")
             ui.label("in a process of its own; it goes on when this page is closed").classes("wb-quiet gt-xs")
-        self._job = JobPanel(self._page, {"calibrate": self._calibrate, "diagnose": self._diagnose})
-        self._parameters = Parameters(self._page)
+        self._job = JobPanel(self._page, {"diagnose": self._diagnose})
         self._suspects = Suspects(self._page, self.refresh)
         self._tried = ui.column().classes("w-full gap-1 mt-4")
         await self.refresh()
 
     async def refresh(self) -> None:
         """Follow the folder."""
-        self.show_progress()
-        self._parameters.refresh()
+        await self.show_progress()
         self._suspects.refresh()
         self._build_tried()
 
-    def show_progress(self) -> None:
+    async def show_progress(self) -> None:
         """Show what the job that runs has reported."""
         self._job.refresh()
 
     async def redraw(self) -> None:
         """Nothing to draw."""
 
-    def _calibrate(self) -> None:
-        self._start(self._page.session.calibrate)
-
-    def _diagnose(self) -> None:
-        self._start(self._page.session.diagnose)
-
-    def _start(self, start) -> None:
-        if self._page.summary is None:
-            self._page.tell(
-                "\n".join(self._page.problems) or "There is no campaign in this folder yet: bring data first."
-            )
+    async def _diagnose(self) -> None:
+        page = self._page
+        if page.summary is None:
+            page.tell("\n".join(page.problems) or "There is no campaign in this folder yet: bring data first.")
             return
-        self._page.attempt(start)
-        self._page.show_state()
-        self.show_progress()
+        page.attempt(page.session.diagnose)
+        page.show_state()
+        await self.show_progress()
 
     def _build_tried(self) -> None:
         """The models that were tried, side by side."""

@@ -9,6 +9,7 @@ from edhas_jax.workbench.jobs import CANCELLED, DONE, FAILED, RUNNING, Job
 STATES = {
     RUNNING: "runs", DONE: "is done", FAILED: "has failed", CANCELLED: "was cancelled; finished parts are kept",
 }  # fmt: skip
+STOPPED = "was stopped"
 CHANGED = "{} changed after this has begun: its result will be that of the campaign as it was."
 MAX_REPORTS = 14
 MAX_OUTPUT = 3000  # characters of a job that has failed
@@ -20,10 +21,11 @@ class JobPanel:
     Args:
         page: the window.
         starts: starts a job again, by its title.
+        stops: whether a job that is interrupted is not resumed: it ends with the best that it has found.
     """
 
-    def __init__(self, page, starts: Mapping[str, Callable[[], None]]):
-        self._page, self._starts = page, starts
+    def __init__(self, page, starts: Mapping[str, Callable], stops: bool = False):
+        self._page, self._starts, self._stops = page, starts, stops
         self._shown: tuple[int, str] | None = None
         self._reports = 0  # number of progress reports shown
         self._body = ui.column().classes("w-full gap-1 mt-2").props("data-mark=job")
@@ -43,7 +45,8 @@ class JobPanel:
 
     def _update(self, job: Job) -> None:
         """Update time and log; the buttons stay, because a click on one that is replaced at that moment is lost."""
-        self._title.set_text(f"“{job.title}” {STATES[job.status]} · {job.seconds:.0f} s")
+        state = STOPPED if self._stops and job.status == CANCELLED else STATES[job.status]
+        self._title.set_text(f"“{job.title}” {state} · {job.seconds:.0f} s")
         changed = self._page.workspace.changed_inputs(job.inputs) if job.status == RUNNING else []
         self._changed.set_text(CHANGED.format(" and ".join(changed)) if changed else "")
         rows = self._page.session.jobs.progress(job) if job.status in (RUNNING, CANCELLED) else []
@@ -65,8 +68,9 @@ class JobPanel:
                 ui.spinner(size="sm")
             self._title = ui.label().props(f"data-mark=job-{job.status}")
             if job.status == RUNNING:
-                ui.button("Cancel", on_click=lambda: jobs.cancel(job)).props("no-caps flat dense data-mark=cancel-job")
-            elif job.status == CANCELLED:
+                cancel = ui.button("Stop" if self._stops else "Cancel", on_click=lambda: jobs.cancel(job))
+                cancel.props("no-caps flat dense data-mark=cancel-job")
+            elif job.status == CANCELLED and not self._stops:
                 ui.button("Resume", on_click=self._starts[job.title]).props("no-caps flat dense icon=play_arrow")
         self._changed = ui.label("").props("data-mark=job-changed")
         self._log = ui.column().classes("w-full gap-1")

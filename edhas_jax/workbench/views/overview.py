@@ -57,13 +57,13 @@ class OverviewView:
 
     async def refresh(self) -> None:
         """Follow the folder and the place."""
-        self.show_progress()
+        await self.show_progress()
         self._schematic.refresh()
         async with self._turn:
             await self._compare()
             await self._overlay()
 
-    def show_progress(self) -> None:
+    async def show_progress(self) -> None:
         """Let the staircase grow with the search that runs."""
         now = self._page.standing()
         stages = now.growing or now.stages
@@ -85,7 +85,7 @@ class OverviewView:
 
     async def redraw(self) -> None:
         """Draw the plots again, in the colours of the page."""
-        self.show_progress()
+        await self.show_progress()
         async with self._turn:
             await self._overlay()
 

@@ -1,19 +1,23 @@
-"""The uncertain parameters: what was known of each, and what the calibration has found."""
+"""The uncertain parameters: which are free, their initial values, priors and limits, and what a fit has found."""
 
-from collections.abc import Mapping
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
 
 from nicegui import ui
 
 from edhas_jax.core.units import estimate_text, format_quantity
 from edhas_jax.workbench.views.save import csv_button
-from edhas_jax.workbench.views.table import show_table
 from edhas_jax.workbench.workspace import CALIBRATED
 
-HEADS = "parameter", "given", "known to", "sought from", "to", "calibrated", "moved", "most like"
+FIELDS = {"value": "initial value", "prior": "prior", "min": "min", "max": "max"}
+OF_FIXED = "value"  # the only field of a parameter that is not free
+HEADS = "free", "parameter", *FIELDS.values(), "calibrated", "moved", "most like"
 NOTES = (
-    "The parameters under `uncertain` in campaign.yaml are free, all others fixed. Moved: in standard deviations of "
-    "what was known. Most like: the parameter whose estimate is most correlated with this one."
+    "An empty field is as in campaign.yaml, which is shown in grey. Free: estimated; otherwise held at its value. "
+    "Prior: standard deviation of the true value around the given one, as a share (0.05) or with a unit, or “none”. "
+    "Calibrated: with its standard error. Moved: in standard deviations of what was known. Most like: the parameter "
+    "whose estimate is most correlated with this one."
 )
 
 
@@ -22,44 +26,162 @@ class Parameters:
 
     Args:
         page: the window.
+        on_choice: called after something was chosen.
     """
 
-    def __init__(self, page):
-        self._page, self._shown = page, None
-        self._body = ui.column().classes("w-full gap-1 mt-4").props("data-mark=parameters")
+    def __init__(self, page, on_choice: Callable[[], Awaitable[None]]):
+        self._page, self._on_choice = page, on_choice
+        self._shown: Any = None  # all that the table is made of
+        self._fields: dict[str, dict[str, ui.input]] = {}
+        self._free: dict[str, ui.checkbox] = {}
+        self._body = ui.column().classes("w-full gap-1").props("data-mark=parameters")
 
     def refresh(self) -> None:
-        """Follow the folder."""
-        summary, fit = self._page.summary, self._page.workspace.result(CALIBRATED) or {}
-        unknowns = {} if summary is None else summary["uncertain"]
-        shown = unknowns, fit.get("calibrated"), fit.get("correlation")
-        if shown == self._shown:
+        """Follow the folder; a table that would be the same stays, so that no text that is typed is lost."""
+        if self._state() == self._shown:
             return
-        self._shown = shown
+        self._shown = self._state()
         self._body.clear()
-        if not unknowns:
+        self._fields, self._free = {}, {}
+        names = self._names()
+        if not names:
             return
-        rows = [_row(name, unknown, fit) for name, unknown in unknowns.items()]
         with self._body:
             with ui.row().classes("items-center gap-1"):
-                ui.label("Uncertain parameters").classes("wb-h")
-                csv_button("parameters", lambda: [HEADS, *rows])
-            show_table(HEADS, rows)
+                ui.label("Parameters").classes("wb-h")
+                csv_button("parameters", self._csv)
+            with ui.element("div").classes("wb-scroll"), ui.element("table").classes("wb-table wb-fields"):
+                with ui.element("tr"):
+                    for head in HEADS:
+                        with ui.element("th"):
+                            ui.label(head)
+                for name in names:
+                    with ui.element("tr") as row:
+                        row.props["data-mark"] = f"row-{name}"
+                        self._build_row(name)
+            with ui.row().classes("items-end gap-3"):
+                others = {n: f"{n.replace('_', ' ')} = {v}" for n, v in self._others().items() if n not in names}
+                self._more = ui.select(others, label="another parameter of the machine", with_input=True)
+                self._more.classes("min-w-72").props("dense options-dense outlined")
+                ui.button("Free it", on_click=self._free_another).props("no-caps flat dense icon=add")
             ui.label(NOTES).classes("wb-quiet")
 
+    def show_limits(self, limits: Mapping[str, Sequence[str]]) -> None:
+        """Show in empty fields between which values parameters are sought with what is chosen now."""
+        for name, ends in limits.items():
+            for key, text in zip(("min", "max"), ends, strict=True):
+                if name in self._fields:
+                    self._fields[name][key].props["placeholder"] = text
 
-def _row(name: str, unknown: Mapping[str, Any], fit: Mapping[str, Any]) -> tuple[str, ...]:
-    """A row of the table; what only a calibration tells is empty without one."""
-    unit, found = unknown["unit"], fit.get("calibrated", {}).get(name)
-    given, low, high = (format_quantity(unknown[key], unit) for key in ("given", "smallest", "largest"))
-    known = unknown["known_to"].replace(" ", "\xa0")
-    first = name.replace("_", " "), given, known, low, high
-    if found is None:
-        return (*first, "", "", "")
-    estimate = estimate_text(found["value"], found.get("std"), found["unit"], found.get("limit"))
-    others = {n: r for n, r in fit.get("correlation", {}).get(name, {}).items() if n != name and r is not None}
-    like = max(others, key=lambda n: abs(others[n]), default="")
-    return (
-        *first, estimate, f"{fit['prior_pull'][name]:+.1f}",
-        f"{like.replace('_', ' ')} ({others[like]:+.2f})" if like else "",
-    )  # fmt: skip
+    def _state(self) -> tuple:
+        fit = self._page.workspace.result(CALIBRATED) or {}
+        chosen = self._page.session.choices.read().get("parameters", {})
+        return self._unknowns(), chosen, fit.get("calibrated"), fit.get("correlation")
+
+    def _unknowns(self) -> Mapping[str, Any]:
+        return {} if self._page.summary is None else self._page.summary["uncertain"]
+
+    def _others(self) -> Mapping[str, str]:
+        return {} if self._page.summary is None else self._page.summary["parameters"]
+
+    def _names(self) -> list[str]:
+        """The uncertain parameters, and those that were freed besides."""
+        chosen = self._page.session.choices.read().get("parameters", {})
+        return [*self._unknowns(), *(name for name in chosen if name in self._others())]
+
+    def _build_row(self, name: str) -> None:
+        row, title = self._page.session.choices.parameter(name), name.replace("_", " ")
+        hints, fields = self._hints(name), {}
+        is_free = row.get("free") is not False
+        with ui.element("td"):
+            if name in self._unknowns():
+                box = ui.checkbox(value=is_free, on_change=lambda: self._choose(name)).props("dense")
+                box.props["aria-label"] = f"{title} is free"
+                self._free[name] = box
+            else:
+                remove = ui.button(icon="close", on_click=lambda: self._remove(name)).props("flat round dense size=sm")
+                remove.props["aria-label"] = f"do not free {title}"
+        with ui.element("td"):
+            ui.label(title)
+        for key, head in FIELDS.items():
+            with ui.element("td"):
+                field = ui.input(value=_field_text(row.get(key)), placeholder=hints[key]).props("dense borderless")
+                field.props["aria-label"] = f"{head} of {title}"
+                field.on("blur", lambda: self._choose(name)).on("keydown.enter", lambda: self._choose(name))
+                field.set_enabled(is_free or key == OF_FIXED)
+                fields[key] = field
+        self._fields[name] = fields
+        estimate, moved, like, is_at_limit = self._found(name)
+        for text in (estimate, moved, like):
+            with ui.element("td"):
+                label = ui.label(text)
+                if text == estimate and is_at_limit:
+                    label.classes("wb-chip wb-bad")
+
+    def _hints(self, name: str) -> dict[str, str]:
+        """What the campaign says, for empty fields."""
+        unknown = self._unknowns().get(name)
+        if unknown is None:
+            return {"value": self._others()[name], "prior": "needed, such as 0.1", "min": "", "max": ""}
+        unit = unknown["unit"]
+        given, low, high = (format_quantity(unknown[key], unit) for key in ("given", "smallest", "largest"))
+        return {"value": given, "prior": unknown["known_to"].replace(" ", "\xa0"), "min": low, "max": high}
+
+    def _found(self, name: str) -> tuple[str, str, str, bool]:
+        """What a calibration has found: estimate, how far it moved, what is most like it, whether it is at a limit."""
+        fit = self._page.workspace.result(CALIBRATED) or {}
+        found = fit.get("calibrated", {}).get(name)
+        if found is None:
+            return "", "", "", False
+        estimate = estimate_text(found["value"], found.get("std"), found["unit"], found.get("limit"))
+        others = {n: r for n, r in fit.get("correlation", {}).get(name, {}).items() if n != name and r is not None}
+        like = max(others, key=lambda n: abs(others[n]), default="")
+        moved = f"{fit['prior_pull'][name]:+.1f}"
+        return estimate, moved, f"{like.replace('_', ' ')} ({others[like]:+.2f})" if like else "", "limit" in found
+
+    def _csv(self) -> list[tuple[str, ...]]:
+        rows = []
+        for name in self._names():
+            row, hints = self._page.session.choices.parameter(name), self._hints(name)
+            texts = (_field_text(row.get(key)) or hints[key] for key in FIELDS)
+            rows.append(("no" if row.get("free") is False else "yes", name, *texts, *self._found(name)[:3]))
+        return [HEADS, *rows]
+
+    async def _choose(self, name: str) -> None:
+        """Keep what the row of a parameter says now."""
+        choices, old = self._page.session.choices, self._page.session.choices.parameter(name)
+        is_free = name not in self._free or self._free[name].value
+        row: dict[str, Any] = {} if is_free else {"free": False}
+        for key, field in self._fields[name].items():
+            field.set_enabled(is_free or key == OF_FIXED)
+            text = (field.value or "").strip()
+            if not is_free and key != OF_FIXED:
+                field.set_value("")
+            elif text:
+                row[key] = old[key] if key in old and _field_text(old[key]) == text else text
+        if name in self._others() and not row:
+            row = {"free": True}  # it stays in the table, and the check says that a prior is needed
+        if row == old:
+            return
+        choices.set_parameter(name, row)
+        self._shown = self._state()
+        await self._on_choice()
+
+    async def _free_another(self) -> None:
+        if self._more.value:
+            self._page.session.choices.set_parameter(self._more.value, {"free": True})
+            self.refresh()
+            await self._on_choice()
+
+    async def _remove(self, name: str) -> None:
+        self._page.session.choices.set_parameter(name, {})
+        await asyncio.sleep(0)  # the click has to end before its button goes
+        self.refresh()
+        await self._on_choice()
+
+
+def _field_text(value: Any) -> str:
+    """What is chosen as the text of a field; a prior such as {relative: 0.1} is its number."""
+    if isinstance(value, Mapping):
+        value = next(iter(value.values()), "")
+    return "" if value is None else str(value)

@@ -1,0 +1,178 @@
+"""The plots of the view Calibrate, as figures of Plotly in plain data."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from edhas_jax.core.units import display_unit, from_si
+from edhas_jax.workbench.figure_parts import CONFIG, TOP, base_layout, numbers, plain, x_axis, y_axis
+from edhas_jax.workbench.plot_theme import theme
+
+HEIGHT = 300.0  # px
+CELL, NAMES = 34.0, 150.0  # px of the correlations: a cell, the space for names
+CHI2_95_OF_TWO = 5.991  # 95 % quantile of χ² with two degrees of freedom
+OUTSIDE = 0.22  # opacity of the samples that a window leaves out
+
+
+def cost_figure(steps: Sequence[Mapping[str, Any]], dark: bool) -> dict[str, Any]:
+    """½χ² after each step of the searches of a fit.
+
+    Args:
+        steps: by step `search`, `cost` and `residual_over_noise`, as of `FitStep`.
+        dark: whether the page is dark.
+    """
+    colours = theme(dark)
+    layout, data = base_layout(colours, HEIGHT), []
+    finite = [(k, step) for k, step in enumerate(steps, 1) if math.isfinite(step["cost"])]
+    searches = dict.fromkeys(step["search"] for _, step in finite)
+    for name, colour in zip(searches, (colours.grey, colours.model), strict=False):
+        rows = [(k, step) for k, step in finite if step["search"] == name]
+        data.append({
+            "type": "scatter", "mode": "lines+markers", "name": plain(name), "x": [k for k, _ in rows],
+            "y": [step["cost"] for _, step in rows], "line": {"color": colour, "width": 1.6}, "marker": {"size": 5},
+            "customdata": [step["residual_over_noise"] for _, step in rows],
+            "hovertemplate": "½χ² %{y:.5g}<br>residual over noise %{customdata:.3f}<extra></extra>",
+        })  # fmt: skip
+    layout["xaxis"] = x_axis(colours, "step") | {"rangemode": "tozero"}
+    layout["yaxis"] = y_axis(colours, [0.0, 1.0], "½ χ²") | {"type": "log", "tickformat": ".3~s", "automargin": True}
+    return {"data": data, "layout": layout, "config": CONFIG}
+
+
+def trajectory_figure(
+    measured: Mapping[str, Any], curves: Mapping[str, Mapping[str, Any]], unit: str,
+    window: tuple[float, float] | None, dark: bool, draws: bool,
+) -> dict[str, Any]:  # fmt: skip
+    """A signal of a run as it was measured and as the fit has it, with the time window that is used.
+
+    Args:
+        measured: `x` and `y`.
+        curves: the same by name of the model, the one before first.
+        unit: of the signal.
+        window: first and last time that are used [s]; None for all.
+        dark: whether the page is dark.
+        draws: whether a drag draws the window; otherwise it zooms.
+    """
+    colours = theme(dark)
+    layout = base_layout(colours, HEIGHT)
+    series = (colours.model,) if len(curves) == 1 else (colours.grey, colours.model)
+    rows = [("measured", measured, colours.measured)]
+    rows += [(name, row, colour) for (name, row), colour in zip(curves.items(), series, strict=False)]
+    data = [
+        {"type": "scatter", "mode": "lines", "name": plain(name), "x": row["x"].tolist(), "y": numbers(row["y"]),
+         "line": {"color": colour, "width": 1.5}, "hovertemplate": "%{y:.4g}<extra>" + plain(name) + "</extra>"}
+        for name, row, colour in rows
+    ]  # fmt: skip
+    layout["xaxis"], layout["yaxis"] = x_axis(colours, "time, s"), y_axis(colours, [0.0, 1.0], unit or "–")
+    first, last = float(measured["x"][0]), float(measured["x"][-1])
+    if window is not None:
+        sides = ((first, min(window[0], last)), (max(window[1], first), last))
+        layout["shapes"] = [
+            {"type": "rect", "x0": a, "x1": b, "yref": "paper", "y0": 0, "y1": 1, "fillcolor": colours.grey,
+             "opacity": OUTSIDE, "line": {"width": 0}} for a, b in sides if b > a
+        ]  # fmt: skip
+    layout["hovermode"] = "x"
+    if draws:
+        layout |= {"dragmode": "select", "selectdirection": "h"}
+    return {"data": data, "layout": layout, "config": CONFIG}
+
+
+def correlation_figure(correlation: Mapping[str, Mapping[str, float | None]], dark: bool) -> dict[str, Any]:
+    """The correlations of the estimates as a matrix."""
+    colours = theme(dark)
+    names = [name.replace("_", " ") for name in correlation]
+    height = TOP + NAMES + CELL * len(names)
+    layout = base_layout(colours, height)
+    values = [[math.nan if v is None else v for v in row.values()] for row in correlation.values()]
+    shown = [["" if math.isnan(v) else f"{v:+.2f}" for v in row] for row in values]
+    axis = {"tickfont": {"color": colours.ink, "size": 11.5}, "showgrid": False, "fixedrange": True}
+    labels = [plain(name) for name in names]
+    layout["xaxis"] = axis | {"tickangle": -40, "automargin": True}
+    layout["yaxis"] = axis | {"autorange": "reversed", "automargin": True}
+    layout["margin"] = {"l": 20, "r": 16, "t": 8, "b": 40}
+    data = [{
+        "type": "heatmap", "x": labels, "y": labels, "z": [numbers(row) for row in values], "zmin": -1, "zmax": 1,
+        "colorscale": [[0, "#2166ac"], [0.5, "#f7f7f7" if not dark else "#30363d"], [1, "#b2182b"]],
+        "showscale": False, "text": shown, "texttemplate": "%{text}", "textfont": {"size": 11},
+        "hovertemplate": "%{y}, %{x}: %{z:.3f}<extra></extra>", "xgap": 1, "ygap": 1,
+    }]  # fmt: skip
+    return {"data": data, "layout": layout, "config": CONFIG}
+
+
+def profile_figure(found: Mapping[str, Any], name: str, dark: bool) -> dict[str, Any]:
+    """χ² along a parameter with the parabola of its standard error, see `FitCalculations.profile`."""
+    colours = theme(dark)
+    layout = base_layout(colours, HEIGHT)
+    x, rise = np.asarray(found["x"]), np.asarray(found["rise"])
+    top = max(10.0, 1.05 * float(np.nanmax(rise)))
+    data = [
+        {"type": "scatter", "mode": "lines", "name": "parabola of the standard error",
+         "x": np.asarray(found["parabola"][0]).tolist(), "y": numbers(found["parabola"][1]),
+         "line": {"color": colours.grey, "dash": "dash", "width": 1.2}, "hoverinfo": "skip"},
+        {"type": "scatter", "mode": "lines+markers", "name": "all others fitted anew", "x": x.tolist(),
+         "y": numbers(rise), "line": {"color": colours.measured, "width": 1.6}, "marker": {"size": 5},
+         "hovertemplate": "%{x:.5g}: %{y:.2f}<extra></extra>"},
+    ]  # fmt: skip
+    level = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": found["level"], "y1": found["level"],
+             "line": {"color": colours.model, "dash": "dot", "width": 1.3}}  # fmt: skip
+    ends = [{"type": "line", "x0": end, "x1": end, "yref": "paper", "y0": 0, "y1": 1,
+             "line": {"color": colours.model, "dash": "dot", "width": 1.0}} for end in found["interval"]]  # fmt: skip
+    layout["shapes"] = [level, *ends]
+    layout["xaxis"] = x_axis(colours, f"{plain(name.replace('_', ' '))}, {found['unit']}")
+    layout["yaxis"] = y_axis(colours, [0.0, 1.0], "increase of χ²") | {"range": [0.0, top]}
+    return {"data": data, "layout": layout, "config": CONFIG}
+
+
+def ellipse_figure(fit: Mapping[str, Any], one: str, other: str, dark: bool) -> dict[str, Any]:
+    """The ellipse in which two parameters lie together with a probability of 95 %, by their covariance.
+
+    Args:
+        fit: the content of `fit.json`.
+        one: parameter of the horizontal axis.
+        other: parameter of the vertical axis.
+        dark: whether the page is dark.
+    """
+    colours = theme(dark)
+    layout, rows = base_layout(colours, HEIGHT), [fit["calibrated"][name] for name in (one, other)]
+    correlation = fit["correlation"][one][other]
+    units = [display_unit(row["unit"], row["value"]) for row in rows]
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    circle = math.sqrt(CHI2_95_OF_TWO) * np.array([np.cos(angle), np.sin(angle)])
+    across = correlation * circle[0] + math.sqrt(max(1.0 - correlation**2, 0.0)) * circle[1]
+    points = [
+        from_si(row["value"] + row["std"] * part, row["unit"], unit)
+        for row, part, unit in zip(rows, (circle[0], across), units, strict=True)
+    ]
+    centre = [from_si(row["value"], row["unit"], unit) for row, unit in zip(rows, units, strict=True)]
+    data = [
+        {"type": "scatter", "mode": "lines", "name": "95 % of both together", "x": points[0].tolist(),
+         "y": points[1].tolist(), "line": {"color": colours.measured, "width": 1.8}, "fill": "toself",
+         "fillcolor": "rgba(70,140,220,0.18)", "hoverinfo": "skip"},
+        {"type": "scatter", "mode": "markers", "name": "estimate", "x": [centre[0]], "y": [centre[1]],
+         "marker": {"color": colours.model, "size": 8}, "hovertemplate": "%{x:.5g}, %{y:.5g}<extra></extra>"},
+    ]  # fmt: skip
+    titles = [f"{plain(n.replace('_', ' '))}, {unit}" for n, unit in zip((one, other), units, strict=True)]
+    layout["xaxis"], layout["yaxis"] = x_axis(colours, titles[0]), y_axis(colours, [0.0, 1.0], titles[1])
+    return {"data": data, "layout": layout, "config": CONFIG}
+
+
+def autocorrelation_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:
+    """The autocorrelation of a residual with the band of white noise, see `FitCalculations.autocorrelation`."""
+    colours = theme(dark)
+    layout, band = base_layout(colours, HEIGHT), found["band"]
+    lag, value = np.asarray(found["lag"]), np.asarray(found["value"])
+    data = [{
+        "type": "bar", "name": "autocorrelation", "x": lag[1:].tolist(), "y": numbers(value[1:]),
+        "marker": {"color": [colours.model if abs(v) > band else colours.measured for v in value[1:]]},
+        "hovertemplate": "%{x:.4g} ms: %{y:.3f}<extra></extra>", "showlegend": False,
+    }]  # fmt: skip
+    layout["shapes"] = [
+        {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": -band, "y1": band, "fillcolor": colours.good,
+         "opacity": 0.18, "line": {"width": 0}, "layer": "below"}
+    ]  # fmt: skip
+    layout["xaxis"] = x_axis(colours, "lag, ms")
+    largest = float(np.nanmax(np.abs(value[1:]))) if len(value) > 1 else 0.0
+    reach = 1.1 * max(largest, 2.0 * band)
+    layout["yaxis"] = y_axis(colours, [0.0, 1.0], "autocorrelation") | {"range": [-reach, reach], "zeroline": True}
+    return {"data": data, "layout": layout, "config": CONFIG}

@@ -1,0 +1,147 @@
+"""Which runs and signals a fit uses, within what time windows, and with what weights."""
+
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from nicegui import ui
+
+NOTES = (
+    "Runs that are not fitted are held out. Of a run with a time window only the samples in it are used; it is "
+    "simulated from its start all the same. A factor of 2 on the noise of a signal leaves its samples a quarter of "
+    "their weight in χ²."
+)
+
+
+class RunsAndSignals:
+    """Two tables with check boxes and fields.
+
+    Args:
+        page: the window.
+        on_choice: called after something was chosen.
+    """
+
+    def __init__(self, page, on_choice: Callable[[], Awaitable[None]]):
+        self._page, self._on_choice = page, on_choice
+        self._shown: Any = None
+        self._fitted: dict[str, ui.checkbox] = {}
+        self._windows: dict[str, tuple[ui.input, ui.input]] = {}
+        self._used: dict[str, ui.checkbox] = {}
+        self._factors: dict[str, ui.input] = {}
+        self._body = ui.column().classes("w-full gap-1").props("data-mark=runs-and-signals")
+
+    def refresh(self) -> None:
+        """Follow the folder; tables that would be the same stay, so that no text that is typed is lost."""
+        if self._state() == self._shown:
+            return
+        self._shown, summary = self._state(), self._page.summary
+        self._body.clear()
+        self._fitted, self._windows, self._used, self._factors = {}, {}, {}, {}
+        if summary is None:
+            return
+        with self._body, ui.element("div").classes("wb-two"):
+            with ui.column().classes("gap-1"):
+                ui.label("Runs").classes("wb-h")
+                self._build_runs(summary)
+            with ui.column().classes("gap-1"):
+                ui.label("Signals").classes("wb-h")
+                self._build_signals(summary)
+        with self._body:
+            ui.label(NOTES).classes("wb-quiet")
+
+    def _state(self) -> tuple:
+        chosen = self._page.session.choices.read()
+        summary = self._page.summary or {}
+        return summary.get("runs"), summary.get("signals"), *(chosen.get(k) for k in ("runs", "signals", "windows"))
+
+    def _build_runs(self, summary: dict[str, Any]) -> None:
+        chosen = self._page.session.choices.read()
+        usual = [n for n, run in summary["runs"].items() if run["use"] == "fit"]
+        fitted = chosen.get("runs", usual)
+        with _table("fitted", "run", "from", "to", "conditions"):
+            for name, run in summary["runs"].items():
+                with ui.element("tr"):
+                    with ui.element("td"):
+                        self._fitted[name] = _box(f"{name} is fitted", name in fitted, self._choose_runs)
+                    with ui.element("td"):
+                        ui.label(name)
+                    window = chosen.get("windows", {}).get(name) or ("", "")
+                    hints = "0 s", f"{run['end']:.4g} s"
+                    fields = []
+                    for text, hint, what in zip(window, hints, ("first", "last"), strict=False):
+                        with ui.element("td"):
+                            fields.append(_field(f"{what} time of {name}", text, hint, self._choose_window, name))
+                    self._windows[name] = tuple(fields)
+                    with ui.element("td").classes("wb-quiet"):
+                        ui.label(summary["conditions"].get(name, ""))
+
+    def _build_signals(self, summary: dict[str, Any]) -> None:
+        chosen = self._page.session.choices.read().get("signals")
+        with _table("used", "signal", "factor on its noise", "noise"):
+            for name, unit in summary["signals"].items():
+                title = name.replace("_", " ")
+                is_used = chosen is None or name in chosen
+                with ui.element("tr"):
+                    with ui.element("td"):
+                        self._used[name] = _box(f"{title} is used", is_used, self._choose_signals)
+                    with ui.element("td"):
+                        ui.label(title)
+                    with ui.element("td"):
+                        factor = str((chosen or {}).get(name, ""))
+                        factor = "" if factor in ("1", "1.0") else factor
+                        field = _field(f"factor on the noise of {title}", factor, "1", self._choose_signals)
+                        self._factors[name] = field
+                    with ui.element("td"):
+                        ui.label(f"{summary['noise'][name]:.4g} {unit}")
+
+    async def _choose_runs(self) -> None:
+        usual = [n for n, run in self._page.summary["runs"].items() if run["use"] == "fit"]
+        fitted = [name for name, box in self._fitted.items() if box.value]
+        await self._write("runs", None if fitted == usual else fitted)
+
+    async def _choose_signals(self) -> None:
+        rows = {n: (self._factors[n].value or "").strip() or "1" for n, box in self._used.items() if box.value}
+        is_usual = len(rows) == len(self._used) and all(factor in ("1", "1.0") for factor in rows.values())
+        await self._write("signals", None if is_usual else rows)
+
+    async def _choose_window(self, name: str) -> None:
+        first, last = ((field.value or "").strip() for field in self._windows[name])
+        end = self._page.summary["runs"][name]["end"]
+        window = (first or "0 s", last or f"{end!r} s") if first or last else None
+        choices, data = self._page.session.choices, self._page.session.choices.read()
+        if list(window or ()) != list(data.get("windows", {}).get(name) or ()):
+            choices.set_window(name, window)
+            await self._changed()
+
+    async def _write(self, key: str, value: Any) -> None:
+        choices, data = self._page.session.choices, self._page.session.choices.read()
+        if data.get(key) != value:
+            choices.write(data | {key: value})
+            await self._changed()
+
+    async def _changed(self) -> None:
+        self._shown = self._state()
+        await self._on_choice()
+
+
+def _table(*heads: str) -> ui.element:
+    with ui.element("div").classes("wb-scroll"):
+        table = ui.element("table").classes("wb-table wb-fields")
+    with table, ui.element("tr"):
+        for head in heads:
+            with ui.element("th"):
+                ui.label(head)
+    return table
+
+
+def _box(label: str, value: bool, on_change: Callable) -> ui.checkbox:
+    box = ui.checkbox(value=value, on_change=lambda: on_change()).props("dense")
+    box.props["aria-label"] = label
+    return box
+
+
+def _field(label: str, text: str, hint: str, on_change: Callable, *arguments: str) -> ui.input:
+    field = ui.input(value=str(text), placeholder=hint).props("dense borderless")
+    field.props["aria-label"] = label
+    for event in ("blur", "keydown.enter"):
+        field.on(event, lambda: on_change(*arguments))
+    return field
