@@ -13,18 +13,18 @@ from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.result import estimates_as_json, values_of_runs_as_json
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidate_fit import CANDIDATE_STEPS, fit_with_candidate
 from edhas_jax.diagnosis.search.candidates import (
     PLAUSIBLE_COORDINATE,
     Candidate,
     candidates_for,
     from_absence,
-    with_candidate,
+    with_candidates,
 )
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse
-from edhas_jax.diagnosis.search.screening import Score, ScoreTest
 from edhas_jax.diagnosis.search.settled_fit import settle
 from edhas_jax.diagnosis.sets.posterior import CONFOUNDED_ODDS
+from edhas_jax.diagnosis.sets.set_search import SetSearch
+from edhas_jax.diagnosis.sets.signatures import signature_table
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.campaign_reader import OF_RUNS
@@ -33,6 +33,7 @@ from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.time_resolution import TimeResolution
 from edhas_jax.measurements.unknown_parameters import ParameterScale
 
+CANDIDATE_STEPS = 12  # maximum number of Levenberg-Marquardt steps
 Report = Callable[[str], None]
 USES = {Use.FIT: "fitted runs", Use.HOLDOUT: "held-out runs"}
 
@@ -147,19 +148,22 @@ def with_effect(
     if kind.id not in possible:
         raise FitError(f"{kind.id} cannot be added to {campaign.name}: its machine has it already, or no slot for it")
     report(f"fitting with {kind.id}")
-    score = ScoreTest(baseline.fit, before.effects).score(possible[kind.id])
-    trial = fit_with_candidate(baseline, before.effects, score, before.resolution, max_steps)
-    effects = (*before.effects, score.candidate)
-    fading = before.fading | {u.name for u in score.candidate.unknowns(campaign)[:1] if score.exponent < 0.0}
-    found = _free_to_vanish(baseline, effects, fading, score, trial, max_steps, before.resolution)
+    candidate = possible[kind.id]
+    table = signature_table(baseline.fit, [candidate], report, with_free_terms=False)
+    search = SetSearch(baseline, table, before.resolution, report)
+    trials = [found.evaluated for move in search.additions() if (found := search.fit_of(move)) is not None]
+    fades = any(signatures.exponent < 0.0 for signatures in table.candidates)
+    fading = before.fading | {u.name for u in candidate.unknowns(campaign)[:1] if fades}
+    effects = (*before.effects, candidate)
+    found = _free_to_vanish(baseline, effects, fading, trials[0] if trials else None, max_steps, before.resolution)
     if found is None:
         raise FitError(f"the model with {kind.id} fails (it is not finite) wherever the fit has looked")
     return ChosenModel(effects, settle(found, before.resolution, report), before.resolution, fading, before)
 
 
 def _free_to_vanish(
-    baseline: EvaluatedFit, effects: Sequence[Candidate], fading: Set[str], score: Score, trial: EvaluatedFit | None,
-    max_steps: int, resolution: TimeResolution,
+    baseline: EvaluatedFit, effects: Sequence[Candidate], fading: Set[str], trial: EvaluatedFit | None, max_steps: int,
+    resolution: TimeResolution,
 ) -> EvaluatedFit | None:  # fmt: skip
     """The fit with one more effect, repeated with sizes that may come to nothing where an effect is weak or useless.
 
@@ -167,12 +171,11 @@ def _free_to_vanish(
         baseline: the model without the last of the effects.
         effects: the chosen effects.
         fading: names of the sizes with which an effect fades as they grow.
-        score: score test of the last effect.
         trial: the fit with it, its sizes on logarithmic scales; None if it has failed.
         max_steps: maximum number of Levenberg-Marquardt steps.
         resolution: coarse and fine time steps per sample.
     """
-    problem = with_candidate(baseline.fit.problem, effects[:-1], effects[-1]) if trial is None else trial.fit.problem
+    problem = with_candidates(baseline.fit.problem, effects[-1:]) if trial is None else trial.fit.problem
     is_useless = trial is None or not trial.cost < baseline.cost
     freed = {u.name: u for u in problem.unknowns}
     for effect in effects:
@@ -186,11 +189,12 @@ def _free_to_vanish(
     starts = [] if trial is None else [[u.coordinate(trial.fit.values[u.name]) for u in unknowns]]
     if is_useless:
         last = effects[-1]
-        shape = {u.name: float(u.value(x)) for u, x in zip(last.unknowns(problem.campaign), score.x, strict=True)}
+        shape = {u.name: float(u.value(0.0)) for u in last.unknowns(problem.campaign)}
+        shape |= {} if trial is None else trial.fit.values
         absent = {n: math.inf if n in fading else 0.0 for n in (last.prefix + p.name for p in last.sizes())}
         values = shape | absent | baseline.fit.values
         starts.append([u.coordinate(values[u.name]) for u in unknowns])
-    elif unknowns == problem.unknowns:
+    elif unknowns == problem.unknowns and trial.fit.converged:
         return trial
     problem = dataclasses.replace(problem, unknowns=unknowns)
     try:

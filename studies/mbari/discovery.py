@@ -33,8 +33,9 @@ import edhas_jax as edhas
 from edhas_jax.config.writer import dump_config
 from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, with_effect
 from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound, candidates_for
-from edhas_jax.diagnosis.search.screening import ScoreTest
 from edhas_jax.diagnosis.sets.conclusions import conclusions
+from edhas_jax.diagnosis.sets.set_search import SetSearch
+from edhas_jax.diagnosis.sets.signatures import signature_table
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -97,12 +98,16 @@ def _rms(values: np.ndarray) -> float:
 
 
 def next_effect(campaign: Campaign, before: ChosenModel, kinds: list[type[Effect]]) -> type[Effect]:
-    """The effect with the largest predicted fall of χ²."""
-    test = ScoreTest(before.evaluated.fit, before.effects)
-    machine = before.evaluated.fit.problem.machine
-    candidates = [c for c in candidates_for(campaign, machine, Instruments(), kinds) if c.kind in kinds]
-    scores = [test.score(candidate) for candidate in candidates]
-    return max(scores, key=lambda score: score.chi_square_fall).candidate.kind
+    """The effect with the largest predicted fall of the misfit."""
+    fit = before.evaluated.fit
+    candidates = [c for c in candidates_for(campaign, fit.problem.machine, Instruments(), kinds) if c.kind in kinds]
+    table = signature_table(fit, candidates, _silent, with_free_terms=False)
+    moves = SetSearch(before.evaluated, table, before.resolution, _silent).additions()
+    return max(moves, key=lambda move: move.fall).added.kind
+
+
+def _silent(sentence: str) -> None:
+    """Report nothing."""
 
 
 def effect_text(model: ChosenModel, candidate: Candidate) -> str:

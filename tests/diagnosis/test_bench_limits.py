@@ -14,20 +14,19 @@ from edhas_jax.diagnosis.likelihood.bench_deviations import (
     deviation_columns,
 )
 from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
-from edhas_jax.diagnosis.search.candidates import build_problem
+from edhas_jax.diagnosis.search.candidates import calibration_problem
 from edhas_jax.diagnosis.search.evaluated_fit import _without_branches, fit_coarse, start_coordinates
 from edhas_jax.diagnosis.search.tightened_bench import MIN_RESIDUAL, with_tightened_bench
 from edhas_jax.diagnosis.sets import bench_findings
 from edhas_jax.diagnosis.sets.bench_findings import bench_rows, excessive_deviations
 from edhas_jax.machine.effects import InverterDeadTime
-from edhas_jax.measurements.instruments import Instruments
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 
 GUARDED = DeviationKind.SETTING, DeviationKind.GAIN, DeviationKind.OFFSET, DeviationKind.SHIFT
 
 
 def fitted(campaign, steps=12):
-    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    problem = calibration_problem(campaign)
     return fit_coarse(problem, start_coordinates(problem, {}), PER_SAMPLE, steps)
 
 

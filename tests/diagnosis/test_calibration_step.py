@@ -8,9 +8,8 @@ import pytest
 
 from edhas_jax.diagnosis.search import calibrated_model
 from edhas_jax.diagnosis.search.calibrated_model import _regular_steps, _with_accurate_step
-from edhas_jax.diagnosis.search.candidates import build_problem
+from edhas_jax.diagnosis.search.candidates import calibration_problem
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
-from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution, step_error
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
@@ -23,7 +22,7 @@ def problem():
     # the noise is stated ten times smaller than it is: the error of one step per sample is 36 times that
     channels = {n: dataclasses.replace(c, noise=0.1 * c.noise) for n, c in campaign.channels.items()}
     campaign = dataclasses.replace(campaign, channels=channels)
-    return build_problem(campaign, campaign.machine, Instruments(), ())
+    return calibration_problem(campaign)
 
 
 def fitted(problem, steps):
@@ -61,7 +60,7 @@ def test_irregular_signals_near_the_noise_get_the_first_step_that_is_regular(pro
         return {} if steps >= 32 else {"voltage": 1.0}
 
     monkeypatch.setattr(calibrated_model, "unpredictable_part", scatter)
-    near = build_problem(measured(empty_campaign(), bench()), bench(), Instruments(), ())
+    near = calibration_problem(measured(empty_campaign(), bench()))
     assert _regular_steps(fitted(near, 4), 4, lambda sentence: None) == 32
     assert tried == [8, 16, 32]
     # where the residual is far above the noise, no finer step is tried
@@ -71,5 +70,5 @@ def test_irregular_signals_near_the_noise_get_the_first_step_that_is_regular(pro
 
 def test_a_motion_that_is_chaotic_at_any_step_ends_the_search_for_one(monkeypatch):
     monkeypatch.setattr(calibrated_model, "unpredictable_part", lambda problem, x, steps: {"voltage": 1.0})
-    near = build_problem(measured(empty_campaign(), bench()), bench(), Instruments(), ())
+    near = calibration_problem(measured(empty_campaign(), bench()))
     assert _regular_steps(fitted(near, 4), 4, lambda sentence: None) is None

@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from edhas_jax.diagnosis.planning.signature_gram import CandidatePoints, SignatureGram, cosines
 
 from edhas_jax.commands import cli
 from edhas_jax.core import structs
@@ -14,7 +15,6 @@ from edhas_jax.diagnosis.planning.detection_threshold import DETECTION_NORM
 from edhas_jax.diagnosis.planning.figures import draw_similarity, draw_thresholds
 from edhas_jax.diagnosis.planning.next_experiment import _distance_after_refit, next_experiment
 from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign, with_predicted_signals
-from edhas_jax.diagnosis.planning.signatures import CandidatePoints, SignatureGram, cosines
 from edhas_jax.diagnosis.search.candidates import Candidate
 from edhas_jax.diagnosis.sets.diagnose import diagnose
 from edhas_jax.diagnosis.sets.posterior import SetPosterior

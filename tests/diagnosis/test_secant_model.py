@@ -8,9 +8,8 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt, stacked_models
 from edhas_jax.diagnosis.calibration.secant_model import SecantModel
-from edhas_jax.diagnosis.search.candidates import build_problem
+from edhas_jax.diagnosis.search.candidates import calibration_problem
 from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
-from edhas_jax.measurements.instruments import Instruments
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 
 TRUTH = {"coil_resistance": 1.45, "force_constant": 24.2, "mover_damping": 25.0, "coulomb_friction": 3.2}
@@ -20,7 +19,7 @@ FREE = np.full(2, -np.inf), np.full(2, np.inf)
 @pytest.fixture(scope="module")
 def problem():
     campaign = measured(empty_campaign(), edhas.change(bench(), **TRUTH))
-    return build_problem(campaign, campaign.machine, Instruments(), ())
+    return calibration_problem(campaign)
 
 
 def test_a_step_gives_the_cost_of_a_full_evaluation(problem):

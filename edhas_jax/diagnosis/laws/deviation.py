@@ -8,7 +8,6 @@ import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable
 from edhas_jax.measurements.measurement_model import MeasurementModel
@@ -77,19 +76,3 @@ def added_slopes(fit: Fit, terms: Sequence[AddedTerm]) -> list[Columns]:
         out.append(tuple({n: values[:, own] for n, values in run.items()} for run in slopes))
         first = own.stop
     return out
-
-
-def deviation_columns(fit: Fit, place: LawPlace, nodes: np.ndarray, prior: CurvePrior) -> Columns:
-    """The change of all signals by a curve of unknown shape, as columns whose coefficients are standard normal.
-
-    Args:
-        fit: the fit.
-        place: slot, variable and factors of the curve.
-        nodes: nodes (n,) in SI.
-        prior: size of the curve and of its bends, SI.
-
-    Returns:
-        By fitted run and signal (samples, n) in SI.
-    """
-    factor = prior.factor(nodes)
-    return tuple({n: slopes @ factor for n, slopes in run.items()} for run in curve_columns(fit, place, nodes))

@@ -16,8 +16,8 @@ from edhas_jax.diagnosis.planning.detection_threshold import (
     strength_points,
 )
 from edhas_jax.diagnosis.planning.planned_campaign import with_predicted_signals
-from edhas_jax.diagnosis.planning.signatures import CandidatePoints, SignatureGram, cosines
-from edhas_jax.diagnosis.search.candidates import build_problem, candidates_for
+from edhas_jax.diagnosis.planning.signature_gram import CandidatePoints, SignatureGram, cosines
+from edhas_jax.diagnosis.search.candidates import calibration_problem, candidates_for
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -115,7 +115,7 @@ def plan_detectability(
     report = on_progress or (lambda stage, share: None)
     campaign = checked_campaign(campaign)
     report("choosing the integration step", 0.0)
-    known = build_problem(campaign, campaign.machine, Instruments(), ()).unknowns
+    known = calibration_problem(campaign).unknowns
     model = MeasurementModel(campaign, campaign.machine, known, campaign.runs)
     steps = choose_time_resolution(model, np.zeros(len(known))).coarse
     campaign = with_predicted_signals(campaign, steps)

@@ -20,7 +20,7 @@ from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
 from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_curve
+from edhas_jax.diagnosis.search.free_curve import CurveCandidate, fitted_curve
 from edhas_jax.diagnosis.search.law_deviation import deviation_of
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm
 from edhas_jax.diagnosis.sets.bench_findings import bench_rows
@@ -260,7 +260,4 @@ def _rms_text(rms: float) -> str:
 def parameter_texts(candidate: Candidate, fitted: Fit) -> list[str]:
     """The parameters of a candidate in a fit as text, with standard errors and units."""
     own, machine = candidate.own_unknowns(fitted.problem.unknowns), fitted.problem.machine
-    return [
-        f"{name.replace('_', ' ')} {fitted.text(u.name, candidate.unit(u, machine))}"
-        for name, u in own.items()
-    ]
+    return [f"{name.replace('_', ' ')} {fitted.text(u.name, candidate.unit(u, machine))}" for name, u in own.items()]

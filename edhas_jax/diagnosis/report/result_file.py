@@ -12,7 +12,7 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json, values_of_runs_as_json
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
+from edhas_jax.diagnosis.search.free_curve import CurveCandidate
 from edhas_jax.diagnosis.search.memory_term import FREQUENCIES, TIMES, OscillatorTerm
 from edhas_jax.diagnosis.sets.bench_findings import clear_deviations
 from edhas_jax.diagnosis.sets.conclusions import conclusions, explains_little, outcome, what_is_left

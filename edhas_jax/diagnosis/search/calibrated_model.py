@@ -8,7 +8,7 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.calibration.unpredictable_part import unpredictable_part, with_unpredictable_part
 from edhas_jax.diagnosis.likelihood.slow_residuals import slow_excess
-from edhas_jax.diagnosis.search.candidates import build_problem
+from edhas_jax.diagnosis.search.candidates import calibration_problem
 from edhas_jax.diagnosis.search.evaluated_fit import (
     REFINEMENT,
     EvaluatedFit,
@@ -22,7 +22,6 @@ from edhas_jax.diagnosis.search.local_minima import fit_across_minima, fit_progr
 from edhas_jax.diagnosis.search.settled_fit import settle, without_wrong_samples
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.measurements.campaign import Campaign
-from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import (
     MAX_COARSE_ERROR_OVER_NOISE,
     TimeResolution,
@@ -56,7 +55,7 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
         FitError: there is nothing to fit, or the model cannot be fitted.
     """
     report = on_progress or (lambda sentence: None)
-    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    problem = calibration_problem(campaign)
     centre = start_coordinates(problem, {})
     report("choosing the time step")
     resolution = choose_time_resolution(problem.model(), centre)

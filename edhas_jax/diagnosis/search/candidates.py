@@ -1,20 +1,21 @@
-"""Candidate explanations of a misfit: effects that could be added to a machine, and faults of its sensors."""
+"""Candidate explanations of a misfit: effects that a machine may lack, faults of its sensors, and free terms."""
 
 import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
 from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem, SolverError, TimeError
+from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
 from edhas_jax.diagnosis.calibration.starts import spread_points
 from edhas_jax.diagnosis.likelihood.bench_deviations import bench_deviations
 from edhas_jax.machine.effects import LIBRARY, Effect, EffectError
+from edhas_jax.machine.effects.tabulated_law import LawPlace
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.interface.slots import is_used
 from edhas_jax.machine.rig_base import KindOfMachine, Rig
@@ -31,6 +32,7 @@ PRIOR_BOUND = 3.0  # bound of a fitted coordinate, in standard deviations of its
 PRIOR_BOUND_TOLERANCE = 0.05  # distance to the bound, in the same unit, that counts as at the bound
 MOST_ON_GRID = 3  # parameters of a law that is screened on a grid; one with more is screened at spread points:
 SPREAD_POINTS, SPREAD_HALF_WIDTH = 32, 1.5  # their number, and their range in prior standard deviations
+USUAL_COORDINATE = 1.5  # of a number of a free term, in standard deviations of its prior
 OFFSET_STD_SHARE = 0.05  # prior standard deviation of a sensor offset, as a share of the signal's range
 
 
@@ -137,6 +139,29 @@ class Candidate:
         return out
 
 
+@dataclasses.dataclass(frozen=True)
+class FreeTerm(Candidate):
+    """Something at a place of the machine that follows no law, linear in its free numbers; values in SI.
+
+    Args:
+        place: slot, variable and factors.
+        spread: prior standard deviation of each number.
+    """
+
+    place: LawPlace = LawPlace("", "")
+    spread: float = 1.0
+
+    @property
+    def text(self) -> str:
+        """Where the term acts and on what it depends, in words."""
+        raise NotImplementedError
+
+    @property
+    def title(self) -> str:
+        """See `Candidate.title`."""
+        return self.text
+
+
 def candidates_for(
     campaign: Campaign, machine: Rig, instruments: Instruments, more: Iterable[type[Effect]] = (),
     library: Iterable[type[Effect]] | None = None,
@@ -185,76 +210,29 @@ def _has_parts_for(of: KindOfMachine, kind: type[Effect]) -> bool:
     return set(kind.slots) <= set(of.machine.slots)
 
 
-def build_problem(
-    campaign: Campaign, machine: Rig, instruments: Instruments, accepted: Iterable[Candidate],
-    candidate: Candidate | None = None, solver_error: SolverError | None = None,
-    time_errors: Mapping[str, TimeError] | None = None,
-) -> FitProblem:  # fmt: skip
-    """Set up the fit of the uncertain parameters, of accepted candidates and of one more candidate.
+def calibration_problem(campaign: Campaign) -> FitProblem:
+    """The fit of the uncertain parameters of a campaign's model, with the deviations of the bench marginalised."""
+    unknowns = tuple(map(limit_to_prior_bound, uncertain_unknowns(campaign)))
+    return FitProblem(campaign, campaign.machine, unknowns, bench=bench_deviations(campaign, unknowns))
+
+
+def with_candidates(known: FitProblem, candidates: Iterable[Candidate]) -> FitProblem:
+    """The fit problem of a model with some candidates more: same measurements, solver error, corrected time.
 
     Args:
-        campaign: measurements and prior of the uncertain parameters.
-        machine: the model, with the accepted effects mounted.
-        instruments: the measurement chains, with the accepted sensor faults mounted.
-        accepted: candidates that are mounted already and whose parameters are fitted too.
-        candidate: candidate to mount and fit in addition.
-        solver_error: what a finer time step adds to the signals.
-        time_errors: what was added to the time stamps of the campaign's runs, by run.
-
-    Returns:
-        The fit problem, with the deviations of the bench marginalised; its unknowns are the uncertain parameters
-        first, then those of the candidates in order.
+        known: the fit problem of the model without them.
+        candidates: candidates to mount and fit in addition; their unknowns follow those of `known` in this order. An
+            uncertain parameter of the machine that has the name of a parameter of theirs is not fitted any more.
     """
-    accepted = list(accepted)
-    if candidate is not None:
+    machine, instruments, unknowns = known.machine, known.instruments, known.unknowns
+    for candidate in candidates:
         machine, instruments = candidate.mounted(machine, instruments)
-        accepted.append(candidate)
-    own = [u for c in accepted for u in c.unknowns(campaign)]
-    of_effects = {
-        u.name.removeprefix(c.prefix) for c in accepted if c.signal is None for u in c.unknowns(campaign)
-    }
-    uncertain = [limit_to_prior_bound(u) for u in uncertain_unknowns(campaign, machine) if u.name not in of_effects]
-    unknowns = (*uncertain, *own)
-    bench = bench_deviations(campaign, unknowns)
-    return FitProblem(
-        campaign, machine, unknowns, instruments, bench=bench, solver_error=solver_error, time_errors=time_errors or {}
-    )
-
-
-def with_candidate(known: FitProblem, accepted: Iterable[Candidate], candidate: Candidate) -> FitProblem:
-    """The fit problem of a model with one more candidate: same measurements, unknowns, solver error, corrected time.
-
-    Args:
-        known: the fit problem of the model without it.
-        accepted: candidates that this model has already.
-        candidate: candidate to mount and fit in addition.
-    """
-    problem = build_problem(
-        known.campaign, known.machine, known.instruments, accepted, candidate, known.solver_error, known.time_errors
-    )
-    before = {u.name: u for u in known.unknowns}
-    return dataclasses.replace(problem, unknowns=tuple(before.get(u.name, u) for u in problem.unknowns))
-
-
-def with_candidates(known: FitProblem, candidates: Sequence[Candidate]) -> FitProblem:
-    """Add several candidates to a model that has none, one after another, as `with_candidate` adds one."""
-    for k, candidate in enumerate(candidates):
-        known = with_candidate(known, candidates[:k], candidate)
-    return known
-
-
-def at_prior_means(unknowns: Iterable[UnknownParameter], accepted: Iterable[Candidate], x: np.ndarray) -> np.ndarray:
-    """Coordinates (n,) with the uncertain parameters of the machine at their prior means.
-
-    A model that lacks something is calibrated to parameters that stand in for it, far from the true ones.
-
-    Args:
-        unknowns: the unknowns of a fit.
-        accepted: candidates whose parameters stay.
-        x: coordinates (n,) of the unknowns.
-    """
-    prefixes = tuple(candidate.prefix for candidate in accepted)
-    return np.array([value if u.name.startswith(prefixes) else 0.0 for u, value in zip(unknowns, x, strict=True)])
+        taken = set() if candidate.signal is not None else {p.name for p in structs.parameters(candidate.kind)}
+        unknowns = (*(u for u in unknowns if u.name not in taken), *candidate.unknowns(known.campaign))
+    return dataclasses.replace(
+        known, machine=machine, instruments=instruments, unknowns=unknowns,
+        bench=bench_deviations(known.campaign, unknowns),
+    )  # fmt: skip
 
 
 def from_absence(unknown: UnknownParameter, span: tuple[float, float], fades: bool) -> UnknownParameter:

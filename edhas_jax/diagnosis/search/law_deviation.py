@@ -22,7 +22,7 @@ from edhas_jax.diagnosis.laws.deviation import AddedTerm, added_slopes, curve_co
 from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.law_samples import law_samples
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
+from edhas_jax.diagnosis.search.free_curve import CurveCandidate
 from edhas_jax.diagnosis.search.memory_term import MemoryTerm, memory_class
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class

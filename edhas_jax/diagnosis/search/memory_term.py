@@ -28,7 +28,7 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.deviation import AddedTerm, Columns, added_slopes
 from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.law_samples import samples_at_slots
-from edhas_jax.diagnosis.search.free_term import FreeTerm
+from edhas_jax.diagnosis.search.candidates import FreeTerm
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.base import state
 from edhas_jax.machine.effects.tabulated_law import LawPlace

@@ -8,7 +8,7 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.calibration.confounding import model_error_sentence, weak_combinations
 from edhas_jax.diagnosis.laws.curve_onset import is_smooth, onset
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
+from edhas_jax.diagnosis.search.free_curve import CurveCandidate
 from edhas_jax.diagnosis.sets.bench_findings import excessive_deviations
 from edhas_jax.diagnosis.sets.outcome import MUCH_LEFT, Outcome, evidence_text
 from edhas_jax.diagnosis.sets.result import Diagnosis, Verdict

@@ -17,14 +17,13 @@ from edhas_jax.diagnosis.search.checkpoint import Checkpoint
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.diagnosis.search.settled_fit import settle, with_recorded_time, without_wrong_samples
-from edhas_jax.diagnosis.search.stage_encoding import StageDecoder, StageEncoder
 from edhas_jax.diagnosis.search.tightened_bench import with_tightened_bench
 from edhas_jax.diagnosis.sets.finished_stage import CALIBRATED, stage_sentence
 from edhas_jax.diagnosis.sets.member_laws import with_member_laws
 from edhas_jax.diagnosis.sets.posterior import SetPosterior
 from edhas_jax.diagnosis.sets.result import Diagnosis
 from edhas_jax.diagnosis.sets.set_search import FittedSet, SetSearch
-from edhas_jax.diagnosis.sets.signature_table import signature_table
+from edhas_jax.diagnosis.sets.signatures import signature_table
 from edhas_jax.diagnosis.workers import Workers, own_classes
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
@@ -105,10 +104,9 @@ def diagnose(
 
 def _search(inputs: _Inputs) -> _Found:
     campaign, report = inputs.campaign, inputs.report
-    calibrated, resolution = inputs.checkpoint.stage(
-        f"{inputs.prefix}calibration", campaign, lambda: calibrate(campaign, report), StageEncoder.start,
-        StageDecoder.start,
-    )  # fmt: skip
+    calibrated, resolution = inputs.checkpoint.calibration(
+        f"{inputs.prefix}calibration", campaign, lambda: calibrate(campaign, report)
+    )
     report(stage_sentence(CALIBRATED, calibrated))
     fitted = calibrated.fit.problem
     candidates = candidates_for(campaign, fitted.machine, fitted.instruments, inputs.more, inputs.library)

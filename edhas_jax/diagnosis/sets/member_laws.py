@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.diagnosis.calibration.fit_problem import FitError
-from edhas_jax.diagnosis.search.candidates import Candidate, with_candidate
+from edhas_jax.diagnosis.search.candidates import Candidate, FreeTerm, with_candidates
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, noise_level
-from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation, deviation_columns, law_deviation, memory_columns
 from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel
 from edhas_jax.diagnosis.sets.set_search import log_student
@@ -54,19 +53,17 @@ def with_member_laws(
         resolution: coarse and fine time steps per sample.
         report: called with a sentence on the progress.
     """
-    found, mounted = [], list(members)
+    found = []
     for candidate in members:
         if candidate.signal is None and not isinstance(candidate, FreeTerm):
-            law, evaluated = _law_of(candidate, evaluated, mounted, resolution, report)
+            law, evaluated = _law_of(candidate, evaluated, resolution, report)
             found.append(law)
-            mounted += [] if law.curve is None else [law.curve]
     return tuple(found), evaluated
 
 
 def _law_of(
-    candidate: Candidate, evaluated: EvaluatedFit, mounted: Sequence[Candidate], resolution: TimeResolution,
-    report: Callable[[str], None],
-) -> tuple[MemberLaw, EvaluatedFit]:  # fmt: skip
+    candidate: Candidate, evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable[[str], None]
+) -> tuple[MemberLaw, EvaluatedFit]:
     """The law of one member, and the model with its curve where that was added."""
     library = _weighable(evaluated)
     if (columns := memory_columns(evaluated.fit, candidate)) is not None:
@@ -83,7 +80,7 @@ def _law_of(
         return as_in_library, evaluated
     report(f"{candidate.name}: fitting its law as a curve")
     curve = dataclasses.replace(curve, spread=factor * curve.spread)
-    problem = with_candidate(evaluated.fit.problem, mounted, curve)
+    problem = with_candidates(evaluated.fit.problem, [curve])
     start = np.concatenate([evaluated.fit.x, np.zeros(len(curve.nodes))])
     try:
         fitted = fit_coarse(problem, start, resolution.coarse, FIT_STEPS)

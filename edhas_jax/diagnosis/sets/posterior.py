@@ -4,8 +4,7 @@ import dataclasses
 import functools
 import math
 
-from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.free_term import FreeTerm
+from edhas_jax.diagnosis.search.candidates import Candidate, FreeTerm
 from edhas_jax.diagnosis.sets.outcome import MUCH_LEFT
 from edhas_jax.diagnosis.sets.set_search import FittedSet
 

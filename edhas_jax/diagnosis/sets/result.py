@@ -10,9 +10,8 @@ import numpy as np
 from edhas_jax.diagnosis.calibration.confounding import AssumedParameter
 from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.search.calibrated_model import misfit
-from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.search.candidates import Candidate, FreeTerm
 from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
-from edhas_jax.diagnosis.search.free_term import FreeTerm
 from edhas_jax.diagnosis.search.law_deviation import LawDeviation
 from edhas_jax.diagnosis.sets.member_laws import MemberLaw
 from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN, SetPosterior, labels

@@ -35,9 +35,8 @@ from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
 from edhas_jax.diagnosis.calibration.symmetric_matrices import inverse_factor
 from edhas_jax.diagnosis.search.calibrated_model import PROGRESSIVE_EXCESS
-from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
+from edhas_jax.diagnosis.search.candidates import USUAL_COORDINATE, Candidate, FreeTerm, with_candidates
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint
-from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
 from edhas_jax.diagnosis.search.evaluated_fit import (
     COST_TOLERANCE,
     EvaluatedFit,
@@ -45,13 +44,20 @@ from edhas_jax.diagnosis.search.evaluated_fit import (
     noise_level,
     start_coordinates,
 )
-from edhas_jax.diagnosis.search.free_term import USUAL_COORDINATE, FreeTerm
+from edhas_jax.diagnosis.search.free_curve import CurveCandidate
 from edhas_jax.diagnosis.search.law_deviation import DEVIATION_SHARE, law_at_nodes, law_deviation_columns
 from edhas_jax.diagnosis.search.local_minima import fit_progressively
-from edhas_jax.diagnosis.search.screening import MAX_SCALE, MIN_SCALE, SMALL_SIZE, Signatures, with_scaled_size
 from edhas_jax.diagnosis.sets.finished_stage import BEST, CALIBRATED, stage_sentence
 from edhas_jax.diagnosis.sets.linear_model import Floor, FlooredModel, LinearModel, floor_of
-from edhas_jax.diagnosis.sets.signature_table import FreeSlopes, SignatureTable
+from edhas_jax.diagnosis.sets.signatures import (
+    MAX_SCALE,
+    MIN_SCALE,
+    SMALL_SIZE,
+    FreeSlopes,
+    Signatures,
+    SignatureTable,
+    with_scaled_size,
+)
 from edhas_jax.diagnosis.workers import Workers
 from edhas_jax.measurements.time_resolution import TimeResolution
 
@@ -314,6 +320,14 @@ class SetSearch:
         for of in self.sets.values():
             of.log_weight = self.weight.of(of)
         return self.ranked()
+
+    def additions(self) -> list[Move]:
+        """The additions of one cause to the model that has none; without them where that is not finite."""
+        return [move for of in self.sets.values() if not of.members for move in self._predicted_moves(of)]
+
+    def fit_of(self, move: Move) -> FittedSet | None:
+        """The best fit of the set to which a move leads; None where the model fails."""
+        return self.best_fit(self._job(move))
 
     def ranked(self) -> list[FittedSet]:
         """All sets that were fitted, the one with the largest weight first."""

@@ -1,13 +1,13 @@
-"""The score test: a fit begins near the size that explains most, whichever way a parameter makes an effect large."""
+"""Signatures: a fit begins near the size that explains most, whichever way a parameter makes an effect large."""
 
 import numpy as np
 import pytest
 
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidate_fit import fit_with_candidate
 from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.screening import ScoreTest, with_scaled_size
+from edhas_jax.diagnosis.sets.set_search import SetSearch
+from edhas_jax.diagnosis.sets.signatures import SignatureSimulator, signature_table, with_scaled_size
 from edhas_jax.machine.effects import CoilHeating, InverterDeadTime, MagneticSaturation
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
@@ -27,8 +27,9 @@ def calibrated():
 
 def test_a_signature_grows_or_vanishes_with_the_first_parameter(calibrated):
     """A larger dead time changes the signals more; a larger saturation current or heat capacity changes them less."""
-    test = ScoreTest(calibrated[0].fit, ())
-    exponents = [test.score(Candidate(kind)).exponent for kind in (InverterDeadTime, MagneticSaturation, CoilHeating)]
+    simulator = SignatureSimulator(calibrated[0].fit)
+    kinds = InverterDeadTime, MagneticSaturation, CoilHeating
+    exponents = [simulator.signatures(Candidate(kind)).exponent for kind in kinds]
     assert exponents[0] == pytest.approx(1.0, abs=0.2)
     assert exponents[1] <= -0.5 and exponents[2] <= -0.5
 
@@ -39,11 +40,13 @@ def test_a_smaller_signature_of_a_saturation_has_a_larger_current(calibrated):
     assert unknown.value(x[0]) == pytest.approx(2.0 * unknown.value(0.0))
 
 
-def test_a_saturation_is_found_from_the_score(calibrated):
+def test_a_saturation_is_found_from_its_signatures(calibrated):
     model, resolution = calibrated
-    score = ScoreTest(model.fit, ()).score(Candidate(MagneticSaturation))
+    table = signature_table(model.fit, [Candidate(MagneticSaturation)], print, with_free_terms=False)
+    search = SetSearch(model, table, resolution, print)
+    (move,) = search.additions()
     (unknown,) = Candidate(MagneticSaturation).unknowns(model.fit.problem.campaign)
-    assert unknown.value(score.x[0]) == pytest.approx(SATURATION, rel=0.3)
-    found = fit_with_candidate(model, (), score, resolution, 12)
+    assert unknown.value(move.start[0]) == pytest.approx(SATURATION, rel=0.3)
+    found = search.fit_of(move).evaluated
     assert found.fit.values["magnetic_saturation.saturation_current"] == pytest.approx(SATURATION, rel=0.01)
     assert found.excess < 1e-3 * model.excess
