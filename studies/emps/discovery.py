@@ -29,13 +29,13 @@ from scipy.signal import butter, filtfilt
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
+from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.diagnosis.report.report import parameter_texts
-from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.result import Diagnosis
-from edhas_jax.diagnosis.sets.set_search import SetSearch
-from edhas_jax.diagnosis.sets.signatures import signature_table
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.diagnosis.search.set_search import SetSearch
+from edhas_jax.diagnosis.search.signatures import signature_table
+from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign

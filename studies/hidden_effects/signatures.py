@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid
+from edhas_jax.diagnosis.candidates.candidate import Candidate, screening_grid
+from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.measurements.campaign import BenchRun
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel

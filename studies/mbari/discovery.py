@@ -31,11 +31,11 @@ from rich.table import Table
 
 import edhas_jax as edhas
 from edhas_jax.config.writer import dump_config
-from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, with_effect
-from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound, candidates_for
-from edhas_jax.diagnosis.sets.conclusions import conclusions
-from edhas_jax.diagnosis.sets.set_search import SetSearch
-from edhas_jax.diagnosis.sets.signatures import signature_table
+from edhas_jax.diagnosis.candidates.candidate import Candidate, at_prior_bound, candidates_for
+from edhas_jax.diagnosis.report.conclusions import conclusions
+from edhas_jax.diagnosis.search.chosen_effects import ChosenModel, calibrated_model, with_effect
+from edhas_jax.diagnosis.search.set_search import SetSearch
+from edhas_jax.diagnosis.search.signatures import signature_table
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign

@@ -27,12 +27,13 @@ import numpy as np
 import edhas_jax as edhas
 from edhas_jax.config.recorded_signal import recorded_from_samples
 from edhas_jax.config.writer import dump_config
-from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.fit import fit as calibration
-from edhas_jax.diagnosis.search.candidates import Candidate, calibration_problem, with_candidates
-from edhas_jax.diagnosis.search.free_curve import CurveCandidate
+from edhas_jax.diagnosis.candidates.candidate import Candidate, with_candidates
+from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate
+from edhas_jax.diagnosis.report.conclusions import conclusions
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
-from edhas_jax.diagnosis.sets.conclusions import conclusions
+from edhas_jax.inference.fit.fit import Fit
+from edhas_jax.inference.fit.fit import fit as calibration
+from edhas_jax.inference.fit.fit_problem import calibration_problem
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.accuracy import BenchAccuracy, SensorAccuracy
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use

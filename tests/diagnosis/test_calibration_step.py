@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from edhas_jax.diagnosis.search import calibrated_model
-from edhas_jax.diagnosis.search.calibrated_model import _regular_steps, _with_accurate_step
-from edhas_jax.diagnosis.search.candidates import calibration_problem
-from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
+from edhas_jax.inference.fit import calibrated_model
+from edhas_jax.inference.fit.calibrated_model import _regular_steps, _with_accurate_step
+from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
+from edhas_jax.inference.fit.fit_problem import calibration_problem
 from edhas_jax.measurements.time_resolution import TimeResolution, step_error
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 

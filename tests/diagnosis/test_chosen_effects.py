@@ -8,12 +8,12 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.core import structs
 from edhas_jax.core.units import estimate_text
-from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.result import estimates_as_json
-from edhas_jax.diagnosis.chosen_effects import calibrated_model, fit_with_effects, with_effect
-from edhas_jax.diagnosis.search.candidates import Candidate, from_absence
-from edhas_jax.diagnosis.sets.set_search import SetSearch
-from edhas_jax.diagnosis.sets.signatures import signature_table
+from edhas_jax.diagnosis.candidates.candidate import Candidate, from_absence
+from edhas_jax.diagnosis.search.chosen_effects import calibrated_model, fit_with_effects, with_effect
+from edhas_jax.diagnosis.search.set_search import SetSearch
+from edhas_jax.diagnosis.search.signatures import signature_table
+from edhas_jax.inference.fit.fit import Fit
+from edhas_jax.inference.fit.result import estimates_as_json
 from edhas_jax.machine.effects import (
     LIBRARY,
     EddyDrag,

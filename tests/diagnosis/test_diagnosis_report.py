@@ -13,22 +13,21 @@ import pytest
 from edhas_jax.core import structs
 from edhas_jax.core.summary import SummaryTable, Tone, Toned, plain
 from edhas_jax.core.units import format_quantity, format_with_error
-from edhas_jax.diagnosis.calibration.unpredictable_part import with_unpredictable_part
+from edhas_jax.diagnosis.candidates.candidate import Candidate, with_candidates
+from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate
+from edhas_jax.diagnosis.report.conclusions import Outcome, conclusions, evidence_text, outcome
 from edhas_jax.diagnosis.report.machine_schematic import draw_schematic, probability_colour
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import diagnosis_report, law_curve, law_sentence, write_report
 from edhas_jax.diagnosis.report.residual_stages import draw_waterfall, residual_stages
 from edhas_jax.diagnosis.report.result_file import as_json
-from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
-from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
-from edhas_jax.diagnosis.search.candidates import Candidate, calibration_problem, with_candidates
-from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
-from edhas_jax.diagnosis.search.free_curve import CurveCandidate
-from edhas_jax.diagnosis.sets.conclusions import conclusions, outcome
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.outcome import Outcome, evidence_text
-from edhas_jax.diagnosis.sets.posterior import SetPosterior
-from edhas_jax.diagnosis.sets.result import Verdict
+from edhas_jax.diagnosis.report.sensor_fault import draw_sensor_fault, estimate_sensor_error
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.posterior import SetPosterior
+from edhas_jax.diagnosis.search.result import Verdict
+from edhas_jax.inference.fit.evaluated_fit import fit_coarse
+from edhas_jax.inference.fit.fit_problem import calibration_problem
+from edhas_jax.inference.fit.unpredictable_part import with_unpredictable_part
 from edhas_jax.machine.effects import ConstantBiasForce, ForceConstantDroop, InverterDeadTime
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.machine.rigs import RIGS

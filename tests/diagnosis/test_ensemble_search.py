@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.diagnosis.calibration.ensemble_search import minimise_by_ensemble
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem, quadratic_model
-from edhas_jax.diagnosis.calibration.unpredictable_part import unpredictable_part, with_unpredictable_part
-from edhas_jax.diagnosis.search.candidates import calibration_problem
 from edhas_jax.diagnosis.search.checkpoint import fit_as_plain, fit_of_plain
-from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
+from edhas_jax.inference.fit.ensemble_search import minimise_by_ensemble
+from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
+from edhas_jax.inference.fit.fit_problem import FitProblem, calibration_problem, quadratic_model
+from edhas_jax.inference.fit.unpredictable_part import unpredictable_part, with_unpredictable_part
 from edhas_jax.measurements.measurement_model import EvaluationPoint, PredictedSignals
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 

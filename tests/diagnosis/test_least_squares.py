@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from edhas_jax.diagnosis.calibration import least_squares
-from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
-from edhas_jax.diagnosis.calibration.symmetric_matrices import log_determinant, regularised_inverse, square_root
+from edhas_jax.inference.fit import least_squares
+from edhas_jax.inference.fit.least_squares import QuadraticModel, levenberg_marquardt
+from edhas_jax.inference.likelihood.symmetric_matrices import log_determinant, regularised_inverse, square_root
 from tests.support import ROOT
 
 UNBOUNDED = np.full(2, -np.inf), np.full(2, np.inf)

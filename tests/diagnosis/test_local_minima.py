@@ -7,10 +7,11 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.likelihood.bench_deviations import BenchDeviations
-from edhas_jax.diagnosis.search.candidates import Candidate, calibration_problem, with_candidates
-from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
-from edhas_jax.diagnosis.search.local_minima import RUN_FRACTIONS, fit_progressively
+from edhas_jax.diagnosis.candidates.candidate import Candidate, with_candidates
+from edhas_jax.inference.fit.evaluated_fit import fit_coarse
+from edhas_jax.inference.fit.fit_problem import calibration_problem
+from edhas_jax.inference.fit.local_minima import RUN_FRACTIONS, fit_progressively
+from edhas_jax.inference.likelihood.bench_deviations import BenchDeviations
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage, SuctionLineInertance
 from edhas_jax.measurements.campaign import Channel, Use
 from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise

@@ -8,10 +8,10 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.core.structs import par
-from edhas_jax.diagnosis.calibration.fit import fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
-from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
-from edhas_jax.diagnosis.calibration.parameter_order import LinearConstraints, order_constraints
+from edhas_jax.inference.fit.fit import fit
+from edhas_jax.inference.fit.fit_problem import FitProblem
+from edhas_jax.inference.fit.least_squares import QuadraticModel, levenberg_marquardt
+from edhas_jax.inference.fit.parameter_order import LinearConstraints, order_constraints
 from edhas_jax.machine.effects import Effect, EffectError
 from edhas_jax.machine.effects.validation import check_declaration
 from edhas_jax.machine.parameters import ParameterError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.diagnosis.likelihood.residual_outliers import without_missing, without_outliers
+from edhas_jax.inference.likelihood.residual_outliers import without_missing, without_outliers
 from edhas_jax.machine.effects import LugreFriction
 from edhas_jax.measurements.campaign import Channel, Use
 from edhas_jax.measurements.synthetic_campaign import PlannedRun, planned_campaign

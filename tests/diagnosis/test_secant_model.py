@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt, stacked_models
-from edhas_jax.diagnosis.calibration.secant_model import SecantModel
-from edhas_jax.diagnosis.search.candidates import calibration_problem
-from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
+from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
+from edhas_jax.inference.fit.fit_problem import calibration_problem
+from edhas_jax.inference.fit.least_squares import QuadraticModel, levenberg_marquardt, stacked_models
+from edhas_jax.inference.fit.secant_model import SecantModel
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 
 TRUTH = {"coil_resistance": 1.45, "force_constant": 24.2, "mover_damping": 25.0, "coulomb_friction": 3.2}

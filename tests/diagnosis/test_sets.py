@@ -8,12 +8,13 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.search.candidates import Candidate, calibration_problem
-from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.linear_model import Floor, LinearModel, effective_samples, floor_of
-from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN, SetPosterior, labels
-from edhas_jax.diagnosis.sets.set_search import FREEDOMS, FittedSet, Weighing, log_student
+from edhas_jax.diagnosis.candidates.candidate import Candidate
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.linear_model import Floor, LinearModel, effective_samples, floor_of
+from edhas_jax.diagnosis.search.posterior import NOTHING, UNKNOWN, SetPosterior, labels
+from edhas_jax.diagnosis.search.set_search import FREEDOMS, FittedSet, Weighing, log_student
+from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
+from edhas_jax.inference.fit.fit_problem import calibration_problem
 from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, MagneticSaturation
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 

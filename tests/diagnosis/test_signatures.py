@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.sets.set_search import SetSearch
-from edhas_jax.diagnosis.sets.signatures import SignatureSimulator, signature_table, with_scaled_size
+from edhas_jax.diagnosis.candidates.candidate import Candidate
+from edhas_jax.diagnosis.search.set_search import SetSearch
+from edhas_jax.diagnosis.search.signatures import SignatureSimulator, signature_table, with_scaled_size
+from edhas_jax.inference.fit.calibrated_model import calibrate
 from edhas_jax.machine.effects import CoilHeating, InverterDeadTime, MagneticSaturation
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 

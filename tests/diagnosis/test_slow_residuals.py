@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from edhas_jax.diagnosis.likelihood.slow_residuals import slow_excess
-from edhas_jax.diagnosis.likelihood.whitening import innovation_share
-from edhas_jax.diagnosis.search.evaluated_fit import remaining
+from edhas_jax.inference.fit.evaluated_fit import remaining
+from edhas_jax.inference.likelihood.slow_residuals import slow_excess
+from edhas_jax.inference.likelihood.whitening import innovation_share
 from edhas_jax.measurements.campaign import Channel
 from tests.support.synthetic_campaign import empty_campaign
 

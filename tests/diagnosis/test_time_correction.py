@@ -8,23 +8,22 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
-from edhas_jax.diagnosis.likelihood.bench_deviations import (
-    DeviationKind,
-    bench_deviations,
-    clock_degree,
-    deviation_columns,
-)
-from edhas_jax.diagnosis.likelihood.time_correction import (
+from edhas_jax.diagnosis.search.checkpoint import fit_as_plain, fit_of_plain
+from edhas_jax.inference.fit.calibrated_model import calibrate
+from edhas_jax.inference.fit.fit_problem import FitProblem, calibration_problem
+from edhas_jax.inference.fit.time_correction import (
     added,
     time_error,
     with_clock_error,
     with_corrected_time,
     with_time_errors,
 )
-from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidates import calibration_problem
-from edhas_jax.diagnosis.search.checkpoint import fit_as_plain, fit_of_plain
+from edhas_jax.inference.likelihood.bench_deviations import (
+    DeviationKind,
+    bench_deviations,
+    clock_degree,
+    deviation_columns,
+)
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import PredictedSignals

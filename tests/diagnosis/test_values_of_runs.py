@@ -7,11 +7,11 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
-from edhas_jax.diagnosis.calibration.fit import fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
-from edhas_jax.diagnosis.search.calibrated_model import calibrate
 from edhas_jax.diagnosis.search.checkpoint import fit_as_plain, fit_of_plain
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
+from edhas_jax.inference.fit.calibrated_model import calibrate
+from edhas_jax.inference.fit.fit import fit
+from edhas_jax.inference.fit.fit_problem import FitProblem
 from edhas_jax.measurements.campaign import BenchRun, CampaignError
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign

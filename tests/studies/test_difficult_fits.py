@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from edhas_jax.diagnosis.calibration.unpredictable_part import unpredictable_part
-from edhas_jax.diagnosis.search.calibrated_model import CALIBRATION_STEPS, calibrate, misfit
-from edhas_jax.diagnosis.search.candidates import calibration_problem
-from edhas_jax.diagnosis.search.evaluated_fit import find_minima
+from edhas_jax.diagnosis.search.diagnose import diagnose
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
-from edhas_jax.diagnosis.sets.diagnose import diagnose
+from edhas_jax.inference.fit.calibrated_model import CALIBRATION_STEPS, calibrate, misfit
+from edhas_jax.inference.fit.evaluated_fit import find_minima
+from edhas_jax.inference.fit.fit_problem import calibration_problem
+from edhas_jax.inference.fit.unpredictable_part import unpredictable_part
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.time_resolution import MAX_DERIVATIVE, choose_time_resolution

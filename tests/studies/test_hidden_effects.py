@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid
+from edhas_jax.diagnosis.candidates.candidate import Candidate, screening_grid
+from edhas_jax.inference.fit.calibrated_model import calibrate
 from edhas_jax.machine.effects import (
     CoggingForce,
     EntrainedAir,

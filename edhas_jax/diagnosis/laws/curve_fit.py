@@ -13,15 +13,15 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.calibration.fit import CORRECTION_REFINEMENT, Fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
-from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.diagnosis.laws.curve_basis import fit_values
 from edhas_jax.diagnosis.laws.curve_prior import CurvePrior, PriorChoice, choose_prior, without_others
 from edhas_jax.diagnosis.laws.curve_start import CurveStart, start_beside_law, start_from_nothing, with_law_of
 from edhas_jax.diagnosis.laws.law_curve import LawCurve, curve_name
 from edhas_jax.diagnosis.laws.law_samples import law_samples
 from edhas_jax.diagnosis.laws.linearised_model import Linearisation, PointEvaluator, bounded_minimum
+from edhas_jax.inference.fit.fit import CORRECTION_REFINEMENT, Fit
+from edhas_jax.inference.fit.fit_problem import FitError, FitProblem
+from edhas_jax.inference.likelihood.symmetric_matrices import regularised_inverse
 from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable
 from edhas_jax.machine.interface.slots import Rule
 from edhas_jax.machine.parameters import find_parameter

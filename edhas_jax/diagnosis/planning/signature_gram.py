@@ -16,10 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.least_squares import OVERFLOW_LIMIT
-from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
-from edhas_jax.diagnosis.search.candidates import Candidate, calibration_problem
-from edhas_jax.diagnosis.sets.signatures import signals_with
+from edhas_jax.diagnosis.candidates.candidate import Candidate
+from edhas_jax.diagnosis.search.signatures import signals_with
+from edhas_jax.inference.fit.fit_problem import calibration_problem
+from edhas_jax.inference.fit.least_squares import OVERFLOW_LIMIT
+from edhas_jax.inference.likelihood.symmetric_matrices import regularised_inverse
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
 

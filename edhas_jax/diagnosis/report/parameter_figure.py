@@ -3,8 +3,8 @@
 import numpy as np
 
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
-from edhas_jax.diagnosis.calibration.figures import PRIOR_COLOUR
-from edhas_jax.diagnosis.sets.result import Diagnosis
+from edhas_jax.diagnosis.report.calibration_figures import PRIOR_COLOUR
+from edhas_jax.diagnosis.search.result import Diagnosis
 
 CALIBRATED_COLOUR = COLOURS[4]
 Z_95 = 1.96  # standard errors on either side of a 95 % interval

@@ -23,13 +23,13 @@ from edhas_jax.config.writer import dump_config
 from edhas_jax.core import runtime
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.design.sweep.identity import effect_code, versions
-from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.unpredictable_part import with_unpredictable_part
-from edhas_jax.diagnosis.likelihood.bench_estimate import BenchEstimate
-from edhas_jax.diagnosis.likelihood.residual_outliers import without_missing
-from edhas_jax.diagnosis.likelihood.time_correction import with_clock_error, with_corrected_time
-from edhas_jax.diagnosis.search.candidates import calibration_problem
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
+from edhas_jax.inference.fit.fit import Fit
+from edhas_jax.inference.fit.fit_problem import calibration_problem
+from edhas_jax.inference.fit.time_correction import with_clock_error, with_corrected_time
+from edhas_jax.inference.fit.unpredictable_part import with_unpredictable_part
+from edhas_jax.inference.likelihood.bench_estimate import BenchEstimate
+from edhas_jax.inference.likelihood.residual_outliers import without_missing
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign, Spread
 from edhas_jax.measurements.measurement_model import PredictedSignals
@@ -38,7 +38,7 @@ from edhas_jax.simulation.run import Simulation
 
 CHECKPOINT_FOLDER = "unfinished"  # within the output folder
 IDENTITY_FILE = "identity.json"
-CODE_PACKAGES = ("core", "compiler", "machine", "simulation", "config", "measurements", "diagnosis")
+CODE_PACKAGES = ("core", "compiler", "machine", "simulation", "config", "measurements", "inference", "diagnosis")
 ARRAY = "array"  # begins the list that stands for an array, followed by its name
 
 

@@ -15,9 +15,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import FitError
-from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates, with_solver_error
+from edhas_jax.diagnosis.candidates.candidate import Candidate, with_candidates
+from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates, with_solver_error
+from edhas_jax.inference.fit.fit import FitError
 from edhas_jax.measurements.time_resolution import TimeResolution
 from studies.hidden_effects.answers import NOTHING, Answer
 from studies.hidden_effects.calibrated_case import CalibratedCase, exact_fit
