@@ -11,10 +11,10 @@ from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.report.calibration_figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
 from edhas_jax.diagnosis.report.calibration_report import fit_report
+from edhas_jax.inference.fit.calibration import NOT_CONVERGED, Calibration, campaign_residuals, save_calibration
 from edhas_jax.inference.fit.confounding import assumed_parameters
 from edhas_jax.inference.fit.fit import fit as calibrate
 from edhas_jax.inference.fit.fit_problem import FitError, FitProblem
-from edhas_jax.inference.fit.result import NOT_CONVERGED, Calibration, campaign_residuals, save_calibration
 from edhas_jax.inference.fit.uncertainty import fit_each_run, profile_likelihood
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_reader import as_campaign

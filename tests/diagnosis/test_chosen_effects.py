@@ -12,8 +12,8 @@ from edhas_jax.diagnosis.candidates.candidate import Candidate, from_absence
 from edhas_jax.diagnosis.search.chosen_effects import calibrated_model, fit_with_effects, with_effect
 from edhas_jax.diagnosis.search.set_search import SetSearch
 from edhas_jax.diagnosis.search.signatures import signature_table
+from edhas_jax.inference.fit.calibration import estimates_as_json
 from edhas_jax.inference.fit.fit import Fit
-from edhas_jax.inference.fit.result import estimates_as_json
 from edhas_jax.machine.effects import (
     LIBRARY,
     EddyDrag,

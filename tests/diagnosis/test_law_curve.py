@@ -14,16 +14,16 @@ from edhas_jax.commands.cli import main
 from edhas_jax.config.law_file import read_law_file
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.laws.added_terms import curve_columns
+from edhas_jax.diagnosis.laws.added_terms import added_slopes, curve_term
 from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
 from edhas_jax.diagnosis.laws.curve_fit import estimate_free_curve, estimate_law_curve, exact_steps
 from edhas_jax.diagnosis.laws.curve_onset import is_smooth, onset
 from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
 from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.model_files import write_curve_model
+from edhas_jax.inference.fit.calibration import campaign_residuals
 from edhas_jax.inference.fit.fit import fit
 from edhas_jax.inference.fit.fit_problem import FitProblem
-from edhas_jax.inference.fit.result import campaign_residuals
 from edhas_jax.machine.effects import (
     LIBRARY,
     ConstantBiasForce,
@@ -119,7 +119,7 @@ def test_a_law_that_differs_is_replaced(dead_time):
 
 def test_columns_are_derivatives_of_the_signals(bumps):
     campaign, without, _ = bumps
-    slopes = curve_columns(without, POSITION, NODES)
+    (slopes,) = added_slopes(without, [curve_term(POSITION, NODES, "curve")])
     assert len(slopes) == len(campaign.runs_for(Use.FIT)) and slopes[0]["current"].shape == (401, len(NODES))
     k, step = 5, 1e-3
     ends = []

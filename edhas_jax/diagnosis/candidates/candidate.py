@@ -11,7 +11,7 @@ import numpy as np
 from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
 from edhas_jax.inference.fit.fit import Fit
-from edhas_jax.inference.fit.fit_problem import PRIOR_BOUND, FitProblem, limit_to_prior_bound
+from edhas_jax.inference.fit.fit_problem import CALIBRATION_BOUND, FitProblem, limit_to_prior_bound
 from edhas_jax.inference.fit.starts import spread_points
 from edhas_jax.inference.likelihood.bench_deviations import bench_deviations
 from edhas_jax.machine.effects import LIBRARY, Effect, EffectError
@@ -243,18 +243,18 @@ def from_absence(unknown: UnknownParameter, span: tuple[float, float], fades: bo
     low, high = unknown.span
     if fades:
         return dataclasses.replace(
-            unknown, centre=math.inf, spread=1.0 / (PRIOR_BOUND * low), span=(low, span[1]),
+            unknown, centre=math.inf, spread=1.0 / (CALIBRATION_BOUND * low), span=(low, span[1]),
             scale=ParameterScale.RECIPROCAL,
         )  # fmt: skip
     span = max(span[0], -high), high
     return dataclasses.replace(
-        unknown, centre=0.0, spread=high / PRIOR_BOUND, span=span, scale=ParameterScale.LINEAR
+        unknown, centre=0.0, spread=high / CALIBRATION_BOUND, span=span, scale=ParameterScale.LINEAR
     )  # fmt: skip
 
 
 def at_prior_bound(candidate: Candidate, fit: Fit) -> list[str]:
     """Names of a candidate's parameters whose estimate is 3 prior standard deviations from the prior mean."""
-    limit = PRIOR_BOUND - PRIOR_BOUND_TOLERANCE
+    limit = CALIBRATION_BOUND - PRIOR_BOUND_TOLERANCE
     return [name for name, x in candidate.own_coordinates(fit).items() if abs(x) > limit]
 
 

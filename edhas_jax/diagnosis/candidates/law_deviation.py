@@ -18,7 +18,7 @@ import numpy as np
 from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate
 from edhas_jax.diagnosis.candidates.memory_term import MemoryTerm, memory_class
-from edhas_jax.diagnosis.laws.added_terms import AddedTerm, added_slopes, curve_columns
+from edhas_jax.diagnosis.laws.added_terms import AddedTerm, added_slopes, curve_term
 from edhas_jax.diagnosis.laws.curve_basis import basis, free_nodes
 from edhas_jax.diagnosis.laws.curve_start import start_beside_law
 from edhas_jax.diagnosis.laws.law_places import law_places
@@ -104,7 +104,7 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
     """
     runs, free = fit.problem.model().runs, {c.of for c in accepted if isinstance(c, LawDeviation)}
     found = [law_deviation(fit, candidate) for candidate in accepted if candidate.id not in free]
-    parts = [deviation_columns(fit, d) for d in found if d is not None]
+    parts = [curve_columns(fit, d) for d in found if d is not None]
     parts += [memory_columns(fit, candidate) for candidate in accepted]
     parts = [columns for columns in parts if columns is not None]
     return [
@@ -116,9 +116,10 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
     ]
 
 
-def deviation_columns(fit: Fit, deviation: LawDeviation) -> list[dict[str, np.ndarray]] | None:
+def curve_columns(fit: Fit, deviation: LawDeviation) -> list[dict[str, np.ndarray]] | None:
     """The change of the signals by one prior standard deviation at each node; None where that is not finite."""
-    return _scaled(curve_columns(fit, deviation.place, np.array(deviation.nodes), deviation.id), deviation.spread)
+    (slopes,) = added_slopes(fit, [curve_term(deviation.place, np.array(deviation.nodes), deviation.id)])
+    return _scaled(slopes, deviation.spread)
 
 
 def memory_columns(fit: Fit, candidate: Candidate) -> list[dict[str, np.ndarray]] | None:

@@ -24,24 +24,14 @@ class AddedTerm(NamedTuple):
 Columns = tuple[dict[str, np.ndarray], ...]  # by fitted run and signal (samples, n) in SI
 
 
-def curve_columns(fit: Fit, place: LawPlace, nodes: np.ndarray, name: str = "free_curve") -> Columns:
-    """The derivatives of all signals by the values of a curve that is added to the model of a fit.
+def curve_term(place: LawPlace, nodes: np.ndarray, name: str) -> AddedTerm:
+    """A curve that changes nothing yet, with its values as unknowns.
 
     Args:
-        fit: the fit; its model may have an effect at the place already, to which the curve is then a deviation.
-        place: slot, variable and factors of the curve.
+        place: slot, variable and factors of the curve; where an effect acts there already, it is a deviation from that.
         nodes: nodes (n,) in SI.
         name: id of the curve as an effect; programs are compiled for each name.
-
-    Returns:
-        By fitted run and signal (samples, n), in the unit of the signal per unit of the curve's values (SI), without
-        the part that the other unknowns could reproduce being removed; NaN where the simulation failed.
     """
-    return added_slopes(fit, [curve_term(place, nodes, name)])[0]
-
-
-def curve_term(place: LawPlace, nodes: np.ndarray, name: str) -> AddedTerm:
-    """A curve that changes nothing yet, with its values as unknowns; arguments as of `curve_columns`."""
     count = len(nodes)
     table = LawTable(name, place, np.asarray(nodes, float), np.full(count, place.neutral))
     unknowns = tuple(
@@ -64,7 +54,8 @@ def added_slopes(fit: Fit, terms: Sequence[AddedTerm]) -> list[Columns]:
         terms: the terms.
 
     Returns:
-        For each term, by fitted run and signal (samples, n), in the unit of the signal per unit coordinate.
+        For each term, by fitted run and signal (samples, n), in the unit of the signal per unit coordinate, without the
+        part that the other unknowns could reproduce being removed; NaN where the simulation failed.
     """
     machine = structs.replace(fit.machine, effects=(*fit.machine.effects, *(term.effect for term in terms)))
     unknowns = tuple(u for term in terms for u in term.unknowns)

@@ -28,9 +28,9 @@ from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
-MAX_STEPS = 12  # linearisations of one search
+MAX_LINEARISATIONS = 12  # linearisations of one search
 # of the steps that are compared, over the diagonal of the curvature
-DAMPINGS = np.array([0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0])
+CURVE_DAMPINGS = np.array([0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0])
 COARSE_TOLERANCE, FINE_TOLERANCE = 5.0, 1.0  # fall of ½χ² below which a search has converged
 
 
@@ -181,13 +181,14 @@ def _search(
     at = evaluator.linearise(x)
     if not at.is_finite:
         raise FitError("the model with a free curve fails (it is not finite, or leaves its physical range)")
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_LINEARISATIONS):
         choice = _choose_prior(at, nodes)
         whole = _with_prior(at, choice.prior, nodes)
         report(f"fitting the curve: ½χ² {at.cost:.0f}")
         scale = np.diag(np.diag(whole.curvature))
         points = np.array([
-            bounded_minimum(problem, at.x, whole.gradient, whole.curvature + damping * scale) for damping in DAMPINGS
+            bounded_minimum(problem, at.x, whole.gradient, whole.curvature + damping * scale)
+            for damping in CURVE_DAMPINGS
         ])  # fmt: skip
         costs = evaluator.costs(points, at) + np.array([_prior_cost(point, choice.prior, nodes) for point in points])
         best = int(np.argmin(costs))

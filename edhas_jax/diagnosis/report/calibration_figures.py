@@ -5,7 +5,7 @@ import numpy as np
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import display_unit, from_si
-from edhas_jax.inference.fit.result import DRIFT_SCORE, IMPLAUSIBLE_DISTANCE, Calibration
+from edhas_jax.inference.fit.calibration import DRIFT_SCORE, IMPLAUSIBLE_DISTANCE, Calibration
 from edhas_jax.inference.fit.uncertainty import CHI2_95
 
 PRIOR_COLOUR = "#d8dee4"

@@ -3,7 +3,7 @@
 from edhas_jax.core import html_page
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.report.calibration_figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
-from edhas_jax.inference.fit.result import Calibration
+from edhas_jax.inference.fit.calibration import Calibration
 from edhas_jax.measurements.campaign import Use, count_runs
 from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
 from edhas_jax.measurements.residuals import rms_over_noise

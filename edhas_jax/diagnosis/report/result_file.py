@@ -14,10 +14,10 @@ from edhas_jax.diagnosis.report.bench_findings import clear_deviations
 from edhas_jax.diagnosis.report.conclusions import conclusions, evidence_text, explains_little, outcome, what_is_left
 from edhas_jax.diagnosis.search.member_laws import MemberLaw
 from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.inference.fit.calibration import CONFIG_FILE, estimates_as_json, values_of_runs_as_json
 from edhas_jax.inference.fit.confounding import confounding_as_json, weak_combinations
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.inference.fit.model_file import write_model_file
-from edhas_jax.inference.fit.result import CONFIG_FILE, estimates_as_json, values_of_runs_as_json
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.campaign_reader import OF_RUNS
 from edhas_jax.measurements.checks.data_summary import data_as_json

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,11 @@ from edhas_jax.diagnosis.candidates.candidate import (
 from edhas_jax.diagnosis.search.posterior import CONFOUNDED_ODDS
 from edhas_jax.diagnosis.search.set_search import SetSearch
 from edhas_jax.diagnosis.search.signatures import signature_table
-from edhas_jax.inference.fit.calibrated_model import calibrate
+from edhas_jax.inference.fit.calibrated_model import Report, calibrate
+from edhas_jax.inference.fit.calibration import estimates_as_json, values_of_runs_as_json
 from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit, fit_coarse
 from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.inference.fit.model_file import write_model_file
-from edhas_jax.inference.fit.result import estimates_as_json, values_of_runs_as_json
 from edhas_jax.inference.fit.settled_fit import settle
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign, Use
@@ -34,7 +34,6 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 from edhas_jax.measurements.unknown_parameters import ParameterScale
 
 CANDIDATE_STEPS = 12  # maximum number of Levenberg-Marquardt steps
-Report = Callable[[str], None]
 USES = {Use.FIT: "fitted runs", Use.HOLDOUT: "held-out runs"}
 
 

@@ -4,7 +4,7 @@ Runs that are held out decide nothing: the residual on them is the final figure.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import Executor
 from typing import NamedTuple
 
@@ -19,10 +19,10 @@ from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.set_search import FittedSet, SetSearch
 from edhas_jax.diagnosis.search.signatures import signature_table
 from edhas_jax.diagnosis.search.workers import Workers, own_classes
-from edhas_jax.inference.fit.calibrated_model import calibrate
+from edhas_jax.inference.fit.calibrated_model import Report, calibrate
+from edhas_jax.inference.fit.calibration import campaign_residuals
 from edhas_jax.inference.fit.confounding import assumed_parameters
 from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
-from edhas_jax.inference.fit.result import campaign_residuals
 from edhas_jax.inference.fit.settled_fit import settle, with_recorded_time, with_tightened_bench, without_wrong_samples
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
@@ -30,8 +30,6 @@ from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.noise_measurement import without_refuted_noise
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import TimeResolution
-
-Report = Callable[[str], None]
 
 
 @dataclasses.dataclass(frozen=True)

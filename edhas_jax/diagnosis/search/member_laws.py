@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm, with_candidates
-from edhas_jax.diagnosis.candidates.law_deviation import LawDeviation, deviation_columns, law_deviation, memory_columns
+from edhas_jax.diagnosis.candidates.law_deviation import LawDeviation, curve_columns, law_deviation, memory_columns
 from edhas_jax.diagnosis.search.linear_model import Floor, FlooredModel, LinearModel
 from edhas_jax.diagnosis.search.set_search import log_student
 from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit, fit_coarse, noise_level
@@ -20,7 +20,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 
 LAW_GAIN = 12.0  # nats of log weight from which a law differs: a curve at any place may gain a few by chance
 SPREADS = (1.0, 4.0, 16.0, 64.0)  # prior standard deviations of a deviation that are compared, over the usual one
-FIT_STEPS = 10  # maximum number of Levenberg-Marquardt steps of the fit with a curve
+CURVE_STEPS = 10  # maximum number of Levenberg-Marquardt steps of the fit with a curve
 
 
 class MemberLaw(NamedTuple):
@@ -69,7 +69,7 @@ def _law_of(
     if (columns := memory_columns(evaluated.fit, candidate)) is not None:
         return MemberLaw(candidate, _gain(evaluated.samples, library, _weighable(evaluated, columns))), evaluated
     curve = law_deviation(evaluated.fit, candidate)
-    columns = None if curve is None else deviation_columns(evaluated.fit, curve)
+    columns = None if curve is None else curve_columns(evaluated.fit, curve)
     if columns is None:
         return MemberLaw(candidate, 0.0), evaluated
     others = {factor: _weighable(evaluated, _scaled(columns, factor)) for factor in SPREADS}
@@ -83,7 +83,7 @@ def _law_of(
     problem = with_candidates(evaluated.fit.problem, [curve])
     start = np.concatenate([evaluated.fit.x, np.zeros(len(curve.nodes))])
     try:
-        fitted = fit_coarse(problem, start, resolution.coarse, FIT_STEPS)
+        fitted = fit_coarse(problem, start, resolution.coarse, CURVE_STEPS)
     except FitError:
         return MemberLaw(candidate, 0.0), evaluated
     law = MemberLaw(candidate, _gain(evaluated.samples, library, _weighable(fitted)), curve)

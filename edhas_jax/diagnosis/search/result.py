@@ -12,7 +12,7 @@ from edhas_jax.diagnosis.candidates.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.member_laws import MemberLaw
 from edhas_jax.diagnosis.search.posterior import NOTHING, UNKNOWN, SetPosterior, labels
 from edhas_jax.diagnosis.search.set_search import FittedSet
-from edhas_jax.inference.fit.calibrated_model import misfit
+from edhas_jax.inference.fit.calibrated_model import misfit_beyond_noise
 from edhas_jax.inference.fit.confounding import AssumedParameter
 from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
 from edhas_jax.inference.fit.fit import Fit
@@ -132,7 +132,7 @@ class Diagnosis:
     @functools.cached_property
     def left(self) -> float:
         """What the final model leaves of ½χ² beyond the scatter of noise [nats]."""
-        return misfit(self.after)
+        return misfit_beyond_noise(self.after)
 
     def unexplained_shares(self) -> dict[str, float]:
         """What the final model leaves of each signal beyond the noise, over the rms of the signal, on new runs.

@@ -47,7 +47,7 @@ from edhas_jax.diagnosis.search.signatures import (
     with_scaled_size,
 )
 from edhas_jax.diagnosis.search.workers import Workers
-from edhas_jax.inference.fit.calibrated_model import PROGRESSIVE_EXCESS
+from edhas_jax.inference.fit.calibrated_model import PROGRESSIVE_EXCESS, Report
 from edhas_jax.inference.fit.evaluated_fit import (
     COST_TOLERANCE,
     EvaluatedFit,
@@ -75,8 +75,6 @@ FIT_STEPS = 15  # maximum number of Levenberg-Marquardt steps of a fit, and of e
 CHECKED_STEPS, LEAST_FALL = 3, 0.01  # of these steps a fall by this share of the misfit: 0.15 nats of weight
 SIZES = np.concatenate([[0.0], 10.0 ** np.arange(0.0, 4.01, 0.5)])  # of the background that are compared
 MIN_INDEPENDENT = 1e-9  # share of a signature that the columns of a set leave, below which it is rounding errors
-
-Report = Callable[[str], None]
 
 
 def key_of(members: Sequence[Candidate]) -> frozenset[str]:

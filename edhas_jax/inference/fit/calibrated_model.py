@@ -158,7 +158,7 @@ def _with_sufficient_step(
     At too coarse a step, a valve that bounces has minima of the cost that the fine one has not, even with the solver's
     error removed.
     """
-    while resolution.coarse < resolution.fine and misfit(settled) > 0.0:
+    while resolution.coarse < resolution.fine and misfit_beyond_noise(settled) > 0.0:
         finer = resolution._replace(coarse=min(2 * resolution.coarse, resolution.fine))
         report("checking the time step")
         error = solver_error(settled.fit.problem, settled.fit.x, finer.coarse, REFINEMENT * finer.fine)
@@ -173,7 +173,7 @@ def _with_sufficient_step(
     return settled, resolution
 
 
-def misfit(calibrated: EvaluatedFit) -> float:
+def misfit_beyond_noise(calibrated: EvaluatedFit) -> float:
     """The excess of ½χ² of the calibrated model beyond the scatter of noise, over all or at low frequencies [nats]."""
     problem = calibrated.fit.problem
     slow = slow_excess(problem.campaign, problem.model().runs, calibrated.residuals)

@@ -19,7 +19,7 @@ import numpy as np
 from edhas_jax.inference.fit.bounded_step import Limits, proposed_step
 from edhas_jax.inference.fit.fit_problem import FitProblem, quadratic_model
 from edhas_jax.inference.fit.least_squares import QuadraticModel
-from edhas_jax.inference.likelihood.run_equations import RunEquations, marginalised, run_columns
+from edhas_jax.inference.likelihood.run_equations import run_columns, run_equations
 from edhas_jax.inference.likelihood.symmetric_matrices import regularised_inverse
 from edhas_jax.inference.likelihood.whitening import whiten
 from edhas_jax.measurements.campaign import BenchRun
@@ -240,10 +240,7 @@ class Ensemble:
         return found
 
     def _model(self, x: np.ndarray, columns: Sequence[np.ndarray], grams: Sequence[np.ndarray]) -> QuadraticModel:
-        equations = [
-            RunEquations(marginalised(gram, slice(0, self._own)), len(known))
-            for known, gram in zip(columns, grams, strict=True)
-        ]
+        equations = [run_equations(known, self._own, gram) for known, gram in zip(columns, grams, strict=True)]
         return quadratic_model(self._problem, x, equations)
 
     def _half_chi_square(self, outcomes: Outcomes) -> float:

@@ -20,7 +20,7 @@ SolverError = Mapping[str, Mapping[str, np.ndarray]]
 TimeError = tuple[float, ...]  # coefficients [s] of Legendre polynomials over the record of a run
 
 
-PRIOR_BOUND = 3.0  # bound of a fitted coordinate, in standard deviations of its prior
+CALIBRATION_BOUND = 3.0  # bound of a fitted coordinate, in standard deviations of its prior
 
 
 class FitError(ValueError):
@@ -122,8 +122,8 @@ def calibration_problem(campaign: Campaign) -> FitProblem:
 
 
 def limit_to_prior_bound(unknown: UnknownParameter) -> UnknownParameter:
-    """Restrict an unknown to `PRIOR_BOUND` standard deviations of its prior, so that it cannot imitate an effect."""
-    low, high = (float(unknown.value(x)) for x in (-PRIOR_BOUND, PRIOR_BOUND))
+    """Restrict an unknown to `CALIBRATION_BOUND` prior standard deviations, so that it cannot imitate an effect."""
+    low, high = (float(unknown.value(x)) for x in (-CALIBRATION_BOUND, CALIBRATION_BOUND))
     span = max(unknown.span[0], low), min(unknown.span[1], high)
     return dataclasses.replace(unknown, span=span)
 

@@ -29,17 +29,17 @@ from edhas_jax.measurements.time_resolution import choose_time_resolution
 
 RUN_FRACTIONS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)
 SCAN_STAGE, RESOLUTION_STAGE = 1, 3  # indices of the fractions used for the scan, and to choose the time step
-MIN_SAMPLES = 20  # of a run at any fraction
+MIN_RUN_SAMPLES = 20  # of a run at any fraction
 SCAN_POINTS, SCAN_POINTS_1D = 64, 25  # evaluated for several unknowns, and for a single one
 SCAN_HALF_WIDTH = 3.0  # in standard deviations of the prior
 STARTS_KEPT = 3  # best points of a stage that start the next one
 # of the whole-run fit's excess: a fraction fitted alone that leaves more gives up; the shortest ones say too little
 MAX_RELATIVE_EXCESS = (np.inf, np.inf, 0.5, 0.5, 0.5)
 MIN_EXCESS_SIGMAS = 10.0  # excess of χ² above which the residual of a fraction is significant
-MAX_STEPS = 12  # maximum number of steps of the ensemble, and of the Levenberg-Marquardt fit that follows
-# the ensemble fit stops if its last CHECKED_STEPS steps together lower ½χ² by no more than the larger of two limits:
+MAX_ENSEMBLE_STEPS = 12  # maximum number of steps of the ensemble, and of the Levenberg-Marquardt fit that follows
+# the ensemble fit stops if its last COMPARED_STEPS steps together lower ½χ² by no more than the larger of two limits:
 # MIN_FALL [nats], and MIN_FALL_SHARE of the excess of ½χ² at its start
-CHECKED_STEPS, MIN_FALL, MIN_FALL_SHARE = 3, 2.0, 0.02
+COMPARED_STEPS, MIN_FALL, MIN_FALL_SHARE = 3, 2.0, 0.02
 
 
 def fit_progressively(
@@ -91,7 +91,7 @@ def _truncate_runs(problem: FitProblem, runs: Sequence[BenchRun], fraction: floa
     """The same problem with the first `fraction` of each run."""
     truncated = []
     for run in runs:
-        count = min(max(round(fraction * len(run.time)), MIN_SAMPLES), len(run.time))
+        count = min(max(round(fraction * len(run.time)), MIN_RUN_SAMPLES), len(run.time))
         signals = {name: values[:count] for name, values in run.signals.items()}
         truncated.append(dataclasses.replace(run, time=run.time[:count], signals=signals, lines=run.lines[:count]))
     return dataclasses.replace(problem, runs=tuple(truncated))
@@ -153,13 +153,13 @@ def fit_across_minima(found: EvaluatedFit, steps_per_sample: int) -> EvaluatedFi
 
     def keep_on(step: int, cost: float) -> bool:
         costs.append(cost)
-        return step < CHECKED_STEPS or costs[-1 - CHECKED_STEPS] - cost > least_fall
+        return step < COMPARED_STEPS or costs[-1 - COMPARED_STEPS] - cost > least_fall
 
-    end = minimise_by_ensemble(problem, found.fit.x, steps_per_sample, MAX_STEPS, keep_on)
+    end = minimise_by_ensemble(problem, found.fit.x, steps_per_sample, MAX_ENSEMBLE_STEPS, keep_on)
     if end is None or not end.model.cost[0] < found.cost - least_fall:
         return found
     try:
-        again = fit_coarse(problem, end.x, steps_per_sample, MAX_STEPS)
+        again = fit_coarse(problem, end.x, steps_per_sample, MAX_ENSEMBLE_STEPS)
     except FitError:
         return found
     return again if again.log_evidence > found.log_evidence + least_fall else found

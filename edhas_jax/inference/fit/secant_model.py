@@ -20,7 +20,7 @@ import numpy as np
 
 from edhas_jax.inference.fit.fit_problem import FitProblem, quadratic_model
 from edhas_jax.inference.fit.least_squares import QuadraticModel, stacked_models
-from edhas_jax.inference.likelihood.run_equations import RunEquations, marginalised, run_columns
+from edhas_jax.inference.likelihood.run_equations import run_columns, run_equations
 from edhas_jax.inference.likelihood.whitening import whiten
 from edhas_jax.measurements.campaign import BenchRun
 from edhas_jax.measurements.measurement_model import PredictedSignals
@@ -148,8 +148,5 @@ class SecantModel:
         state.x, state.outcomes, state.step = step.x, None, None
 
     def _quadratic(self, x: np.ndarray, grams: Sequence[np.ndarray], runs: Sequence[_RunState]) -> QuadraticModel:
-        equations = [
-            RunEquations(marginalised(gram, slice(0, self._own)), len(state.columns))
-            for gram, state in zip(grams, runs, strict=True)
-        ]
+        equations = [run_equations(of.columns, self._own, gram) for gram, of in zip(grams, runs, strict=True)]
         return quadratic_model(self._problem, x, equations)

@@ -25,7 +25,7 @@ from edhas_jax.measurements.time_resolution import TimeResolution
 
 # maximum number of steps of a fit after the data were corrected, and of one that refines another fit
 CORRECTION_STEPS, REFINEMENT_STEPS = 8, 6
-MIN_TIME_ERROR, MAX_CORRECTIONS = 2e-5, 2  # time error [s] from which time stamps are corrected, and how often
+MIN_TIME_ERROR, MAX_TIME_CORRECTIONS = 2e-5, 2  # time error [s] from which time stamps are corrected, and how often
 MIN_REMOVED_SHARE = 0.5  # of the misfit, which a correction of the time stamps must remove,
 MIN_REMOVED_BY_CLOCK = 0.1  # and the same where the clock has an error
 PREDICTED_SHARE = 0.5  # of that share, which the interpolated signals must promise before anything is simulated
@@ -48,7 +48,7 @@ def settle(evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable
         report: called with a sentence on the progress.
     """
     found = with_solver_error(evaluated, resolution, CORRECTION_STEPS)
-    for correction in range(MAX_CORRECTIONS):
+    for correction in range(MAX_TIME_CORRECTIONS):
         found = _with_inexact_clock(found, resolution, report)
         fitted, campaign = found.fit, found.fit.problem.campaign
         share = MIN_REMOVED_BY_CLOCK if campaign.accuracy.clock_error else MIN_REMOVED_SHARE

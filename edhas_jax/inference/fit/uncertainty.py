@@ -11,7 +11,7 @@ from edhas_jax.inference.fit.least_squares import levenberg_marquardt
 from edhas_jax.inference.likelihood.symmetric_matrices import regularised_inverse
 from edhas_jax.measurements.measurement_model import EvaluationPoint
 
-COST_TOLERANCE = 0.02  # in ½χ², of the fits of single runs and of the profiles
+CHECK_TOLERANCE = 0.02  # in ½χ², of the fits of single runs and of the profiles
 MIN_DIFFERENCE_VARIANCE = 0.05  # share of a run's own variance; below it the search's tolerance would dominate
 PROFILE_SIGMAS = (-3.0, -2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 3.0)  # offsets from the estimate
 CHI2_95 = 3.84  # 95 % quantile of χ² with one degree of freedom
@@ -90,7 +90,7 @@ def fit_each_run(fit: Fit, on_progress: Callable[[str], None] | None = None) -> 
     low, high = np.array([u.bounds() for u in model.unknowns]).T
     starts = np.tile(fit.uncorrected, (count, 1))
     found = levenberg_marquardt(
-        evaluate, starts, low, high, tolerance=COST_TOLERANCE, on_step=_step_reporter(on_progress),
+        evaluate, starts, low, high, tolerance=CHECK_TOLERANCE, on_step=_step_reporter(on_progress),
         constraints=fit.problem.constraints(),
     )  # fmt: skip
     fitted = np.isfinite(found.model.cost)  # a run in which the model fails at the common estimate is left out
@@ -134,7 +134,7 @@ def profile_likelihood(fit: Fit, name: str, on_progress: Callable[[str], None] |
         lambda x, starts: gauss_newton_model(
             fit.problem, [EvaluationPoint(row, all_runs) for row in x], fit.resolution.fine
         ),
-        starts, low, high, free=free, tolerance=COST_TOLERANCE, on_step=_step_reporter(on_progress),
+        starts, low, high, free=free, tolerance=CHECK_TOLERANCE, on_step=_step_reporter(on_progress),
     )  # fmt: skip
     # the correction of the discretisation error shifts the whole curve
     x = np.append(found.x[:, k], fit.uncorrected[k]) + (fit.x[k] - fit.uncorrected[k])

@@ -9,11 +9,10 @@ import math
 
 import numpy as np
 
-from edhas_jax.inference.fit.ensemble_search import Ensemble
+from edhas_jax.inference.fit.ensemble_search import SEED, Ensemble
 from edhas_jax.inference.fit.fit_problem import FitProblem
 from edhas_jax.measurements.campaign import Campaign
 
-SEED = 0
 # distance in coordinates within which neighbours are close, their number, and the degree of the curve through them
 CLOSE, NEIGHBOURS, DEGREE = 0.005, 12, 3
 MIN_SCATTER = 20.0  # nats of ½χ² by which neighbours scatter, from which a model is irregular

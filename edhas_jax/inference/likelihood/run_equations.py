@@ -98,10 +98,10 @@ def bounded_slopes(run: BenchRun, name: str, predicted: PredictedSignals) -> np.
     return np.clip(slopes, -limit, limit) if limit > 0.0 else slopes
 
 
-def run_equations(columns: np.ndarray, own: int) -> RunEquations:
-    """The products of the columns of a run with the first `own` of them marginalised."""
+def run_equations(columns: np.ndarray, own: int, gram: np.ndarray | None = None) -> RunEquations:
+    """The products of the columns of a run with the first `own` of them marginalised; `gram` where they are known."""
     with np.errstate(over="ignore", invalid="ignore"):
-        gram = columns.T @ columns
+        gram = columns.T @ columns if gram is None else gram
         return RunEquations(marginalised(gram, slice(0, own)), len(columns))
 
 

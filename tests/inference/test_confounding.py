@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from edhas_jax.core import structs
+from edhas_jax.inference.fit.calibration import Calibration, save_calibration
 from edhas_jax.inference.fit.confounding import assumed_parameters, weak_combinations
 from edhas_jax.inference.fit.fit import fit
 from edhas_jax.inference.fit.fit_problem import FitProblem
-from edhas_jax.inference.fit.result import Calibration, save_calibration
 from edhas_jax.machine.effects import LugreFriction
 from edhas_jax.measurements.campaign import Spread
 from edhas_jax.measurements.unknown_parameters import unknown_around
