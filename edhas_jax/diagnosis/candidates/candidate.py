@@ -28,7 +28,6 @@ SENSOR_FAULTS: tuple[type[SensorModel], ...] = (SensorLag, SensorDelay, SensorGa
 SENSOR_LOCATION = "sensor"
 # end and width of a plausible range in standard deviations of the prior
 PLAUSIBLE_COORDINATE, PLAUSIBLE_RANGE_SIGMAS = 2.0, 4.0
-PRIOR_BOUND_TOLERANCE = 0.05  # distance to the bound, in the same unit, that counts as at the bound
 MOST_ON_GRID = 3  # parameters of a law that is screened on a grid; one with more is screened at spread points:
 SPREAD_POINTS, SPREAD_HALF_WIDTH = 32, 1.5  # their number, and their range in prior standard deviations
 USUAL_COORDINATE = 1.5  # of a number of a free term, in standard deviations of its prior
@@ -250,12 +249,6 @@ def from_absence(unknown: UnknownParameter, span: tuple[float, float], fades: bo
     return dataclasses.replace(
         unknown, centre=0.0, spread=high / CALIBRATION_BOUND, span=span, scale=ParameterScale.LINEAR
     )  # fmt: skip
-
-
-def at_prior_bound(candidate: Candidate, fit: Fit) -> list[str]:
-    """Names of a candidate's parameters whose estimate is 3 prior standard deviations from the prior mean."""
-    limit = CALIBRATION_BOUND - PRIOR_BOUND_TOLERANCE
-    return [name for name, x in candidate.own_coordinates(fit).items() if abs(x) > limit]
 
 
 def screening_grid(unknowns: list[UnknownParameter]) -> np.ndarray:

@@ -80,7 +80,7 @@ def fitted_curve(fit: Fit, curve: CurveCandidate) -> LawCurve:
     table, samples = curve.table(fit), law_samples(fit, (curve.place,))
     return LawCurve(
         curve.id, curve.place, "", table.nodes, table.values, table.std, None, table.values, None, math.nan,
-        samples.values[curve.place.variable], samples.weight(curve.place), None,
+        samples.values[curve.place.variable], None,
     )  # fmt: skip
 
 

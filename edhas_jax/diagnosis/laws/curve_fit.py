@@ -122,7 +122,7 @@ def _estimate(
     visible, _ = without_others(found.at.curvature, found.at.gradient, n)
     curve = LawCurve(
         name, start.place, "" if start.replaces else effect, start.nodes, values, std, start.law_values, total,
-        _share_of_law(start, total, visible), found.choice.log_evidence_gain, start.x, start.weight, start.law,
+        _share_of_law(start, total, visible), found.choice.log_evidence_gain, start.x, start.law,
     )  # fmt: skip
     return CurveFit(curve, fitted)
 

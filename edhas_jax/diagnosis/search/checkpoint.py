@@ -209,15 +209,12 @@ def stored_identity(folder: Path) -> dict[str, str] | None:
     return found if isinstance(found, dict) else None
 
 
-def diagnosis_identity(
-    campaign: Campaign, more: Iterable[type[Effect]] = (), library: Iterable[type[Effect]] | None = None
-) -> dict[str, str]:
+def diagnosis_identity(campaign: Campaign, more: Iterable[type[Effect]] = ()) -> dict[str, str]:
     """Everything that a diagnosis depends on: what it is for the user, and a hash of it.
 
     Args:
         campaign: measurements, model and priors.
         more: effect classes of the user.
-        library: effect classes that are considered; None for the whole library.
     """
     machine = [dump_config(campaign.machine, Simulation()), *sorted(effect_code(campaign.machine).items())]
     description = [
@@ -236,13 +233,12 @@ def diagnosis_identity(
         for name, values in tables.items():
             samples.update(f"{run.name} {name} {len(values)} ".encode())
             samples.update(np.ascontiguousarray(values, "<f8").tobytes())
-    effects = [(kind.id, _source_hash(kind)) for kind in more]
-    chosen = None if library is None else sorted(kind.id for kind in library)
+    effects = [(kind.id, _source_hash(kind)) for kind in more]  # beside the whole library
     return {
         "the model": _hash(machine),
         "the campaign's description": _hash(description),
         "the measured samples": samples.hexdigest(),
-        "the effects to consider": _hash([effects, chosen]),
+        "the effects to consider": _hash([effects, None]),
         "the program": _hash(sorted(program_versions().items())),
     }
 

@@ -110,7 +110,7 @@ class EvaluatedFit:
 
 def fit_coarse(
     problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
-    keep_on: Callable[[float, float], bool] | None = None, may_update: bool = True,
+    keep_on: Callable[[float, float], bool] | None = None,
 ) -> EvaluatedFit:  # fmt: skip
     """Fit at one time step, without the refinements of a final fit, and evaluate the fit on all runs.
 
@@ -120,14 +120,13 @@ def fit_coarse(
         steps_per_sample: time steps per sample.
         max_steps: maximum number of Levenberg-Marquardt steps.
         keep_on: asked after a few steps with the number of steps so far and ½χ²; False ends the search early.
-        may_update: whether derivatives may follow from earlier points; False where values are hardly determined.
 
     Raises:
         FitError: the model fails at every point that was evaluated.
     """
     if problem.is_irregular:
         return _fit_by_ensemble(problem, starts, steps_per_sample, max_steps, keep_on)
-    found, model = _search(problem, starts, steps_per_sample, max_steps, keep_on, may_update)
+    found, model = _search(problem, starts, steps_per_sample, max_steps, keep_on)
     best = int(np.argmin(found.model.cost))
     x, cost = found.x[best], float(found.model.cost[best])
     if not (np.isfinite(cost) and np.isfinite(found.model.curvature[best]).all()):
@@ -157,21 +156,18 @@ def _fit_by_ensemble(
     return evaluate_fit(fitted)
 
 
-def find_minima(
-    problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
-    keep_on: Callable[[float, float], bool] | None = None,
-) -> Minima:  # fmt: skip
+def find_minima(problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int) -> Minima:
     """The end points of least-squares fits from one start (n,) or several (k, n); arguments as in `fit_coarse`."""
-    return _search(problem, starts, steps_per_sample, max_steps, keep_on, True)[0]
+    return _search(problem, starts, steps_per_sample, max_steps, None)[0]
 
 
 def _search(
     problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
-    keep_on: Callable[[float, float], bool] | None, may_update: bool,
+    keep_on: Callable[[float, float], bool] | None,
 ) -> tuple[Minima, SecantModel]:  # fmt: skip
     starts, model = np.atleast_2d(starts), SecantModel(problem, steps_per_sample)
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
-    updates = may_update and model.fits_in_memory(len(starts))
+    updates = model.fits_in_memory(len(starts))
     steps = math.ceil(UPDATED_STEPS * max_steps) if updates else max_steps
     found = levenberg_marquardt(
         model.evaluate, starts, low, high, tolerance=COST_TOLERANCE, max_steps=steps, merge=COST_TOLERANCE,
@@ -255,9 +251,7 @@ def _without_branches(evaluated: EvaluatedFit, error: SolverError) -> SolverErro
     return kept
 
 
-def with_solver_error(
-    evaluated: EvaluatedFit, resolution: TimeResolution, max_steps: int, refinement: int = REFINEMENT
-) -> EvaluatedFit:
+def with_solver_error(evaluated: EvaluatedFit, resolution: TimeResolution, max_steps: int) -> EvaluatedFit:
     """Refit with the solver's error at the present estimate removed; unchanged where the model then fails.
 
     The error is computed again at the new estimate, and where it has changed the fit much, that is repeated too.
@@ -267,7 +261,7 @@ def with_solver_error(
     found, steps = evaluated, max_steps
     for _ in range(SOLVER_CORRECTIONS):
         before = found
-        error = solver_error(before.fit.problem, before.fit.x, resolution.coarse, refinement * resolution.fine)
+        error = solver_error(before.fit.problem, before.fit.x, resolution.coarse, REFINEMENT * resolution.fine)
         error = _without_branches(before, error)
         problem = dataclasses.replace(before.fit.problem, solver_error=error)
         try:

@@ -27,7 +27,6 @@ from edhas_jax.measurements.unknown_parameters import own_unknowns
 
 CORRECTION_REFINEMENT = 4  # steps of the final corrections per fine step
 MAX_CORRECTIONS = 2
-DISTORTED_COORDINATE = 2.5  # of an estimate: beyond it something that the model lacks has probably distorted the fit
 LIMIT_TOLERANCE = 1e-6  # distance of a coordinate from its bound, by rounding, that counts as at the bound
 ROUGH_COST_TOLERANCE = 1.0  # difference of ½χ² that the rough search neither resolves nor merges starts below
 
@@ -124,16 +123,6 @@ class Fit:
             return f"at its {self.at_limit[name]} limit"
         (unit,) = (u.unit for u in self.problem.unknowns if u.name == name)
         return " … ".join(format_quantity(value, unit) for value in self.interval(name))
-
-    @property
-    def prior_distances(self) -> np.ndarray:
-        """Distances of the estimates from their prior means, in prior standard deviations; of those with a prior."""
-        return np.abs(self.x[np.array([u.has_prior for u in self.problem.unknowns], dtype=bool)])
-
-    @property
-    def is_distorted(self) -> bool:
-        """Whether an estimate is so far from its prior mean that it stands in for something else."""
-        return bool(self.prior_distances.max(initial=0.0) > DISTORTED_COORDINATE)
 
     @property
     def machine(self) -> Rig:

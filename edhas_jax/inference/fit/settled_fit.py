@@ -23,8 +23,7 @@ from edhas_jax.inference.likelihood.bench_deviations import DeviationKind, bench
 from edhas_jax.inference.likelihood.residual_outliers import without_outliers
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-# maximum number of steps of a fit after the data were corrected, and of one that refines another fit
-CORRECTION_STEPS, REFINEMENT_STEPS = 8, 6
+CORRECTION_STEPS = 8  # maximum number of steps of a fit after the data were corrected
 MIN_TIME_ERROR, MAX_TIME_CORRECTIONS = 2e-5, 2  # time error [s] from which time stamps are corrected, and how often
 MIN_REMOVED_SHARE = 0.5  # of the misfit, which a correction of the time stamps must remove,
 MIN_REMOVED_BY_CLOCK = 0.1  # and the same where the clock has an error
