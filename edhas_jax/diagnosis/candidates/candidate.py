@@ -28,7 +28,7 @@ SENSOR_FAULTS: tuple[type[SensorModel], ...] = (SensorLag, SensorDelay, SensorGa
 SENSOR_LOCATION = "sensor"
 # end and width of a plausible range in standard deviations of the prior
 PLAUSIBLE_COORDINATE, PLAUSIBLE_RANGE_SIGMAS = 2.0, 4.0
-MOST_ON_GRID = 3  # parameters of a law that is screened on a grid; one with more is screened at spread points:
+MOST_ON_GRID = 3  # parameters of a law whose signatures are taken on a grid; those of one with more at spread points:
 SPREAD_POINTS, SPREAD_HALF_WIDTH = 32, 1.5  # their number, and their range in prior standard deviations
 USUAL_COORDINATE = 1.5  # of a number of a free term, in standard deviations of its prior
 OFFSET_STD_SHARE = 0.05  # prior standard deviation of a sensor offset, as a share of the signal's range
@@ -251,8 +251,8 @@ def from_absence(unknown: UnknownParameter, span: tuple[float, float], fades: bo
     )  # fmt: skip
 
 
-def screening_grid(unknowns: list[UnknownParameter]) -> np.ndarray:
-    """Points at which the score test evaluates a candidate, as coordinates (points, n) of its unknowns.
+def signature_grid(unknowns: list[UnknownParameter]) -> np.ndarray:
+    """Points at which signatures of a candidate are simulated, as coordinates (points, n) of its unknowns.
 
     The first unknown is the size of the candidate, the others its shape. The sizes are close together, because the
     resonance of a mass or stiffness hardly shows at half or twice its value. A candidate with more than three unknowns,

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm, screening_grid, with_candidates
+from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm, signature_grid, with_candidates
 from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate, curves_with_slopes
 from edhas_jax.diagnosis.candidates.memory_term import memories_with_slopes
 from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
@@ -118,7 +118,7 @@ class SignatureSimulator:
     def signatures(self, candidate: Candidate) -> Signatures:
         """The whitened signatures of a candidate at its grid points."""
         unknowns, steps, found = candidate.unknowns(self._campaign), self._fit.resolution.coarse, []
-        points = screening_grid(unknowns)
+        points = signature_grid(unknowns)
         with np.errstate(over="ignore", invalid="ignore"):  # points at which the model diverges are left out
             every = signals_with(candidate, points, self._fit.problem, self._fit.values, steps, self._baseline)
             for x, of_runs in zip(points, every, strict=True):
@@ -153,7 +153,7 @@ def signals_with(
         steps_per_sample: time steps per sample.
         without: the signals without the candidate, which a sensor fault changes afterwards.
     """
-    runs = known.model().runs if known.runs is None else known.runs
+    runs = known.fitted_runs
     if candidate.signal is not None:
         unknowns = candidate.unknowns(known.campaign)
         for x in points:

@@ -57,6 +57,11 @@ class FitProblem:
         """Whether the signals depend irregularly on the unknowns, see `unpredictable_part`."""
         return bool(self.campaign.unpredictable)
 
+    @property
+    def fitted_runs(self) -> tuple[BenchRun, ...]:
+        """The runs that are fitted; none where none of the campaign is to be."""
+        return self.campaign.runs_for(Use.FIT) if self.runs is None else self.runs
+
     def model(self) -> MeasurementModel:
         """The model that predicts the signals of the runs.
 
@@ -67,12 +72,11 @@ class FitProblem:
 
     @functools.cached_property
     def _model(self) -> MeasurementModel:
-        runs = self.campaign.runs_for(Use.FIT) if self.runs is None else self.runs
-        if not runs:
+        if not self.fitted_runs:
             raise FitError(f"{self.campaign.folder}: no run has `use: fit`")
         if not self.unknowns:
             raise FitError(f"{self.campaign.folder}: nothing is named under `uncertain`, so there is nothing to fit")
-        return MeasurementModel(self.campaign, self.machine, self.unknowns, runs, self.instruments)
+        return MeasurementModel(self.campaign, self.machine, self.unknowns, self.fitted_runs, self.instruments)
 
     def corrected(self, run: BenchRun, predicted: PredictedSignals) -> PredictedSignals:
         """The `predicted` signals of a `run` with the solver's error removed, where it is known."""
@@ -103,9 +107,8 @@ class FitProblem:
 
     def equations(self, outcomes: Sequence[PredictedSignals]) -> list[RunEquations]:
         """The normal equations of every fitted run at a point, from the signals (corrected) and sensitivities there."""
-        runs = self.model().runs if self.runs is None else self.runs
         out = []
-        for run, outcome in zip(runs, outcomes, strict=True):
+        for run, outcome in zip(self.fitted_runs, outcomes, strict=True):
             columns, own = run_columns(self.campaign, run, outcome, self.unknowns, self.bench)
             out.append(run_equations(columns, own))
         return out
@@ -149,7 +152,7 @@ def gauss_newton_model(problem: FitProblem, cases: Sequence[EvaluationPoint], pe
 
 def quadratic_model_at(problem: FitProblem, x: np.ndarray, outcomes: dict[int, PredictedSignals]) -> QuadraticModel:
     """The sum of squares of residuals and prior at a point, from the predicted signals there by index of the run."""
-    runs = problem.model().runs if problem.runs is None else problem.runs
+    runs = problem.fitted_runs
     selected = dataclasses.replace(problem, runs=tuple(runs[r] for r in outcomes))
     with np.errstate(over="ignore", invalid="ignore"):  # the search rejects such a point
         equations = selected.equations(
