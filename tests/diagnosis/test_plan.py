@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
@@ -11,16 +12,17 @@ from edhas_jax.core import structs
 from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.diagnosis.planning.candidate_runs import candidate_runs, feasible_runs
 from edhas_jax.diagnosis.planning.detectability_plan import plan_as_json, plan_detectability
-from edhas_jax.diagnosis.planning.detection_threshold import DETECTION_NORM
+from edhas_jax.diagnosis.planning.detection_threshold import DETECTION_NORM, Detectability
 from edhas_jax.diagnosis.planning.figures import draw_similarity, draw_thresholds
 from edhas_jax.diagnosis.planning.next_experiment import _distance_after_refit, next_experiment
 from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign, with_predicted_signals
 from edhas_jax.diagnosis.planning.signature_gram import CandidatePoints, SignatureGram, cosines
 from edhas_jax.diagnosis.search.diagnose import diagnose
 from edhas_jax.diagnosis.search.posterior import SetPosterior
-from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime, MagneticSaturation
+from edhas_jax.machine.effects import Backlash, ConstantBiasForce, InverterDeadTime, MagneticSaturation
 from edhas_jax.measurements.campaign import CampaignError, Use
 from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.unknown_parameters import UnknownParameter
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 EFFECTS = InverterDeadTime, ConstantBiasForce, MagneticSaturation
@@ -215,3 +217,16 @@ def test_where_nothing_is_missing_no_run_is_recommended_unless_a_set_is_nearly_a
     assert next_experiment(dataclasses.replace(diagnosis, posterior=SetPosterior((best, far)))) is None
     found = next_experiment(dataclasses.replace(diagnosis, posterior=SetPosterior((best, near))))
     assert found.rivals == ("nothing", str(other))
+
+
+@pytest.mark.parametrize(
+    ("absent", "threshold", "weakest", "text"),
+    [
+        (0.0, 3e-6, 1e-6, "≥ 3 µm"), (0.0, 1e-8, 1e-6, "below 1 µm"), (math.inf, 1e6, 2e6, "≤ 1e6 m"),
+        (math.inf, 3e6, 2e6, "above 2e6 m"), (1.0, 1.02, 1.1, "less than ± 100 mm of 1 m"),
+    ],
+)  # fmt: skip
+def test_a_threshold_beyond_what_was_simulated_is_stated_as_a_bound(absent, threshold, weakest, text):
+    unknown = UnknownParameter("width", 1e-6, 1.0, "m", (0.0, math.inf))
+    found = Detectability(Candidate(Backlash), unknown, absent, threshold, 0.1, np.zeros(1), weakest=weakest)
+    assert found.threshold_text() == text

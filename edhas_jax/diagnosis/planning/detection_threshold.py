@@ -31,6 +31,7 @@ class Detectability:
         threshold_share: threshold as a share of the strongest plausible effect; above 1 extrapolated.
         x: the simulated point in coordinates next above the threshold, or the strongest one, shape (n,).
         signal_unit: SI unit of the signal of a sensor fault.
+        weakest: value (SI) of the weakest strength that was simulated; a threshold below it is extrapolated.
     """
 
     candidate: Candidate
@@ -40,6 +41,7 @@ class Detectability:
     threshold_share: float
     x: np.ndarray
     signal_unit: str = "-"
+    weakest: float = math.nan
 
     @property
     def detectable(self) -> bool:
@@ -52,15 +54,24 @@ class Detectability:
         return "" if self.unknown is None else self.unknown.name.removeprefix(self.candidate.prefix)
 
     def threshold_text(self) -> str:
-        """The threshold as text with its unit; empty if there is none."""
+        """The threshold as text with its unit, or that the weakest simulated strength is above it already.
+
+        Empty if there is no threshold.
+        """
         if self.unknown is None or not math.isfinite(self.threshold):
             return ""
-        if math.isinf(self.absent_value):
-            return f"≤ {format_quantity(float(f'{self.threshold:.2g}'), self.unit)}"
-        distance = format_quantity(float(f"{self.threshold - self.absent_value:.2g}"), self.unit)
-        if self.absent_value == 0.0:
-            return f"≥ {distance}"
-        return f"± {distance} of {format_quantity(self.absent_value, self.unit)}"
+        fades, absent = math.isinf(self.absent_value), self.absent_value
+        is_beyond = self.weakest < self.threshold if fades else self.weakest > self.threshold
+        if is_beyond:
+            signs, value = ("above ", "below ", "less than ± "), self.weakest
+        else:
+            signs, value = ("≤ ", "≥ ", "± "), self.threshold
+        if fades:
+            return signs[0] + format_quantity(float(f"{value:.2g}"), self.unit)
+        distance = format_quantity(float(f"{value - absent:.2g}"), self.unit)
+        if absent == 0.0:
+            return signs[1] + distance
+        return f"{signs[2]}{distance} of {format_quantity(absent, self.unit)}"
 
     def plausible_text(self) -> str:
         """The plausible range of the parameter, ± 2 prior standard deviations, as text with units."""
@@ -125,7 +136,7 @@ def detectability_of(candidate: Candidate, points: np.ndarray, norms: np.ndarray
     if share > 1.0:
         return Detectability(candidate, u, absent, math.nan, share, points[nearest], unit)
     value = math.exp(-threshold) if fades else math.exp(threshold) + absent
-    return Detectability(candidate, u, absent, value, share, points[nearest], unit)
+    return Detectability(candidate, u, absent, value, share, points[nearest], unit, float(values[order[0]]))
 
 
 def _absent_value(u: UnknownParameter, values: np.ndarray, norms: np.ndarray) -> float:

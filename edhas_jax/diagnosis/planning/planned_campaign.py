@@ -54,9 +54,7 @@ class PlannedCampaignDescription(CampaignDescription):
         return BenchRun(entry.name, file, entry.use, entry.conditions, time, {}, lines, uncertain=entry.uncertain)
 
 
-def read_planned_campaign(
-    path: Path | str, rate: float, trust: Trust = ()
-) -> Campaign:
+def read_planned_campaign(path: Path | str, rate: float, trust: Trust = ()) -> Campaign:
     """Read the campaign in a folder, with planned runs in place of those that have no data file yet.
 
     Args:

@@ -86,9 +86,7 @@ def draw_profiles(calibration: Calibration):
     return figure
 
 
-def _annotated_matrix(
-    values: np.ndarray, columns: list[str], rows: list[str], limit: float, title: str, number: str
-):
+def _annotated_matrix(values: np.ndarray, columns: list[str], rows: list[str], limit: float, title: str, number: str):
     from edhas_jax.core.figure import Figure
 
     figure = Figure(figsize=(2.6 + 0.72 * len(columns), 1.6 + 0.36 * len(rows)), layout="constrained")

@@ -65,7 +65,7 @@ FREEDOMS = 30.0  # α: a misfit that a law leaves has about as many free numbers
 EXPECTED = 0.7  # named effects that a campaign hides on average, over all candidates together
 UNKNOWN_ODDS = 0.15  # odds that it hides one that no list has, over all places together
 LAW_ERROR = 0.001  # of what a set explains: 3 % of its amplitude
-MOST_NAMED = 3  # of a set, beside at most one free term
+MOST_EFFECTS = 3  # of a set, beside faults of sensors and at most one free term
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
 LAWS_TRIED = 3  # effects that are fitted in place of a free term at their part of the machine, as it may be their law
@@ -379,8 +379,9 @@ class SetSearch:
 
     @staticmethod
     def _is_allowed(move: Move) -> bool:
-        free = sum(isinstance(c, FreeTerm) for c in (*move.to.members, move.added))
-        return free <= 1 and len(move.key) - free <= MOST_NAMED
+        members = (*move.to.members, move.added)
+        free = sum(isinstance(c, FreeTerm) for c in members)
+        return free <= 1 and sum(c.signal is None for c in members) - free <= MOST_EFFECTS
 
     def _smaller(self, best: FittedSet) -> list[tuple[Candidate, ...]]:
         """The best set without one of its members, where that has not been fitted yet."""
@@ -489,8 +490,9 @@ class SetSearch:
 
     def _is_promising(self, move: Move) -> bool:
         best = self.ranked()[0]
-        is_law = self._may_be_law(move, best) or self._is_curve_beside_law(move, best)
-        return is_law or self.weight.predicted(move) > self.weight.of(best) - PREDICTION_ERROR
+        if best.excess > 0.0 or self._may_be_law(move, best):
+            return True
+        return self.weight.predicted(move) > self.weight.of(best) - PREDICTION_ERROR
 
     def _stage(self, job: Job) -> str:
         """The name of a fit in the checkpoint, from the names of the members and how often they were fitted before."""
@@ -502,8 +504,9 @@ class SetSearch:
         """The search with what a fit needs, to be sent to another process."""
         small, best = copy.copy(self), self.ranked()[0]
         slim = dataclasses.replace(best, evaluated=None, model=None, moves=None, untried=[])
-        small.sets, small._table = {best.key: slim}, dataclasses.replace(
-            self._table, candidates=(), free=(), rows=self._table.rows[:0]
+        small.sets, small._table = (
+            {best.key: slim},
+            dataclasses.replace(self._table, candidates=(), free=(), rows=self._table.rows[:0]),
         )
         small._checkpoint, small._workers, small._report = Checkpoint(), None, None
         return small
@@ -642,9 +645,7 @@ class SetSearch:
         small = with_scaled_size(unknowns, point, SMALL_SIZE, signatures.exponent)
         return Move(of, signatures.candidate, x, small, fall)
 
-    def _free_move(
-        self, of: FittedSet, slopes: FreeSlopes, products: np.ndarray, scaled: Sequence[Scaled]
-    ) -> Move:
+    def _free_move(self, of: FittedSet, slopes: FreeSlopes, products: np.ndarray, scaled: Sequence[Scaled]) -> Move:
         best = None
         for by in scaled:
             inner, overlap = by.model.reduced(products, slopes.gram)

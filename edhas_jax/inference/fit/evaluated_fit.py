@@ -142,7 +142,10 @@ def fit_coarse(
 
 
 def _fit_by_ensemble(
-    problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
+    problem: FitProblem,
+    starts: np.ndarray,
+    steps_per_sample: int,
+    max_steps: int,
     keep_on: Callable[[float, float], bool] | None,
 ) -> EvaluatedFit:
     """As `fit_coarse`, for a model whose signals depend irregularly on its unknowns."""

@@ -35,9 +35,7 @@ def without_outliers(campaign: Campaign, residuals: Residuals) -> Campaign:
     in_place = [
         dataclasses.replace(
             run,
-            signals={
-                n: campaign.channels[n].noise * bridged(v, np.isnan(v)) for n, v in residuals[run.name].items()
-            },
+            signals={n: campaign.channels[n].noise * bridged(v, np.isnan(v)) for n, v in residuals[run.name].items()},
         )
         if run.name in residuals
         else run

@@ -54,12 +54,8 @@ def check_parameters(cls: type) -> None:
         EffectError: what is wrong, with class, file and line.
     """
     for field in dataclasses.fields(cls):
-        where = locate(cls, field.name)
-        if field.metadata.get("static"):
-            continue
-        if "par" not in field.metadata:
-            raise EffectError(f'{where}: declare a parameter with par(default, "unit", (low, high), "meaning")')
-        _check_parameter(where, field)
+        if not field.metadata.get("static") and (problem := _parameter_problem(field)):
+            raise EffectError(f"{locate(cls, field.name)}: {problem}")
     by_name = {p.name: p for p in structs.parameters(cls)}
     for p in by_name.values():
         if p.at_least and (p.at_least not in by_name or p.default < by_name[p.at_least].default):
@@ -281,21 +277,24 @@ def _instead(name: str, known, machine: Any) -> str:
     return f"nearest: {', '.join(close)}" if close else "edhas_jax/machine/interface/signals.py lists the signals"
 
 
-def _check_parameter(where: str, field: dataclasses.Field) -> None:
-    """Check the declaration of one parameter."""
+def _parameter_problem(field: dataclasses.Field) -> str:
+    """What is wrong in the declaration of one parameter, and what is allowed; empty where nothing is."""
+    if "par" not in field.metadata:
+        return 'declare a parameter with par(default, "unit", (low, high), "meaning")'
     try:
         unit, (low, high), doc, _ = field.metadata["par"]
         low, high, default = float(low), float(high), float(field.default)
     except (TypeError, ValueError):
-        raise EffectError(f'{where}: declare it as par(default, "unit", (low, high), "meaning")') from None
+        return 'declare it as par(default, "unit", (low, high), "meaning")'
     if not isinstance(unit, str) or not isinstance(doc, str):
-        raise EffectError(f"{where}: unit and meaning of a parameter must be texts")
+        return "unit and meaning of a parameter must be texts"
     if not (low <= default <= high and math.isfinite(default)):
-        raise EffectError(f"{where}: the default {default:g} is outside its own span {low:g} … {high:g}")
+        return f"the default {default:g} is outside its own span {low:g} … {high:g}"
     if (plausible := field.metadata["plausible"]) is not None:
         inside = isinstance(plausible, tuple) and len(plausible) == 2 and low <= plausible[0] < plausible[1] <= high
         if not inside or not plausible[0] <= default <= plausible[1]:
-            raise EffectError(f"{where}: plausible must be (low, high) within the span, with the default inside")
+            return "plausible must be (low, high) within the span, with the default inside"
+    return ""
 
 
 def _methods(cls: type[Effect]) -> list[str]:
