@@ -15,7 +15,9 @@ runtime.keep_xla_programs()
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
-SLOW_FOLDERS_FIRST = ("design", "studies", "diagnosis", "contract", "reference", "measurements", "export", "project")
+SLOW_FOLDERS_FIRST = (
+    "design", "studies", "diagnosis", "inference", "contract", "reference", "measurements", "export", "project"
+)  # fmt: skip
 
 
 def pytest_configure(config):

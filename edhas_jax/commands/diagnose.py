@@ -98,7 +98,7 @@ def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
 
 def _next_command(result, campaign: Path, folder: Path) -> str:
     """What to do with a diagnosis: run its model where an effect is missing, otherwise calibrate the present one."""
-    from edhas_jax.diagnosis.sets.result import Verdict
+    from edhas_jax.diagnosis.search.result import Verdict
 
     if result.verdict is Verdict.ADEQUATE:
         return f"fit {quoted(campaign)}"

@@ -54,8 +54,8 @@ def run(options) -> int:
         ResultFileError: the folder exists or cannot be written.
     """
     from edhas_jax.config.run_folder import report_write_errors
-    from edhas_jax.diagnosis.calibration.fit_choices_reader import read_choices
-    from edhas_jax.diagnosis.calibration.result import save_calibration
+    from edhas_jax.inference.fit.calibration import save_calibration
+    from edhas_jax.inference.fit.fit_choices_reader import read_choices
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
     from edhas_jax.tasks.fit import FitResult, fit, require_uncertain

@@ -1,1 +1,1 @@
-"""Which physical effect is missing: calibration, search, planning of experiments and the report."""
+"""Which physical effect is missing: candidates, laws as curves, search, planning of experiments, reports."""

@@ -12,8 +12,8 @@ from edhas_jax.core.structs import Parameter
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import exact_quantity, format_quantity, to_si
-from edhas_jax.diagnosis.calibration.fit_problem import FitError
-from edhas_jax.diagnosis.chosen_effects import USES, ChosenModel, fit_with_effects, save_model
+from edhas_jax.diagnosis.search.chosen_effects import USES, ChosenModel, fit_with_effects, save_model
+from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.loading import effect_spec, load_effect
 from edhas_jax.machine.parameters import find_parameter, short_names

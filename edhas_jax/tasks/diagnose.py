@@ -10,16 +10,16 @@ from typing import Any
 from edhas_jax.core.optional_parts import OptionalParts
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.diagnosis.calibration.fit_problem import FitError
 from edhas_jax.diagnosis.planning import next_experiment as planning
+from edhas_jax.diagnosis.report.bench_findings import bench_rows
+from edhas_jax.diagnosis.report.conclusions import conclusions, explains_little, outcome, parameters_text
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
 from edhas_jax.diagnosis.report.result_file import CALIBRATED_CONFIG_FILE, save_diagnosis
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint, program_versions
-from edhas_jax.diagnosis.sets.bench_findings import bench_rows
-from edhas_jax.diagnosis.sets.conclusions import conclusions, explains_little, outcome, parameters_text
-from edhas_jax.diagnosis.sets.diagnose import diagnose as search
-from edhas_jax.diagnosis.sets.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.search.diagnose import diagnose as search
+from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Use

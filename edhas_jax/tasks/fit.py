@@ -10,16 +10,16 @@ from edhas_jax.core.optional_parts import OptionalParts
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity
-from edhas_jax.diagnosis.calibration.chosen_fit import fit_with_choices
-from edhas_jax.diagnosis.calibration.confounding import assumed_parameters
-from edhas_jax.diagnosis.calibration.figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
-from edhas_jax.diagnosis.calibration.fit import FitStep
-from edhas_jax.diagnosis.calibration.fit_choices import FitChoices
-from edhas_jax.diagnosis.calibration.fit_choices_reader import read_choices
-from edhas_jax.diagnosis.calibration.fit_problem import FitError
-from edhas_jax.diagnosis.calibration.report import fit_report
-from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
-from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
+from edhas_jax.diagnosis.report.calibration_figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
+from edhas_jax.diagnosis.report.calibration_report import fit_report
+from edhas_jax.inference.fit.calibration import Calibration, campaign_residuals, save_calibration
+from edhas_jax.inference.fit.chosen_fit import fit_with_choices
+from edhas_jax.inference.fit.confounding import assumed_parameters
+from edhas_jax.inference.fit.fit import FitStep
+from edhas_jax.inference.fit.fit_choices import FitChoices
+from edhas_jax.inference.fit.fit_choices_reader import read_choices
+from edhas_jax.inference.fit.fit_problem import FitError
+from edhas_jax.inference.fit.uncertainty import fit_each_run, profile_likelihood
 from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_reader import as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign

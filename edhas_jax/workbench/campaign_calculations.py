@@ -11,10 +11,10 @@ from edhas_jax.config.law_file import law_units
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core.literal_text import file_name
 from edhas_jax.core.units import exact_quantity, format_quantity, from_si
-from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
 from edhas_jax.diagnosis.laws.curve_figure import Z_95
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.diagnosis.report.report import law_sentence
+from edhas_jax.diagnosis.search.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.interface.slots import Rule

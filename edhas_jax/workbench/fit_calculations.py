@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.core.units import display_unit, format_quantity, from_si
-from edhas_jax.diagnosis.calibration.chosen_fit import fit_with_choices
-from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.fit_choices_reader import read_choices
-from edhas_jax.diagnosis.calibration.fit_problem import FitError
-from edhas_jax.diagnosis.calibration.uncertainty import CHI2_95, profile_likelihood
+from edhas_jax.inference.fit.chosen_fit import fit_with_choices
+from edhas_jax.inference.fit.fit import Fit
+from edhas_jax.inference.fit.fit_choices_reader import read_choices
+from edhas_jax.inference.fit.fit_problem import FitError
+from edhas_jax.inference.fit.uncertainty import CHI2_95, profile_likelihood
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.measurements.autocorrelation import autocorrelation, white_noise_band
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from edhas_jax.core.units import estimate_text
-from edhas_jax.diagnosis.sets.finished_stage import read_stages
-from edhas_jax.diagnosis.sets.outcome import MUCH_LEFT
+from edhas_jax.diagnosis.search.finished_stage import read_stages
+from edhas_jax.inference.fit.evaluated_fit import MUCH_LEFT
 from edhas_jax.workbench.jobs import DONE, JobList
 from edhas_jax.workbench.workspace import AS_GIVEN, CALIBRATED, CALIBRATED_FIRST, DIAGNOSED, Workspace, effect_id
 

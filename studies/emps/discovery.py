@@ -18,7 +18,7 @@ force errors on the held-out half with the first two accepted effects, and with 
 
 import argparse
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -29,20 +29,19 @@ from scipy.signal import butter, filtfilt
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
+from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.diagnosis.report.report import parameter_texts
-from edhas_jax.diagnosis.search.candidate_fit import fit_with_candidate
-from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
-from edhas_jax.diagnosis.search.screening import ScoreTest
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.result import Diagnosis
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.diagnosis.search.set_search import SetSearch
+from edhas_jax.diagnosis.search.signatures import signature_table
+from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.time_resolution import choose_time_resolution
 from studies.emps.published_comparison import EVALUATION_START, FORCE_CUTOFF
 
-MAX_FIT_STEPS = 12
 MIN_GAIN = 12.0  # nats on the held-out half that justify the periodic force
 SCREW_PITCH = 2.5e-3  # m
 
@@ -100,12 +99,14 @@ def relative_error(residual: np.ndarray, measured: np.ndarray, interval: float) 
     return 100.0 * float(np.linalg.norm(residual) / np.linalg.norm(measured))
 
 
-def with_periodic_force(diagnosis: Diagnosis) -> EvaluatedFit:
+def with_periodic_force(diagnosis: Diagnosis, report: Callable[[str], None]) -> EvaluatedFit:
     """The final model of the diagnosis with the periodic force added."""
-    after, present = diagnosis.after, (*diagnosis.posterior.best.members, *diagnosis.curves)
-    score = ScoreTest(after.fit, present).score(Candidate(PeriodicForce))
+    after = diagnosis.after
     resolution = choose_time_resolution(after.fit.problem.model(), after.fit.x)
-    return fit_with_candidate(after, present, score, resolution, MAX_FIT_STEPS)
+    table = signature_table(after.fit, [Candidate(PeriodicForce)], report, with_free_terms=False)
+    search = SetSearch(after, table, resolution, report)
+    (move,) = search.additions()
+    return search.fit_of(move).evaluated
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -117,7 +118,7 @@ def main(arguments: list[str] | None = None) -> None:
     with console.status("") as status:
         diagnosis = diagnose(campaign, on_progress=status.update)
         status.update("with the periodic force")
-        periodic_model = with_periodic_force(diagnosis)
+        periodic_model = with_periodic_force(diagnosis, status.update)
     held_out = "on the held-out half"
     table = Table("model", "residual over noise", held_out, "force error", held_out, "new parameters")
     models = [("mass alone", diagnosis.calibrated, "")]

@@ -24,8 +24,8 @@ from scipy.signal import butter, filtfilt
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
-from edhas_jax.diagnosis.calibration.fit import Fit, fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
+from edhas_jax.inference.fit.fit import Fit, fit
+from edhas_jax.inference.fit.fit_problem import FitProblem
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.parameters import find_parameter, get_parameter
 from edhas_jax.measurements.campaign import Campaign, Spread

@@ -35,11 +35,11 @@ from scipy.signal import butter, filtfilt
 from edhas_jax import Controller
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
-from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
+from edhas_jax.diagnosis.report.bench_findings import bench_rows
 from edhas_jax.diagnosis.report.report import parameter_texts
-from edhas_jax.diagnosis.sets.bench_findings import bench_rows
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.result import Diagnosis
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.inference.likelihood.bench_deviations import DeviationKind
 from edhas_jax.machine.components.controllers import CascadeController
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign

@@ -13,8 +13,8 @@ import numpy as np
 
 from edhas_jax.core.units import format_with_error
 from edhas_jax.diagnosis.planning.detectability_plan import DetectabilityPlan, plan_detectability
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.result import Diagnosis
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.machine.effects import (
     SuctionLineInertance,
     SuctionLineResistance,

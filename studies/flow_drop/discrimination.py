@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
-from edhas_jax.diagnosis.search.candidates import limit_to_prior_bound
+from edhas_jax.inference.fit.fit_problem import limit_to_prior_bound
+from edhas_jax.inference.fit.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.measurements.campaign import Spread
 from edhas_jax.measurements.unknown_parameters import unknown_around

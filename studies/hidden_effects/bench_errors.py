@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.machine.parameters import get_parameter, set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun

@@ -7,11 +7,11 @@ import dataclasses
 import functools
 import time
 
-from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidates import Candidate, candidates_for
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit
+from edhas_jax.diagnosis.candidates.candidate import Candidate, candidates_for
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
+from edhas_jax.inference.fit.calibrated_model import calibrate
+from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
+from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign

@@ -45,11 +45,11 @@ def limit_of(case: HiddenCase) -> Limit:
         FitError: the model cannot be fitted.
     """
     # here, so that with another version of the package the cases can be drawn and answered
-    from edhas_jax.diagnosis.calibration.fit_problem import FitError
-    from edhas_jax.diagnosis.search.calibrated_model import calibrate
-    from edhas_jax.diagnosis.search.candidates import Candidate, with_candidates
-    from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, remaining, with_solver_error
+    from edhas_jax.diagnosis.candidates.candidate import Candidate, with_candidates
     from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
+    from edhas_jax.inference.fit.calibrated_model import calibrate
+    from edhas_jax.inference.fit.evaluated_fit import fit_coarse, remaining, with_solver_error
+    from edhas_jax.inference.fit.fit_problem import FitError
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 
     campaign = split_for_holdout(checked_campaign(case.campaign))[0]

@@ -2,21 +2,19 @@
 
 A signature is the change of the signals when a suspect is added at a finite size, in units of noise, all else at its
 fitted value. Correlated noise is made white first, by one filter for residual and signatures. Every suspect is
-evaluated at the grid of sizes and shapes with which the diagnosis screens too. What the uncertain parameters and the
-usual errors of a bench can reproduce within their priors is projected out of residual and signatures.
+evaluated at the sizes and shapes at which the diagnosis evaluates it. What the uncertain parameters and the usual
+errors of a bench can reproduce within their priors is projected out of residual and signatures.
 """
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid
-from edhas_jax.measurements.campaign import BenchRun
-from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
+from edhas_jax.diagnosis.candidates.candidate import Candidate, signature_grid
+from edhas_jax.diagnosis.search.signatures import signals_with
+from edhas_jax.inference.fit.fit import Fit
 from studies.hidden_effects.bench_errors import bench_error_changes
 from studies.hidden_effects.whitening import whitened
 
@@ -121,8 +119,9 @@ def signature_table(fitted: Fit, candidates: Sequence[Candidate]) -> SignatureTa
     start = stacked(without)
     suspects = []
     for candidate in candidates:
-        points = screening_grid(candidate.unknowns(fitted.problem.campaign))
-        rows = np.array([stacked(found) - start for found in _with(candidate, points, fitted, runs, without)])[:, valid]
+        points = signature_grid(candidate.unknowns(fitted.problem.campaign))
+        found = signals_with(candidate, points, fitted.problem, fitted.values, fitted.resolution.coarse, without)
+        rows = np.array([stacked(of_runs) - start for of_runs in found])[:, valid]
         usable = np.isfinite(rows).all(axis=1) & rows.any(axis=1)
         if usable.any():
             suspects.append(Signatures(candidate, points[usable], rows[usable]))
@@ -135,23 +134,3 @@ def signature_table(fitted: Fit, candidates: Sequence[Candidate]) -> SignatureTa
         np.concatenate([fitted.x, np.zeros(len(errors))]),
         np.array([u.has_prior for u in fitted.problem.unknowns] + [True] * len(errors)), tuple(suspects),
     )  # fmt: skip
-
-
-def _with(
-    candidate: Candidate, points: np.ndarray, fitted: Fit, runs: Sequence[BenchRun], without: list[dict]
-) -> Iterator[list[dict[str, np.ndarray]]]:
-    """The signals of every run with a suspect added, at each point of its grid."""
-    campaign = fitted.problem.campaign
-    unknowns = candidate.unknowns(campaign)
-    if candidate.signal is not None:
-        for x in points:
-            values = {u.name.removeprefix(candidate.prefix): u.value(v) for u, v in zip(unknowns, x, strict=True)}
-            faulty = Instruments({candidate.signal: (candidate.kind(**values),)})
-            yield [faulty.record(run.time, of, None, (), ())[0] for run, of in zip(runs, without, strict=True)]
-        return
-    machine, instruments = candidate.mounted(fitted.machine, fitted.instruments)
-    model = MeasurementModel(campaign, machine, unknowns, runs, instruments)
-    every_run = tuple(range(len(runs)))
-    cases = [EvaluationPoint(x, every_run) for x in points]
-    for found in model.predict(cases, fitted.resolution.coarse, with_sensitivities=False):
-        yield [found[r].values for r in every_run]

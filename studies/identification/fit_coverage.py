@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
+from edhas_jax.inference.fit.fit import fit
+from edhas_jax.inference.fit.fit_problem import FitProblem
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel

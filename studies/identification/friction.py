@@ -16,8 +16,8 @@ import numpy as np
 import edhas_jax as edhas
 from edhas_jax.core.plot_style import COLOURS, INK
 from edhas_jax.core.units import format_quantity
-from edhas_jax.diagnosis.calibration.fit import Fit, fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
+from edhas_jax.inference.fit.fit import Fit, fit
+from edhas_jax.inference.fit.fit_problem import FitProblem
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects import LugreFriction
 from edhas_jax.machine.parameters import find_parameter, get_parameter

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import pandas as pd
 from rich.console import Console
 
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN
-from edhas_jax.diagnosis.sets.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.posterior import NOTHING, UNKNOWN
+from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.measurements.campaign import CampaignError
 from edhas_jax.measurements.campaign_reader import read_campaign
 

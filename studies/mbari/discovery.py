@@ -31,10 +31,12 @@ from rich.table import Table
 
 import edhas_jax as edhas
 from edhas_jax.config.writer import dump_config
-from edhas_jax.diagnosis.chosen_effects import ChosenModel, calibrated_model, with_effect
-from edhas_jax.diagnosis.search.candidates import Candidate, at_prior_bound, candidates_for
-from edhas_jax.diagnosis.search.screening import ScoreTest
-from edhas_jax.diagnosis.sets.conclusions import conclusions
+from edhas_jax.diagnosis.candidates.candidate import Candidate, candidates_for
+from edhas_jax.diagnosis.report.conclusions import conclusions
+from edhas_jax.diagnosis.search.chosen_effects import ChosenModel, calibrated_model, with_effect
+from edhas_jax.diagnosis.search.set_search import SetSearch
+from edhas_jax.diagnosis.search.signatures import signature_table
+from edhas_jax.inference.fit.fit_problem import CALIBRATION_BOUND
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -59,6 +61,7 @@ STEPS_PER_SAMPLE = 8
 MIN_SHARE = 0.01  # gain over what is left, from which an effect is accepted
 SEARCH = TimeResolution(8, 8, float("nan"))
 MAX_STEPS = 80
+AT_BOUND = CALIBRATION_BOUND - 0.05  # prior standard deviations from which an estimate counts as at its bound
 
 
 class Errors(NamedTuple):
@@ -97,12 +100,16 @@ def _rms(values: np.ndarray) -> float:
 
 
 def next_effect(campaign: Campaign, before: ChosenModel, kinds: list[type[Effect]]) -> type[Effect]:
-    """The effect with the largest predicted fall of χ²."""
-    test = ScoreTest(before.evaluated.fit, before.effects)
-    machine = before.evaluated.fit.problem.machine
-    candidates = [c for c in candidates_for(campaign, machine, Instruments(), kinds) if c.kind in kinds]
-    scores = [test.score(candidate) for candidate in candidates]
-    return max(scores, key=lambda score: score.chi_square_fall).candidate.kind
+    """The effect with the largest predicted fall of the misfit."""
+    fit = before.evaluated.fit
+    candidates = [c for c in candidates_for(campaign, fit.problem.machine, Instruments(), kinds) if c.kind in kinds]
+    table = signature_table(fit, candidates, _silent, with_free_terms=False)
+    moves = SetSearch(before.evaluated, table, before.resolution, _silent).additions()
+    return max(moves, key=lambda move: move.fall).added.kind
+
+
+def _silent(sentence: str) -> None:
+    """Report nothing."""
 
 
 def effect_text(model: ChosenModel, candidate: Candidate) -> str:
@@ -154,7 +161,8 @@ def main() -> None:
         gain = trial.evaluated.log_evidence - model.evaluated.log_evidence
         text = effect_text(trial, candidate)
         rung = Rung(f"+ {kind.id}", *errors_of(fitted_machine(trial), aligned), gain, left, text)
-        if gain > MIN_SHARE * left and not at_prior_bound(candidate, trial.evaluated.fit):
+        coordinates = candidate.own_coordinates(trial.evaluated.fit).values()
+        if gain > MIN_SHARE * left and all(abs(x) < AT_BOUND for x in coordinates):
             model = trial
             named.append(kind.id)
             rungs.append(rung)

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
-from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
+from edhas_jax.inference.fit.least_squares import QuadraticModel, levenberg_marquardt
+from edhas_jax.inference.likelihood.symmetric_matrices import regularised_inverse
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import PumpBench
 from studies.paper.published_numbers import CALIBRATED_QUANTITIES, CALIBRATION_TARGETS, with_derived_parameters

@@ -25,7 +25,7 @@ from rich.table import Table
 
 import edhas_jax as edhas
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
-from edhas_jax.diagnosis.sets.conclusions import conclusions
+from edhas_jax.diagnosis.report.conclusions import conclusions
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.measurement_model import MeasurementModel

@@ -5,8 +5,8 @@
 FOLDER holds `estimation.csv` with the columns `time [s]`, `pump_voltage [V]`, `level_voltage [V]`, and may hold
 `validation.csv` of the same shape, which judges: the models are simulated on it with what they have learnt, from the
 same start. Steps: the model as written down; its numbers calibrated; the diagnosis, which knows no overflow, and what
-it says; the model with the curves that it offers, and with curves that are added one after the other; the model with
-`Overflow` of `rig.py`, written from that curve; with other laws of the outlets.
+it says; the model with the curves that it offers; the model with `Overflow` of `rig.py`, written from such a curve;
+with other laws of the outlets.
 
 Errors are rms of the level in volts, simulated freely over the whole record. "Quarters": the last three quarters of the
 record, each predicted by a fit to all the rest; the first quarter contains the start and is always fitted. The model
@@ -27,18 +27,17 @@ import numpy as np
 import edhas_jax as edhas
 from edhas_jax.config.recorded_signal import recorded_from_samples
 from edhas_jax.config.writer import dump_config
-from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.fit import fit as calibration
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
-from edhas_jax.diagnosis.search.free_curves import add_curves_in_turn
+from edhas_jax.diagnosis.candidates.candidate import Candidate, with_candidates
+from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate
+from edhas_jax.diagnosis.report.conclusions import conclusions
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
-from edhas_jax.diagnosis.sets.conclusions import conclusions
+from edhas_jax.inference.fit.fit import Fit
+from edhas_jax.inference.fit.fit import fit as calibration
+from edhas_jax.inference.fit.fit_problem import calibration_problem
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.accuracy import BenchAccuracy, SensorAccuracy
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from studies.tanks.rig import LowerOutlet, Overflow, TwoTanks, UpperOutlet
 
@@ -107,10 +106,8 @@ def fitted_machine(fit: Fit) -> TwoTanks:
 
 def best_fit(campaign: Campaign, kinds: tuple[type[Effect], ...]) -> Fit:
     """A fit with some effects, from many starts: overflows have many local minima."""
-    machine, candidates = campaign.machine, [Candidate(kind) for kind in kinds]
-    for candidate in candidates:
-        machine, _ = candidate.mounted(machine, Instruments())
-    return calibration(build_problem(campaign, machine, Instruments(), candidates), starts=STARTS, max_steps=MAX_STEPS)
+    problem = with_candidates(calibration_problem(campaign), map(Candidate, kinds))
+    return calibration(problem, starts=STARTS, max_steps=MAX_STEPS)
 
 
 def error_of_quarters(campaign: Campaign, kinds: tuple[type[Effect], ...]) -> float:
@@ -149,10 +146,6 @@ def main() -> None:
         if len(of.members) == 1 and isinstance(of.members[0], CurveCandidate):
             machine = fitted_machine(of.evaluated.fit)
             note(f"with {of}", machine, rms(errors_of(machine, campaign, run)[fitted_samples:]))
-    resolution = found.after.fit.resolution
-    for curve, fitted in add_curves_in_turn(found.calibrated, (), resolution):
-        machine = fitted_machine(fitted.fit)
-        note(f"in turn, {curve.text}", machine, rms(errors_of(machine, campaign, run)[fitted_samples:]))
     fits = []
     for count in range(1, len(LAWS) + 1):
         kinds = LAWS[:count]

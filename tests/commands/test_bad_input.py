@@ -9,8 +9,8 @@ import pytest
 
 from edhas_jax.commands import cli
 from edhas_jax.commands.cli import main
-from edhas_jax.diagnosis.calibration.fit import fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
+from edhas_jax.inference.fit.fit import fit
+from edhas_jax.inference.fit.fit_problem import FitError, FitProblem
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
 from tests.support import CONFIGS

@@ -13,11 +13,12 @@ from edhas_jax.commands.cli import main
 from edhas_jax.commands.progress import WorkProgress
 from edhas_jax.config.result_files import locked_folder
 from edhas_jax.core import structs
+from edhas_jax.diagnosis.candidates import candidate
 from edhas_jax.diagnosis.planning import next_experiment
 from edhas_jax.diagnosis.report import report, result_file
-from edhas_jax.diagnosis.search import candidates, checkpoint
-from edhas_jax.diagnosis.sets import diagnose as diagnosing
-from edhas_jax.diagnosis.sets.set_search import FIT_STEPS, SetSearch
+from edhas_jax.diagnosis.search import checkpoint
+from edhas_jax.diagnosis.search import diagnose as diagnosing
+from edhas_jax.diagnosis.search.set_search import FIT_STEPS, SetSearch
 from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime
 from edhas_jax.measurements.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
@@ -33,7 +34,7 @@ def small_library():
     """Two effects to consider instead of forty, and no search for the next experiment."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(next_experiment, "next_experiment", lambda diagnosis: None)
-        patch.setattr(candidates, "LIBRARY", (InverterDeadTime, ConstantBiasForce))
+        patch.setattr(candidate, "LIBRARY", (InverterDeadTime, ConstantBiasForce))
         yield
 
 

@@ -7,27 +7,26 @@ import numpy as np
 import pytest
 
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.likelihood.bench_deviations import (
+from edhas_jax.diagnosis.report import bench_findings
+from edhas_jax.diagnosis.report.bench_findings import bench_rows, excessive_deviations
+from edhas_jax.inference.fit.evaluated_fit import _without_branches, fit_coarse, start_coordinates
+from edhas_jax.inference.fit.fit_problem import calibration_problem
+from edhas_jax.inference.fit.settled_fit import MIN_TIGHT_RESIDUAL, with_tightened_bench
+from edhas_jax.inference.likelihood.bench_deviations import (
     Deviation,
     DeviationKind,
     bench_deviations,
     deviation_columns,
 )
-from edhas_jax.diagnosis.likelihood.bench_estimate import EstimatedDeviation
-from edhas_jax.diagnosis.search.candidates import build_problem
-from edhas_jax.diagnosis.search.evaluated_fit import _without_branches, fit_coarse, start_coordinates
-from edhas_jax.diagnosis.search.tightened_bench import MIN_RESIDUAL, with_tightened_bench
-from edhas_jax.diagnosis.sets import bench_findings
-from edhas_jax.diagnosis.sets.bench_findings import bench_rows, excessive_deviations
+from edhas_jax.inference.likelihood.bench_estimate import EstimatedDeviation
 from edhas_jax.machine.effects import InverterDeadTime
-from edhas_jax.measurements.instruments import Instruments
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 
 GUARDED = DeviationKind.SETTING, DeviationKind.GAIN, DeviationKind.OFFSET, DeviationKind.SHIFT
 
 
 def fitted(campaign, steps=12):
-    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    problem = calibration_problem(campaign)
     return fit_coarse(problem, start_coordinates(problem, {}), PER_SAMPLE, steps)
 
 
@@ -52,7 +51,7 @@ def test_columns_are_as_much_smaller_as_the_bench_is_tightened(far):
 def test_a_model_that_leaves_much_may_not_blame_the_bench(far):
     held = with_tightened_bench(far, PER_SAMPLE)
     factor = held.fit.problem.campaign.tightening
-    assert factor > MIN_RESIDUAL and held.excess > far.excess
+    assert factor > MIN_TIGHT_RESIDUAL and held.excess > far.excess
     before, after = (
         max(abs(row.value) for row in f.bench.deviations(f.fit.problem.bench) if row.deviation.kind in GUARDED)
         for f in (far, held)

@@ -8,12 +8,12 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.core import structs
 from edhas_jax.core.units import estimate_text
-from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.result import estimates_as_json
-from edhas_jax.diagnosis.chosen_effects import calibrated_model, fit_with_effects, with_effect
-from edhas_jax.diagnosis.search.candidate_fit import CANDIDATE_STEPS, fit_with_candidate
-from edhas_jax.diagnosis.search.candidates import Candidate, from_absence
-from edhas_jax.diagnosis.search.screening import ScoreTest
+from edhas_jax.diagnosis.candidates.candidate import Candidate, from_absence
+from edhas_jax.diagnosis.search.chosen_effects import calibrated_model, fit_with_effects, with_effect
+from edhas_jax.diagnosis.search.set_search import SetSearch
+from edhas_jax.diagnosis.search.signatures import signature_table
+from edhas_jax.inference.fit.calibration import estimates_as_json
+from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.machine.effects import (
     LIBRARY,
     EddyDrag,
@@ -80,9 +80,11 @@ def test_that_an_effect_is_needless_is_said_first(calibrated):
 def test_a_size_at_its_bound_has_no_error(calibrated):
     """The search fits sizes on logarithmic scales, whose bound is no estimate."""
     campaign, before = calibrated
-    score = ScoreTest(before.evaluated.fit, ()).score(Candidate(InverterDeadTime))
-    found = fit_with_candidate(before.evaluated, (), score, before.resolution, CANDIDATE_STEPS)
-    (row,) = (v for n, v in estimates_as_json(found.fit).items() if n.startswith("inverter"))
+    fit = before.evaluated.fit
+    table = signature_table(fit, [Candidate(InverterDeadTime)], print, with_free_terms=False)
+    search = SetSearch(before.evaluated, table, before.resolution, print)
+    found = search.fit_of(search.additions()[0])
+    (row,) = (v for n, v in estimates_as_json(found.evaluated.fit).items() if n.startswith("inverter"))
     assert row["std"] is None and row["limit"] == "lower"
 
 

@@ -9,11 +9,11 @@ from edhas_jax.config.machine_config import read_config
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.laws.curve_basis import basis
-from edhas_jax.diagnosis.likelihood.bench_deviations import DeviationKind
+from edhas_jax.diagnosis.report.bench_findings import clear_deviations
 from edhas_jax.diagnosis.report.result_file import save_diagnosis
-from edhas_jax.diagnosis.sets.bench_findings import clear_deviations
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.inference.likelihood.bench_deviations import DeviationKind
 from edhas_jax.machine.effects import (
     AsymmetricFriction,
     CoggingForce,

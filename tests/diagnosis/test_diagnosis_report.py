@@ -13,22 +13,21 @@ import pytest
 from edhas_jax.core import structs
 from edhas_jax.core.summary import SummaryTable, Tone, Toned, plain
 from edhas_jax.core.units import format_quantity, format_with_error
-from edhas_jax.diagnosis.calibration.unpredictable_part import with_unpredictable_part
+from edhas_jax.diagnosis.candidates.candidate import Candidate, with_candidates
+from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate
+from edhas_jax.diagnosis.report.conclusions import Outcome, conclusions, evidence_text, outcome
 from edhas_jax.diagnosis.report.machine_schematic import draw_schematic, probability_colour
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import diagnosis_report, law_curve, law_sentence, write_report
 from edhas_jax.diagnosis.report.residual_stages import draw_waterfall, residual_stages
 from edhas_jax.diagnosis.report.result_file import as_json
-from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
-from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
-from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
-from edhas_jax.diagnosis.sets.conclusions import conclusions, outcome
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.outcome import Outcome, evidence_text
-from edhas_jax.diagnosis.sets.posterior import SetPosterior
-from edhas_jax.diagnosis.sets.result import Verdict
+from edhas_jax.diagnosis.report.sensor_fault import draw_sensor_fault, estimate_sensor_error
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.posterior import SetPosterior
+from edhas_jax.diagnosis.search.result import Verdict
+from edhas_jax.inference.fit.evaluated_fit import fit_coarse
+from edhas_jax.inference.fit.fit_problem import calibration_problem
+from edhas_jax.inference.fit.unpredictable_part import with_unpredictable_part
 from edhas_jax.machine.effects import ConstantBiasForce, ForceConstantDroop, InverterDeadTime
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.machine.rigs import RIGS
@@ -136,7 +135,7 @@ def test_a_sensor_fault_is_shown_as_it_was_measured():
     instruments = Instruments({"current": (SensorLag(lag_time=2e-3),)})
     campaign = measured(empty_campaign(), bench(), instruments)
     candidate = Candidate(SensorLag, "current")
-    problem = build_problem(campaign, bench(), Instruments(), (), candidate)
+    problem = with_candidates(calibration_problem(campaign), [candidate])
     fault = estimate_sensor_error(fit_coarse(problem, np.zeros(len(problem.unknowns)), 8, 12).fit, candidate)
     assert fault.over_rate and np.abs(fault.measured).max() > 20.0 * fault.std.max()
     assert (np.abs(fault.measured - fault.modelled) < 5.0 * fault.std).all()
@@ -277,7 +276,7 @@ def test_a_curve_that_is_not_smooth_is_not_offered_as_a_law(diagnosis, values, i
     nodes = tuple(np.linspace(-0.3, 0.3, len(values)))
     place = LawPlace("mover_force", "piston_velocity")
     curve = CurveCandidate(tabulated_class("curve", place, len(nodes)), None, place, 10.0, nodes)
-    problem = build_problem(diagnosis.campaign, diagnosis.campaign.machine, Instruments(), (), curve)
+    problem = with_candidates(calibration_problem(diagnosis.campaign), [curve])
     start = np.zeros(len(problem.unknowns))
     start[-len(values) :] = np.array(values) / 10.0
     evaluated = fit_coarse(problem, start, 8, 0)

@@ -1,18 +1,17 @@
 """Fits of a model whose signals depend irregularly on its parameters."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.diagnosis.calibration.ensemble_search import minimise_by_ensemble
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem, quadratic_model
-from edhas_jax.diagnosis.calibration.unpredictable_part import unpredictable_part, with_unpredictable_part
-from edhas_jax.diagnosis.search.candidates import build_problem
-from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
-from edhas_jax.diagnosis.search.stage_encoding import StageDecoder, StageEncoder
-from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.diagnosis.search.checkpoint import fit_as_plain, fit_of_plain
+from edhas_jax.inference.fit.ensemble_search import minimise_by_ensemble
+from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
+from edhas_jax.inference.fit.fit_problem import FitProblem, calibration_problem, quadratic_model
+from edhas_jax.inference.fit.unpredictable_part import unpredictable_part, with_unpredictable_part
 from edhas_jax.measurements.measurement_model import EvaluationPoint, PredictedSignals
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 
@@ -59,7 +58,7 @@ class _IrregularProblem(FitProblem):
 @pytest.fixture(scope="module")
 def problem():
     campaign = measured(empty_campaign(), edhas.change(bench(), **TRUTH))
-    return build_problem(campaign, campaign.machine, Instruments(), ())
+    return calibration_problem(campaign)
 
 
 @pytest.fixture(scope="module")
@@ -138,9 +137,8 @@ def test_an_interrupted_diagnosis_keeps_what_counts_as_noise(problem):
     halves = {name: 0.5 * channel.noise for name, channel in problem.campaign.channels.items()}
     campaign = with_unpredictable_part(problem.campaign, halves)
     made = fit_coarse(dataclasses.replace(problem, campaign=campaign), start_coordinates(problem, {}), PER_SAMPLE, 1)
-    encoder = StageEncoder()
-    plain = encoder.fit(made)
-    read = StageDecoder(problem.campaign, encoder.arrays).fit(plain)
+    arrays = {}
+    read = fit_of_plain(problem.campaign, json.loads(json.dumps(fit_as_plain(made, arrays))), arrays)
     assert read.fit.problem.campaign.unpredictable == campaign.unpredictable
     assert read.fit.problem.campaign.channels == campaign.channels
     equations = read.fit.problem.equations(read.fit.outcomes)

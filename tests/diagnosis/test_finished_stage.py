@@ -5,7 +5,7 @@ import types
 
 import pytest
 
-from edhas_jax.diagnosis.sets.finished_stage import BEST, CALIBRATED, read_stages, stage_sentence
+from edhas_jax.diagnosis.search.finished_stage import BEST, CALIBRATED, read_stages, stage_sentence
 from edhas_jax.measurements.campaign import Use
 
 

@@ -9,11 +9,11 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import read_config
-from edhas_jax.diagnosis.calibration.fit import fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem, quadratic_model_at
-from edhas_jax.diagnosis.calibration.report import fit_report
-from edhas_jax.diagnosis.calibration.result import Calibration, campaign_residuals, save_calibration
-from edhas_jax.diagnosis.calibration.uncertainty import fit_each_run, profile_likelihood
+from edhas_jax.diagnosis.report.calibration_report import fit_report
+from edhas_jax.inference.fit.calibration import Calibration, campaign_residuals, save_calibration
+from edhas_jax.inference.fit.fit import fit
+from edhas_jax.inference.fit.fit_problem import FitError, FitProblem, quadratic_model_at
+from edhas_jax.inference.fit.uncertainty import fit_each_run, profile_likelihood
 from edhas_jax.machine.parameters import ParameterError, get_parameter
 from edhas_jax.measurements.campaign import Spread, Use
 from edhas_jax.measurements.instruments import Instruments

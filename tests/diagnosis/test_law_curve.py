@@ -14,16 +14,16 @@ from edhas_jax.commands.cli import main
 from edhas_jax.config.law_file import read_law_file
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.calibration.fit import fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
-from edhas_jax.diagnosis.calibration.result import campaign_residuals
+from edhas_jax.diagnosis.laws.added_terms import added_slopes, curve_term
 from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
 from edhas_jax.diagnosis.laws.curve_fit import estimate_free_curve, estimate_law_curve, exact_steps
 from edhas_jax.diagnosis.laws.curve_onset import is_smooth, onset
 from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
-from edhas_jax.diagnosis.laws.deviation import curve_columns, deviation_columns
 from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.model_files import write_curve_model
+from edhas_jax.inference.fit.calibration import campaign_residuals
+from edhas_jax.inference.fit.fit import fit
+from edhas_jax.inference.fit.fit_problem import FitProblem
 from edhas_jax.machine.effects import (
     LIBRARY,
     ConstantBiasForce,
@@ -119,7 +119,7 @@ def test_a_law_that_differs_is_replaced(dead_time):
 
 def test_columns_are_derivatives_of_the_signals(bumps):
     campaign, without, _ = bumps
-    slopes = curve_columns(without, POSITION, NODES)
+    (slopes,) = added_slopes(without, [curve_term(POSITION, NODES, "curve")])
     assert len(slopes) == len(campaign.runs_for(Use.FIT)) and slopes[0]["current"].shape == (401, len(NODES))
     k, step = 5, 1e-3
     ends = []
@@ -132,10 +132,8 @@ def test_columns_are_derivatives_of_the_signals(bumps):
             difference = (ends[0][r].values[signal] - ends[1][r].values[signal]) / (2.0 * step)
             assert np.abs(run[signal][:, k] - difference).max() < 1e-3 * np.abs(difference).max()
     prior = CurvePrior(0.5, 0.2)
-    (first, *_) = deviation_columns(without, POSITION, NODES, prior)
-    covariance = np.linalg.inv(prior.precision(NODES))
-    expected = slopes[0]["current"] @ covariance @ slopes[0]["current"].T
-    np.testing.assert_allclose(first["current"] @ first["current"].T, expected, atol=1e-9 * np.abs(expected).max())
+    factor = prior.factor(NODES)
+    np.testing.assert_allclose(factor @ factor.T @ prior.precision(NODES), np.eye(len(NODES)), atol=1e-9)
 
 
 def test_the_files_of_a_model_with_a_curve_are_used_by_the_commands(dead_time, tmp_path, monkeypatch, capsys):

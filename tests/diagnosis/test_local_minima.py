@@ -7,13 +7,13 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.likelihood.bench_deviations import BenchDeviations
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse
-from edhas_jax.diagnosis.search.local_minima import RUN_FRACTIONS, fit_progressively
+from edhas_jax.diagnosis.candidates.candidate import Candidate, with_candidates
+from edhas_jax.inference.fit.evaluated_fit import fit_coarse
+from edhas_jax.inference.fit.fit_problem import calibration_problem
+from edhas_jax.inference.fit.local_minima import RUN_FRACTIONS, fit_progressively
+from edhas_jax.inference.likelihood.bench_deviations import BenchDeviations
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage, SuctionLineInertance
 from edhas_jax.measurements.campaign import Channel, Use
-from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 
 CHANNELS = {
@@ -35,7 +35,7 @@ def problem():
     rng = np.random.default_rng(1)
     truth = draw_parameters(plan, bench, rng)
     truth = structs.replace(truth, effects=(*truth.effects, SuctionLineInertance(line_inertance=1.44e7)))
-    return build_problem(synthesise(plan, truth, rng), bench, Instruments(), (), Candidate(SuctionLineInertance))
+    return with_candidates(calibration_problem(synthesise(plan, truth, rng)), [Candidate(SuctionLineInertance)])
 
 
 def test_growing_stretches_reach_what_whole_runs_do_not(problem):

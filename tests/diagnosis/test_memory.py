@@ -4,12 +4,12 @@ import numpy as np
 
 import edhas_jax as edhas
 from edhas_jax.core.structs import par
-from edhas_jax.diagnosis.calibration.fit import fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
-from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.law_deviation import memory_columns
-from edhas_jax.diagnosis.search.memory_term import MemoryTerm, OscillatorTerm
-from edhas_jax.diagnosis.sets.result import Verdict
+from edhas_jax.diagnosis.candidates.candidate import Candidate
+from edhas_jax.diagnosis.candidates.law_deviation import memory_columns
+from edhas_jax.diagnosis.candidates.memory_term import MemoryTerm, OscillatorTerm
+from edhas_jax.diagnosis.search.result import Verdict
+from edhas_jax.inference.fit.fit import fit
+from edhas_jax.inference.fit.fit_problem import FitProblem
 from edhas_jax.machine.effects import AmplifierLag, Effect, LugreFriction
 from edhas_jax.machine.effects.base import state
 from edhas_jax.measurements.synthetic_campaign import planned_campaign, synthesise

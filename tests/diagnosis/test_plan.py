@@ -9,16 +9,16 @@ import pytest
 
 from edhas_jax.commands import cli
 from edhas_jax.core import structs
+from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.diagnosis.planning.candidate_runs import candidate_runs, feasible_runs
 from edhas_jax.diagnosis.planning.detectability_plan import plan_as_json, plan_detectability
 from edhas_jax.diagnosis.planning.detection_threshold import DETECTION_NORM, Detectability
 from edhas_jax.diagnosis.planning.figures import draw_similarity, draw_thresholds
 from edhas_jax.diagnosis.planning.next_experiment import _distance_after_refit, next_experiment
 from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign, with_predicted_signals
-from edhas_jax.diagnosis.planning.signatures import CandidatePoints, SignatureGram, cosines
-from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.posterior import SetPosterior
+from edhas_jax.diagnosis.planning.signature_gram import CandidatePoints, SignatureGram, cosines
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.posterior import SetPosterior
 from edhas_jax.machine.effects import Backlash, ConstantBiasForce, InverterDeadTime, MagneticSaturation
 from edhas_jax.measurements.campaign import CampaignError, Use
 from edhas_jax.measurements.measurement_model import MeasurementModel

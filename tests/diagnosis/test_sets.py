@@ -8,14 +8,14 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.evaluated_fit import fit_coarse, start_coordinates
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.linear_model import Floor, LinearModel, effective_samples, floor_of
-from edhas_jax.diagnosis.sets.posterior import NOTHING, UNKNOWN, SetPosterior, labels
-from edhas_jax.diagnosis.sets.set_search import FREEDOMS, FittedSet, Weighing, log_student
+from edhas_jax.diagnosis.candidates.candidate import Candidate
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.linear_model import Floor, LinearModel, effective_samples, floor_of
+from edhas_jax.diagnosis.search.posterior import NOTHING, UNKNOWN, SetPosterior, labels
+from edhas_jax.diagnosis.search.set_search import FREEDOMS, FittedSet, Weighing, log_student
+from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
+from edhas_jax.inference.fit.fit_problem import calibration_problem
 from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, MagneticSaturation
-from edhas_jax.measurements.instruments import Instruments
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 
 LIBRARY = (InverterDeadTime, MagneticSaturation, EddyDrag, CoggingForce)
@@ -24,7 +24,7 @@ LIBRARY = (InverterDeadTime, MagneticSaturation, EddyDrag, CoggingForce)
 @pytest.fixture(scope="module")
 def fitted():
     campaign = measured(empty_campaign(), edhas.change(bench(), coil_resistance=1.45, mover_damping=25.0))
-    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    problem = calibration_problem(campaign)
     return fit_coarse(problem, start_coordinates(problem, {}), PER_SAMPLE, 15)
 
 

@@ -1,29 +1,29 @@
 """Errors of a recorder's clock: as columns of a fit, as corrected time stamps, and as a deviation of the bench."""
 
 import dataclasses
+import json
 import math
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
-from edhas_jax.diagnosis.likelihood.bench_deviations import (
-    DeviationKind,
-    bench_deviations,
-    clock_degree,
-    deviation_columns,
-)
-from edhas_jax.diagnosis.likelihood.time_correction import (
+from edhas_jax.diagnosis.search.checkpoint import fit_as_plain, fit_of_plain
+from edhas_jax.inference.fit.calibrated_model import calibrate
+from edhas_jax.inference.fit.fit_problem import FitProblem, calibration_problem
+from edhas_jax.inference.fit.time_correction import (
     added,
     time_error,
     with_clock_error,
     with_corrected_time,
     with_time_errors,
 )
-from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidates import build_problem
-from edhas_jax.diagnosis.search.stage_encoding import StageDecoder, StageEncoder
+from edhas_jax.inference.likelihood.bench_deviations import (
+    DeviationKind,
+    bench_deviations,
+    clock_degree,
+    deviation_columns,
+)
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import PredictedSignals
@@ -71,7 +71,7 @@ def test_degrees_follow_changes_of_the_rate_up_to_a_frequency():
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_a_column_is_the_change_of_a_signal_by_a_small_time_error(degree):
     campaign = with_clock_error(empty_campaign(), 1e-6)
-    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    problem = calibration_problem(campaign)
     run = campaign.runs[0]
     deviation = next(d for d in problem.bench.of_runs if d.kind is DeviationKind.CLOCK and d.degree == degree)
     signal = lambda t: np.sin(60.0 * t)  # noqa: E731
@@ -138,9 +138,8 @@ def test_the_lag_of_one_sensor_is_no_error_of_the_clock():
 
 def test_a_fit_with_corrected_time_is_restored(wrong_records):
     campaign, found = wrong_records
-    encoder = StageEncoder()
-    plain = encoder.fit(found)
-    again = StageDecoder(campaign, encoder.arrays).fit(plain)
+    arrays = {}
+    again = fit_of_plain(campaign, json.loads(json.dumps(fit_as_plain(found, arrays))), arrays)
     problem: FitProblem = again.fit.problem
     assert problem.bench == found.fit.problem.bench and problem.time_errors == found.fit.problem.time_errors
     for one, other in zip(problem.campaign.runs, found.fit.problem.campaign.runs, strict=True):

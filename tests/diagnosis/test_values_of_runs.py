@@ -7,11 +7,11 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
-from edhas_jax.diagnosis.calibration.fit import fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
-from edhas_jax.diagnosis.search.calibrated_model import calibrate
+from edhas_jax.diagnosis.search.checkpoint import fit_as_plain, fit_of_plain
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
-from edhas_jax.diagnosis.search.stage_encoding import StageDecoder, StageEncoder
+from edhas_jax.inference.fit.calibrated_model import calibrate
+from edhas_jax.inference.fit.fit import fit
+from edhas_jax.inference.fit.fit_problem import FitProblem
 from edhas_jax.measurements.campaign import BenchRun, CampaignError
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -131,12 +131,12 @@ def found_machine(out, folder):
 
 def test_a_diagnosis_finds_nothing_missing_and_its_stages_are_kept(campaign_of):
     campaign = checked_campaign(read(campaign_of()))
-    evaluated, resolution = calibrate(campaign)
+    evaluated, _ = calibrate(campaign)
     assert within_errors(evaluated.fit.values, evaluated.fit.standard_errors, {"tau": TAU, "first in run2": 3e6})
     assert evaluated.residual_over_noise == pytest.approx(1.0, abs=0.1)
-    encoder = StageEncoder()
-    plain = encoder.start((evaluated, resolution))
-    again, _ = StageDecoder(campaign, encoder.arrays).start(json.loads(json.dumps(plain)))
+    arrays = {}
+    plain = fit_as_plain(evaluated, arrays)
+    again = fit_of_plain(campaign, json.loads(json.dumps(plain)), arrays)
     assert again.fit.values == evaluated.fit.values and again.fit.campaign.runs[0].conditions["first"] < 1.1e5
 
 

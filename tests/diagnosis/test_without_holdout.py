@@ -8,8 +8,8 @@ import pytest
 
 from edhas_jax.commands.cli import main
 from edhas_jax.core import structs
+from edhas_jax.diagnosis.candidates import candidate
 from edhas_jax.diagnosis.planning import next_experiment
-from edhas_jax.diagnosis.search import candidates
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.machine.effects import Effect, InverterDeadTime
 from edhas_jax.measurements.campaign import Use
@@ -25,7 +25,7 @@ def campaign_of(*hidden: Effect, runs: int = 1, length: int = 301):
 
 
 def test_the_only_run_is_divided_by_time(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(candidates, "LIBRARY", (InverterDeadTime,))
+    monkeypatch.setattr(candidate, "LIBRARY", (InverterDeadTime,))
     monkeypatch.setattr(next_experiment, "next_experiment", lambda diagnosis: None)
     write_campaign(campaign_of(InverterDeadTime(dead_time_voltage=0.8)), tmp_path / "bench")
     assert main(["diagnose", str(tmp_path / "bench"), "--out", str(tmp_path / "out")]) == 0

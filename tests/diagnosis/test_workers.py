@@ -10,11 +10,11 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.calibration.fit_problem import FitError
-from edhas_jax.diagnosis.search.memory_term import memory_class, oscillator_class
-from edhas_jax.diagnosis.sets.diagnose import diagnose
-from edhas_jax.diagnosis.sets.result import Verdict
-from edhas_jax.diagnosis.workers import Workers, _packed, own_classes
+from edhas_jax.diagnosis.candidates.memory_term import memory_class, oscillator_class
+from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.result import Verdict
+from edhas_jax.diagnosis.search.workers import Workers, _packed, own_classes
+from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.machine.effects import (
     AsymmetricFriction,
     CoggingForce,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from edhas_jax.commands.cli import main
-from edhas_jax.diagnosis.calibration.fit import fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
+from edhas_jax.inference.fit.fit import fit
+from edhas_jax.inference.fit.fit_problem import FitProblem
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.data_summary import data_sentences

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.diagnosis.likelihood.whitening import whiten
+from edhas_jax.inference.likelihood.whitening import whiten
 from edhas_jax.measurements.campaign import CampaignError
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign

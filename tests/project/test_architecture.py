@@ -15,7 +15,7 @@ from tests.support import ROOT
 PACKAGE = sorted((ROOT / "edhas_jax").rglob("*.py"))
 STUDIES = sorted((ROOT / "studies").rglob("*.py"))
 TESTS = sorted(p for p in (ROOT / "tests").rglob("*.py") if not p.parent.name.startswith("malformed"))
-MAX_LAYERS = 10
+MAX_LAYERS = 11
 HEAVY = ("matplotlib", "pint", "rich")
 
 
@@ -33,10 +33,11 @@ def test_import_contracts_hold():
 
 
 def test_the_layers_of_the_contract_are_the_packages():
-    """An exhaustive contract of at most ten layers, whose entries are all the packages in the folder and no modules."""
+    """An exhaustive contract of at most eleven layers, whose entries are all packages in the folder and no modules."""
     config = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    (contract,) = (c for c in config["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
-    assert contract["containers"] == ["edhas_jax"] and contract["exhaustive"] and not contract.get("ignore_imports")
+    contracts = config["tool"]["importlinter"]["contracts"]
+    (contract,) = (c for c in contracts if c.get("containers") == ["edhas_jax"])
+    assert contract["type"] == "layers" and contract["exhaustive"] and not contract.get("ignore_imports")
     assert len(contract["layers"]) <= MAX_LAYERS
     listed = {name.strip() for layer in contract["layers"] for name in layer.split("|")}
     assert listed == {path.parent.name for path in (ROOT / "edhas_jax").glob("*/__init__.py")}

@@ -21,7 +21,7 @@ def contract_packages() -> list[str]:
     """The packages of the import contract, from the highest layer to the lowest."""
     with (ROOT / "pyproject.toml").open("rb") as file:
         contracts = tomllib.load(file)["tool"]["importlinter"]["contracts"]
-    (layers,) = (contract["layers"] for contract in contracts if contract["type"] == "layers")
+    (layers,) = (contract["layers"] for contract in contracts if contract.get("containers") == ["edhas_jax"])
     return [name.strip() for layer in layers for name in layer.split("|")]
 
 
@@ -92,7 +92,7 @@ def test_page_agrees_with_the_code():
 def test_functions_of_the_page_on_the_diagnosis_exist():
     assert len(re.findall(FUNCTION, METHOD)) >= 8 and function_problems(METHOD) == []
     assert function_problems(METHOD.replace("posterior.py: SetPosterior", "posterior.py: no_such")) == [
-        "diagnosis/sets/posterior.py: no_such"
+        "diagnosis/search/posterior.py: no_such"
     ]
 
 

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from edhas_jax.diagnosis.calibration.unpredictable_part import unpredictable_part
-from edhas_jax.diagnosis.search.calibrated_model import CALIBRATION_STEPS, calibrate, misfit
-from edhas_jax.diagnosis.search.candidates import build_problem
-from edhas_jax.diagnosis.search.evaluated_fit import find_minima
+from edhas_jax.diagnosis.search.diagnose import diagnose
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
-from edhas_jax.diagnosis.sets.diagnose import diagnose
+from edhas_jax.inference.fit.calibrated_model import CALIBRATION_STEPS, calibrate, misfit_beyond_noise
+from edhas_jax.inference.fit.evaluated_fit import find_minima
+from edhas_jax.inference.fit.fit_problem import calibration_problem
+from edhas_jax.inference.fit.unpredictable_part import unpredictable_part
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.time_resolution import MAX_DERIVATIVE, choose_time_resolution
 from studies.hidden_effects.generators.drawing import draw
 from studies.hidden_effects.generators.hidden_case import CaseKey, Split
@@ -25,7 +24,7 @@ def campaign_of(family: str, number: int, split: Split = Split.TUNING) -> Campai
 def test_too_coarse_a_step_has_false_minima():
     """Three runs of the pump in which nothing is missing, and whose valves bounce."""
     campaign = campaign_of("f", 205)
-    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    problem = calibration_problem(campaign)
     resolution = choose_time_resolution(problem.model(), np.zeros(len(problem.unknowns)))
     starts = np.clip(np.random.default_rng(0).normal(size=(8, len(problem.unknowns))), -2.0, 2.0)
     starts[0] = 0.0
@@ -34,12 +33,12 @@ def test_too_coarse_a_step_has_false_minima():
     )
     assert np.ptp(coarse) > 300.0 and np.ptp(finer) < 3.0  # nats
     calibrated, chosen = calibrate(campaign)
-    assert misfit(calibrated) == 0.0 and chosen.coarse <= chosen.fine
+    assert misfit_beyond_noise(calibrated) == 0.0 and chosen.coarse <= chosen.fine
 
 
 def test_derivatives_of_a_cylinder_that_sticks_are_bounded():
     campaign = campaign_of("f", 200)
-    problem = build_problem(campaign, campaign.machine, Instruments(), ())
+    problem = calibration_problem(campaign)
     model, x = problem.model(), np.zeros(len(problem.unknowns))
     resolution = choose_time_resolution(model, x)
 
@@ -55,7 +54,7 @@ def test_a_cylinder_that_sticks_makes_signals_irregular():
     scatter = []
     for family, number in (("f", 200), ("f", 205)):
         campaign = campaign_of(family, number)
-        problem = build_problem(campaign, campaign.machine, Instruments(), ())
+        problem = calibration_problem(campaign)
         x = np.zeros(len(problem.unknowns))
         steps = choose_time_resolution(problem.model(), x).fine
         scatter.append(unpredictable_part(problem, x, steps, min_scatter=8.0))

@@ -6,7 +6,7 @@ from scipy.signal import StateSpace, lsim
 
 import edhas_jax as edhas
 from edhas_jax.core.structs import replace
-from edhas_jax.diagnosis.chosen_effects import calibrated_model, with_effect
+from edhas_jax.diagnosis.search.chosen_effects import calibrated_model, with_effect
 from edhas_jax.machine.effects.mover.lugre_friction import LugreFriction
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign

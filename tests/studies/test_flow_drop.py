@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from edhas_jax.diagnosis.sets.result import Verdict
+from edhas_jax.diagnosis.search.result import Verdict
 from edhas_jax.machine.effects import SuctionLineResistance
 from edhas_jax.machine.parameters import list_parameters
 from studies.flow_drop import cause_analysis, causes, diagnosis, discrimination

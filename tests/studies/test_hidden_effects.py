@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from edhas_jax.diagnosis.search.calibrated_model import calibrate
-from edhas_jax.diagnosis.search.candidates import Candidate, screening_grid
+from edhas_jax.diagnosis.candidates.candidate import Candidate, signature_grid
+from edhas_jax.inference.fit.calibrated_model import calibrate
 from edhas_jax.machine.effects import (
     CoggingForce,
     EntrainedAir,
@@ -74,7 +74,7 @@ def test_rivals_get_the_exact_residual_and_the_grid_of_the_diagnosis(small):
     candidates = [Candidate(CoggingForce), Candidate(SensorLag, "current")]
     table = signature_table(fitted, candidates)
     for suspect, candidate in zip(table.suspects, candidates, strict=True):
-        np.testing.assert_array_equal(suspect.points, screening_grid(candidate.unknowns(campaign)))
+        np.testing.assert_array_equal(suspect.points, signature_grid(candidate.unknowns(campaign)))
     assert [s.points.shape[1] for s in table.suspects] == [3, 1]
     # two parameters; gain, offset and shift of five sensors; trigger, orifice and coil of two runs
     assert table.slopes.shape[1] == 2 + 15 + 6

@@ -9,7 +9,7 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core.structs import replace
-from edhas_jax.diagnosis.chosen_effects import calibrated_model, with_effect
+from edhas_jax.diagnosis.search.chosen_effects import calibrated_model, with_effect
 from edhas_jax.machine.own_rig import check_rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from edhas_jax.diagnosis.sets.outcome import Outcome
+from edhas_jax.diagnosis.report.conclusions import Outcome
 from edhas_jax.workbench.jobs import DONE, Job, JobList
 from edhas_jax.workbench.standing import standing
 from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, RESULT_FILES, Decisions, Workspace

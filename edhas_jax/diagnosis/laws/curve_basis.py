@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
+from edhas_jax.inference.likelihood.symmetric_matrices import regularised_inverse
 
 CLOSE_TO_ZERO = 0.02  # of the far end of a range: a range that begins nearer to zero includes it
 FREE_NODES = 11  # of a curve of which nothing is known

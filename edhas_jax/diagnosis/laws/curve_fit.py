@@ -13,24 +13,24 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.calibration.fit import CORRECTION_REFINEMENT, Fit
-from edhas_jax.diagnosis.calibration.fit_problem import FitError, FitProblem
-from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse
 from edhas_jax.diagnosis.laws.curve_basis import fit_values
 from edhas_jax.diagnosis.laws.curve_prior import CurvePrior, PriorChoice, choose_prior, without_others
 from edhas_jax.diagnosis.laws.curve_start import CurveStart, start_beside_law, start_from_nothing, with_law_of
 from edhas_jax.diagnosis.laws.law_curve import LawCurve, curve_name
 from edhas_jax.diagnosis.laws.law_samples import law_samples
 from edhas_jax.diagnosis.laws.linearised_model import Linearisation, PointEvaluator, bounded_minimum
+from edhas_jax.inference.fit.fit import CORRECTION_REFINEMENT, Fit
+from edhas_jax.inference.fit.fit_problem import FitError, FitProblem
+from edhas_jax.inference.likelihood.symmetric_matrices import regularised_inverse
 from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable
 from edhas_jax.machine.interface.slots import Rule
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
-MAX_STEPS = 12  # linearisations of one search
+MAX_LINEARISATIONS = 12  # linearisations of one search
 # of the steps that are compared, over the diagonal of the curvature
-DAMPINGS = np.array([0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0])
+CURVE_DAMPINGS = np.array([0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0])
 COARSE_TOLERANCE, FINE_TOLERANCE = 5.0, 1.0  # fall of ½χ² below which a search has converged
 
 
@@ -122,7 +122,7 @@ def _estimate(
     visible, _ = without_others(found.at.curvature, found.at.gradient, n)
     curve = LawCurve(
         name, start.place, "" if start.replaces else effect, start.nodes, values, std, start.law_values, total,
-        _share_of_law(start, total, visible), found.choice.log_evidence_gain, start.x, start.weight, start.law,
+        _share_of_law(start, total, visible), found.choice.log_evidence_gain, start.x, start.law,
     )  # fmt: skip
     return CurveFit(curve, fitted)
 
@@ -181,13 +181,14 @@ def _search(
     at = evaluator.linearise(x)
     if not at.is_finite:
         raise FitError("the model with a free curve fails (it is not finite, or leaves its physical range)")
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_LINEARISATIONS):
         choice = _choose_prior(at, nodes)
         whole = _with_prior(at, choice.prior, nodes)
         report(f"fitting the curve: ½χ² {at.cost:.0f}")
         scale = np.diag(np.diag(whole.curvature))
         points = np.array([
-            bounded_minimum(problem, at.x, whole.gradient, whole.curvature + damping * scale) for damping in DAMPINGS
+            bounded_minimum(problem, at.x, whole.gradient, whole.curvature + damping * scale)
+            for damping in CURVE_DAMPINGS
         ])  # fmt: skip
         costs = evaluator.costs(points, at) + np.array([_prior_cost(point, choice.prior, nodes) for point in points])
         best = int(np.argmin(costs))

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse, square_root
 from edhas_jax.diagnosis.laws.curve_basis import bends
+from edhas_jax.inference.likelihood.symmetric_matrices import regularised_inverse, square_root
 
 SIZES = 10.0 ** np.arange(-2.0, 1.01, 0.5)  # s over the size of the law
 BENDS = 10.0 ** np.arange(-1.5, 0.51, 0.5)  # b over s

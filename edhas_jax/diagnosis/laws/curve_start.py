@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import Fit
 from edhas_jax.diagnosis.laws.curve_basis import basis, explained_share, fit_values, free_nodes, law_nodes
 from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.law_samples import LawSamples, law_samples
+from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.tabulated_law import LawPlace
 

@@ -29,7 +29,6 @@ class LawCurve:
         log_evidence_gain: evidence [nats] for the curve's deviation from the law, to second order around the fit; near
             0 or below the data need none.
         variable_samples: values (m,) of the variable along the fitted runs.
-        weight_samples: product (m,) of the factors there.
         law_samples: what the library's law contributed there (m,); None without a law.
     """
 
@@ -44,7 +43,6 @@ class LawCurve:
     explained_share: float | None
     log_evidence_gain: float
     variable_samples: np.ndarray
-    weight_samples: np.ndarray
     law_samples: np.ndarray | None
 
     def at(self, x: np.ndarray) -> np.ndarray:

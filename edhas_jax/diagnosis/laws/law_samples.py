@@ -9,7 +9,7 @@ import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.core.runtime import code_hash
-from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.machine.effects.tabulated_law import LawPlace, rig_of, tabulated_class
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rig_base import Rig

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit_problem import FitProblem
-from edhas_jax.diagnosis.calibration.least_squares import QuadraticModel, levenberg_marquardt
+from edhas_jax.inference.fit.fit_problem import FitProblem
+from edhas_jax.inference.fit.least_squares import QuadraticModel, levenberg_marquardt
 from edhas_jax.measurements.measurement_model import EvaluationPoint, PredictedSignals
 from edhas_jax.measurements.residuals import normalised_residuals
 

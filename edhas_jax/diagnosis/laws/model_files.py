@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from edhas_jax.config.law_file import write_law_file
 from edhas_jax.core.literal_text import file_name, one_line
-from edhas_jax.diagnosis.calibration.model_file import write_model_file
 from edhas_jax.diagnosis.laws.curve_fit import CurveFit
+from edhas_jax.inference.fit.model_file import write_model_file
 
 
 class ModelFiles(NamedTuple):

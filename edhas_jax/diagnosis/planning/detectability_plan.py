@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.core.runtime import single_threaded_algebra
+from edhas_jax.diagnosis.candidates.candidate import candidates_for
 from edhas_jax.diagnosis.planning.candidate_runs import feasible_runs, format_conditions
 from edhas_jax.diagnosis.planning.detection_threshold import (
     DETECTION_NORM,
@@ -16,8 +17,8 @@ from edhas_jax.diagnosis.planning.detection_threshold import (
     strength_points,
 )
 from edhas_jax.diagnosis.planning.planned_campaign import with_predicted_signals
-from edhas_jax.diagnosis.planning.signatures import CandidatePoints, SignatureGram, cosines
-from edhas_jax.diagnosis.search.candidates import build_problem, candidates_for
+from edhas_jax.diagnosis.planning.signature_gram import CandidatePoints, SignatureGram, cosines
+from edhas_jax.inference.fit.fit_problem import calibration_problem
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -115,7 +116,7 @@ def plan_detectability(
     report = on_progress or (lambda stage, share: None)
     campaign = checked_campaign(campaign)
     report("choosing the integration step", 0.0)
-    known = build_problem(campaign, campaign.machine, Instruments(), ()).unknowns
+    known = calibration_problem(campaign).unknowns
     model = MeasurementModel(campaign, campaign.machine, known, campaign.runs)
     steps = choose_time_resolution(model, np.zeros(len(known))).coarse
     campaign = with_predicted_signals(campaign, steps)

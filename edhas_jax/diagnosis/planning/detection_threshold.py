@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
-from edhas_jax.diagnosis.search.candidates import Candidate
+from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 

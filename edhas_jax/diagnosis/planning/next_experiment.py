@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.core.runtime import single_threaded_algebra
-from edhas_jax.diagnosis.calibration.symmetric_matrices import regularised_inverse, square_root
 from edhas_jax.diagnosis.planning.candidate_runs import feasible_runs, format_conditions
-from edhas_jax.diagnosis.sets.result import Diagnosis, Verdict
-from edhas_jax.diagnosis.sets.set_search import FittedSet
+from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.search.set_search import FittedSet
+from edhas_jax.inference.likelihood.symmetric_matrices import regularised_inverse, square_root
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
 

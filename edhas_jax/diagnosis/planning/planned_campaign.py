@@ -16,7 +16,7 @@ from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.run_reader import RunEntry
 
 APERIODIC_DURATION = 0.6  # s, of a run whose set point is not periodic
-MIN_SAMPLES, MAX_SAMPLES = 100, 200_000  # of a run
+MIN_PLANNED_SAMPLES, MAX_PLANNED_SAMPLES = 100, 200_000  # of a run
 
 
 class PlannedCampaignDescription(CampaignDescription):
@@ -41,12 +41,13 @@ class PlannedCampaignDescription(CampaignDescription):
         duration, file = periodic_duration(self.machine, entry.conditions) or APERIODIC_DURATION, entry.file
         low, high = entry.timing.window
         duration = high if math.isfinite(high) else max(duration, low + duration)
-        if duration * rate < MIN_SAMPLES:
+        if duration * rate < MIN_PLANNED_SAMPLES:
             raise CampaignError(f"{file}: has {duration * rate:.0f} samples at {format_quantity(rate, 'Hz')}, at least "
-                                f"{MIN_SAMPLES} are needed; raise the sampling rate")  # fmt: skip
-        if duration * rate > MAX_SAMPLES:
+                                f"{MIN_PLANNED_SAMPLES} are needed; raise the sampling rate")  # fmt: skip
+        if duration * rate > MAX_PLANNED_SAMPLES:
             count = f"{duration * rate:.3g} samples at {format_quantity(rate, 'Hz')}"
-            raise CampaignError(f"{file}: has {count}, at most {MAX_SAMPLES:,} can be planned; lower the sampling rate")
+            most = f"at most {MAX_PLANNED_SAMPLES:,} can be planned"
+            raise CampaignError(f"{file}: has {count}, {most}; lower the sampling rate")
         time = np.arange(round(duration * rate) + 1) / rate
         time = time[time >= low - 0.5 / rate]
         lines = np.arange(len(time)) + 2

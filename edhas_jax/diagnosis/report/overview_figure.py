@@ -5,9 +5,9 @@ import numpy as np
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK, time_unit
 from edhas_jax.core.units import from_si
+from edhas_jax.diagnosis.report.conclusions import conclusions
 from edhas_jax.diagnosis.report.residual_stages import USE_TITLES, draw_stages
-from edhas_jax.diagnosis.sets.conclusions import conclusions
-from edhas_jax.diagnosis.sets.result import Diagnosis
+from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.measurements.campaign import BenchRun, Use
 from edhas_jax.measurements.residuals import rms_over_noise

@@ -3,11 +3,11 @@
 import numpy as np
 
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
-from edhas_jax.diagnosis.calibration.figures import PRIOR_COLOUR
-from edhas_jax.diagnosis.sets.result import Diagnosis
+from edhas_jax.diagnosis.laws.curve_figure import Z_95
+from edhas_jax.diagnosis.report.calibration_figures import PRIOR_COLOUR
+from edhas_jax.diagnosis.search.result import Diagnosis
 
 CALIBRATED_COLOUR = COLOURS[4]
-Z_95 = 1.96  # standard errors on either side of a 95 % interval
 MIN_HALF_RANGE = 3.0  # of the horizontal axis, in standard deviations of the prior
 ROW_OFFSET = 0.14  # vertical distance of the two estimates of a parameter from its row
 

@@ -8,26 +8,24 @@ from pathlib import Path
 from edhas_jax.core import html_page
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.optional_parts import OptionalParts
-from edhas_jax.diagnosis.calibration.fit import Fit
+from edhas_jax.diagnosis.candidates.candidate import Candidate
+from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate, fitted_curve
+from edhas_jax.diagnosis.candidates.law_deviation import deviation_of
+from edhas_jax.diagnosis.candidates.memory_term import MemoryTerm
 from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.diagnosis.laws.law_curve import LawCurve
 from edhas_jax.diagnosis.planning.next_experiment import Experiment
+from edhas_jax.diagnosis.report.bench_findings import bench_rows
+from edhas_jax.diagnosis.report.conclusions import conclusions, evidence_text, outcome
 from edhas_jax.diagnosis.report.machine_schematic import draw_schematic
 from edhas_jax.diagnosis.report.parameter_figure import draw_parameter_shifts
 from edhas_jax.diagnosis.report.residual_stages import draw_waterfall
-from edhas_jax.diagnosis.report.sensor_fault import estimate_sensor_error
-from edhas_jax.diagnosis.report.sensor_fault_figure import draw_sensor_fault
+from edhas_jax.diagnosis.report.sensor_fault import draw_sensor_fault, estimate_sensor_error
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
-from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate, fitted_curve
-from edhas_jax.diagnosis.search.law_deviation import deviation_of
-from edhas_jax.diagnosis.search.memory_term import MemoryTerm
-from edhas_jax.diagnosis.sets.bench_findings import bench_rows
-from edhas_jax.diagnosis.sets.conclusions import conclusions, outcome
-from edhas_jax.diagnosis.sets.member_laws import LAW_GAIN
-from edhas_jax.diagnosis.sets.outcome import evidence_text
-from edhas_jax.diagnosis.sets.result import Diagnosis, Verdict
+from edhas_jax.diagnosis.search.member_laws import LAW_GAIN
+from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
+from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.measurements.campaign import Use, count_runs
 from edhas_jax.measurements.checks.data_summary import data_sentences
 

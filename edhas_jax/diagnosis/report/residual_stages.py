@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
-from edhas_jax.diagnosis.sets.result import Diagnosis
+from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.residuals import OVERALL, rms_by_signal
 

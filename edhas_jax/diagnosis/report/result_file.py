@@ -7,18 +7,17 @@ from typing import Any
 from edhas_jax.config.law_file import write_law_file
 from edhas_jax.config.run_folder import replace_nonfinite, write_json
 from edhas_jax.core.literal_text import file_name
-from edhas_jax.diagnosis.calibration.confounding import confounding_as_json, weak_combinations
-from edhas_jax.diagnosis.calibration.fit import Fit
-from edhas_jax.diagnosis.calibration.model_file import write_model_file
-from edhas_jax.diagnosis.calibration.result import CONFIG_FILE, estimates_as_json, values_of_runs_as_json
-from edhas_jax.diagnosis.search.candidates import Candidate
-from edhas_jax.diagnosis.search.curve_candidate import CurveCandidate
-from edhas_jax.diagnosis.search.memory_term import FREQUENCIES, TIMES, OscillatorTerm
-from edhas_jax.diagnosis.sets.bench_findings import clear_deviations
-from edhas_jax.diagnosis.sets.conclusions import conclusions, explains_little, outcome, what_is_left
-from edhas_jax.diagnosis.sets.member_laws import MemberLaw
-from edhas_jax.diagnosis.sets.outcome import evidence_text
-from edhas_jax.diagnosis.sets.result import Diagnosis
+from edhas_jax.diagnosis.candidates.candidate import Candidate
+from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate
+from edhas_jax.diagnosis.candidates.memory_term import FREQUENCIES, TIMES, OscillatorTerm
+from edhas_jax.diagnosis.report.bench_findings import clear_deviations
+from edhas_jax.diagnosis.report.conclusions import conclusions, evidence_text, explains_little, outcome, what_is_left
+from edhas_jax.diagnosis.search.member_laws import MemberLaw
+from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.inference.fit.calibration import CONFIG_FILE, estimates_as_json, values_of_runs_as_json
+from edhas_jax.inference.fit.confounding import confounding_as_json, weak_combinations
+from edhas_jax.inference.fit.fit import Fit
+from edhas_jax.inference.fit.model_file import write_model_file
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.campaign_reader import OF_RUNS
 from edhas_jax.measurements.checks.data_summary import data_as_json

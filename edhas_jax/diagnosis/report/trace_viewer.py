@@ -18,7 +18,7 @@ from edhas_jax.measurements.residual_matrix import run_descriptions
 from edhas_jax.measurements.residuals import rms_over_noise
 
 MODEL_COLOURS = {"before": GREY, "calibrated": COLOURS[4], "after": COLOURS[1]}
-MAX_SAMPLES = 6000  # of a run in the page; longer ones are thinned out
+MAX_SHOWN_SAMPLES = 6000  # of a run in the page; longer ones are thinned out
 MISSING_CODE, MAX_CODE = -32768, 32000  # 16-bit codes of a missing sample, and of the largest value
 INITIAL_CYCLES = 2.0  # shown at first, of a run with a sinusoidal set point
 STYLE = """
@@ -73,7 +73,7 @@ def render_trace_viewer(campaign: Campaign, states: Mapping[str, Mapping[str, Ma
 
 def _run(campaign: Campaign, run: BenchRun, states) -> dict[str, Any]:
     """One run as plain data: times in ms, signals in the units of display."""
-    stride = max(1, -(-len(run.time) // MAX_SAMPLES))
+    stride = max(1, -(-len(run.time) // MAX_SHOWN_SAMPLES))
     time = 1e3 * run.time[::stride]
     machine = campaign.machine_of(run)
     start = time[0]

@@ -1,1 +1,1 @@
-"""Candidates that a model may lack, and the fits of models with them."""
+"""The search for sets of effects that a model lacks: their probabilities, and the diagnosis that follows."""

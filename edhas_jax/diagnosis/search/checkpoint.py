@@ -4,6 +4,7 @@ A stage is the calibration or the fit of a set of effects: one file of arrays an
 without running any code. The stages are used only for the same inputs, which are compared by hashes.
 """
 
+import dataclasses
 import hashlib
 import json
 import shutil
@@ -12,7 +13,7 @@ import time
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import numpy as np
@@ -22,15 +23,23 @@ from edhas_jax.config.writer import dump_config
 from edhas_jax.core import runtime
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.design.sweep.identity import effect_code, versions
-from edhas_jax.diagnosis.search.stage_encoding import StageDecoder, StageEncoder
+from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
+from edhas_jax.inference.fit.fit import Fit
+from edhas_jax.inference.fit.fit_problem import calibration_problem
+from edhas_jax.inference.fit.time_correction import with_clock_error, with_corrected_time
+from edhas_jax.inference.fit.unpredictable_part import with_unpredictable_part
+from edhas_jax.inference.likelihood.bench_estimate import BenchEstimate
+from edhas_jax.inference.likelihood.residual_outliers import without_missing
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign, Spread
+from edhas_jax.measurements.measurement_model import PredictedSignals
+from edhas_jax.measurements.time_resolution import TimeResolution
 from edhas_jax.simulation.run import Simulation
 
 CHECKPOINT_FOLDER = "unfinished"  # within the output folder
 IDENTITY_FILE = "identity.json"
-CODE_PACKAGES = ("core", "compiler", "machine", "simulation", "config", "measurements", "diagnosis")
-T = TypeVar("T")
+CODE_PACKAGES = ("core", "compiler", "machine", "simulation", "config", "measurements", "inference", "diagnosis")
+ARRAY = "array"  # begins the list that stands for an array, followed by its name
 
 
 class Checkpoint:
@@ -58,27 +67,24 @@ class Checkpoint:
         self._keeps = folder is not None
         self._began = time.perf_counter()
 
-    def stage(
-        self, name: str, campaign: Campaign, compute: Callable[[], T],
-        encode: Callable[[StageEncoder, T], dict[str, Any]], decode: Callable[[StageDecoder, dict[str, Any]], T],
-    ) -> T:  # fmt: skip
-        """The value of a stage: read if it is finished, else computed and written.
+    def calibration(
+        self, name: str, campaign: Campaign, compute: Callable[[], tuple[EvaluatedFit, TimeResolution]]
+    ) -> tuple[EvaluatedFit, TimeResolution]:
+        """The calibrated model and its time steps: read if they are there, else computed and written.
 
         Args:
-            name: of the stage; the name of its file.
+            name: of the file.
             campaign: the campaign of the diagnosis.
-            compute: computes the value.
-            encode: turns it into plain data.
-            decode: restores it from plain data.
+            compute: computes them.
         """
-        found = self.recall(name)
-        if found is not None:
+        if (found := self.recall(name)) is not None:
             plain, arrays = found
-            return decode(StageDecoder(campaign, arrays), plain)
-        value, encoder = compute(), StageEncoder()
+            return fit_of_plain(campaign, plain["fit"], arrays), TimeResolution(*plain["resolution"])
+        evaluated, resolution = compute()
         if self._keeps:
-            self.keep(name, encode(encoder, value), encoder.arrays)
-        return value
+            arrays = {}
+            self.keep(name, {"fit": fit_as_plain(evaluated, arrays), "resolution": list(resolution)}, arrays)
+        return evaluated, resolution
 
     def recall(self, name: str) -> tuple[Any, dict[str, np.ndarray]] | None:
         """What was kept under a name, plain data and arrays; None where there is nothing, or it is damaged."""
@@ -138,6 +144,62 @@ class Checkpoint:
         self.saved += 1
 
 
+def fit_as_plain(evaluated: EvaluatedFit, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """A fit as plain data, from which it is restored without any fit; its arrays are added to `arrays`."""
+    problem = evaluated.fit.problem
+    return _as_plain(
+        {
+            "fit": evaluated.fit, "residuals": evaluated.residuals, "bench": evaluated.bench,
+            "solver_error": problem.solver_error, "time_errors": problem.time_errors,
+            "clock_error": problem.campaign.accuracy.clock_error, "tightening": problem.campaign.tightening,
+            "unpredictable": problem.campaign.unpredictable,
+        },
+        arrays,
+    )  # fmt: skip
+
+
+def _as_plain(value: Any, arrays: dict[str, np.ndarray]) -> Any:
+    if isinstance(value, np.ndarray):
+        name = f"array_{len(arrays)}"
+        arrays[name] = np.asarray(value, float)
+        return [ARRAY, name]
+    if dataclasses.is_dataclass(value):  # a fit problem follows from the campaign
+        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.name != "problem"}
+    if isinstance(value, Mapping):
+        return {name: _as_plain(of, arrays) for name, of in value.items()}
+    return [_as_plain(of, arrays) for of in value] if isinstance(value, tuple) else value
+
+
+def _from_plain(plain: Any, arrays: Mapping[str, np.ndarray]) -> Any:
+    if isinstance(plain, dict):
+        return {name: _from_plain(of, arrays) for name, of in plain.items()}
+    if not isinstance(plain, list):
+        return plain
+    return arrays[plain[1]] if plain[:1] == [ARRAY] else tuple(_from_plain(of, arrays) for of in plain)
+
+
+def fit_of_plain(campaign: Campaign, plain: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> EvaluatedFit:
+    """A fit of the model without any candidate, from plain data.
+
+    Args:
+        campaign: the campaign of the diagnosis.
+        plain: what `fit_as_plain` has returned.
+        arrays: the arrays that it has added.
+    """
+    found = _from_plain(plain, arrays)
+    errors, residuals, fit = found["time_errors"], found["residuals"], found["fit"]
+    campaign = with_clock_error(campaign, found["clock_error"])
+    campaign = with_corrected_time(campaign, errors) if errors else campaign
+    campaign = without_missing(dataclasses.replace(campaign, tightening=found["tightening"]), residuals)
+    problem = calibration_problem(with_unpredictable_part(campaign, found["unpredictable"]))
+    problem = dataclasses.replace(problem, solver_error=found["solver_error"], time_errors=errors)
+    fit |= {
+        "outcomes": tuple(PredictedSignals(*outcome) for outcome in fit["outcomes"]),
+        "resolution": TimeResolution(*fit["resolution"]),
+    }
+    return EvaluatedFit(Fit(problem, **fit), residuals, BenchEstimate(**found["bench"]))
+
+
 def stored_identity(folder: Path) -> dict[str, str] | None:
     """The identity of the inputs of the stages in a folder; None where there are none."""
     try:
@@ -147,15 +209,12 @@ def stored_identity(folder: Path) -> dict[str, str] | None:
     return found if isinstance(found, dict) else None
 
 
-def diagnosis_identity(
-    campaign: Campaign, more: Iterable[type[Effect]] = (), library: Iterable[type[Effect]] | None = None
-) -> dict[str, str]:
+def diagnosis_identity(campaign: Campaign, more: Iterable[type[Effect]] = ()) -> dict[str, str]:
     """Everything that a diagnosis depends on: what it is for the user, and a hash of it.
 
     Args:
         campaign: measurements, model and priors.
         more: effect classes of the user.
-        library: effect classes that are considered; None for the whole library.
     """
     machine = [dump_config(campaign.machine, Simulation()), *sorted(effect_code(campaign.machine).items())]
     description = [
@@ -174,13 +233,12 @@ def diagnosis_identity(
         for name, values in tables.items():
             samples.update(f"{run.name} {name} {len(values)} ".encode())
             samples.update(np.ascontiguousarray(values, "<f8").tobytes())
-    effects = [(kind.id, _source_hash(kind)) for kind in more]
-    chosen = None if library is None else sorted(kind.id for kind in library)
+    effects = [(kind.id, _source_hash(kind)) for kind in more]  # beside the whole library
     return {
         "the model": _hash(machine),
         "the campaign's description": _hash(description),
         "the measured samples": samples.hexdigest(),
-        "the effects to consider": _hash([effects, chosen]),
+        "the effects to consider": _hash([effects, None]),
         "the program": _hash(sorted(program_versions().items())),
     }
 

@@ -10,7 +10,7 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign, Use, count_runs
 
 FITTED_SHARE = 2.0 / 3.0  # of the measured samples of a run, its first part
 FITTED_NAME, HELD_OUT_NAME = ", first part", ", last part"  # added to the name of the run
-MIN_SAMPLES = 10  # of either part; a shorter run is not divided
+MIN_PART_SAMPLES = 10  # of either part; a shorter run is not divided
 
 
 class HoldoutSplit(NamedTuple):
@@ -48,7 +48,7 @@ def _parts(run: BenchRun) -> list[BenchRun]:
     measured = np.sum([np.isfinite(values) for values in run.signals.values()], axis=0)
     total = np.cumsum(measured)
     cut = int(np.searchsorted(total, FITTED_SHARE * total[-1])) + 1
-    if min(cut, len(run.time) - cut) < MIN_SAMPLES or not measured[cut:].any():
+    if min(cut, len(run.time) - cut) < MIN_PART_SAMPLES or not measured[cut:].any():
         return [run]
     parts = (Use.FIT, slice(None, cut), FITTED_NAME), (Use.HOLDOUT, slice(cut, None), HELD_OUT_NAME)
     return [

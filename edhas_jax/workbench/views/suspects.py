@@ -6,7 +6,7 @@ from typing import Any
 
 from nicegui import ui
 
-from edhas_jax.diagnosis.sets.outcome import Outcome
+from edhas_jax.diagnosis.report.conclusions import Outcome
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.interface.slots import SLOTS
 from edhas_jax.workbench.standing import is_of_present_inputs, sizes_text

@@ -15,9 +15,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edhas_jax.diagnosis.calibration.fit import FitError
-from edhas_jax.diagnosis.search.candidates import Candidate, build_problem
-from edhas_jax.diagnosis.search.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates, with_solver_error
+from edhas_jax.diagnosis.candidates.candidate import Candidate, with_candidates
+from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit, fit_coarse, start_coordinates, with_solver_error
+from edhas_jax.inference.fit.fit import FitError
 from edhas_jax.measurements.time_resolution import TimeResolution
 from studies.hidden_effects.answers import NOTHING, Answer
 from studies.hidden_effects.calibrated_case import CalibratedCase, exact_fit
@@ -107,7 +107,7 @@ def coarse_fit(start: Start, base: Model, resolution: TimeResolution, reached: f
         The better fit; None where no fit is possible.
     """
     known = base.evaluated.fit.problem
-    problem = build_problem(known.campaign, known.machine, known.instruments, base.mounted, start.candidate)
+    problem = with_candidates(known, [start.candidate])
     count = len(problem.unknowns) - len(start.x)
     calibrated = start_coordinates(problem, base.evaluated.fit.values)[:count]
     best: EvaluatedFit | None = None

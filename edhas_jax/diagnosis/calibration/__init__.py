@@ -1,1 +1,0 @@
-"""Calibration: maximum a posteriori estimates of uncertain parameters from a campaign, with their uncertainty."""

@@ -1,0 +1,1 @@
+"""Fits: maximum a posteriori estimates of uncertain parameters from a campaign, with their uncertainty."""
