@@ -12,7 +12,7 @@ from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.diagnosis.search.diagnose import diagnose
 from edhas_jax.diagnosis.search.linear_model import Floor, LinearModel, effective_samples, floor_of
 from edhas_jax.diagnosis.search.posterior import NOTHING, UNKNOWN, SetPosterior, labels
-from edhas_jax.diagnosis.search.set_search import FREEDOMS, FittedSet, Weighing, log_student
+from edhas_jax.diagnosis.search.set_search import FREEDOMS, LEAST_ERROR, FittedSet, Weighing, log_student
 from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
 from edhas_jax.inference.fit.fit_problem import calibration_problem
 from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, MagneticSaturation
@@ -135,9 +135,24 @@ def test_the_reference_is_the_noise_or_what_the_best_set_leaves(model):
     weight.note(far), weight.note(farther)
     assert weight.of(far) - weight.of(farther) == pytest.approx(0.5 * FREEDOMS * np.log(2.0), rel=1e-2)
     at_noise = FittedSet((), None, None, 550.0, 60.0, 0.0, 1000)
+    weight = Weighing(table)
     weight.note(at_noise)
-    assert weight.of(at_noise) == pytest.approx(0.0)
-    assert weight.at(551.0, ()) == pytest.approx(-1.0, abs=0.05)
+    assert weight.of(at_noise) == pytest.approx(log_student(LEAST_ERROR))
+    assert weight.at(551.0, ()) - weight.of(at_noise) == pytest.approx(
+        -1.0 / (1.0 + 2.0 * LEAST_ERROR / FREEDOMS), rel=0.05
+    )
+
+
+def test_what_a_set_explains_decides_how_much_its_laws_may_leave():
+    """Beside a cause that explains much, a fall of the misfit that is far below a hundredth of it counts little."""
+    table = types.SimpleNamespace(candidates=(1,), free=(1,), background=np.zeros((1000, 0)))
+    gains = []
+    for of_nothing in (2e3, 2e6):
+        weight = Weighing(table)
+        weight.note(FittedSet((), None, None, of_nothing, 60.0, of_nothing, 1000))
+        weight.note(dataclasses.replace(a_set(1.0, EddyDrag), misfit=550.0, numbers=60.0, excess=0.0))
+        gains.append(weight.at(550.0, ()) - weight.at(570.0, ()))
+    assert gains[0] > 5.0 and 0.0 < gains[1] < 0.1
 
 
 @pytest.mark.parametrize("effects", [(), (InverterDeadTime(dead_time_voltage=0.5), CoggingForce())])

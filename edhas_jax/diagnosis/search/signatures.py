@@ -21,12 +21,12 @@ from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
 from edhas_jax.inference.fit.evaluated_fit import start_coordinates
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.inference.fit.fit_problem import FitProblem
-from edhas_jax.inference.fit.least_squares import OVERFLOW_LIMIT
 from edhas_jax.inference.likelihood.whitening import whiten
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
 
+LARGEST_CHANGE = 1e15  # of a whitened signal: products of larger ones would overflow in single precision
 MAX_SCALE, MIN_SCALE = 4.0, 0.25  # scale factors of a signature beyond which another grid point is nearer
 SMALL_SIZE = 0.1  # of a signature, of a start that is hardly above the model without the candidate
 EXPONENTS = 0.5, 2.0  # smallest and largest magnitude of the power with which a signature grows
@@ -124,7 +124,7 @@ class SignatureSimulator:
             for x, of_runs in zip(points, every, strict=True):
                 runs = zip(self._model.runs, of_runs, self._baseline, strict=True)
                 row = self.whitened([{n: with_it[n] - base[n] for n in run.signals} for run, with_it, base in runs])
-                if (np.abs(row) < OVERFLOW_LIMIT).all() and row.any():
+                if (np.abs(row) < LARGEST_CHANGE).all() and row.any():
                     found.append((x, row))
         stack = np.array([row for _, row in found], np.float32).reshape(len(found), self.ends[-1])
         return Signatures(candidate, np.array([x for x, _ in found]), stack, _size_exponent(unknowns, found))
@@ -187,7 +187,7 @@ def signature_table(
     every_free = (*curves_with_slopes(fit, report), *memories_with_slopes(fit, report)) if with_free_terms else ()
     for term, slopes in every_free:
         rows = simulator.whitened([{n: term.spread * v for n, v in run.items()} for run in slopes]).T
-        if (np.abs(rows) < OVERFLOW_LIMIT).all() and np.abs(rows).max() > 0.0:
+        if (np.abs(rows) < LARGEST_CHANGE).all() and np.abs(rows).max() > 0.0:
             found.append(FreeSlopes(term, rows.astype(np.float32), rows @ rows.T))
     samples = int(simulator.ends[-1])
     every = np.concatenate([np.zeros((0, samples), np.float32), *(of.rows for of in (*named, *found))])
