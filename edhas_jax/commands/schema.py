@@ -12,7 +12,7 @@ def add_parser(commands) -> None:
 
 def run(options) -> None:
     """Print the JSON schema of configurations."""
-    from edhas_jax.config.json_schema import json_schema
+    from edhas_jax.config.machine_keys import machine_schema
 
     is_unicode = "utf" in (sys.stdout.encoding or "").lower()
-    print(json.dumps(json_schema(), indent=2, ensure_ascii=not is_unicode))
+    print(json.dumps(machine_schema(), indent=2, ensure_ascii=not is_unicode))

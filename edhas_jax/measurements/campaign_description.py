@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.config.machine_reader import MachineReader
-from edhas_jax.config.problem_list import ProblemList, problem_lines
-from edhas_jax.config.rig_reader import read_rig
+from edhas_jax.config.document import Entry, problem_lines
+from edhas_jax.config.machine_keys import USUAL_EFFECTS as DEFAULT_EFFECTS
+from edhas_jax.config.machine_reader import MachineReader, read_rig
+from edhas_jax.config.problem_list import ProblemList
 from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, read_text_file, yaml_type
 from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
-from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import (
     COMPONENT_KINDS,
@@ -36,7 +36,6 @@ from edhas_jax.measurements.unknown_parameters import read_spread, share_of_noth
 from edhas_jax.simulation.integrator import evaluate_signals
 
 CAMPAIGN_FILE = "campaign.yaml"
-DEFAULT_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)  # in the machine unless listed without
 KEYS = (
     "name", "rig", "parameters", "effects", "without", "uncertain", "amplifier", "controller", "reference", "time",
     "signals", "drives", "accuracy", "keep", "runs", "decimal", "sheet",
@@ -45,18 +44,6 @@ RUN_KEYS = (
     "file", "files", "use", "start", "window", "running", "uncertain", "time", "columns", "keep", "conditions",
     "decimal", "sheet",
 )  # fmt: skip  # of a run, besides its conditions
-# short names of parameters by section or kind of controller
-SHORT_NAMES = {
-    "amplifier": {"gain": "amplifier_gain"},
-    "cascade": {"kp": "cascade_position_gain", "kv": "cascade_velocity_gain"},
-    "position": {
-        "kp": "position_gain",
-        "ki": "integral_gain",
-        "kd": "velocity_gain",
-        "kaw": "antiwindup_gain",
-        "kff": "emf_feedforward",
-    },  # fmt: skip
-}
 
 
 class CampaignDescription(ProblemList):
@@ -87,7 +74,7 @@ class CampaignDescription(ProblemList):
         self._data, self.folder, self._trust = data, folder, trust
         # the name of a folder may be no text in UTF-8
         self.name = str(data.get("name") or folder.resolve().name.encode("utf-8", "replace").decode())
-        self.rig = read_rig(data.get("rig"), folder, TrustedCode.of(trust), self.add)
+        self.rig = read_rig(Entry(data.get("rig"), ("rig",), self.problems), folder, TrustedCode.of(trust))
         own = () if self.rig is None else tuple(self.rig.drives)
         self.add_unknown_keys((), data, (*KEYS, *own))
         self.recorded = read_drive_columns(self, data, self.rig)
@@ -120,30 +107,9 @@ class CampaignDescription(ProblemList):
             return None
         sections = {**self.rig.drives, **COMPONENT_KINDS}
         config = {key: data[key] for key in ("parameters", *sections) if key in data} | {"rig": self.rig}
-        for section in ("amplifier", "controller"):
-            if isinstance(config.get(section), Mapping):
-                kind = config[section].get("kind", "position") if section == "controller" else section
-                config[section] = {SHORT_NAMES.get(str(kind), {}).get(n, n): v for n, v in config[section].items()}
         config |= recorded_placeholders(self.recorded)
-        slots = set(self.rig.slots)
-        usual = () if self.rig.is_own else DEFAULT_EFFECTS
-        available = [effect.id for effect in usual if set(effect.slots) <= slots]
-        without = data.get("without") or []
-        if not isinstance(without, list):
-            self.add(("without",), f"a list belongs here, for example `[lugre_friction]`, not {yaml_type(without)}")
-            without = []
-        for k, name in enumerate(without):
-            if name not in available:
-                self.add(("without", k), f"no refined effect `{name}` of this rig; {suggest(str(name), available)}")
-        config["effects"] = listed = data.get("effects")
-        if isinstance(listed, list | None):
-            more = [name for name in available if name not in [*without, *(listed or [])]]
-            config["effects"] = [*(listed or []), *more]  # in this order, so that problems name the listed ones
-        for k, name in enumerate(listed if isinstance(listed, list) else []):
-            if name in without:
-                self.add(("effects", k), f"`{name}` is listed under `without` too")
-        reader = MachineReader(config, self.folder, (), self._trust)
-        self.problems += reader.problems
+        config |= {"effects": data.get("effects"), "without": data.get("without")}
+        reader = MachineReader(Entry(config, (), self.problems), self.folder, (), self._trust)
         return None if self.problems else reader.machine
 
     def _canonical_name(self, key: tuple, name: str) -> str | None:

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from edhas_jax.config.document import Entry
 from edhas_jax.config.problem_list import ProblemList
-from edhas_jax.config.recorded_signal import RecordingError, encode_samples, read_between
+from edhas_jax.config.recorded_signal import BETWEEN, encode_samples
 from edhas_jax.config.yaml_with_lines import yaml_type
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.rig_base import Rig
@@ -64,9 +65,5 @@ def _own_drives(problems: ProblemList, section: Any, rig: type[Rig]) -> dict[str
 def _column(problems: ProblemList, key: tuple, entry: Mapping[str, Any], name: str) -> ColumnSource:
     """The column of the drive `name` that an entry describes."""
     problems.add_unknown_keys(key, entry, ("column", "unit", "between"))
-    between = None
-    try:
-        between = read_between(entry["between"]) if "between" in entry else None
-    except RecordingError as error:
-        problems.add((*key, error.key), str(error))
+    between = BETWEEN.kind.read(Entry(entry, key, problems.problems)["between"]) if "between" in entry else None
     return ColumnSource(str(entry.get("column", name)), str(entry.get("unit", "")), between)

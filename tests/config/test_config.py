@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from edhas_jax.config.json_schema import json_schema
 from edhas_jax.config.machine_config import ConfigError, build_config, read_config
+from edhas_jax.config.machine_keys import machine_schema
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.structs import replace
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
@@ -63,9 +63,9 @@ def test_round_trip(rig, tmp_path):
 def test_shipped_configurations(path, tmp_path):
     config = read_config(path)
     assert path.read_text(encoding="utf-8").startswith("# yaml-language-server: $schema=edhas.schema.json\n")
-    jsonschema.validate(yaml.safe_load(config.text), json_schema(), jsonschema.Draft202012Validator)
+    jsonschema.validate(yaml.safe_load(config.text), machine_schema(), jsonschema.Draft202012Validator)
     dumped = dump_config(config)
-    jsonschema.validate(yaml.safe_load(dumped), json_schema(), jsonschema.Draft202012Validator)
+    jsonschema.validate(yaml.safe_load(dumped), machine_schema(), jsonschema.Draft202012Validator)
     assert same(build_config(yaml.safe_load(dumped)).machine, config.machine)
 
 
@@ -81,12 +81,12 @@ def test_paper_is_the_default_machine():
 
 
 def test_schema_file_is_current():
-    text = json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+    text = json.dumps(machine_schema(), indent=2, ensure_ascii=False) + "\n"
     path = CONFIGS / "edhas.schema.json"
     if os.environ.get("EDHAS_UPDATE_GOLDEN") == "1":
         path.write_text(text, encoding="utf-8")
     assert path.read_text(encoding="utf-8") == text
-    jsonschema.Draft202012Validator.check_schema(json_schema())
+    jsonschema.Draft202012Validator.check_schema(machine_schema())
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_schema_file_is_current():
 )
 def test_schema_refuses(wrong):
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(wrong, json_schema(), jsonschema.Draft202012Validator)
+        jsonschema.validate(wrong, machine_schema(), jsonschema.Draft202012Validator)
 
 
 def test_overrides():
