@@ -1,13 +1,13 @@
 """Keys of files, declared once: how a value is read, what is allowed, the default, the meaning.
 
-A file is read with its declarations, and its JSON schema and the tables of its documentation are made from them.
+A file is read by its declarations, and its JSON schema and the tables of its documentation are made from them.
 """
 
 import dataclasses
 import enum
 import math
 import numbers
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from edhas_jax.config.document import Entry
@@ -15,293 +15,195 @@ from edhas_jax.config.yaml_with_lines import yaml_type
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, difference_to_si, format_quantity, to_si
-from edhas_jax.machine.parameters import ParameterError
 
 Schema = dict[str, Any]
 ROUNDING = 1e-12  # relative, of a limit that is itself a product
 QUANTITY: Schema = {"type": ["string", "number"], "description": 'a number with its unit, such as "12 mm"'}
 
 
-class Kind:
-    """How a value is read. Subclasses say what is allowed."""
-
-    def read(self, entry: Entry) -> Any:
-        """The value of an entry; None where it is missing, and after a problem, which is added to the entry."""
-        raise NotImplementedError
-
-    def schema(self) -> Schema:
-        """Its JSON schema, of draft 2020-12."""
-        return {}
-
-    def allowed(self) -> str:
-        """What is allowed, for a table."""
-        return ""
-
-
 @dataclasses.dataclass(frozen=True)
-class Own(Kind):
-    """A value that the reader of the file reads itself, from its entry.
+class Kind:
+    """How a value is read, and what is allowed.
 
     Attributes:
-        form: its JSON schema.
-        words: what is allowed, for a table.
+        read: gives the value of an entry; None where it is missing, and after a problem, which is added to the entry.
+        schema: JSON schema of draft 2020-12, as plain data.
+        allowed: the same in words, for a table.
+        keys: the declared keys of the mappings inside; None without any.
+        reads_missing: whether a missing value is read as well.
     """
 
-    form: Schema = dataclasses.field(default_factory=dict)
-    words: str = ""
-
-    def read(self, entry: Entry) -> Entry:
-        return entry
-
-    def schema(self) -> Schema:
-        return self.form
-
-    def allowed(self) -> str:
-        return self.words
+    read: Callable[[Entry], Any]
+    schema: Schema
+    allowed: str = ""
+    keys: "Keys | None" = None
+    reads_missing: bool = False
 
 
-@dataclasses.dataclass(frozen=True)
-class Text(Kind):
+def own_value(schema: Schema, allowed: str = "") -> Kind:
+    """A value that the reader of the file reads itself, from its entry."""
+    return Kind(lambda entry: entry, schema, allowed, reads_missing=True)
+
+
+def text_value(what: str = "a text", example: str = "", any_scalar: bool = False) -> Kind:
     """A text, such as the name of a file.
 
-    Attributes:
+    Args:
         what: what it is, for messages.
         example: such a text, where one is needed.
         any_scalar: whether a number is taken as text.
     """
 
-    what: str = "a text"
-    example: str = ""
-    any_scalar: bool = False
-
-    def read(self, entry: Entry) -> str | None:
-        if entry.value is None and self.example:
-            return entry.add(f"missing; write for example `{entry.key[-1]}: {self.example}`")
+    def read(entry: Entry) -> str | None:
+        if entry.value is None and example:
+            return entry.add(f"missing; write for example `{entry.key[-1]}: {example}`")
         if isinstance(entry.value, str | None):
             return entry.value
-        if self.any_scalar and not isinstance(entry.value, Mapping | list | tuple):
+        if any_scalar and not isinstance(entry.value, Mapping | list | tuple):
             return str(entry.value)
-        return entry.add(f"{self.what} belongs here, not {yaml_type(entry.value)}")
+        return entry.add(f"{what} belongs here, not {yaml_type(entry.value)}")
 
-    def schema(self) -> Schema:
-        return {"type": ["string", "number"] if self.any_scalar else "string"}
-
-    def allowed(self) -> str:
-        return self.what
+    return Kind(read, {"type": ["string", "number"] if any_scalar else "string"}, what)
 
 
-class YesNo(Kind):
-    """`yes` or `no`."""
-
-    def read(self, entry: Entry) -> bool | None:
-        if isinstance(entry.value, bool):
-            return entry.value
-        return entry.add(f"yes or no belongs here, not {yaml_type(entry.value)}")
-
-    def schema(self) -> Schema:
-        return {"type": "boolean"}
-
-    def allowed(self) -> str:
-        return "yes, no"
+def _yes_or_no(entry: Entry) -> bool | None:
+    if isinstance(entry.value, bool):
+        return entry.value
+    return entry.add(f"yes or no belongs here, not {yaml_type(entry.value)}")
 
 
-@dataclasses.dataclass(frozen=True)
-class Whole(Kind):
+YES_NO = Kind(_yes_or_no, {"type": "boolean"}, "yes, no")
+
+
+def whole_number(low: int, high: int) -> Kind:
     """A whole number from `low` to `high`."""
 
-    low: int
-    high: int
-
-    def read(self, entry: Entry) -> int | None:
+    def read(entry: Entry) -> int | None:
         try:
             number = int(str(entry.value))
         except ValueError:
             number = None
-        if number is not None and self.low <= number <= self.high:
+        if number is not None and low <= number <= high:
             return number
         got = "it is missing" if entry.value is None else f"got {entry.value}"
-        return entry.add(f"a whole number from {self.low:,} to {self.high:,} belongs here; {got}")
+        return entry.add(f"a whole number from {low:,} to {high:,} belongs here; {got}")
 
-    def schema(self) -> Schema:
-        return {"type": ["integer", "string"], "minimum": self.low, "maximum": self.high}
-
-    def allowed(self) -> str:
-        return f"{self.low:,} … {self.high:,}"
+    return Kind(read, {"type": ["integer", "string"], "minimum": low, "maximum": high}, f"{low:,} … {high:,}")
 
 
-@dataclasses.dataclass(frozen=True)
-class Choice(Kind):
-    """One of the names of an enumeration.
+def choice(enumeration: type[enum.Enum], what: str = "") -> Kind:
+    """A value of an enumeration; `what` its names stand for."""
+    valid = [member.value for member in enumeration]
+    names = ", ".join(valid)
 
-    Attributes:
-        names: the enumeration.
-        what: what its names stand for.
-    """
-
-    names: type[enum.Enum]
-    what: str = ""
-
-    def read(self, entry: Entry) -> enum.Enum | None:
-        valid = [choice.value for choice in self.names]
-        if isinstance(entry.value, self.names) or isinstance(entry.value, str) and entry.value in valid:
-            return self.names(entry.value)
-        names = ", ".join(valid)
-        if not self.what:
-            return entry.add(f"one of {names} belongs here; got {'nothing' if entry.value is None else entry.value}")
-        if isinstance(entry.value, str):
-            return entry.add(f"no {self.what} `{entry.value}`; one of {names}")
-        problem = "missing" if entry.value is None else f"a text belongs here, not {yaml_type(entry.value)}"
+    def read(entry: Entry) -> enum.Enum | None:
+        value = entry.value
+        if isinstance(value, enumeration) or isinstance(value, str) and value in valid:
+            return enumeration(value)
+        if not what:
+            return entry.add(f"one of {names} belongs here; got {'nothing' if value is None else value}")
+        if isinstance(value, str):
+            return entry.add(f"no {what} `{value}`; one of {names}")
+        problem = "missing" if value is None else f"a text belongs here, not {yaml_type(value)}"
         return entry.add(f"{problem}; one of {names}")
 
-    def schema(self) -> Schema:
-        return {"enum": [choice.value for choice in self.names]}
-
-    def allowed(self) -> str:
-        return ", ".join(f"`{choice.value}`" for choice in self.names)
+    return Kind(read, {"enum": valid}, ", ".join(f"`{name}`" for name in valid))
 
 
-@dataclasses.dataclass(frozen=True)
-class Quantity(Kind):
+def quantity(p: Parameter, in_percent: bool = False, reason: str = "") -> Kind:
     """A value of a parameter or setting within its span; read in SI.
 
-    Attributes:
+    Args:
         p: the declaration.
-        shown: "%" for a share that is written in per cent.
-        reason: a sentence on a value above the span.
+        in_percent: whether it is a share that is written in per cent.
+        reason: a clause on a value above the span.
     """
 
-    p: Parameter
-    shown: str = ""
-    reason: str = ""
+    def shown(value: float) -> str:
+        return f"{100.0 * value:.4g} %" if in_percent else format_quantity(value, p.unit)
 
-    def read(self, entry: Entry) -> float | None:
-        try:
-            value = to_si(self.given(entry.value), self.p.unit, self.text(self.p.default))
-        except (ParameterError, UnitError) as error:
-            return entry.add(str(error))
-        low, high = self.p.span
-        if low <= value <= high * (1.0 + ROUNDING):
+    low, high = p.span
+    allowed = f"{shown(low)} … {shown(high)}"
+
+    def read(entry: Entry) -> float | None:
+        value = _number_text(entry, shown(p.default))
+        value = None if value is None else _in_si(entry, value, p.unit, shown(p.default))
+        if value is None or low <= value <= high * (1.0 + ROUNDING):
             return value
-        reason = self.reason if value > high else ""
-        return entry.add(f"must lie in {self.allowed()} ({self.p.doc}); got {self.text(value)}{reason}")
+        return entry.add(f"must lie in {allowed} ({p.doc}); got {shown(value)}{reason if value > high else ''}")
 
-    def given(self, value: Any) -> str:
-        """A value from a file as text.
-
-        Raises:
-            ParameterError: it is missing, or neither a text nor a number.
-        """
-        if isinstance(value, numbers.Real) and not isinstance(value, bool):
-            return repr(float(value))
-        if isinstance(value, str):
-            return value
-        example = self.text(self.p.default)
-        if value is None:
-            raise ParameterError(f"a value is missing; write for example {example}")
-        raise ParameterError(f"a quantity such as {example} belongs here, not {yaml_type(value)}")
-
-    def text(self, value: float) -> str:
-        """A value (SI) with its unit."""
-        return f"{100.0 * value:.4g} %" if self.shown == "%" else format_quantity(value, self.p.unit)
-
-    def schema(self) -> Schema:
-        low, high = self.p.span
-        dimensionless = self.p.unit == "-"
-        return {"type": ["string", "number"], "minimum": low, "maximum": high} if dimensionless else {"type": "string"}
-
-    def allowed(self) -> str:
-        return f"{self.text(self.p.span[0])} … {self.text(self.p.span[1])}"
+    if p.unit != "-":
+        return Kind(read, {"type": "string"}, allowed)
+    return Kind(read, {"type": ["string", "number"], "minimum": low, "maximum": high}, allowed)
 
 
-@dataclasses.dataclass(frozen=True)
-class Size(Kind):
+def size_in(
+    unit: str, example: str = "", least: float = -math.inf, above: bool = False, most: float = math.inf, what: str = "",
+    is_difference: bool = False,
+) -> Kind:  # fmt: skip
     """A number with its unit that no parameter declares; read in SI.
 
-    Attributes:
+    Args:
         unit: SI unit.
         example: what may be written; empty for one in the unit of the value.
-        least: smallest value; None for any.
+        least: smallest value.
         above: whether the value must be above `least`.
         most: largest value.
         what: what it is, for messages.
         is_difference: whether "2 °C" is 2 K.
     """
+    usual = example or format_quantity(1.0, unit)
 
-    unit: str
-    example: str = ""
-    least: float | None = None
-    above: bool = False
-    most: float = math.inf
-    what: str = ""
-    is_difference: bool = False
-
-    def read(self, entry: Entry) -> float | None:
-        if isinstance(entry.value, bool | Mapping | list | tuple | None):
-            if entry.value is None:
-                return entry.add(f"a value is missing; write for example {self._shown()}")
-            what = f"{self.what or 'a quantity'} such as {self._shown()}"
-            return entry.add(f"{what} belongs here, not {yaml_type(entry.value)}")
-        try:
-            convert = difference_to_si if self.is_difference else to_si
-            value = convert(str(entry.value), self.unit, self.example)
-        except UnitError as error:
-            return entry.add(str(error))
-        too_low = self.least is not None and (value < self.least or self.above and value == self.least)
-        if not too_low and value <= self.most:
+    def read(entry: Entry) -> float | None:
+        value = _number_text(entry, usual, what or "a quantity")
+        value = None if value is None else _in_si(entry, value, unit, example, is_difference)
+        if value is None or (value > least or value == least and not above) and value <= most:
             return value
-        limit = f"{self._least()}" if too_low else f"at most {format_quantity(self.most, self.unit)}"
-        subject = f"{self.what} is" if self.what else "must be"
-        return entry.add(f"{subject} {limit}, for example {self._shown()}; got {entry.value}")
+        limit = f"above {least:g}" if above else f"{least:g} or above"
+        if value > most:
+            limit = f"at most {100.0 * most:g} %" if example.endswith("%") else f"at most {most:g}"
+        subject = f"{what} is" if what else "must be"
+        return entry.add(f"{subject} {limit}, for example {usual}; got {entry.value}")
 
-    def _shown(self) -> str:
-        return self.example or format_quantity(1.0, self.unit)
-
-    def _least(self) -> str:
-        least = format_quantity(self.least, "-")
-        return f"above {least}" if self.above else f"{least} or above"
-
-    def schema(self) -> Schema:
-        return {"type": ["string", "number"]}
-
-    def allowed(self) -> str:
-        return f"such as `{self._shown()}`"
+    return Kind(read, {"type": ["string", "number"]}, f"such as `{usual}`")
 
 
-@dataclasses.dataclass(frozen=True)
-class ListOf(Kind):
+def _number_text(entry: Entry, example: str, what: str = "a quantity") -> str | None:
+    """A number with or without unit as text; None after a problem."""
+    if isinstance(entry.value, numbers.Real) and not isinstance(entry.value, bool):
+        return repr(float(entry.value))
+    if isinstance(entry.value, str):
+        return entry.value
+    if entry.value is None:
+        return entry.add(f"a value is missing; write for example {example}")
+    return entry.add(f"{what} such as {example} belongs here, not {yaml_type(entry.value)}")
+
+
+def _in_si(entry: Entry, given: str, unit: str, example: str, is_difference: bool = False) -> float | None:
+    try:
+        return (difference_to_si if is_difference else to_si)(given, unit, example)
+    except UnitError as error:
+        return entry.add(str(error))
+
+
+def list_of(kind: Kind, example: str = "") -> Kind:
     """A list, each of whose entries is of one kind."""
 
-    kind: Kind
-    example: str = ""
+    def read(entry: Entry) -> list[Any] | None:
+        return None if entry.value is None else [kind.read(inside) for inside in entry.list(example)]
 
-    def read(self, entry: Entry) -> list[Any] | None:
-        if entry.value is None:
-            return None
-        return [self.kind.read(inside) for inside in entry.list(self.example)]
-
-    def schema(self) -> Schema:
-        return {"type": ["array", "null"], "items": self.kind.schema()}
-
-    def allowed(self) -> str:
-        return f"a list{f', `{self.example}`' if self.example else ''}"
+    schema = {"type": ["array", "null"], "items": kind.schema}
+    return Kind(read, schema, f"a list, `{example}`" if example else "a list", kind.keys)
 
 
-@dataclasses.dataclass(frozen=True)
-class ByName(Kind):
-    """A mapping from names, which only the machine or the campaign knows, to values of one kind."""
+def by_name(kind: Kind, example: str, what: str) -> Kind:
+    """A mapping from names of `what`, which only the machine or the campaign knows, to values of one kind."""
 
-    kind: Kind
-    example: str
-    what: str = "name"
+    def read(entry: Entry) -> dict[str, Any]:
+        return {name: kind.read(inside) for name, inside in entry.mapping(example).items()}
 
-    def read(self, entry: Entry) -> dict[str, Any]:
-        return {name: self.kind.read(inside) for name, inside in entry.mapping(self.example).items()}
-
-    def schema(self) -> Schema:
-        return {"type": ["object", "null"], "additionalProperties": self.kind.schema()}
-
-    def allowed(self) -> str:
-        return f"by {self.what}, such as `{self.example}`"
+    schema = {"type": ["object", "null"], "additionalProperties": kind.schema}
+    return Kind(read, schema, f"by {what}, such as `{example}`", kind.keys, reads_missing=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -313,28 +215,25 @@ class Key:
         doc: what it means.
         default: the value where the key is missing or its value wrong.
         needed: whether it may not be missing; its kind then says so.
-        default_text: the default, for a table; None: as the value is written.
+        shown: the default as text, where it is not simply the value.
     """
 
     kind: Kind
     doc: str
     default: Any = None
     needed: bool = False
-    default_text: str | None = None
+    shown: str = ""
 
-    def shown_default(self) -> str:
+    def default_text(self) -> str:
         """The default, for a table and a schema."""
-        if self.default_text is not None or self.default in (None, "", (), False):
-            return self.default_text or ("no" if self.default is False else "")
-        if isinstance(self.default, enum.Enum):
-            return str(self.default.value)
-        if isinstance(self.kind, Quantity):
-            return self.kind.text(self.default)
-        return "yes" if self.default is True else f"{self.default:,}" if isinstance(self.default, int) else ""
+        default = self.default.value if isinstance(self.default, enum.Enum) else self.default
+        return self.shown or (
+            f"{default:,}" if isinstance(default, int) else default if isinstance(default, str) else ""
+        )
 
 
 @dataclasses.dataclass(frozen=True)
-class Keys(Kind):
+class Keys:
     """A mapping with declared keys.
 
     Attributes:
@@ -349,24 +248,28 @@ class Keys(Kind):
     example: str = ""
     short: str = ""
     is_open: bool = False
-    of_kind: Mapping[Any, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    of_kind: Mapping[enum.Enum, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+
+    @property
+    def kind(self) -> Kind:
+        """The mapping as the kind of a value."""
+        return Kind(self.read, self.schema(), self.example and f"`{self.example}`", self, reads_missing=True)
 
     def read(self, entry: Entry) -> dict[str, Any]:
         """The value of each key, or its default; unknown and missing keys are problems."""
         if self.short and isinstance(entry.value, str):
             entry = Entry({self.short: entry.value}, entry.key, entry.problems)
-        given = entry.mapping(self.example)
-        found = {name: key.default for name, key in self.keys.items()}
-        names = tuple(self.keys)
-        if self.of_kind and given:
+        given, names, is_mapping = entry.mapping(self.example), tuple(self.keys), isinstance(entry.value, Mapping)
+        if self.of_kind and is_mapping:
             names = self.of_kind.get(self.keys["kind"].kind.read(entry["kind"]), ())
         if names and not self.is_open:
             self.refuse_others(given, names)
+        found = {name: key.default for name, key in self.keys.items()}
         for name in names:
             key = self.keys[name]
-            is_read = name in given or key.needed and given or isinstance(key.kind, Own | Keys | ByName)
-            value = key.kind.read(entry[name]) if is_read else None
-            found[name] = key.default if value is None else value
+            if name in given or key.needed and is_mapping or key.kind.reads_missing:
+                value = key.kind.read(entry[name])
+                found[name] = key.default if value is None else value
         return found
 
     def refuse_others(self, given: Mapping[str, Entry], names: Iterable[str] = ()) -> None:
@@ -376,40 +279,35 @@ class Keys(Kind):
             if name not in valid:
                 inside.add(f"unknown key; {suggest(str(name), valid)}")
 
-    def schema(self) -> Schema:
+    def schema(self, title: str = "") -> Schema:
+        """The JSON schema, with a title that of a file."""
+        head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title} if title else {}
         if self.of_kind:
-            return {"oneOf": [self._schema(names, {"const": kind.value}) for kind, names in self.of_kind.items()]}
+            return head | {"oneOf": [self._schema(names, {"const": k.value}) for k, names in self.of_kind.items()]}
         mapping = self._schema(tuple(self.keys), {})
-        return {"anyOf": [{"type": "string"}, mapping]} if self.short else mapping
+        return head | ({"anyOf": [{"type": "string"}, mapping]} if self.short else mapping)
 
     def _schema(self, names: Iterable[str], kind: Schema) -> Schema:
         """The schema of the mapping with some of the keys, one of which is its `kind`."""
         properties, needed = {}, [name for name in names if self.keys[name].needed]
         for name in names:
             key = self.keys[name]
-            default = key.shown_default()
+            default = key.default_text()
             about = "; ".join(filter(None, [key.doc, default and f"default: {default}"]))
-            form = kind if kind and name == "kind" else key.kind.schema()
+            form = kind if kind and name == "kind" else key.kind.schema
             properties[name] = form | ({"description": about} if about else {})
         found = {"type": "object", "required": needed} if needed else {"type": ["object", "null"]}
         return found | {"properties": properties} | ({} if self.is_open else {"additionalProperties": False})
 
-    def allowed(self) -> str:
-        return f"`{self.example}`" if self.example else ""
-
     def table(self) -> str:
-        """The keys as a table in Markdown, those of inner mappings as `outer.inner`."""
-        rows = ["| key | value | default | |", "| --- | --- | --- | --- |"]
-        return "\n".join([*rows, *self._rows("")])
+        """The keys as a table in Markdown; those of an inner mapping stand once, as `outer.inner`."""
+        head = ["| key | value | default | meaning |", "| --- | --- | --- | --- |"]
+        return "\n".join([*head, *self._rows("", [])])
 
-    def _rows(self, outer: str) -> Iterable[str]:
+    def _rows(self, outer: str, shown: "list[Keys]") -> Iterable[str]:
         for name, key in self.keys.items():
-            yield f"| `{outer}{name}` | {key.kind.allowed()} | {key.shown_default()} | {key.doc} |"
-            inner = key.kind.kind if isinstance(key.kind, ListOf | ByName) else key.kind
-            if isinstance(inner, Keys):
-                yield from inner._rows(f"{outer}{name}.")
-
-
-def json_schema(title: str, keys: Keys) -> Schema:
-    """The JSON schema of a file with these keys, of draft 2020-12, as plain data."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title} | keys.schema()
+            yield f"| `{outer}{name}` | {key.kind.allowed} | {key.default_text()} | {key.doc} |"
+            inner = key.kind.keys
+            if inner is not None and inner not in shown:
+                shown.append(inner)
+                yield from inner._rows(f"{outer}{name}.", shown)

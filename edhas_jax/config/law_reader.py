@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.config.declared_keys import Key, Keys, ListOf, Own, Text
+from edhas_jax.config.declared_keys import Key, Keys, list_of, own_value, text_value
 from edhas_jax.config.document import Entry
 from edhas_jax.config.yaml_with_lines import yaml_type
 from edhas_jax.core.name_suggestion import suggest
@@ -28,16 +28,16 @@ from edhas_jax.machine.rig_base import Rig
 
 LAW_KIND = "tabulated"  # the value of the key `law`
 MAX_FACTORS = 3
-_NUMBERS = Own(ListOf(Own({"type": "number"})).schema(), f"{MIN_NODES} … {MAX_NODES} numbers")
-_UNIT = Own({"type": "string"}, "a unit, `-` for none")
+_NUMBERS = own_value(list_of(own_value({"type": "number"})).schema, f"{MIN_NODES} … {MAX_NODES} numbers")
+_UNIT = own_value({"type": "string"}, "a unit, `-` for none")
 LAW = Keys({
-    "law": Key(Own({"enum": [LAW_KIND]}, f"`{LAW_KIND}`"), "", needed=True),
-    "name": Key(Own({"type": "string"}, "letters, digits, underscores"), "its name; otherwise that of its file",
+    "law": Key(own_value({"enum": [LAW_KIND]}, f"`{LAW_KIND}`"), "what the file is", needed=True),
+    "name": Key(own_value({"type": "string"}, "letters, digits, underscores"), "its name; otherwise that of its file",
                 needed=True),
-    "origin": Key(Text(), "where it comes from", ""),
-    "slot": Key(Own({"enum": list(SLOTS)}, "a slot"), "where it acts", needed=True),
-    "variable": Key(Own({"enum": list(LAW_SIGNALS)}, "a signal"), "over which it is given", needed=True),
-    "factors": Key(Own(ListOf(Own({"enum": list(LAW_SIGNALS)})).schema() | {"maxItems": MAX_FACTORS},
+    "origin": Key(text_value(), "where it comes from", ""),
+    "slot": Key(own_value({"enum": list(SLOTS)}, "a slot"), "where it acts", needed=True),
+    "variable": Key(own_value({"enum": list(LAW_SIGNALS)}, "a signal"), "over which it is given", needed=True),
+    "factors": Key(own_value(list_of(own_value({"enum": list(LAW_SIGNALS)})).schema | {"maxItems": MAX_FACTORS},
                        f"at most {MAX_FACTORS} signals"), "that multiply it"),
     "node_unit": Key(_UNIT, "of the nodes", needed=True),
     "nodes": Key(_NUMBERS, "values of the variable, which increase", needed=True),

@@ -6,15 +6,14 @@ from typing import Any
 
 from edhas_jax.config.declared_keys import (
     QUANTITY,
-    ByName,
     Key,
     Keys,
-    ListOf,
-    Own,
-    Quantity,
     Schema,
-    Text,
-    json_schema,
+    by_name,
+    list_of,
+    own_value,
+    quantity,
+    text_value,
 )
 from edhas_jax.config.law_reader import LAW
 from edhas_jax.config.recorded_signal import RECORDING
@@ -51,26 +50,26 @@ def machine_keys(rig: type[Rig] | None = None) -> Keys:
     effects = [{"enum": [cls.id for cls in LIBRARY]}, USER_CLASS, LAW_FILE, LAW.schema()]
     usual = [cls.id for cls in USUAL_EFFECTS]
     return Keys({
-        "name": Key(Text(), "name of the configuration", ""),
-        "rig": Key(Own({"anyOf": [{"enum": list(RIGS)}, USER_CLASS]}, ", ".join(f"`{name}`" for name in RIGS)),
+        "name": Key(text_value(), "name of the configuration", ""),
+        "rig": Key(own_value({"anyOf": [{"enum": list(RIGS)}, USER_CLASS]}, ", ".join(f"`{name}`" for name in RIGS)),
                    "machine to simulate; your own as file.py:ClassName", needed=True),
-        "effects": Key(ListOf(Own({"anyOf": effects}), "[lugre_friction]"),
+        "effects": Key(list_of(own_value({"anyOf": effects}), "[lugre_friction]"),
                        "effects of the library, your own as file.py:ClassName, or tabulated laws (curve.yaml)"),
-        "without": Key(ListOf(Own({"enum": usual}), "[lugre_friction]"),
-                       f"where it stands, those of {', '.join(usual)} that the rig can have are in the machine beside "
-                       "`effects`, but for the ones that it lists"),
-        "parameters": Key(ByName(Own(QUANTITY), "{frequency: 20 Hz}", "parameter"),
+        "without": Key(list_of(own_value({"enum": usual}), "[lugre_friction]"),
+                       f"if given, those of {', '.join(usual)} that the rig can have are in the machine beside "
+                       "`effects`, but for the ones listed here"),
+        "parameters": Key(by_name(own_value(QUANTITY), "{frequency: 20 Hz}", "parameter"),
                           "any parameter of the machine or of its effects, by name or owner.name"),
-        **{name: Key(Own(_section_schema(name, of)), f"component of the machine: {', '.join(of)}")
-           for name, of in kinds.items()},
-        "simulation": Key(simulation_keys(rig or Rig), "how a run is simulated"),
+        **{name: Key(own_value(_section_schema(name, of), ", ".join(f"`{kind}`" for kind in of)),
+                     f"{name} of the machine, by its `kind`, with its parameters") for name, of in kinds.items()},
+        "simulation": Key(simulation_keys(rig or Rig).kind, "how a run is simulated"),
     })  # fmt: skip
 
 
 def machine_schema() -> Schema:
     """The JSON schema of the configuration of a machine, with a description of every parameter."""
     keys = machine_keys()
-    schema = json_schema("edhas_jax configuration", keys)
+    schema = keys.schema("edhas_jax configuration")
     by_name: dict[str, list[Parameter]] = {}  # several owners may declare the same name
     owners = dict.fromkeys(type(part) for rig in RIGS.values() for part in components_by_name(rig()).values())
     owners |= dict.fromkeys((*(cls for kinds in COMPONENT_KINDS.values() for cls in kinds.values()), *LIBRARY))
@@ -93,8 +92,8 @@ def _schema_of(same_name: list[Parameter]) -> Schema:
         meaning = " / ".join(f"{structs.owner_id(q.owner)}: {q.doc}" for q in same_name)
     unit = "no unit" if p.unit == "-" else f"SI unit {p.unit}"
     default = format_quantity(p.default, p.unit)
-    about = f"{meaning}; {unit}; {Quantity(p).allowed()}; default {default}"
-    return Quantity(p).schema() | {"description": about, "default": float(p.default) if p.unit == "-" else default}
+    about = f"{meaning}; {unit}; {quantity(p).allowed}; default {default}"
+    return quantity(p).schema | {"description": about, "default": float(p.default) if p.unit == "-" else default}
 
 
 def _section_schema(section: str, kinds: Mapping[str, type]) -> Schema:

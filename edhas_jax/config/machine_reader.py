@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.config.code_not_run import controller_not_run, effect_not_run
-from edhas_jax.config.declared_keys import Quantity
+from edhas_jax.config.declared_keys import quantity
 from edhas_jax.config.document import Entry
 from edhas_jax.config.law_file import LAW_SUFFIXES, LawError, read_law_file
 from edhas_jax.config.law_reader import read_law
@@ -316,7 +316,7 @@ class MachineReader:
             entry.add(f"given twice, also as {key_text(self._given[path, p.name].key)}")
             return m
         self._given[path, p.name] = entry
-        value = Quantity(p).read(entry)
+        value = quantity(p).read(entry)
         return m if value is None else replace_value(m, path, p.name, value)
 
     def _recorded_inputs(self, m: Rig) -> Rig:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edhas_jax.config.declared_keys import Choice, Key, Keys, Own, Text
+from edhas_jax.config.declared_keys import Key, Keys, choice, own_value, text_value
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, display_unit, exact_quantity, format_quantity, to_si
 from edhas_jax.machine.components.set_points import Recorded, Steps
@@ -34,14 +34,14 @@ class Between(enum.Enum):
     HOLD = "hold"  # keeps the value of the first, as the set point of a computer
 
 
-BETWEEN = Key(Choice(Between), "what is between two samples: a smooth course, or the first of them", Between.LINE)
+BETWEEN = Key(choice(Between), "what is between two samples: a smooth course, or the first of them", Between.LINE)
 RECORDING = Keys({
-    "kind": Key(Own({"const": "recorded"}), ""),
-    "file": Key(Text(example="bench.csv"), "CSV with headers `name [unit]` and a column `time [s]`, or Parquet"),
-    "column": Key(Text(), "its column, where it has several"),
-    "unit": Key(Text(), "of the column, where the header states none"),
+    "kind": Key(own_value({"const": "recorded"}), ""),
+    "file": Key(text_value(example="bench.csv"), "CSV with headers `name [unit]` and a column `time [s]`, or Parquet"),
+    "column": Key(text_value(), "its column, where it has several"),
+    "unit": Key(text_value(), "of the column, where the header states none"),
     "between": BETWEEN,
-    **{name: Key(Text(), "as a run writes it") for name in ("samples", "interval", "start", "steps")},
+    **{name: Key(text_value(), "as a run writes it") for name in ("samples", "interval", "start", "steps")},
 }, "{kind: recorded, file: bench.csv}")  # fmt: skip
 
 

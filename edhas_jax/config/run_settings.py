@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
-from edhas_jax.config.declared_keys import Choice, Key, Keys, Quantity
+from edhas_jax.config.declared_keys import Key, Keys, choice, quantity
 from edhas_jax.config.document import Entry
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import format_quantity
@@ -32,9 +32,9 @@ def simulation_keys(rig: type[Rig] = Rig) -> Keys:
     found = {}
     for name, p in SIMULATION_SETTINGS.items():
         p = dataclasses.replace(p, span=setting_span(name, rig))
-        kind = Quantity(p, "%" * (name == "accuracy"), reason * (name == "step" and not rig.is_own))
-        found[name] = Key(kind, p.doc, default_text=defaults.get(name, format_quantity(p.default, p.unit)))
-    return Keys(found | {"precision": Key(Choice(Precision, "precision"), "of all numbers")}, "{duration: 0.5 s}")
+        kind = quantity(p, "%" * (name == "accuracy"), reason * (name == "step" and not rig.is_own))
+        found[name] = Key(kind, p.doc, shown=defaults.get(name, format_quantity(p.default, p.unit)))
+    return Keys(found | {"precision": Key(choice(Precision, "precision"), "of all numbers")}, "{duration: 0.5 s}")
 
 
 def read_settings(section: Entry, overrides: Mapping[str, str], rig: type[Rig] = Rig) -> Simulation:

@@ -9,16 +9,16 @@ import yaml
 
 from edhas_jax.config.declared_keys import (
     QUANTITY,
-    ByName,
-    Choice,
+    YES_NO,
     Key,
     Keys,
-    ListOf,
-    Own,
-    Quantity,
-    Text,
-    Whole,
-    YesNo,
+    by_name,
+    choice,
+    list_of,
+    own_value,
+    quantity,
+    text_value,
+    whole_number,
 )
 from edhas_jax.config.document import Document, Entry
 from edhas_jax.config.machine_config import ConfigError, read_config
@@ -36,7 +36,7 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run_settings import Precision, Simulation
 
 TOLERANCE = Parameter("tolerance", 1e-4, "-", (1e-9, 0.1), "change from cycle to cycle", "", BatchSettings)
-SEED = Key(Whole(0, 2**32 - 1), "of the random numbers", 0)
+SEED = Key(whole_number(0, 2**32 - 1), "of the random numbers", 0)
 
 
 class Spacing(enum.Enum):
@@ -48,31 +48,33 @@ class Spacing(enum.Enum):
 
 def axis_keys(p: Parameter | None) -> Keys:
     """The keys of a varied parameter: a range, or a list of values."""
-    value = Own(QUANTITY, "a quantity") if p is None else Quantity(p)
+    value = own_value(QUANTITY, "a quantity") if p is None else quantity(p)
     return Keys({
         "from": Key(value, "lower end of the range"),
         "to": Key(value, "upper end"),
-        "count": Key(Whole(2, MAX_DESIGNS), "number of values in a grid"),
-        "spacing": Key(Choice(Spacing, "spacing"), "steps of equal difference or of equal ratio", Spacing.LINEAR),
-        "values": Key(Own(ListOf(value).schema(), "a list of quantities"), "in place of a range; or the list alone"),
+        "count": Key(whole_number(2, MAX_DESIGNS), "number of values in a grid"),
+        "spacing": Key(choice(Spacing, "spacing"), "steps of equal difference or of equal ratio", Spacing.LINEAR),
+        "values": Key(own_value(list_of(value).schema, "a list of quantities"), "instead of a range; or only the list"),
     })  # fmt: skip
 
 
-AXES = Own({"type": "object", "additionalProperties": {"anyOf": [{"type": "array"}, axis_keys(None).schema()]}},
-           "by parameter, `{from: 5 um, to: 40 um, count: 20}` or a list")  # fmt: skip
+AXES = own_value(
+    {"type": ["object", "null"], "additionalProperties": {"anyOf": [{"type": "array"}, axis_keys(None).schema()]}},
+    "by parameter, `{from: 5 um, to: 40 um, count: 20}` or a list",
+)
 COMMON = {
-    "name": Key(Text(), "title", ""),
-    "base": Key(Text("the file of a machine"), "configuration of the machine, beside this file"),
-    "machine": Key(Own({"type": "object"}, "`{rig: pump_bench}`"), "the machine itself, in place of `base`"),
-    "parameters": Key(ByName(Own(QUANTITY), "{load_orifice_area: 1 mm²}", "parameter"), "changes to the machine"),
+    "name": Key(text_value(), "title", ""),
+    "base": Key(text_value("the file of a machine"), "configuration of the machine, beside this file"),
+    "machine": Key(own_value({"type": "object"}, "`{rig: pump_bench}`"), "the machine itself, in place of `base`"),
+    "parameters": Key(by_name(own_value(QUANTITY), "{load_orifice_area: 1 mm²}", "parameter"), "changes to it"),
     "batch": Key(Keys({
-        "step": Key(Quantity(SIMULATION_SETTINGS["step"]), "largest time step", default_text="that of the machine"),
-        "tolerance": Key(Quantity(TOLERANCE), "change from cycle to cycle at which a design is periodic",
-                         default_text="0.01 %"),
-        "max_cycles": Key(Whole(3, 100_000), "most cycles of a design", default_text="16"),
-        "soft_start": Key(YesNo(), "the first cycle is a ramp", default_text="yes"),
-        "precision": Key(Choice(Precision, "precision"), "`float32` is faster", default_text="that of the machine"),
-    }, "{step: 20 us}"), "how designs are run"),
+        "step": Key(quantity(SIMULATION_SETTINGS["step"]), "largest time step", shown="that of the machine"),
+        "tolerance": Key(quantity(TOLERANCE), "change from cycle to cycle at which a design is periodic",
+                         shown="0.01 %"),
+        "max_cycles": Key(whole_number(3, 100_000), "most cycles of a design", shown="16"),
+        "soft_start": Key(YES_NO, "the first cycle is a ramp", shown="yes"),
+        "precision": Key(choice(Precision, "precision"), "`float32` is faster", shown="that of the machine"),
+    }, "{step: 20 us}").kind, "how designs are run"),
 }  # fmt: skip
 
 
@@ -161,7 +163,7 @@ class TaskFile:
             if (path, p.name) in given:
                 entry.add(f"given twice, also as {given[path, p.name]}")
             given[path, p.name] = name
-            if (number := Quantity(p).read(entry)) is not None:
+            if (number := quantity(p).read(entry)) is not None:
                 self.machine = replace_value(self.machine, path, p.name, number)
 
     def require_batch(self) -> None:
@@ -239,7 +241,7 @@ def _read_axis(entry: Entry, p: Parameter, column: str, kind: str) -> Axis | Non
         listed = entry["values"]
         if not isinstance(listed.value, list) or not listed.value:
             return listed.add("a list of at least one value belongs here")
-        values = ListOf(Quantity(p)).read(listed)
+        values = list_of(quantity(p)).read(listed)
         if len(entry.problems) == problems_before and (repeated := first_repeated(values)) is not None:
             listed.add(f"{format_quantity(repeated, p.unit)} is listed twice")
         return Axis(column, values=tuple(values)) if len(entry.problems) == problems_before else None

@@ -106,6 +106,34 @@ def test_schema_refuses(wrong):
         jsonschema.validate(wrong, machine_schema(), jsonschema.Draft202012Validator)
 
 
+def test_without_has_the_refined_effects_but_those_it_lists():
+    def effects(**keys):
+        return [effect.id for effect in build_config({"rig": "pump_bench", **keys}).machine.effects]
+
+    assert effects() == []
+    assert effects(without=[]) == ["lugre_friction", "piston_leakage", "entrained_air"]
+    assert effects(without=["piston_leakage"], effects=["coil_heating"]) == [
+        "coil_heating", "lugre_friction", "entrained_air",
+    ]  # fmt: skip
+    with pytest.raises(ConfigError, match=r"without\[0\]: no refined effect `karnopp_friction` of this rig"):
+        effects(without=["karnopp_friction"])
+    with pytest.raises(ConfigError, match=r"effects\[0\]: `entrained_air` is listed under `without` too"):
+        effects(without=["entrained_air"], effects=["entrained_air"])
+
+
+def test_short_names_are_those_of_the_kind():
+    def controller(**keys):
+        return build_config({"rig": "pump_bench", "controller": keys}).machine.controller
+
+    cascade = controller(kind="cascade", kp="100 1/s", cascade_velocity_gain="200 V*s/m")
+    assert (cascade.cascade_position_gain, cascade.cascade_velocity_gain) == (100.0, 200.0)
+    assert controller(kp="10 kV/m").position_gain == 1e4
+    with pytest.raises(ConfigError, match="controller.kv: unknown parameter .* write `kind: cascade`, which has it"):
+        controller(kv="200 V*s/m")
+    with pytest.raises(ConfigError, match="controller.position_gain: given twice, also as controller.kp"):
+        controller(kp="10 kV/m", position_gain="10 kV/m")
+
+
 def test_overrides():
     config = read_config(
         CONFIGS / "paper.yaml",

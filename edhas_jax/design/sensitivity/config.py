@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.config.declared_keys import Key, Keys, ListOf, Own, Whole
+from edhas_jax.config.declared_keys import Key, Keys, list_of, own_value, whole_number
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.design.batch.batch import BatchSettings
@@ -21,14 +21,14 @@ from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.machine.rigs import Rig
 
 USUAL_METRICS = 3  # that are analysed where a task names none: the leading ones
-NAMES = ListOf(Own({"type": "string"}))
+NAMES = list_of(own_value({"type": "string"}))
 KEYS = Keys(COMMON | {
     "points": Key(AXES, "every combination is an operating point"),
-    "metrics": Key(NAMES, "the outputs", (), default_text="the leading three, of a pump flow, power and efficiency"),
-    "local": Key(NAMES, "parameters whose elasticities are calculated", (), default_text="all"),
+    "metrics": Key(NAMES, "the outputs", (), shown="the leading three, of a pump flow, power and efficiency"),
+    "local": Key(NAMES, "parameters whose elasticities are calculated", (), shown="all"),
     "ranges": Key(AXES, "`{from, to, spacing}` of the parameters of the global analysis"),
-    "samples": Key(Whole(0, 2**16), "rows of Sobol's method, a power of two; 0 leaves it out", 256),
-    "trajectories": Key(Whole(0, 10_000), "of Morris's method; 0 leaves it out", 20),
+    "samples": Key(whole_number(0, 2**16), "rows of Sobol's method, a power of two; 0 leaves it out", 256),
+    "trajectories": Key(whole_number(0, 10_000), "of Morris's method; 0 leaves it out", 20),
     "seed": SEED,
 })  # fmt: skip
 

@@ -8,7 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.config.declared_keys import QUANTITY, ByName, Choice, Key, Keys, Own, Quantity, Size, Whole
+from edhas_jax.config.declared_keys import (
+    QUANTITY,
+    Key,
+    Keys,
+    by_name,
+    choice,
+    own_value,
+    quantity,
+    size_in,
+    whole_number,
+)
 from edhas_jax.config.document import Entry
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.trusted_code import Trust
@@ -94,23 +104,23 @@ class RobustObjective(enum.Enum):
     WORST_CASE = "worst_case"
 
 
-_WEIGHTS = Own({"type": ["object", "array", "string"]}, "a metric, a list of metrics, or weights by metric")
+_WEIGHTS = own_value({"type": ["object", "array", "string"]}, "a metric, a list of metrics, or weights by metric")
 ROBUST = Keys({
-    "judge": Key(Choice(RobustObjective), "what is optimised over the tolerances", needed=True),
-    "tolerances": Key(ByName(Own({"type": "object"}), "{piston_clearance: {plus_minus: 3 um}}", "parameter"),
-                      "`{plus_minus: 3 um}`, `{plus_minus: 5 %}` or `{from: 20 degC, to: 60 degC}`", needed=True),
+    "judge": Key(choice(RobustObjective), "what is optimised over the tolerances"),
+    "tolerances": Key(by_name(own_value({"type": "object"}), "{piston_clearance: {plus_minus: 3 um}}", "parameter"),
+                      "`{plus_minus: 3 um}`, `{plus_minus: 5 %}` or `{from: 20 degC, to: 60 degC}`"),
 }, "{judge: expected, tolerances: {piston_clearance: {plus_minus: 3 um}}}")  # fmt: skip
 KEYS = Keys(COMMON | {
     "points": Key(AXES, "every combination is an operating point; limits hold at each, the objective is the mean"),
     "free": Key(AXES, "`{from, to, spacing}` of the dimensions: what can be made", needed=True),
     "objective": Key(Keys({"maximise": Key(_WEIGHTS, "metrics to raise"), "minimise": Key(_WEIGHTS, "to lower")},
-                          "{maximise: {mean_flow: 1, overall_efficiency: 1}}"), "weights of metrics", needed=True),
-    "front": Key(Whole(0, 100), "designs from one of two metrics to the other, instead of weights", 0),
-    "constraints": Key(ByName(Own({"type": "object", "properties": {"min": QUANTITY, "max": QUANTITY}}),
+                          "{maximise: {mean_flow: 1, overall_efficiency: 1}}").kind, "weights of metrics", needed=True),
+    "front": Key(whole_number(0, 100), "designs from one of two metrics to the other, instead of weights", 0),
+    "constraints": Key(by_name(own_value({"type": "object", "properties": {"min": QUANTITY, "max": QUANTITY}}),
                               "{rms_current: {max: 4 A}}", "metric"), "limits of metrics"),
-    "robust": Key(ROBUST, "manufactured machines instead of nominal ones"),
-    "starts": Key(Whole(1, 4096), "starts of the search", 32),
-    "iterations": Key(Whole(5, 10_000), "of the descent", 60),
+    "robust": Key(ROBUST.kind, "manufactured machines instead of nominal ones"),
+    "starts": Key(whole_number(1, 4096), "starts of the search", 32),
+    "iterations": Key(whole_number(5, 10_000), "of the descent", 60),
     "seed": SEED,
 })  # fmt: skip
 
@@ -244,7 +254,7 @@ def _read_constraints(file: TaskFile, known: list[str] | None) -> tuple[Constrai
             entry.add(f"no metric `{name}`; {suggest(str(name), known)}")
             continue
         about = file.machine.metrics[name]
-        size = Size(about.unit)
+        size = size_in(about.unit)
         if "min" not in entry and "max" not in entry:
             entry.add(f"`max:` or `min:` and a quantity in {about.unit} belong here")
             continue
@@ -261,6 +271,8 @@ def _read_tolerances(file: TaskFile) -> tuple[Tolerance, ...]:
     section, rows = file.top["robust"], file.values["robust"]["tolerances"]
     if not section.value:
         return ()
+    if "judge" not in section:
+        ROBUST.keys["judge"].kind.read(section["judge"])
     if not rows:
         section["tolerances"].add("at least one belongs here, for example {piston_clearance: {plus_minus: 3 um}}")
     tolerances, given = [], {}
@@ -276,12 +288,12 @@ def _read_tolerances(file: TaskFile) -> tuple[Tolerance, ...]:
         if isinstance(entry.value, Mapping) and set(entry.value) == {"plus_minus"}:
             inside = entry["plus_minus"]
             is_share = str(inside.value).rstrip().endswith("%")
-            size = Size("-" if is_share else p.unit).read(inside)
+            size = size_in("-" if is_share else p.unit).read(inside)
             kind, middle = (ToleranceKind.FACTOR, 1.0) if is_share else (ToleranceKind.DIFFERENCE, 0.0)
             if size is not None:
                 tolerances.append(Tolerance(column, kind, middle - size, middle + size))
         elif isinstance(entry.value, Mapping) and set(entry.value) == {"from", "to"}:
-            ends = [Quantity(p).read(entry[end]) for end in ("from", "to")]
+            ends = [quantity(p).read(entry[end]) for end in ("from", "to")]
             if None not in ends:
                 tolerances.append(Tolerance(column, ToleranceKind.RANGE, *ends))
         else:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edhas_jax.config.declared_keys import Choice, Key, Keys, Text, Whole
+from edhas_jax.config.declared_keys import Key, Keys, choice, text_value, whole_number
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.design.batch.batch import BatchError, BatchSettings, plan_chunks
@@ -41,14 +41,14 @@ KEYS_OF_KIND = {
     SweepKind.TABLE: ("kind", "file"),
 }  # fmt: skip
 SWEEP_KEYS = Keys({
-    "kind": Key(Choice(SweepKind, "kind of sweep"), "how the designs are chosen", needed=True),
-    "count": Key(Whole(1, MAX_DESIGNS), "number of designs of a sample", needed=True),
+    "kind": Key(choice(SweepKind, "kind of sweep"), "how the designs are chosen", needed=True),
+    "count": Key(whole_number(1, MAX_DESIGNS), "number of designs of a sample", needed=True),
     "seed": SEED,
     "parameters": Key(AXES, "what varies"),
-    "file": Key(Text(example="designs.csv"), "CSV or Parquet file: a column `name [unit]` for each parameter, a row "
-                "for each design, no missing values", needed=True),
+    "file": Key(text_value(example="designs.csv"), "CSV or Parquet: a column `name [unit]` per parameter, a row per "
+                "design, no missing values", needed=True),
 }, "{kind: grid, parameters: {…}}", of_kind=KEYS_OF_KIND)  # fmt: skip
-KEYS = Keys(COMMON | {"sweep": Key(SWEEP_KEYS, "the designs", needed=True)})
+KEYS = Keys(COMMON | {"sweep": Key(SWEEP_KEYS.kind, "the designs", needed=True)})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,7 +97,7 @@ def load_sweep(path: Path | str, trust: Trust = ()) -> Sweep:
     if not isinstance(file.top["sweep"].value, Mapping) and "rig" in file.top:
         remedy = f"name it in a file of its own with `base: {file.path.name}` and `sweep:`"
         raise ConfigError(f"{path}: describes one machine, not a sweep; {remedy}")
-    if file.top["sweep"].value in (None, {}):
+    if file.top["sweep"].value is None:
         kinds = ", ".join(kind.value for kind in SweepKind)
         file.top["sweep"].add(f"missing; a mapping with `kind:`, one of {kinds}")
     section, kind = file.values["sweep"], file.values["sweep"]["kind"]
