@@ -7,7 +7,7 @@ import dataclasses
 import enum
 import math
 import numbers
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from edhas_jax.config.document import Entry
@@ -15,6 +15,7 @@ from edhas_jax.config.yaml_with_lines import yaml_type
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, difference_to_si, format_quantity, to_si
+from edhas_jax.machine.parameters import ParameterError
 
 Schema = dict[str, Any]
 ROUNDING = 1e-12  # relative, of a limit that is itself a product
@@ -204,6 +205,33 @@ def by_name(kind: Kind, example: str, what: str) -> Kind:
 
     schema = {"type": ["object", "null"], "additionalProperties": kind.schema}
     return Kind(read, schema, f"by {what}, such as `{example}`", kind.keys, reads_missing=True)
+
+
+def by_parameter(
+    entries: Iterable[Entry], find: Callable[[str], tuple[Parameter, str]]
+) -> Iterator[tuple[Entry, Parameter, str]]:
+    """Pass over entries whose keys are names of parameters.
+
+    Args:
+        entries: the entries.
+        find: gives declaration and place of the parameter of a name; raises a ParameterError.
+
+    Yields:
+        Entry, declaration and place; a name that is unknown, or the second of one parameter, is a problem instead.
+    """
+    given: dict[tuple[str, str], str] = {}
+    for entry in entries:
+        name = str(entry.key[-1])
+        try:
+            p, place = find(name)
+        except ParameterError as error:
+            entry.add(str(error))
+            continue
+        if (place, p.name) in given:
+            entry.add(f"given twice, also as {given[place, p.name]}")
+            continue
+        given[place, p.name] = name
+        yield entry, p, place
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import enum
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from edhas_jax.config.declared_keys import (
     Key,
     Keys,
     by_name,
+    by_parameter,
     choice,
     list_of,
     own_value,
@@ -31,7 +33,7 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.design.batch.batch import BatchSettings, runs_designs, settings_of_batch
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.batch.experiment_design import MAX_DESIGNS, Axis, DesignError, first_repeated
-from edhas_jax.machine.parameters import ParameterError, find_parameter, replace_value
+from edhas_jax.machine.parameters import find_parameter, replace_value
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run_settings import Precision, Simulation
 
@@ -153,16 +155,8 @@ class TaskFile:
         return None, Simulation()
 
     def _change_parameters(self) -> None:
-        given: dict[tuple[str, str], str] = {}
-        for name, entry in self.values["parameters"].items() if self.machine is not None else ():
-            try:
-                p, path = find_parameter(self.machine, name)
-            except ParameterError as error:
-                entry.add(str(error))
-                continue
-            if (path, p.name) in given:
-                entry.add(f"given twice, also as {given[path, p.name]}")
-            given[path, p.name] = name
+        entries, machine = self.values["parameters"].values(), self.machine
+        for entry, p, path in by_parameter(entries, partial(find_parameter, machine)) if machine is not None else ():
             if (number := quantity(p).read(entry)) is not None:
                 self.machine = replace_value(self.machine, path, p.name, number)
 
@@ -210,17 +204,10 @@ def read_axes(section: Entry, machine: Rig | None, kind: str) -> tuple[Axis, ...
         example = f"`piston_clearance: {{from: 5 um, to: 40 um{', count: 20' * (kind == 'grid')}}}`"
         section.add(f"at least one parameter belongs here, for example {example}")
         return ()
-    axes, names_by_column = [], {}
-    for name in section.value if machine is not None else ():
-        try:
-            p, column = resolve_parameter(machine, str(name))
-            if column in names_by_column:
-                raise ParameterError(f"given twice, also as {names_by_column[column]}")
-            names_by_column[column] = name
-        except ParameterError as error:
-            section[name].add(str(error))
-            continue
-        axes.append(_read_axis(section[name], p, column, kind))
+    if machine is None:
+        return ()
+    entries = by_parameter(section.mapping("").values(), partial(resolve_parameter, machine))
+    axes = [_read_axis(entry, p, column, kind) for entry, p, column in entries]
     return tuple(axis for axis in axes if axis)
 
 

@@ -3,8 +3,10 @@
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
+from edhas_jax.config.declared_keys import by_parameter
 from edhas_jax.config.document import Entry
 from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.structs import Parameter
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.measurements.accuracy import BenchAccuracy, RecorderClock, SensorAccuracy
 from edhas_jax.measurements.campaign import Channel
@@ -13,7 +15,7 @@ from edhas_jax.measurements.campaign_keys import CLOCK, sensor_keys
 
 def read_accuracy(
     section: Entry, values: Mapping[str, Any], channels: Mapping[str, Channel], signals: Mapping[str, Signal],
-    canonical_name: Callable[[Entry, str], str | None], drives: Collection[str] = (),
+    find: Callable[[str], tuple[Parameter, str]], drives: Collection[str] = (),
 ) -> BenchAccuracy:  # fmt: skip
     """Complete the section by what only the campaign knows; all sizes are standard deviations.
 
@@ -22,18 +24,11 @@ def read_accuracy(
         values: what is read of it by its declared keys.
         channels: the measured signals of the campaign.
         signals: the signals of its machine.
-        canonical_name: the name of a parameter as in the conditions of a run, from its entry and the name in the file;
-            None, and a problem, where the machine has none.
+        find: gives declaration and name in the conditions of a run of a parameter; raises a ParameterError.
         drives: the recorded drives of the campaign.
     """
-    settings: dict[str, float] = {}
-    for name, size in values["settings"].items():
-        entry = section["settings"][name]
-        canonical = canonical_name(entry, str(name))
-        if canonical in settings:
-            entry.add(f"given twice, also as {canonical}")
-        elif canonical is not None:
-            settings[canonical] = size
+    entries = section["settings"].mapping("").values()
+    settings = {name: values["settings"][e.key[-1]] for e, _, name in by_parameter(entries, find)}
     sensors: dict[str, SensorAccuracy] = {}
     for name, entry in values["signals"].items():
         if name not in channels:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.config.declared_keys import quantity
+from edhas_jax.config.declared_keys import by_parameter, quantity
 from edhas_jax.config.document import Document, Entry
 from edhas_jax.config.machine_keys import USUAL_EFFECTS, machine_keys
 from edhas_jax.config.machine_reader import MachineReader, read_rig
@@ -16,11 +16,12 @@ from edhas_jax.config.recorded_signal import encode_samples
 from edhas_jax.config.yaml_with_lines import key_text
 from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.interface.signals import SIGNALS, Signal
-from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, list_parameters
+from edhas_jax.machine.parameters import find_parameter, get_parameter, short_names
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import BenchAccuracy
 from edhas_jax.measurements.accuracy_reader import read_accuracy
@@ -78,9 +79,8 @@ class CampaignDescription:
         if self.machine is not None:
             self._read_uncertain(values["uncertain"])
             self._read_signals(values["signals"])
-            section, signals = top["accuracy"], self.machine.signals
             self.accuracy = read_accuracy(
-                section, values["accuracy"], self.channels, signals, self._canonical_name, self.recorded
+                top["accuracy"], values["accuracy"], self.channels, self.machine.signals, self._find, self.recorded
             )
             self._in_all = self._read_keep(top["keep"])
             for entry, row in zip(top["runs"].list(), values["runs"] or (), strict=False):
@@ -119,50 +119,34 @@ class CampaignDescription:
         reader = MachineReader(Entry(config, (), self._top.problems), self.folder, trust=self._trust)
         return reader.machine if len(self._top.problems) == before else None
 
-    def _canonical_name(self, entry: Entry, name: str) -> str | None:
-        """The name of a parameter of the machine: without its path where that is unique; None if there is none."""
-        try:
-            p, path = find_parameter(self.machine, "target.step_size" if name == "target" else name)
-        except ParameterError as error:
-            return entry.add(str(error))
-        is_unique = sum(q.name == p.name for q, _, _ in list_parameters(self.machine)) == 1
-        return p.name if is_unique else f"{path}.{p.name}"
+    def _find(self, name: str) -> tuple[Parameter, str]:
+        """A parameter of the machine, and its name: without its path where that is unique."""
+        p, path = find_parameter(self.machine, "target.step_size" if name == "target" else name)
+        return p, short_names(self.machine)[path, p.name]
 
     def _read_uncertain(self, entries: Mapping[str, Entry]) -> None:
         owners = {p.name: (effect.id, p) for effect in USUAL_EFFECTS for p in structs.parameters(effect)}
         present = {effect.id for effect in self.machine.effects}
-        given: dict[str, str] = {}
-        for name, entry in entries.items():
-            of_run = "per" in entry
-            if of_run and entry["per"].value != "run":
-                entry["per"].add(f"only `per: run` is possible here; got {entry['per'].value}")
-            if of_run:
-                entry = Entry({k: v for k, v in entry.value.items() if k != "per"}, entry.key, entry.problems)
-            if name in owners and owners[name][0] not in present:
-                owner, p = owners[name]
-                if (spread := read_spread(entry, p)) is not None:
-                    self.uncertain[name] = spread
-                if of_run:
-                    entry.add(f"belongs to {owner}, which the model lacks, so that no run has a value of it")
-                sentence = f"belongs to {owner}, which the model lacks; it is used once that effect is added"
-                self.remarks.append((Severity.NOTE, entry, sentence))
-                continue
-            canonical = self._canonical_name(entry, name)
-            if canonical in given:
-                entry.add(f"given twice, also as {given[canonical]}")
-            elif canonical is not None:
-                value = None if of_run else float(get_parameter(self.machine, canonical))
-                spread = read_spread(entry, find_parameter(self.machine, canonical)[0], value)
-                (self.own_uncertain if of_run else self.uncertain)[canonical], given[canonical] = spread, name
+        stated = {name: _without_per(entry) for name, entry in entries.items()}
+        for name in [n for n in stated if n in owners and owners[n][0] not in present]:
+            (owner, p), entry = owners[name], stated.pop(name)
+            if (spread := read_spread(entry, p)) is not None:
+                self.uncertain[name] = spread
+            if "per" in entries[name]:
+                entry.add(f"belongs to {owner}, which the model lacks, so that no run has a value of it")
+            sentence = f"belongs to {owner}, which the model lacks; it is used once that effect is added"
+            self.remarks.append((Severity.NOTE, entry, sentence))
+        for entry, p, name in by_parameter(stated.values(), self._find):
+            of_run = "per" in entries[entry.key[-1]]
+            value = None if of_run else float(get_parameter(self.machine, name))
+            (self.own_uncertain if of_run else self.uncertain)[name] = read_spread(entry, p, value)
 
     def _read_own_uncertain(
         self, run: int, entries: Mapping[str, Entry], conditions: Mapping[str, float]
     ) -> dict[str, Spread | None]:
         """The parameters whose value in a run is an unknown of its own: those of all runs, and those that it names."""
         found = {name: (self._top["uncertain"][name], spread) for name, spread in self.own_uncertain.items()}
-        for name, entry in entries.items():
-            if (canonical := self._canonical_name(entry, name)) is not None:
-                found[canonical] = entry, read_spread(entry, find_parameter(self.machine, canonical)[0])
+        found |= {name: (entry, read_spread(entry, p)) for entry, p, name in by_parameter(entries.values(), self._find)}
         for name, (entry, spread) in found.items():
             value = conditions.get(name, float(get_parameter(self.machine, name)))
             p, _ = find_parameter(self.machine, name)
@@ -244,22 +228,15 @@ class CampaignDescription:
 
     def _read_conditions(self, entry: Entry, values: Values) -> dict[str, float]:
         """The parameters of the machine (SI) that a run sets."""
-        conditions, given = {}, {}
-        beside = {name: entry[name] for name in entry.value or {} if name not in values}
-        for name, inside in [*beside.items(), *values["conditions"].items()]:
-            if (canonical := self._canonical_name(inside, name)) is None:
-                continue
-            if canonical in given:
-                inside.add(f"given twice, also as {given[canonical]}")
-            given[canonical] = name
-            if (value := quantity(find_parameter(self.machine, canonical)[0]).read(inside)) is not None:
-                conditions[canonical] = value
+        entries = [entry[name] for name in entry.value or {} if name not in values]
+        entries += values["conditions"].values()
+        found = {name: quantity(p).read(inside) for inside, p, name in by_parameter(entries, self._find)}
         for name in ("start", "window", "running"):
             if name in entry and has_parameter(self.machine, name):
                 other = "; for the time at which the run begins `time: {start: …}`" if name == "start" else ""
                 what = f"is a parameter of {self.machine.name} and a key of a run"
                 entry[name].add(f"{what}; for the parameter write `conditions: {{{name}: …}}`{other}")
-        return conditions
+        return {name: value for name, value in found.items() if value is not None}
 
     def _read_timing(
         self, entry: Entry, values: Values, start: float | None, conditions: Mapping[str, float]
@@ -309,6 +286,15 @@ class CampaignDescription:
             column, unit = (values["column"] or usual[name].column), (values["unit"] or usual[name].unit)
             found[name] = ColumnSource(column, unit)
         return found
+
+
+def _without_per(entry: Entry) -> Entry:
+    """An entry of `uncertain` without its `per: run`."""
+    if "per" not in entry:
+        return entry
+    if entry["per"].value != "run":
+        entry["per"].add(f"only `per: run` is possible here; got {entry['per'].value}")
+    return Entry({k: v for k, v in entry.value.items() if k != "per"}, entry.key, entry.problems)
 
 
 def _time_source(entry: Entry, values: Values, usual: TimeSource) -> tuple[TimeSource, float | None]:

@@ -3,6 +3,7 @@
 import dataclasses
 import enum
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from edhas_jax.config.declared_keys import (
     Key,
     Keys,
     by_name,
+    by_parameter,
     choice,
     own_value,
     quantity,
@@ -28,7 +30,7 @@ from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.batch.experiment_design import Axis, full_factorial
 from edhas_jax.design.task_file import AXES, COMMON, SEED, TaskFile
 from edhas_jax.machine.interface.metrics import metrics_of_batch
-from edhas_jax.machine.parameters import ParameterError, get_parameter, list_parameters, short_names
+from edhas_jax.machine.parameters import get_parameter, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
 
 
@@ -275,16 +277,10 @@ def _read_tolerances(file: TaskFile) -> tuple[Tolerance, ...]:
         ROBUST.keys["judge"].kind.read(section["judge"])
     if not rows:
         section["tolerances"].add("at least one belongs here, for example {piston_clearance: {plus_minus: 3 um}}")
-    tolerances, given = [], {}
-    for name, entry in rows.items() if file.machine is not None else ():
-        try:
-            p, column = resolve_parameter(file.machine, str(name))
-        except ParameterError as error:
-            entry.add(str(error))
-            continue
-        if column in given:
-            entry.add(f"given twice, also as {given[column]}")
-        given[column] = name
+    tolerances = []
+    if file.machine is None:
+        return ()
+    for entry, p, column in by_parameter(rows.values(), partial(resolve_parameter, file.machine)):
         if isinstance(entry.value, Mapping) and set(entry.value) == {"plus_minus"}:
             inside = entry["plus_minus"]
             is_share = str(inside.value).rstrip().endswith("%")
