@@ -122,6 +122,8 @@ def campaign_keys(rig: type[Rig] | None = None) -> Keys:
     machine = {name: key for name, key in machine_keys(rig).keys.items() if name != "simulation"}
     return Keys(machine | {
         "name": Key(NAME, "name of the campaign", shown="that of the folder"),
+        "without": Key(machine["without"].kind, "refined effects that the machine does not have; all others that the "
+                       "rig can have are in it"),
         "uncertain": Key(by_name(SPREAD, "{coil_resistance: 0.02}", "parameter"),
                          "standard deviation of its true value: a share (log-normal) or with a unit (normal); common "
                          "to all runs, or `per: run`"),
