@@ -3,22 +3,12 @@
 A law may also stand as a mapping in the list `effects` of a configuration, with the same keys.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from edhas_jax.config.law_reader import LAW_KIND, LawError, LawReader
-from edhas_jax.config.problem_list import problem_lines
-from edhas_jax.config.yaml_with_lines import (
-    KeyPath,
-    YamlError,
-    key_text,
-    line_of,
-    parse_yaml,
-    read_text_file,
-)
+from edhas_jax.config.document import Document
+from edhas_jax.config.law_reader import LAW_KIND, read_law
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import one_line, yaml_text
 from edhas_jax.core.source_location import display_path
@@ -32,6 +22,10 @@ LAW_SUFFIXES = (".yaml", ".yml")
 DIGITS = 9  # of numbers in a file that is written
 
 
+class LawError(EffectError):
+    """The file of a tabulated law is wrong; the message has a line for each problem."""
+
+
 def read_law_file(path: Path | str, rig: type[Rig] | None = None) -> LawTable:
     """Read a tabulated law from a YAML file.
 
@@ -43,37 +37,10 @@ def read_law_file(path: Path | str, rig: type[Rig] | None = None) -> LawTable:
         LawError: the file cannot be read or has problems; all are listed, a line each, with file and line.
     """
     path = Path(path)
-    shown = display_path(path)
-
-    def failed(message: str) -> LawError:
-        return LawError([((), message)], message)
-
-    try:
-        text = read_text_file(path, EffectError)
-        data, lines, repeated = parse_yaml(text, example="law: tabulated")
-    except YamlError as error:
-        raise failed(f"{shown}:{error.line}: {error}" if error.line else f"{shown}: {error}") from None
-    except EffectError as error:
-        raise failed(str(error)) from None
-    reader = LawReader(data, path.stem, rig)
-    problems = repeated + [(line_of(lines, key), _with_key(key, message)) for key, message in reader.problems]
-    if problems:
-        messages = [f"{shown}:{line}: {message}" for line, message in sorted(problems, key=lambda problem: problem[0])]
-        raise LawError([((), message) for message in messages], problem_lines(messages))
-    return reader.table()
-
-
-def law_from_mapping(data: Mapping[str, Any], rig: type[Rig] | None = None) -> LawTable:
-    """Make a tabulated law from a mapping with the keys of a file; `rig` as for `read_law_file`.
-
-    Raises:
-        LawError: the mapping has problems; all are listed.
-    """
-    reader = LawReader(data, None, rig)
-    if reader.problems:
-        message = problem_lines(_with_key(key, message) for key, message in reader.problems)
-        raise LawError(reader.problems, message)
-    return reader.table()
+    document = Document(path, LawError, f"law: {LAW_KIND}", str(display_path(path)))
+    table = read_law(document.top, path.stem, rig)
+    document.finish()
+    return table
 
 
 def write_law_file(path: Path | str, table: LawTable) -> Path:
@@ -141,7 +108,3 @@ def law_text(table: LawTable) -> str:
     entries |= {"node_unit": yaml_text(place.variable_unit), "nodes": numbers(table.nodes)}
     entries |= {"value_unit": yaml_text(place.value_unit), "values": numbers(table.values)}
     return "{" + ", ".join(f"{key}: {value}" for key, value in entries.items()) + "}"
-
-
-def _with_key(key: KeyPath, message: str) -> str:
-    return f"{key_text(key)}: {message}" if key else message

@@ -1,17 +1,19 @@
-"""Reads the mapping of a tabulated law in one pass, and collects what is wrong with it."""
+"""Reads a tabulated law from the entry of its mapping, and collects what is wrong with it."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from edhas_jax.config.problem_list import ProblemList
-from edhas_jax.config.yaml_with_lines import KeyPath, yaml_type
+from edhas_jax.config.declared_keys import Key, Keys, list_of, own_value, text_value
+from edhas_jax.config.document import Entry
+from edhas_jax.config.yaml_with_lines import yaml_type
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, display_unit, to_si
-from edhas_jax.machine.effects import LIBRARY, EffectError
+from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.effects.tabulated_law import (
+    LAW_SIGNALS,
     LIMITS,
     MAX_NODES,
     MIN_NODES,
@@ -24,173 +26,163 @@ from edhas_jax.machine.effects.tabulated_law import (
 from edhas_jax.machine.interface.slots import SLOTS, Rule
 from edhas_jax.machine.rig_base import Rig
 
-LAW_KEYS = (
-    "law", "name", "origin", "slot", "variable", "factors", "node_unit", "nodes", "value_unit", "values",
-    "standard_errors",
-)  # fmt: skip
 LAW_KIND = "tabulated"  # the value of the key `law`
 MAX_FACTORS = 3
+_NUMBERS = own_value(list_of(own_value({"type": "number"})).schema, f"{MIN_NODES} … {MAX_NODES} numbers")
+_UNIT = own_value({"type": "string"}, "a unit, `-` for none")
+LAW = Keys({
+    "law": Key(own_value({"enum": [LAW_KIND]}, f"`{LAW_KIND}`"), "what the file is", needed=True),
+    "name": Key(own_value({"type": "string"}, "letters, digits, underscores"), "its name; otherwise that of its file",
+                needed=True),
+    "origin": Key(text_value(), "where it comes from", ""),
+    "slot": Key(own_value({"enum": list(SLOTS)}, "a slot"), "where it acts", needed=True),
+    "variable": Key(own_value({"enum": list(LAW_SIGNALS)}, "a signal"), "over which it is given", needed=True),
+    "factors": Key(own_value(list_of(own_value({"enum": list(LAW_SIGNALS)})).schema | {"maxItems": MAX_FACTORS},
+                       f"at most {MAX_FACTORS} signals"), "that multiply it"),
+    "node_unit": Key(_UNIT, "of the nodes", needed=True),
+    "nodes": Key(_NUMBERS, "values of the variable, which increase", needed=True),
+    "value_unit": Key(_UNIT, "of the values, over that of the factors"),
+    "values": Key(_NUMBERS, "one for each node", needed=True),
+    "standard_errors": Key(_NUMBERS, "of the values"),
+}, "{law: tabulated, slot: mover_force, …}")  # fmt: skip
 
 
-class LawError(EffectError):
-    """A tabulated law is wrong; `problems` holds key and message of every problem."""
-
-    def __init__(self, problems: list[tuple[KeyPath, str]], message: str):
-        super().__init__(message)
-        self.problems = problems
-
-
-class LawReader(ProblemList):
-    """Reads the mapping of a tabulated law in one pass.
+def read_law(entry: Entry, default_name: str | None, rig: type[Rig] | None = None) -> LawTable | None:
+    """Read a tabulated law.
 
     Args:
-        data: the mapping.
+        entry: its mapping.
         default_name: name of a law that has none of its own; None if it must have one.
         rig: the rig of one's own on which it acts; None for the rigs of the package.
+
+    Returns:
+        The law; None after a problem.
     """
+    before, slots = len(entry.problems), slots_of(rig)
+    if entry["law"].value != LAW_KIND:
+        return entry["law"].add(f"a tabulated law belongs here, with `law: {LAW_KIND}`")
+    origin = LAW.read(entry)["origin"]
+    name = _read_name(entry["name"], default_name)
+    slot = _read_choice(entry["slot"], "slot", slots, next(iter(slots), ""))
+    known = None if slot is None else signals_at(slots[slot], rig)
+    variable = _read_signal(entry["variable"], known, slot, rig)
+    factors = _read_factors(entry["factors"], known, slot, rig)
+    node_si = None if variable is None else law_signals(rig)[variable]
+    value_si = None
+    if slot is not None and None not in factors:
+        value_si = LawPlace(slot, variable or "time", factors, rig).value_unit
+    nodes = _read_numbers(entry["nodes"], entry["node_unit"], node_si)
+    unit = entry["value_unit"]
+    values = _read_numbers(entry["values"], unit, value_si)
+    std = _read_numbers(entry["standard_errors"], unit, value_si) if "standard_errors" in entry else None
+    _check_lengths(entry)
+    if nodes is not None:
+        given = entry["nodes"].value
+        for k in np.flatnonzero(~(np.diff(nodes) > 0.0)) + 1:
+            what = f"{given[k]} does not exceed the node before, {given[k - 1]}; nodes must increase"
+            entry["nodes"][int(k)].add(what)
+    if std is not None and (std < 0.0).any():
+        entry["standard_errors"][int(np.argmax(std < 0.0))].add("must not be negative")
+    if len(entry.problems) > before:
+        return None
+    return LawTable(name, LawPlace(slot, variable, factors, rig), nodes, values, std, origin)
 
-    def __init__(self, data: Mapping[str, Any], default_name: str | None, rig: type[Rig] | None = None):
-        super().__init__([])
-        self._data, self._rig, slots = data, rig, slots_of(rig)
-        if data.get("law") != LAW_KIND:
-            self.add(("law",), f"a tabulated law belongs here, with `law: {LAW_KIND}`")
-            return
-        self.add_unknown_keys((), data, LAW_KEYS)
-        self._name = self._read_name(default_name)
-        self._slot = self._read_choice(("slot",), "slot", data.get("slot"), slots, next(iter(slots), ""))
-        known = None if self._slot is None else signals_at(slots[self._slot], rig)
-        self._variable = self._read_signal(("variable",), data.get("variable"), known)
-        self._factors = self._read_factors(data.get("factors"), known)
-        node_si = value_si = None
-        if self._variable is not None:
-            node_si = law_signals(rig)[self._variable]
-        if self._slot is not None and None not in self._factors:
-            value_si = LawPlace(self._slot, self._variable or "time", self._factors, rig).value_unit
-        self._nodes = self._read_numbers("nodes", "node_unit", node_si)
-        self._values = self._read_numbers("values", "value_unit", value_si)
-        self._std = self._read_numbers("standard_errors", "value_unit", value_si) if "standard_errors" in data else None
-        self._check_lengths()
-        self._check_order()
-        self._origin = data.get("origin") or ""
-        if not isinstance(self._origin, str):
-            self.add(("origin",), f"a text belongs here, not {yaml_type(self._origin)}")
 
-    def table(self) -> LawTable:
-        """The law; only if there are no problems."""
-        place = LawPlace(self._slot, self._variable, self._factors, self._rig)
-        return LawTable(self._name, place, self._nodes, self._values, self._std, self._origin)
+def _read_name(entry: Entry, default: str | None) -> str | None:
+    given = entry.value
+    if given is None and default is not None:
+        given = "".join(c if c.isalnum() else "_" for c in default)
+    if not isinstance(given, str) or not given.isidentifier():
+        return entry.add("a name of letters, digits and underscores belongs here, such as cogging_curve")
+    if given in {effect.id for effect in LIBRARY}:
+        entry.add(f"`{given}` is an effect of the library; name the law differently, such as {given}_curve")
+    return given
 
-    def _read_name(self, default: str | None) -> str:
-        given = self._data.get("name")
-        if given is None and default is not None:
-            given = "".join(c if c.isalnum() else "_" for c in default)
-        if not isinstance(given, str) or not given.isidentifier():
-            self.add(("name",), "a name of letters, digits and underscores belongs here, such as cogging_curve")
-            return ""
-        if given in {effect.id for effect in LIBRARY}:
-            self.add(
-                ("name",), f"`{given}` is an effect of the library; name the law differently, such as {given}_curve"
-            )
-        return given
 
-    def _read_choice(self, key: KeyPath, what: str, given: Any, valid: Iterable[str], example: str) -> str | None:
-        """One of the names `valid`; None after a problem."""
-        names = dict.fromkeys(valid)
-        if isinstance(given, str):
-            if given in names:
+def _read_choice(entry: Entry, what: str, valid: Iterable[str], example: str) -> str | None:
+    """One of the names `valid`; None after a problem."""
+    given, names = entry.value, dict.fromkeys(valid)
+    if isinstance(given, str):
+        return given if given in names else entry.add(f"no {what} `{given}`; {suggest(given, names)}")
+    problem = "missing" if given is None else f"not {yaml_type(given)}"
+    return entry.add(f"the name of a {what} belongs here, such as {example}; {problem}")
+
+
+def _read_signal(entry: Entry, known: tuple[str, ...] | None, slot: str | None, rig: type[Rig] | None) -> str | None:
+    """The name of a signal; `known` are those that the slot may know, None where the slot is not known."""
+    name = _read_choice(entry, "signal", (*(known or ()), *law_signals(rig)), "piston_position")
+    if name is None or known is None or name in known:
+        return name
+    slots = ", ".join(other.name for other in SLOTS.values() if name in other.local_signals)
+    return entry.add(f"`{name}` is not known at the slot {slot}, but at {slots}")
+
+
+def _read_factors(
+    entry: Entry, known: tuple[str, ...] | None, slot: str | None, rig: type[Rig] | None
+) -> tuple[str | None, ...]:
+    given = entry.value
+    if given is None:
+        return ()
+    if not isinstance(given, list | tuple) or len(given) > MAX_FACTORS:
+        return (entry.add(f"a list of at most {MAX_FACTORS} signals belongs here, such as [pressure_drop]"),)
+    if given and slot is not None and slots_of(rig)[slot].rule is Rule.SCALE:
+        return (entry.add(f"the slot {slot} takes a factor itself; leave `factors` out"),)
+    return tuple(_read_signal(inside, known, slot, rig) for inside in entry.list())
+
+
+def _read_numbers(entry: Entry, unit_entry: Entry, si: str | None) -> np.ndarray | None:
+    """A list of numbers in the unit of another key, as an array in SI; None after a problem."""
+    if not isinstance(entry.value, list | tuple):
+        return entry.add(f"a list of numbers belongs here, not {yaml_type(entry.value)}")
+    unit = _read_unit(unit_entry, si)
+    values, before = [], len(entry.problems)
+    for inside in entry.list():
+        item = inside.value
+        number = _number(item)
+        if number is None or not math.isfinite(number):
+            text = f'"{item}"' if isinstance(item, str | int | float) else yaml_type(item)
+            inside.add(f"{text} is not a finite number; units belong to `{unit_entry.key[-1]}`")
+            continue
+        values.append(0.0 if unit is None else to_si(f"{number!r} {unit}".replace(" -", ""), si))
+        if not LIMITS[0] < values[-1] < LIMITS[1]:
+            inside.add(f"{item} is too large")
+    return np.array(values, float) if unit is not None and len(entry.problems) == before else None
+
+
+def _read_unit(entry: Entry, si: str | None) -> str | None:
+    """The unit that a key names; None after a problem, which is listed once."""
+    if si is None:
+        return None
+    given = "-" if entry.value is None and si == "-" else entry.value
+    example = display_unit(si) or "-"
+    if not isinstance(given, str):
+        problem = f"missing; a unit such as {example}" if given is None else f"a unit such as {example} belongs here"
+    else:
+        try:
+            if to_si(f"0 {given}".replace(" -", ""), si, f"0 {example}") == 0.0:
                 return given
-            self.add(key, f"no {what} `{given}`; {suggest(given, names)}")
-        else:
-            problem = "missing" if given is None else f"not {yaml_type(given)}"
-            self.add(key, f"the name of a {what} belongs here, such as {example}; {problem}")
-        return None
+            problem = f"{given} does not count from zero; write for example {example}"
+        except UnitError:
+            problem = f"`{given}` is not a unit such as {example}"
+    if entry.key not in {key for key, _ in entry.problems}:
+        entry.add(problem)
+    return None
 
-    def _read_signal(self, key: KeyPath, given: Any, known: tuple[str, ...] | None) -> str | None:
-        """The name of a signal; `known` are those that the slot may know, None where the slot is not known."""
-        name = self._read_choice(key, "signal", given, (*(known or ()), *law_signals(self._rig)), "piston_position")
-        if name is None or known is None or name in known:
-            return name
-        slots = ", ".join(slot.name for slot in SLOTS.values() if name in slot.local_signals)
-        self.add(key, f"`{name}` is not known at the slot {self._slot}, but at {slots}")
-        return None
 
-    def _read_factors(self, given: Any, known: tuple[str, ...] | None) -> tuple[str | None, ...]:
-        if given is None:
-            return ()
-        if not isinstance(given, list | tuple) or len(given) > MAX_FACTORS:
-            self.add(("factors",), f"a list of at most {MAX_FACTORS} signals belongs here, such as [pressure_drop]")
-            return (None,)
-        if given and self._slot is not None and slots_of(self._rig)[self._slot].rule is Rule.SCALE:
-            self.add(("factors",), f"the slot {self._slot} takes a factor itself; leave `factors` out")
-            return (None,)
-        return tuple(self._read_signal(("factors", k), name, known) for k, name in enumerate(given))
-
-    def _read_numbers(self, name: str, unit_key: str, si: str | None) -> np.ndarray | None:
-        """A list of numbers in the unit of the key `unit_key`, as an array in SI; None after a problem."""
-        given = self._data.get(name)
-        if not isinstance(given, list | tuple):
-            self.add((name,), f"a list of numbers belongs here, not {yaml_type(given)}")
-            return None
-        unit = self._read_unit(unit_key, si)
-        values, before = [], len(self.problems)
-        for k, item in enumerate(given):
-            number = None if isinstance(item, bool) else _number(item)
-            if number is None or not math.isfinite(number):
-                text = f'"{item}"' if isinstance(item, str | int | float) else yaml_type(item)
-                self.add((name, k), f"{text} is not a finite number; units belong to `{unit_key}`")
-                continue
-            values.append(0.0 if unit is None else to_si(f"{number!r} {unit}".replace(" -", ""), si))
-            if not LIMITS[0] < values[-1] < LIMITS[1]:
-                self.add((name, k), f"{item} is too large")
-        return np.array(values, float) if unit is not None and len(self.problems) == before else None
-
-    def _read_unit(self, key: str, si: str | None) -> str | None:
-        """The unit that a key names; None after a problem, which is listed once."""
-        if si is None:
-            return None
-        given = self._data.get(key, "-" if si == "-" else None)
-        example = display_unit(si) or "-"
-        if not isinstance(given, str):
-            message = (
-                f"missing; a unit such as {example}" if given is None else f"a unit such as {example} belongs here"
-            )
-        else:
-            try:
-                if to_si(f"0 {given}".replace(" -", ""), si, f"0 {example}") == 0.0:
-                    return given
-                message = f"{given} does not count from zero; write for example {example}"
-            except UnitError:
-                message = f"`{given}` is not a unit such as {example}"
-        if (key,) not in {known for known, _ in self.problems}:
-            self.add((key,), message)
-        return None
-
-    def _check_lengths(self) -> None:
-        lists = {n: self._data[n] for n in ("nodes", "values", "standard_errors") if n in self._data}
-        counts = {n: len(given) for n, given in lists.items() if isinstance(given, list | tuple)}
-        nodes = counts.get("nodes")
-        if nodes is None:
-            return
-        if not MIN_NODES <= nodes <= MAX_NODES:
-            self.add(("nodes",), f"{MIN_NODES} to {MAX_NODES} nodes belong here, not {nodes}")
-        for name, count in counts.items():
-            if count != nodes:
-                self.add((name,), f"{count} numbers for {nodes} nodes; one for each node belongs here")
-
-    def _check_order(self) -> None:
-        if self._nodes is not None:
-            for k in np.flatnonzero(~(np.diff(self._nodes) > 0.0)) + 1:
-                given = self._data["nodes"]
-                self.add(
-                    ("nodes", int(k)),
-                    f"{given[k]} does not exceed the node before, {given[k - 1]}; nodes must increase",
-                )
-        if self._std is not None and (self._std < 0.0).any():
-            self.add(("standard_errors", int(np.argmax(self._std < 0.0))), "must not be negative")
+def _check_lengths(entry: Entry) -> None:
+    lists = {n: entry[n].value for n in ("nodes", "values", "standard_errors")}
+    counts = {n: len(given) for n, given in lists.items() if isinstance(given, list | tuple)}
+    if (nodes := counts.get("nodes")) is None:
+        return
+    if not MIN_NODES <= nodes <= MAX_NODES:
+        entry["nodes"].add(f"{MIN_NODES} to {MAX_NODES} nodes belong here, not {nodes}")
+    for name, count in counts.items():
+        if count != nodes:
+            entry[name].add(f"{count} numbers for {nodes} nodes; one for each node belongs here")
 
 
 def _number(item: Any) -> float | None:
     try:
-        return float(item) if isinstance(item, str | int | float) else None
+        return float(item) if isinstance(item, str | int | float) and not isinstance(item, bool) else None
     except ValueError:
         return None

@@ -5,15 +5,15 @@ allowed.
 """
 
 import dataclasses
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.config.machine_reader import TOP_LEVEL_KEYS, MachineReader
-from edhas_jax.config.problem_list import problem_lines
+from edhas_jax.config.document import Document
+from edhas_jax.config.machine_keys import machine_keys
+from edhas_jax.config.machine_reader import MachineReader
 from edhas_jax.config.writer import dump_config
-from edhas_jax.config.yaml_with_lines import YamlError, key_text, line_of, parse_yaml, read_text_file, yaml_type
+from edhas_jax.config.yaml_with_lines import yaml_type
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run import Simulation
@@ -67,18 +67,10 @@ def read_config(
         ConfigError: the file cannot be read, or the file or an override has problems; all are listed.
     """
     path = Path(path)
-    text = read_text_file(path, ConfigError)
-    try:
-        data, lines, problems = parse_yaml(text)
-    except YamlError as error:
-        raise ConfigError(f"{_location(path, error.line)}: {error}") from None
-    reader = MachineReader(data, path.parent, overrides, trust, is_result)
-    problems += [(line_of(lines, key), f"{key_text(key)}: {message}") for key, message in reader.problems]
-    if problems:
-        problems.sort(key=lambda problem: problem[0])
-        messages = (f"{_location(path, line)}: {message}" for line, message in problems)
-        raise ConfigError(problem_lines(messages))
-    return Config(reader.machine, reader.simulation, reader.name, path, text, reader.recordings)
+    document = Document(path, ConfigError, "rig: pump_bench")
+    reader = MachineReader(document.top, path.parent, overrides, trust, is_result)
+    document.finish()
+    return Config(reader.machine, reader.simulation, reader.name, path, document.text, reader.recordings)
 
 
 def build_config(
@@ -102,10 +94,12 @@ def build_config(
         ConfigError: the mapping or an override has problems; all are listed.
     """
     if not isinstance(mapping, Mapping):
-        raise ConfigError(f"a mapping with the keys {', '.join(TOP_LEVEL_KEYS)} is needed, not {yaml_type(mapping)}")
-    reader = MachineReader(mapping, Path(base_dir), overrides, trust)
-    if reader.problems:
-        raise ConfigError(problem_lines(f"{key_text(key)}: {message}" for key, message in reader.problems))
+        raise ConfigError(
+            f"a mapping with the keys {', '.join(machine_keys().keys)} is needed, not {yaml_type(mapping)}"
+        )
+    document = Document(mapping, ConfigError, "rig: pump_bench")
+    reader = MachineReader(document.top, Path(base_dir), overrides, trust)
+    document.finish()
     config = Config(reader.machine, reader.simulation, reader.name, recordings=reader.recordings)
     return dataclasses.replace(config, text=dump_config(config))
 
@@ -125,8 +119,3 @@ def as_config(source: "Rig | Config | Mapping[str, Any] | Path | str", trust: Tr
     if not isinstance(source, Rig):
         raise ConfigError(f"a machine, a configuration or its file belongs here, not {type(source).__name__}")
     return Config(source)
-
-
-def _location(path: Path, line: int) -> str:
-    """File and line of a problem; the file alone where no line causes it (an override, or the whole text)."""
-    return f"{path}:{line}" if 0 < line < sys.maxsize else str(path)

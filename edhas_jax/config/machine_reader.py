@@ -7,60 +7,88 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.config.code_not_run import controller_not_run, effect_not_run
-from edhas_jax.config.effects_reader import read_effect
-from edhas_jax.config.law_reader import LawError
+from edhas_jax.config.declared_keys import quantity
+from edhas_jax.config.document import Entry
+from edhas_jax.config.law_file import LAW_SUFFIXES, LawError, read_law_file
+from edhas_jax.config.law_reader import read_law
 from edhas_jax.config.machine_checks import check_machine
-from edhas_jax.config.recorded_signal import (
-    RECORDING_KEYS,
-    Between,
-    RecordingError,
-    decode_samples,
-    read_between,
-    read_recording,
-)
-from edhas_jax.config.rig_reader import names_own_rig, own_keys, read_rig
-from edhas_jax.config.run_settings import SETTING_NAMES, quantity_text, read_settings
+from edhas_jax.config.machine_keys import SHORT_NAMES, USUAL_EFFECTS, machine_keys
+from edhas_jax.config.recorded_signal import RECORDING, RecordingError, decode_samples, read_recording
+from edhas_jax.config.run_settings import SIMULATION_SETTINGS, read_settings
 from edhas_jax.config.writer import config_kind
-from edhas_jax.config.yaml_with_lines import KeyPath, key_text, yaml_type
+from edhas_jax.config.yaml_with_lines import key_text, yaml_type
 from edhas_jax.core import structs
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust, TrustedCode
-from edhas_jax.core.units import UnitError, with_article
+from edhas_jax.core.units import UnitError, to_si, with_article
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.set_points import Recorded
-from edhas_jax.machine.effects import EffectError
+from edhas_jax.machine.effects import Effect, EffectError
+from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.machine.effects.tabulated_law import rig_of
 from edhas_jax.machine.effects.validation import check_effect
 from edhas_jax.machine.interface.controller_base import Controller, ControllerError
+from edhas_jax.machine.own_rig import load_rig
 from edhas_jax.machine.parameters import (
     COMPONENT_KINDS,
     ParameterError,
     component_kinds,
     find_parameter,
     list_parameters,
-    parse_value,
     replace_value,
 )
-from edhas_jax.machine.rig_base import Rig
+from edhas_jax.machine.rig_base import Rig, RigError
+from edhas_jax.machine.rigs import RIGS
 from edhas_jax.machine.user_controller import check_controller, load_controller
 
-SHORT_KEYS = {"from": "step_from"}  # keys of a section that no parameter can have: a keyword of Python
-TOP_LEVEL_KEYS = ("name", "rig", "effects", "parameters", *COMPONENT_KINDS, "simulation")
+SETTING_NAMES = (*SIMULATION_SETTINGS, "precision")
+
+
+def read_rig(entry: Entry, base_dir: Path, trust: Trust) -> type[Rig] | None:
+    """The rig that the key `rig` names: one of the package, or one's own as file.py:ClassName.
+
+    Args:
+        entry: of the key; its value may be a class of the user, which needs no permission.
+        base_dir: folder to which files are relative.
+        trust: the user's code that may run.
+
+    Returns:
+        The class; None after a problem.
+    """
+    value, names = entry.value, ", ".join(RIGS)
+    if isinstance(value, type) and issubclass(value, Rig):
+        return value
+    if value is None:
+        return entry.add(f"missing; one of {names}")
+    if not isinstance(value, str):
+        return entry.add(f"a text belongs here, not {yaml_type(value)}; one of {names}")
+    if value in RIGS:
+        return RIGS[value]
+    if not _names_code(value):
+        return entry.add(f"no rig `{value}`; {suggest(value, RIGS)}")
+    try:
+        return load_rig(value, base_dir, trust)
+    except RigError as error:
+        return entry.add(str(error))
+
+
+def _names_code(value: Any) -> bool:
+    """Whether a text names a class of the user."""
+    return isinstance(value, str) and (":" in value or value.endswith(".py"))
 
 
 class MachineReader:
     """Reads a configuration in one pass; after a problem it continues with what does not depend on it.
 
     Args:
-        data: the mapping of the configuration.
+        top: the mapping of the configuration; what is wrong is added to its problems.
         base_dir: folder to which files of effects, controllers and recordings are relative.
         overrides: changes such as "piston_clearance=15 um" that replace values of the mapping.
         trust: the user's code that may run.
         is_result: whether the mapping comes with a result; code is then left out unless `trust` names it.
 
-    Attributes:
-        problems: key and message of every problem. The other attributes are valid only when there are none.
+    Attributes: valid only when there are no problems.
         machine: the machine with its effects and parameters.
         simulation: settings of the run.
         name: name of the configuration.
@@ -68,33 +96,28 @@ class MachineReader:
     """
 
     def __init__(
-        self, data: Mapping[str, Any], base_dir: Path, overrides: Sequence[str], trust: Trust = (),
-        is_result: bool = False,
-    ):  # fmt: skip
-        self.problems: list[tuple[KeyPath, str]] = []
+        self, top: Entry, base_dir: Path, overrides: Sequence[str] = (), trust: Trust = (), is_result: bool = False
+    ):
         self.recordings: dict[str, dict[str, str]] = {}
-        self._data, self._base_dir = data, base_dir
+        self._top, self._base_dir = top, base_dir
         self._trust, self._leave_out_code = TrustedCode.of(trust), is_result and TrustedCode.of(trust).names_nothing
         self._controller_left_out, self._effects_left_out = None, ()  # parts of the machine whose code was not run
         self._incomplete = False  # a component or effect could not be read: unknown names may be its parameters
-        self._given: dict[tuple[str, str], KeyPath] = {}  # keys of the parameters set so far, by (path, name)
+        self._given: dict[tuple[str, str], Entry] = {}  # the parameters set so far, by (path, name)
         settings, self._overrides = self._split_overrides(overrides)
-        self._rig = read_rig(data.get("rig"), base_dir, self._trust, self._add)
-        self._keys = known = TOP_LEVEL_KEYS if self._rig is None or not self._rig.is_own else own_keys(self._rig)
-        is_unread = self._rig is None and names_own_rig(data.get("rig"))  # its drives are not known
-        for key in data:
-            if key not in known and not is_unread:
-                self._add((key,), f"unknown key; {suggest(str(key), known)}")
-        self.name = "" if data.get("name") is None else data["name"]
-        if not isinstance(self.name, str):
-            self._add(("name",), f"a text belongs here, not {yaml_type(self.name)}")
-        self.simulation = read_settings(
-            self._mapping("simulation", "{duration: 0.5 s}"), settings, self._add, self._rig or Rig
-        )
+        self._rig = read_rig(top["rig"], base_dir, self._trust)
+        self._keys = machine_keys(self._rig if self._rig is not None and self._rig.is_own else None)
+        if self._rig is not None or not _names_code(
+            top["rig"].value
+        ):  # the drives of a rig that is not read are unknown
+            self._keys.refuse_others(top.mapping(""))
+        self.name = self._keys.keys["name"].kind.read(top["name"]) or ""
+        self.simulation = read_settings(top["simulation"], settings, self._rig or Rig)
         self.machine = self._machine()
 
-    def _add(self, key: KeyPath, message: str) -> None:
-        self.problems.append((key, message))
+    def _override(self, name: str, value: Any = None) -> Entry:
+        """The entry of an override from the command line."""
+        return Entry(value, (f"--set {name}",), self._top.problems)
 
     def _split_overrides(self, overrides: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
         """The overrides of settings and those of parameters, as value by name."""
@@ -102,9 +125,9 @@ class MachineReader:
         for text in overrides:
             name, equals, value = (part.strip() for part in text.removeprefix("simulation.").partition("="))
             if not (name and equals and value):
-                self._add((f"--set {text}",), "write name=value, for example duration=2s")
+                self._override(text).add("write name=value, for example duration=2s")
             elif name in {*settings, *parameters}:
-                self._add((f"--set {text}",), "given twice")
+                self._override(text).add("given twice")
             else:
                 (settings if name in SETTING_NAMES else parameters)[name] = value
         return settings, parameters
@@ -114,45 +137,35 @@ class MachineReader:
         if self._rig is None:
             return None
         m = self._rig()
-        for section in (s for s in {**m.drives, **COMPONENT_KINDS} if s in self._keys):
+        for section in (s for s in component_kinds(m) | COMPONENT_KINDS if s in self._keys.keys):
             m = self._section(m, section)
         for read in (self._effects, self._parameters, self._apply_overrides, self._recorded_inputs):
             m = read(m)
-        self.problems += check_machine(m, self._given, self._incomplete)
+        given = {name: entry.key for name, entry in self._given.items()}
+        self._top.problems += check_machine(m, given, self._incomplete)
         m = structs.replace(m, effects=(*m.effects, *self._effects_left_out))
         return structs.replace(m, controller=self._controller_left_out) if self._controller_left_out else m
 
-    def _mapping(self, section: str, example: str) -> Mapping[str, Any]:
-        """A section that must be a mapping; empty if it is missing or after a problem."""
-        value = self._data.get(section)
-        if value is None or isinstance(value, Mapping):
-            return value or {}
-        self._add((section,), f"a mapping belongs here, for example `{section}: {example}`, not {yaml_type(value)}")
-        self._incomplete = True
-        return {}
-
     def _section(self, m: Rig, section: str) -> Rig:
         """The machine with the component that a section selects and the parameters that it sets."""
-        kinds = component_kinds(m).get(section, {})
-        if section not in self._data:
+        entry, kinds = self._top[section], component_kinds(m).get(section, {})
+        if section not in self._top:
             return m
         if not hasattr(m, section):
-            self._add((section,), f"{m.name} has no {section}; actuator_system has one")
+            entry.add(f"{m.name} has no {section}; actuator_system has one")
             return m
-        value = self._data[section]
+        value, whole = entry.value, {}
         if (section == "target" or section in m.drives) and not isinstance(value, Mapping | list | bool | None):
-            value = {"kind": "step", "step_size": value}
-            keys = {"step_size": (section,)}
-        else:
-            value, keys = self._mapping(section, f"{{kind: {next(iter(kinds))}}}"), {}
-        kind = value.get("kind", config_kind(m, section))
-        cls = self._component_class(kinds, section, kind)
+            entry, whole = Entry({"kind": "step", "step_size": value}, entry.key, entry.problems), {"step_size": entry}
+        given = self._mapping(entry, f"{{kind: {next(iter(kinds))}}}")
+        kind = entry["kind"].value if "kind" in entry else config_kind(m, section)
+        cls = self._component_class(entry["kind"], kinds, section, kind)
         if cls is None:
             self._incomplete = True
             return m
         if cls is Recorded:
             # a placeholder until all parameters are read: the gain of the amplifier may scale the samples
-            self.recordings[section] = dict(value)
+            self.recordings[section] = dict(entry.value)
             return structs.replace(m, **{section: Recorded(values=np.zeros(2), interval=1.0)})
         if not isinstance(getattr(m, section), cls):
             m = structs.replace(m, **{section: cls()})
@@ -160,26 +173,28 @@ class MachineReader:
             try:
                 check_controller(m, self.simulation.precision.value)
             except ControllerError as error:
-                self._add((section, "kind"), str(error))
+                entry["kind"].add(str(error))
                 self._incomplete = True
                 return structs.replace(m, controller=type(m)().controller)
         valid = {p.name: p for p, _, path in list_parameters(m) if path == section}
-        for name, quantity in value.items():
-            if name == "kind":
-                continue
-            key = keys.get(name, (section, name))
-            name = SHORT_KEYS.get(name, name)
+        for short, inside in given.items():
+            name = SHORT_NAMES.get(cls, {}).get(short, short)
             if name in valid:
-                m = self._set(m, key, section, valid[name], quantity)
-            else:
+                m = self._set(m, whole.get(name, inside), section, valid[name])
+            elif name != "kind":
                 hint = suggest(str(name), valid) if valid else "it has none"
-                owners = [k for k, other in kinds.items() if name in (p.name for p in structs.parameters(other))]
-                if owners and "kind" not in value:
+                owners = [k for k, other in kinds.items() if _has_parameter(other, name)]
+                if owners and "kind" not in entry:
                     hint = f"write `kind: {owners[0]}`, which has it"
-                self._add(key, f"unknown parameter of {with_article(section)} of kind {kind}; {hint}")
+                inside.add(f"unknown parameter of {with_article(section)} of kind {kind}; {hint}")
         return m
 
-    def _component_class(self, kinds: Mapping[str, type], section: str, kind: Any) -> type | None:
+    def _mapping(self, entry: Entry, example: str) -> dict[str, Entry]:
+        """The entries of a section; after a problem the machine is incomplete."""
+        self._incomplete |= not isinstance(entry.value, Mapping | None)
+        return entry.mapping(example)
+
+    def _component_class(self, entry: Entry, kinds: Mapping[str, type], section: str, kind: Any) -> type | None:
         """The class that `kind` names, which for a controller may be the user's own; None after a problem."""
         if isinstance(kind, str) and kind in kinds:
             return kinds[kind]
@@ -188,7 +203,7 @@ class MachineReader:
         message = f"the name of a kind belongs here, not {yaml_type(kind)}; {suggest('', kinds)}"
         if isinstance(kind, str):
             message = f"no {section} of kind `{kind}`; {suggest(kind, kinds)}"
-        if section == "controller" and isinstance(kind, str) and (":" in kind or kind.endswith(".py")):
+        if section == "controller" and _names_code(kind):
             try:
                 return load_controller(kind, self._base_dir, self._trust)
             except ControllerError as error:
@@ -196,99 +211,142 @@ class MachineReader:
                 if self._leave_out_code:
                     self._controller_left_out = controller_not_run(kind)
                     return None
-        self._add((section, "kind"), message)
-        return None
+        return entry.add(message)
 
     def _effects(self, m: Rig) -> Rig:
         """The machine with the effects of the configuration, each checked on the machine with those before it."""
-        specs = self._data.get("effects")
-        if not isinstance(specs, list | tuple | None):
-            example = "for example `effects: [lugre_friction]`"
-            self._add(("effects",), f"a list belongs here, {example}, not {yaml_type(specs)}")
-            self._incomplete = True
-            return m
-        for i, spec in enumerate(specs or ()):
+        entry = self._top["effects"]
+        self._incomplete |= not isinstance(entry.value, list | tuple | None)
+        listed = entry.list("[lugre_friction]")
+        usual = self._usual_effects(m, [inside.value for inside in listed], listed)
+        for inside in (*listed, *usual):
+            spec, before = inside.value, len(inside.problems)
             try:
-                effect = read_effect(spec, self._base_dir, self._trust, rig_of(m))
-                check_effect(effect, m, self.simulation.precision.value)
-                m = structs.replace(m, effects=(*m.effects, effect))
+                effect = self._effect(inside, rig_of(m))
+                if len(inside.problems) == before:
+                    check_effect(effect, m, self.simulation.precision.value)
+                    m = structs.replace(m, effects=(*m.effects, effect))
             except LawError as error:
-                self._incomplete = True
-                self.problems += [(("effects", i, *key), message) for key, message in error.problems]
+                for line in str(error).splitlines():
+                    inside.add(line)
             except (EffectError, UnitError) as error:
-                self._incomplete = True
                 if self._leave_out_code and isinstance(spec, str) and ":" in spec:
                     self._effects_left_out += (effect_not_run(spec),)
+                    self._incomplete = True
                 else:
-                    self._add(("effects", i), str(error))
+                    inside.add(str(error))
+            self._incomplete |= len(inside.problems) > before
         return m
 
+    def _usual_effects(self, m: Rig, names: list[Any], listed: list[Entry]) -> list[Entry]:
+        """With a list `without`, the usual effects that the rig can have, but neither this list nor `effects` names."""
+        usual = () if m.is_own else USUAL_EFFECTS
+        available = [effect.id for effect in usual if set(effect.slots) <= set(m.slots)]
+        without = self._top["without"].list("[lugre_friction]")
+        for inside in without:
+            if inside.value not in available:
+                hint = suggest(str(inside.value), available)
+                inside.add(f"no refined effect `{inside.value}` of this rig; {hint}")
+        left_out = [inside.value for inside in without]
+        for inside in listed:
+            if inside.value in left_out:
+                inside.add(f"`{inside.value}` is listed under `without` too")
+        if "without" not in self._top:
+            return []
+        more = [name for name in available if name not in (*left_out, *names)]
+        return [Entry(name, ("without",), self._top.problems) for name in more]
+
+    def _effect(self, entry: Entry, rig: type[Rig] | None) -> Effect | None:
+        """The effect that an entry names; None after problems of a law.
+
+        Raises:
+            LawError: the file of a tabulated law has problems.
+            EffectError: it cannot be loaded.
+            UnitError: a parameter is declared in an unknown unit.
+        """
+        spec = entry.value
+        if isinstance(spec, Mapping):
+            law = read_law(entry, None, rig)
+            return law and law.effect()
+        if isinstance(spec, str) and spec.endswith(LAW_SUFFIXES):
+            return read_law_file(self._base_dir / spec, rig).effect()
+        if isinstance(spec, type) and issubclass(spec, Effect):
+            cls = spec
+        elif isinstance(spec, str):
+            cls = load_effect(spec, self._base_dir, self._trust)
+        else:
+            what = "the id of an effect, file.py:ClassName or the file of a tabulated law"
+            raise EffectError(f"{what} belongs here, not {yaml_type(spec)}")
+        for p in structs.parameters(cls):
+            try:
+                to_si("1" if p.unit == "-" else f"1 {p.unit}", p.unit)
+            except UnitError:
+                raise UnitError(f'{cls.__name__}.{p.name} is declared in "{p.unit}", which is not a unit') from None
+        return cls()
+
     def _parameters(self, m: Rig) -> Rig:
-        for name, value in self._mapping("parameters", "{frequency: 20 Hz}").items():
-            m = self._find_and_set(m, ("parameters", name), str(name), value)
+        for name, entry in self._mapping(self._top["parameters"], "{frequency: 20 Hz}").items():
+            m = self._find_and_set(m, entry, str(name))
         return m
 
     def _apply_overrides(self, m: Rig) -> Rig:
         for name, value in self._overrides.items():
-            key = (f"--set {name}",)
+            entry = self._override(name, value)
             if (name == "target" or name in m.drives) and hasattr(getattr(m, name, None), "step_size"):
                 name = f"{name}.step_size"
-            m = self._find_and_set(m, key, name, value)
+            m = self._find_and_set(m, entry, name)
         return m
 
-    def _find_and_set(self, m: Rig, key: KeyPath, name: str, value: Any) -> Rig:
+    def _find_and_set(self, m: Rig, entry: Entry, name: str) -> Rig:
         """The machine with the parameter `name` (or `owner.name`) set."""
         try:
             p, path = find_parameter(m, name)
         except ParameterError as error:
             if not self._incomplete or "ambiguous" in str(error):
-                self._add(key, str(error))
+                entry.add(str(error))
             return m
-        if key[0] != "parameters" and not self._given.get((path, p.name), key)[0].startswith("--set "):
+        is_override = str(entry.key[0]).startswith("--set ")
+        if is_override and not str(self._given.get((path, p.name), entry).key[0]).startswith("--set "):
             self._given.pop((path, p.name), None)  # an override may replace a value of the configuration
-        return self._set(m, key, path, p, value)
+        return self._set(m, entry, path, p)
 
-    def _set(self, m: Rig, key: KeyPath, path: str, p: Parameter, value: Any) -> Rig:
+    def _set(self, m: Rig, entry: Entry, path: str, p: Parameter) -> Rig:
         """The machine with one parameter set; unchanged after a problem."""
         if (path, p.name) in self._given:
-            self._add(key, f"given twice, also as {key_text(self._given[path, p.name])}")
+            entry.add(f"given twice, also as {key_text(self._given[path, p.name].key)}")
             return m
-        self._given[path, p.name] = key
-        try:
-            return replace_value(m, path, p.name, parse_value(p, quantity_text(p, value)))
-        except (ParameterError, UnitError) as error:
-            self._add(key, str(error))
-            return m
+        self._given[path, p.name] = entry
+        value = quantity(p).read(entry)
+        return m if value is None else replace_value(m, path, p.name, value)
 
     def _recorded_inputs(self, m: Rig) -> Rig:
         """The machine with the samples of its recorded inputs."""
-        for section, keys in list(self.recordings.items()):
-            for name, value in keys.items():
-                if name not in RECORDING_KEYS:
-                    valid = suggest(str(name), RECORDING_KEYS)
-                    self._add((section, name), f"unknown key of a recorded {section}; {valid}")
-                elif not isinstance(value, str):
-                    self._add((section, name), f"a text belongs here, not {yaml_type(value)}")
-            if "file" not in keys and "samples" not in keys:
-                self._add((section, "file"), "missing; write for example `file: bench.csv`")
-            if any(key[0] == section for key, _ in self.problems):
+        for section in list(self.recordings):
+            entry, before = self._top[section], len(self._top.problems)
+            keys = RECORDING.read(entry)
+            if "file" not in entry and "samples" not in entry:
+                entry["file"].add("missing; write for example `file: bench.csv`")
+            if len(self._top.problems) > before:
                 continue
             try:
-                recorded = decode_samples(keys) if "samples" in keys else self._recording_file(m, section)
+                recorded = decode_samples(entry.value) if "samples" in entry else self._recording(m, section, keys)
             except RecordingError as error:
-                self._add((section, error.key), str(error))
+                entry[error.key].add(str(error))
                 continue
             m = structs.replace(m, **{section: recorded})
         return m
 
-    def _recording_file(self, m: Rig, section: str) -> Recorded:
+    def _recording(self, m: Rig, section: str, keys: Mapping[str, Any]) -> Recorded:
         """The recording in the file that a section names, in the unit of the drive."""
-        keys = self.recordings[section]
         unit = m.drive_unit(section)
         amplifier = getattr(m, "amplifier", None) if section == "reference" and unit == "V" else None
         gain = amplifier.amplifier_gain if isinstance(amplifier, CurrentAmplifier) else None
         path = self._base_dir / keys["file"]
-        between = read_between(keys["between"]) if "between" in keys else Between.LINE
-        recorded = read_recording(path, keys.get("column"), keys.get("unit"), unit, gain, between)
-        self.recordings[section] = {**keys, "file": str(path.resolve())}
+        recorded = read_recording(path, keys["column"], keys["unit"], unit, gain, keys["between"])
+        self.recordings[section] |= {"file": str(path.resolve())}
         return recorded
+
+
+def _has_parameter(cls: type, name: str) -> bool:
+    """Whether a component has a parameter of this name, full or short."""
+    return SHORT_NAMES.get(cls, {}).get(name, name) in (p.name for p in structs.parameters(cls))

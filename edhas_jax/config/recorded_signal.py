@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.config.declared_keys import Key, Keys, choice, own_value, text_value
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, display_unit, exact_quantity, format_quantity, to_si
 from edhas_jax.machine.components.set_points import Recorded, Steps
 
-RECORDING_KEYS = ("kind", "file", "column", "unit", "between", "samples", "interval", "start", "steps")
 MAX_SAMPLES = 20_000_000
 STEP_TOLERANCE = 1e-6  # relative; sampling steps that differ by more count as unequal
 
@@ -34,16 +34,15 @@ class Between(enum.Enum):
     HOLD = "hold"  # keeps the value of the first, as the set point of a computer
 
 
-def read_between(value: object) -> Between:
-    """The value of a key `between`.
-
-    Raises:
-        RecordingError: it is none of `Between`.
-    """
-    try:
-        return Between(value)
-    except ValueError:
-        raise RecordingError("between", f"one of line, hold belongs here; got {value}") from None
+BETWEEN = Key(choice(Between), "what is between two samples: a smooth course, or the first of them", Between.LINE)
+RECORDING = Keys({
+    "kind": Key(own_value({"const": "recorded"}), ""),
+    "file": Key(text_value(example="bench.csv"), "CSV with headers `name [unit]` and a column `time [s]`, or Parquet"),
+    "column": Key(text_value(), "its column, where it has several"),
+    "unit": Key(text_value(), "of the column, where the header states none"),
+    "between": BETWEEN,
+    **{name: Key(text_value(), "as a run writes it") for name in ("samples", "interval", "start", "steps")},
+}, "{kind: recorded, file: bench.csv}")  # fmt: skip
 
 
 def read_recording(

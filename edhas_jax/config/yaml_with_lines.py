@@ -35,7 +35,7 @@ def parse_yaml(
 
     Args:
         text: the text.
-        example: a key with its value that such a text has, for messages.
+        example: keys with their values that such a text has, such as "base: a.yaml, sweep: …", for messages.
 
     Returns:
         The data, with scalars as text, bool or None; the line (from 1) of every key; as line and message, keys that are
@@ -64,7 +64,9 @@ def parse_yaml(
         raise YamlError(0, "not YAML: nested too deeply") from None
     if node is None:
         rigs = f", one of {', '.join(RIGS)}" if example.startswith("rig:") else ""
-        raise YamlError(0, f"is empty; at least `{example.partition(' ')[0]}` is needed{rigs}")
+        keys = [f"`{part.partition(' ')[0]}`" for part in example.split(", ")]
+        needed = f"{' and '.join(keys)} {'is' if len(keys) == 1 else 'are'} needed"
+        raise YamlError(0, f"is empty; at least {needed}{rigs}")
     if not isinstance(node, yaml.MappingNode):
         kind = "a list" if isinstance(node, yaml.SequenceNode) else "a text"
         message = f"a mapping with keys such as `{example}` is needed, not {kind}"

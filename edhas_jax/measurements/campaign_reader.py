@@ -8,9 +8,9 @@ from edhas_jax.core import structs
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Remark, Severity
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, read_description
+from edhas_jax.measurements.checks.limit_checks import limits_remarks
 from edhas_jax.measurements.remark_list import brief_lines
 from edhas_jax.measurements.run_reader import RunReader
-from edhas_jax.measurements.sensor_keys import limits_remarks
 
 OF_RUNS = "of_runs"  # key of a result: by run and parameter, what was estimated of the run alone
 RESULT_FILES = "fit.json", "diagnosis.json", "result.json"  # beside the `config.yaml` of a fitted model

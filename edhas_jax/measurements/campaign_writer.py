@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.config.machine_keys import USUAL_EFFECTS
 from edhas_jax.core import structs
 from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity, from_si
@@ -15,7 +16,7 @@ from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_p
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import BenchAccuracy
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Spread, has_parameter, spread_entry
-from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, DEFAULT_EFFECTS
+from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.record_timing import START_TOLERANCE
 
 NUMBER_FORMAT = "%.6g"
@@ -63,7 +64,7 @@ def _spread_text(machine: Rig, name: str, spread: Spread) -> str:
     """A spread as the value of an entry of `uncertain`."""
     if not spread.is_absolute:
         return f"{spread.size:g}"
-    of_effects = {p.name: p for effect in DEFAULT_EFFECTS for p in structs.parameters(effect)}
+    of_effects = {p.name: p for effect in USUAL_EFFECTS for p in structs.parameters(effect)}
     p = find_parameter(machine, name)[0] if has_parameter(machine, name) else of_effects[name]
     return f"{{{spread_entry(spread, p.unit)}}}"
 
@@ -96,9 +97,9 @@ def campaign_text(campaign: Campaign) -> str:
     machine = campaign.machine
     lines = [f"name: {yaml_text(campaign.name)}", f"rig: {machine.name}"]
     present = {effect.id for effect in machine.effects}
-    without = [e.id for e in DEFAULT_EFFECTS if e.id not in present and set(e.slots) <= set(machine.slots)]
+    without = [e.id for e in USUAL_EFFECTS if e.id not in present and set(e.slots) <= set(machine.slots)]
     lines += [f"without: [{', '.join(without)}]"] if without else []
-    more = [yaml_text(effect_spec(type(e))) for e in machine.effects if type(e) not in DEFAULT_EFFECTS]
+    more = [yaml_text(effect_spec(type(e))) for e in machine.effects if type(e) not in USUAL_EFFECTS]
     lines += [f"effects: [{', '.join(more)}]"] if more else []
     rows = list_parameters(machine)
     names = short_names(machine)

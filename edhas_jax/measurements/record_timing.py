@@ -4,12 +4,10 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from edhas_jax.config.problem_list import ProblemList
-from edhas_jax.core.units import UnitError, format_quantity, to_si
+from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Remark, Severity
 
@@ -121,71 +119,14 @@ def _without_rounding(time: np.ndarray, last_place: float, interval: float) -> n
     return time
 
 
-def read_timing(problems: ProblemList, key: tuple, row: Mapping[str, Any], default: RecordTiming) -> RecordTiming:
-    """Read `start` and `window` of an entry under `runs`.
+def running_before(machine: Rig, conditions: Mapping[str, float]) -> float:
+    """The time [s] that a machine has been running when its record begins: whole cycles of its sine, after the ramp.
 
     Args:
-        problems: collects what is wrong.
-        key: the key of the entry.
-        row: the entry.
-        default: the timing of runs that do not state their own.
-    """
-    start = read_time(problems, (*key, "start"), row["start"]) if "start" in row else default.start
-    if "window" not in row:
-        return RecordTiming(start, default.window, default.run_in)
-    section = row["window"]
-    if not isinstance(section, Mapping):
-        problems.add((*key, "window"), f"write for example `window: {{from: 0.2 s, to: 1.5 s}}`; got {section}")
-        return default
-    problems.add_unknown_keys((*key, "window"), section, ("from", "to"))
-    low, high = 0.0, math.inf
-    if "from" in section:
-        low = read_time(problems, (*key, "window", "from"), section["from"])
-    if "to" in section:
-        high = read_time(problems, (*key, "window", "to"), section["to"])
-    if low is None or high is None:
-        return default
-    if not 0.0 <= low < high:
-        problems.add((*key, "window"), "`from` must be 0 s or later, and `to` later than `from`")
-    return RecordTiming(start, (low, high), default.run_in)
-
-
-def read_run_in(
-    problems: ProblemList, key: tuple, row: Mapping[str, Any], timing: RecordTiming, machine: Rig,
-    conditions: Mapping[str, float],
-) -> RecordTiming:  # fmt: skip
-    """Add to the timing of an entry under `runs` what its `running: yes` asks for: whole cycles before the record.
-
-    Args:
-        problems: collects what is wrong.
-        key: the key of the entry.
-        row: the entry.
-        timing: its `start` and `window`.
         machine: the machine of the campaign.
         conditions: parameters that the run sets (SI).
     """
-    running = row.get("running", False)
-    if not isinstance(running, bool):
-        problems.add((*key, "running"), f"yes or no belongs here, not {running}")
-    if running is not True:
-        return timing
-    if machine.cycle is None:
-        problems.add((*key, "running"), "needs a bench that is driven by a sine: only its cycles say what came before")
-        return timing
     own = {name.rpartition(".")[2]: value for name, value in conditions.items()}
     frequency = own.get("frequency", float(machine.reference.frequency))
     ramp = own.get("ramp_time", float(machine.reference.ramp_time))
-    return dataclasses.replace(timing, run_in=math.ceil(ramp * frequency + RUN_IN_CYCLES) / frequency)
-
-
-def read_time(problems: ProblemList, key: tuple, value: Any) -> float | None:
-    """Read a time with its unit in seconds; None, and a problem, for anything else."""
-    try:
-        seconds = to_si(str(value), "s", "0.2 s")
-    except UnitError as error:
-        problems.add(key, str(error))
-        return None
-    if not math.isfinite(seconds):
-        problems.add(key, f"must be a finite time, for example 0.2 s; got {value}")
-        return None
-    return seconds
+    return math.ceil(ramp * frequency + RUN_IN_CYCLES) / frequency

@@ -4,11 +4,11 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from edhas_jax.config.problem_list import ProblemList
+from edhas_jax.config.declared_keys import Key, Keys, own_value
+from edhas_jax.config.document import Entry
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, difference_to_si, exact_quantity, format_quantity
 from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter
@@ -156,14 +156,10 @@ def with_prior(p: Parameter, name: str, value: float, spread: Spread, is_own: bo
     return UnknownParameter(name, value, spread.size, p.unit, p.span)
 
 
-def read_spread(
-    problems: ProblemList, key: tuple, entry: Any, p: Parameter, value: float | None = None
-) -> Spread | None:
+def read_spread(entry: Entry, p: Parameter, value: float | None = None) -> Spread | None:
     """Read how well a parameter is known: `0.1`, `0.005 V`, `{relative: 0.1}` or `{absolute: 0.005 V}`.
 
     Args:
-        problems: collects what is wrong.
-        key: the key of the entry.
         entry: the entry.
         p: declaration of the parameter.
         value: its value (SI), where that is known already.
@@ -173,29 +169,25 @@ def read_spread(
     """
     share, size = "0.1", format_quantity(USUAL_SHARE * (p.default or 1.0), p.unit)
     forms = {"relative": (share, "-"), "absolute": (size, p.unit)}
-    if isinstance(entry, Mapping):
-        problems.add_unknown_keys(key, entry, tuple(forms))
+    if isinstance(entry.value, Mapping):
+        Keys({name: Key(own_value({}), "") for name in forms}).read(entry)
         given = [name for name in forms if name in entry]
         if len(given) != 1:
-            problems.add(key, f"one of `relative: {share}` and `absolute: {size}` belongs here")
-            return None
-        (kind,), text = given, str(entry[given[0]])
+            return entry.add(f"one of `relative: {share}` and `absolute: {size}` belongs here")
+        (kind,), text = given, str(entry[given[0]].value)
     else:
-        text = str(entry)
+        text = str(entry.value)
         kind = "relative" if p.unit == "-" or _is_share(text) else "absolute"  # "5 °" of an angle is absolute
     example, unit = forms[kind]
     try:
         found = difference_to_si(text, unit, example)
     except UnitError as error:
-        problems.add(key, f"a standard deviation belongs here, relative ({share}) or with its unit ({size}): {error}")
-        return None
+        return entry.add(f"a standard deviation belongs here, relative ({share}) or with its unit ({size}): {error}")
     if not found > 0.0:
-        problems.add(key, f"must be above 0, for example {example}; got {text}")
-        return None
+        return entry.add(f"must be above 0, for example {example}; got {text}")
     spread = Spread(found, kind == "absolute")
     if value is not None and (problem := share_of_nothing(p, value, spread)):
-        problems.add(key, problem)
-        return None
+        return entry.add(problem)
     return spread
 
 

@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from edhas_jax.config.document import Entry, problem_lines
 from edhas_jax.config.machine_config import Config, ConfigError, as_config
-from edhas_jax.config.problem_list import problem_lines
-from edhas_jax.config.yaml_with_lines import KeyPath
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.design.batch.batch import (
     BatchSettings,
@@ -19,13 +18,13 @@ from edhas_jax.design.batch.batch import (
     settings_of_batch,
 )
 from edhas_jax.design.batch.experiment_design import DesignError, full_factorial, latin_hypercube
-from edhas_jax.design.sweep.axes_reader import AxesReader
 from edhas_jax.design.sweep.config import Sweep, load_sweep
 from edhas_jax.design.sweep.dataset import SweepData, to_dataset
 from edhas_jax.design.sweep.folder import sweep_description
 from edhas_jax.design.sweep.identity import machine_text, versions
 from edhas_jax.design.sweep.run import open_sweep, stream_sweep
 from edhas_jax.design.sweep.table import sweep_table, to_result
+from edhas_jax.design.task_file import read_axes
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.tasks.python_values import axes as axes_of
@@ -108,11 +107,11 @@ def describe_sweep(
     specs = axes_of(config.machine, parameters)
     fixed = {n: parameters[n] for n, spec in specs.items() if isinstance(spec, str)}
     machine = set_parameters(config.machine, fixed)
-    problems: list[tuple[KeyPath, str]] = []
     kind = "grid" if samples is None else "latin_hypercube"
-    axes = AxesReader(machine, kind, problems).read({n: s for n, s in specs.items() if n not in fixed})
-    if problems:
-        raise ConfigError(problem_lines(f"sweep: {'.'.join(map(str, key[2:]))}: {what}" for key, what in problems))
+    varied = Entry({n: s for n, s in specs.items() if n not in fixed})
+    axes = read_axes(varied, machine, kind)
+    if varied.problems:
+        raise ConfigError(problem_lines(f"sweep: {'.'.join(map(str, key))}: {what}" for key, what in varied.problems))
     try:
         designs = full_factorial(axes) if samples is None else latin_hypercube(axes, samples, seed)
     except DesignError as error:

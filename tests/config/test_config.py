@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from edhas_jax.config.json_schema import json_schema
 from edhas_jax.config.machine_config import ConfigError, build_config, read_config
+from edhas_jax.config.machine_keys import machine_schema
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.structs import replace
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
@@ -63,9 +63,9 @@ def test_round_trip(rig, tmp_path):
 def test_shipped_configurations(path, tmp_path):
     config = read_config(path)
     assert path.read_text(encoding="utf-8").startswith("# yaml-language-server: $schema=edhas.schema.json\n")
-    jsonschema.validate(yaml.safe_load(config.text), json_schema(), jsonschema.Draft202012Validator)
+    jsonschema.validate(yaml.safe_load(config.text), machine_schema(), jsonschema.Draft202012Validator)
     dumped = dump_config(config)
-    jsonschema.validate(yaml.safe_load(dumped), json_schema(), jsonschema.Draft202012Validator)
+    jsonschema.validate(yaml.safe_load(dumped), machine_schema(), jsonschema.Draft202012Validator)
     assert same(build_config(yaml.safe_load(dumped)).machine, config.machine)
 
 
@@ -81,12 +81,12 @@ def test_paper_is_the_default_machine():
 
 
 def test_schema_file_is_current():
-    text = json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+    text = json.dumps(machine_schema(), indent=2, ensure_ascii=False) + "\n"
     path = CONFIGS / "edhas.schema.json"
     if os.environ.get("EDHAS_UPDATE_GOLDEN") == "1":
         path.write_text(text, encoding="utf-8")
     assert path.read_text(encoding="utf-8") == text
-    jsonschema.Draft202012Validator.check_schema(json_schema())
+    jsonschema.Draft202012Validator.check_schema(machine_schema())
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,35 @@ def test_schema_file_is_current():
 )
 def test_schema_refuses(wrong):
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(wrong, json_schema(), jsonschema.Draft202012Validator)
+        jsonschema.validate(wrong, machine_schema(), jsonschema.Draft202012Validator)
+
+
+def test_without_has_the_refined_effects_but_those_it_lists():
+    def effects(**keys):
+        return [effect.id for effect in build_config({"rig": "pump_bench", **keys}).machine.effects]
+
+    assert effects() == []
+    assert effects(without=[]) == ["lugre_friction", "piston_leakage", "entrained_air"]
+    assert effects(without=["piston_leakage"], effects=["coil_heating"]) == [
+        "coil_heating", "lugre_friction", "entrained_air",
+    ]  # fmt: skip
+    with pytest.raises(ConfigError, match=r"without\[0\]: no refined effect `karnopp_friction` of this rig"):
+        effects(without=["karnopp_friction"])
+    with pytest.raises(ConfigError, match=r"effects\[0\]: `entrained_air` is listed under `without` too"):
+        effects(without=["entrained_air"], effects=["entrained_air"])
+
+
+def test_short_names_are_those_of_the_kind():
+    def controller(**keys):
+        return build_config({"rig": "pump_bench", "controller": keys}).machine.controller
+
+    cascade = controller(kind="cascade", kp="100 1/s", cascade_velocity_gain="200 V*s/m")
+    assert (cascade.cascade_position_gain, cascade.cascade_velocity_gain) == (100.0, 200.0)
+    assert controller(kp="10 kV/m").position_gain == 1e4
+    with pytest.raises(ConfigError, match="controller.kv: unknown parameter .* write `kind: cascade`, which has it"):
+        controller(kv="200 V*s/m")
+    with pytest.raises(ConfigError, match="controller.position_gain: given twice, also as controller.kp"):
+        controller(kp="10 kV/m", position_gain="10 kV/m")
 
 
 def test_overrides():

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from edhas_jax.config.declared_keys import Key, Keys, list_of, own_value, whole_number
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.design.batch.batch import BatchSettings
@@ -14,13 +15,22 @@ from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.batch.experiment_design import Axis, full_factorial
 from edhas_jax.design.gradient.table import parameters_of
 from edhas_jax.design.sensitivity.global_sensitivity import MIN_ROWS, MIN_TRAJECTORIES
-from edhas_jax.design.task_reader import TaskReader
+from edhas_jax.design.task_file import AXES, COMMON, SEED, TaskFile
 from edhas_jax.machine.interface.metrics import in_order, metrics_of_batch
 from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.machine.rigs import Rig
 
-SECTIONS = ("points", "metrics", "local", "ranges", "samples", "trajectories", "seed")
 USUAL_METRICS = 3  # that are analysed where a task names none: the leading ones
+NAMES = list_of(own_value({"type": "string"}))
+KEYS = Keys(COMMON | {
+    "points": Key(AXES, "every combination is an operating point"),
+    "metrics": Key(NAMES, "the outputs", (), shown="the leading three, of a pump flow, power and efficiency"),
+    "local": Key(NAMES, "parameters whose elasticities are calculated", (), shown="all"),
+    "ranges": Key(AXES, "`{from, to, spacing}` of the parameters of the global analysis"),
+    "samples": Key(whole_number(0, 2**16), "rows of Sobol's method, a power of two; 0 leaves it out", 256),
+    "trajectories": Key(whole_number(0, 10_000), "of Morris's method; 0 leaves it out", 20),
+    "seed": SEED,
+})  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,37 +82,35 @@ def load_sensitivity(source: Path | str | Mapping[str, Any], trust: Trust = ()) 
     Raises:
         ConfigError: every problem of the file, one line each.
     """
-    reader = TaskReader(source, SECTIONS, "ranges", optional=True, trust=trust)
-    points = reader.operating_points("points")
-    known = metrics_of_batch(reader.machine) if reader.machine is not None and not reader.problems else {}
-    metrics = reader.list_section("metrics")
-    for i, name in enumerate(metrics):
-        if known and name not in known:
-            reader.add(("metrics", i), f"no metric `{name}`; {suggest(str(name), known)}")
-        if name in metrics[:i]:
-            reader.add(("metrics", i), f"{name} is listed twice")
-    local = []
-    for i, name in enumerate(reader.list_section("local")):
+    file = TaskFile(source, KEYS, trust)
+    file.require_batch()
+    values, machine = file.values, file.machine
+    axes = file.ranges("ranges") if "ranges" in file.top else ()
+    known = metrics_of_batch(machine) if machine is not None else {}
+    points = file.operating_points(axes, "ranges")
+    metrics = [entry.value for entry in values["metrics"]]
+    for i, entry in enumerate(values["metrics"]):
+        if known and str(entry.value) not in known:
+            entry.add(f"no metric `{entry.value}`; {suggest(str(entry.value), known)}")
+        if entry.value in metrics[:i]:
+            entry.add(f"{entry.value} is listed twice")
+    local = {}
+    for entry in values["local"] if machine is not None else ():
         try:
-            local += [resolve_parameter(reader.machine, str(name))[1]] if reader.machine is not None else []
+            local[resolve_parameter(machine, str(entry.value))[1]] = None
         except ParameterError as error:
-            reader.add(("local", i), str(error))
-    samples = reader.read_integer(("samples",), reader.data.get("samples", "256"), 0, 2**16)
+            entry.add(str(error))
+    samples, trajectories = values["samples"], values["trajectories"]
     if 0 < samples < MIN_ROWS:
-        reader.add(("samples",), f"at least {MIN_ROWS} are needed for indices, or 0 to leave them out; got {samples}")
+        file.top["samples"].add(f"at least {MIN_ROWS} are needed for indices, or 0 to leave them out; got {samples}")
     elif samples & (samples - 1):
-        reader.add(("samples",), f"a power of two belongs here (Sobol's sequence needs it), not {samples}")
-    trajectories = reader.read_integer(("trajectories",), reader.data.get("trajectories", "20"), 0, 10_000)
+        file.top["samples"].add(f"a power of two belongs here (Sobol's sequence needs it), not {samples}")
     if 0 < trajectories < MIN_TRAJECTORIES:
-        reader.add(("trajectories",), f"at least {MIN_TRAJECTORIES} are needed, or 0 for none; got {trajectories}")
-    seed = reader.read_integer(("seed",), reader.data.get("seed", "0"), 0, 2**32 - 1)
-    for name in sorted({axis.name for axis in points} & {axis.name for axis in reader.axes}):
-        reader.add(("ranges", name), "is fixed by the operating points; remove it from one of the two sections")
-    reader.finish()
-    axes = reader.axes
+        file.top["trajectories"].add(f"at least {MIN_TRAJECTORIES} are needed, or 0 for none; got {trajectories}")
+    file.finish()
     default = tuple(in_order(known, lambda name: known[name].rank)[:USUAL_METRICS])
     return SensitivityTask(
-        reader.machine, points, tuple(metrics) or default,
-        tuple(dict.fromkeys(local)) or tuple(parameters_of(reader.machine)),
-        axes, samples if axes else 0, trajectories if axes else 0, seed, reader.settings, reader.name, reader.text,
+        machine, points, tuple(metrics) or default, tuple(local) or tuple(parameters_of(machine)), axes,
+        samples if axes else 0, trajectories if axes else 0, values["seed"], file.settings, values["name"],
+        file.text("machine.yaml"),
     )  # fmt: skip

@@ -3,26 +3,35 @@
 import dataclasses
 import enum
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from edhas_jax.config.run_settings import quantity_text
-from edhas_jax.config.yaml_with_lines import KeyPath
+from edhas_jax.config.declared_keys import (
+    QUANTITY,
+    Key,
+    Keys,
+    by_name,
+    by_parameter,
+    choice,
+    own_value,
+    quantity,
+    size_in,
+    whole_number,
+)
+from edhas_jax.config.document import Entry
 from edhas_jax.core.name_suggestion import suggest
-from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.core.units import UnitError, format_quantity, format_result, to_si
+from edhas_jax.core.units import format_quantity, format_result
 from edhas_jax.design.batch.batch import BatchSettings
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.batch.experiment_design import Axis, full_factorial
-from edhas_jax.design.task_reader import TaskReader
+from edhas_jax.design.task_file import AXES, COMMON, SEED, TaskFile
 from edhas_jax.machine.interface.metrics import metrics_of_batch
-from edhas_jax.machine.parameters import ParameterError, get_parameter, list_parameters, short_names
+from edhas_jax.machine.parameters import get_parameter, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
-
-SECTIONS = ("points", "free", "objective", "front", "constraints", "robust", "starts", "iterations", "seed")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,6 +106,27 @@ class RobustObjective(enum.Enum):
     WORST_CASE = "worst_case"
 
 
+_WEIGHTS = own_value({"type": ["object", "array", "string"]}, "a metric, a list of metrics, or weights by metric")
+ROBUST = Keys({
+    "judge": Key(choice(RobustObjective), "what is optimised over the tolerances"),
+    "tolerances": Key(by_name(own_value({"type": "object"}), "{piston_clearance: {plus_minus: 3 um}}", "parameter"),
+                      "`{plus_minus: 3 um}`, `{plus_minus: 5 %}` or `{from: 20 degC, to: 60 degC}`"),
+}, "{judge: expected, tolerances: {piston_clearance: {plus_minus: 3 um}}}")  # fmt: skip
+KEYS = Keys(COMMON | {
+    "points": Key(AXES, "every combination is an operating point; limits hold at each, the objective is the mean"),
+    "free": Key(AXES, "`{from, to, spacing}` of the dimensions: what can be made", needed=True),
+    "objective": Key(Keys({"maximise": Key(_WEIGHTS, "metrics to raise"), "minimise": Key(_WEIGHTS, "to lower")},
+                          "{maximise: {mean_flow: 1, overall_efficiency: 1}}").kind, "weights of metrics", needed=True),
+    "front": Key(whole_number(0, 100), "designs from one of two metrics to the other, instead of weights", 0),
+    "constraints": Key(by_name(own_value({"type": "object", "properties": {"min": QUANTITY, "max": QUANTITY}}),
+                              "{rms_current: {max: 4 A}}", "metric"), "limits of metrics"),
+    "robust": Key(ROBUST.kind, "manufactured machines instead of nominal ones"),
+    "starts": Key(whole_number(1, 4096), "starts of the search", 32),
+    "iterations": Key(whole_number(5, 10_000), "of the descent", 60),
+    "seed": SEED,
+})  # fmt: skip
+
+
 @dataclasses.dataclass(frozen=True)
 class SizingTask:
     """An optimisation of dimensions: maximise J = Σ weight · ln(metric) within bounds and constraints.
@@ -152,33 +182,31 @@ def load_sizing(source: Path | str | Mapping[str, Any], trust: Trust = ()) -> Si
     Raises:
         ConfigError: every problem of the file, one line each.
     """
-    r = TaskReader(source, SECTIONS, "free", trust=trust, machine_file="start.yaml")
-    points = r.operating_points("points")
-    for name in sorted({a.name for a in points} & {a.name for a in r.axes}):
-        r.add(("free", name), "is fixed by the operating points; remove it from one of the two sections")
-    known = None if r.machine is None else list(metrics_of_batch(r.machine))
-    weights = _read_objective(r, known)
-    front = r.read_integer(("front",), r.data.get("front", "0"), 0, 100)
-    if front and len(weights) != 2:
-        r.add(("front",), f"trades off two metrics; `objective:` names {len(weights)}")
-    constraints = _read_constraints(r, known)
-    robust, tolerances = _read_robust(r)
-    starts = r.read_integer(("starts",), r.data.get("starts", "32"), 1, 4096)
-    iterations = r.read_integer(("iterations",), r.data.get("iterations", "60"), 5, 10_000)
-    seed = r.read_integer(("seed",), r.data.get("seed", "0"), 0, 2**32 - 1)
-    if r.machine is not None:
-        for axis in (a for a in r.axes if not a.values):
-            value = float(get_parameter(r.machine, axis.name))
-            unit = resolve_parameter(r.machine, axis.name)[0].unit
+    file = TaskFile(source, KEYS, trust)
+    file.require_batch()
+    values, top = file.values, file.top
+    axes = file.ranges("free")
+    points = file.operating_points(axes, "free")
+    known = None if file.machine is None else list(metrics_of_batch(file.machine))
+    weights = _read_objective(top["objective"], known)
+    if values["front"] and len(weights) != 2:
+        top["front"].add(f"trades off two metrics; `objective:` names {len(weights)}")
+    constraints, tolerances = _read_constraints(file, known), _read_tolerances(file)
+    if file.machine is not None:
+        for axis in (a for a in axes if not a.values):
+            value = float(get_parameter(file.machine, axis.name))
+            unit = resolve_parameter(file.machine, axis.name)[0].unit
             if not axis.low <= value <= axis.high:
                 low, high, start = (format_quantity(x, unit) for x in (axis.low, axis.high, value))
-                r.add(("free", axis.name), f"the range {low} … {high} excludes the start, {start}; widen it, or set "
-                      "another start under `parameters:`")  # fmt: skip
-        for name, problem in _order_problems(r.machine, r.axes):
-            r.add(("free", name), problem)
-    r.finish()
-    return SizingTask(r.machine, r.axes, weights, constraints, points, front, robust, tolerances, starts, iterations,
-                      seed, r.settings, r.name, r.text)  # fmt: skip
+                top["free"][axis.name].add(f"the range {low} … {high} excludes the start, {start}; widen it, or set "
+                                           "another start under `parameters:`")  # fmt: skip
+        for name, problem in _order_problems(file.machine, axes):
+            top["free"][name].add(problem)
+    file.finish()
+    return SizingTask(
+        file.machine, axes, weights, constraints, points, values["front"], values["robust"]["judge"], tolerances,
+        values["starts"], values["iterations"], values["seed"], file.settings, values["name"], file.text("start.yaml"),
+    )  # fmt: skip
 
 
 def _order_problems(machine: Rig, axes: Sequence[Axis]) -> list[tuple[str, str]]:
@@ -197,102 +225,73 @@ def _order_problems(machine: Rig, axes: Sequence[Axis]) -> list[tuple[str, str]]
     return problems
 
 
-def _read_objective(r: TaskReader, known: list[str] | None) -> dict[str, float]:
+def _read_objective(section: Entry, known: list[str] | None) -> dict[str, float]:
     """By metric its weight, negative where it is to be minimised; without a machine no metric is `known`."""
-    section = r.section("objective", "{maximise: {mean_flow: 1, overall_efficiency: 1}}")
-    r.add_unknown_keys(("objective",), section, ("maximise", "minimise"))
     weights = {}
     for direction, sign in (("maximise", 1.0), ("minimise", -1.0)):
-        rows = section.get(direction) or {}
+        rows = section[direction].value or {}
         rows = {rows: "1"} if isinstance(rows, str) else {n: "1" for n in rows} if isinstance(rows, list) else rows
         for name, weight in rows.items():
-            key = ("objective", direction, name)
+            entry = Entry(weight, (*section.key, direction, name), section.problems)
             if known is not None and name not in known:
-                r.add(key, f"no metric `{name}`; {suggest(str(name), known)}")
+                entry.add(f"no metric `{name}`; {suggest(str(name), known)}")
             try:
                 number = float(str(weight))
             except ValueError:
                 number = -1.0
             if not 0.0 < number < np.inf:
-                r.add(key, f"a weight above 0 belongs here, not {weight}")
+                entry.add(f"a weight above 0 belongs here, not {weight}")
             if name in weights:
-                r.add(key, "given twice")
+                entry.add("given twice")
             weights[name] = sign * number
     if not weights:
-        r.add(("objective",), "no metric is given; write for example {maximise: [mean_flow]}")
+        section.add("no metric is given; write for example {maximise: [mean_flow]}")
     return weights
 
 
-def _read_constraints(r: TaskReader, known: list[str] | None) -> tuple[Constraint, ...]:
+def _read_constraints(file: TaskFile, known: list[str] | None) -> tuple[Constraint, ...]:
     constraints = []
-    for name, spec in r.section("constraints", "{rms_current: {max: 4 A}}").items():
-        key = ("constraints", name)
-        if known is None:
-            continue
+    for name, entry in (file.values["constraints"] or {}).items() if known is not None else ():
         if name not in known:
-            r.add(key, f"no metric `{name}`; {suggest(str(name), known)}")
-        elif not isinstance(spec, Mapping) or not set(spec) & {"min", "max"}:
-            r.add(key, f"`max:` or `min:` and a quantity in {r.machine.metrics[name].unit} belong here")
-        else:
-            r.add_unknown_keys(key, spec, ("min", "max"))
-            about = r.machine.metrics[name]
-            p = Parameter(name, 1.0, about.unit, (-np.inf, np.inf), about.doc, "", Constraint)
-            for bound in ("min", "max"):
-                if bound in spec:
-                    value = _read_quantity(r, (*key, bound), p, spec[bound])
-                    if value is not None:
-                        constraints.append(Constraint(name, bound == "max", value, about.unit, about.display_unit))
-            if {"min", "max"} <= set(spec) and len(constraints) > 1 and constraints[-2].value > constraints[-1].value:
-                r.add(key, "`min` lies above `max`: they cannot be met together")
+            entry.add(f"no metric `{name}`; {suggest(str(name), known)}")
+            continue
+        about = file.machine.metrics[name]
+        size = size_in(about.unit)
+        if "min" not in entry and "max" not in entry:
+            entry.add(f"`max:` or `min:` and a quantity in {about.unit} belong here")
+            continue
+        bounds = Keys({"min": Key(size, ""), "max": Key(size, "")}).read(entry)
+        for bound, value in bounds.items():
+            if value is not None:
+                constraints.append(Constraint(name, bound == "max", value, about.unit, about.display_unit))
+        if None not in bounds.values() and bounds["min"] > bounds["max"]:
+            entry.add("`min` lies above `max`: they cannot be met together")
     return tuple(constraints)
 
 
-def _read_quantity(r: TaskReader, key: KeyPath, p: Parameter, value: Any) -> float | None:
-    try:
-        return to_si(quantity_text(p, value), p.unit)
-    except (ParameterError, UnitError) as error:
-        return r.add(key, str(error))
-
-
-def _read_robust(r: TaskReader) -> tuple[RobustObjective | None, tuple[Tolerance, ...]]:
-    section = r.section("robust", "{judge: expected, tolerances: {piston_clearance: {plus_minus: 3 um}}}")
-    if not section:
-        return None, ()
-    r.add_unknown_keys(("robust",), section, ("judge", "tolerances"))
-    valid = [kind.value for kind in RobustObjective]
-    if section.get("judge") not in valid:
-        r.add(("robust", "judge"), f"one of {', '.join(valid)} belongs here")
-        return None, ()
-    tolerances, given = [], {}
-    rows = section.get("tolerances")
-    if not isinstance(rows, Mapping) or not rows:
-        r.add(("robust", "tolerances"), "at least one belongs here, for example {piston_clearance: {plus_minus: 3 um}}")
-        return None, ()
-    for name, spec in rows.items() if r.machine is not None else ():
-        key = ("robust", "tolerances", name)
-        try:
-            p, column = resolve_parameter(r.machine, str(name))
-        except ParameterError as error:
-            r.add(key, str(error))
-            continue
-        if column in given:
-            r.add(key, f"given twice, also as {given[column]}")
-        given[column] = name
-        if isinstance(spec, Mapping) and set(spec) == {"plus_minus"}:
-            text = str(spec["plus_minus"])
-            if text.rstrip().endswith("%"):
-                percentage = Parameter(name, 0.05, "-", (0, 1), "", "", Constraint)
-                share = _read_quantity(r, (*key, "plus_minus"), percentage, text)
-                if share is not None:
-                    tolerances.append(Tolerance(column, ToleranceKind.FACTOR, 1.0 - share, 1.0 + share))
-            else:
-                size = _read_quantity(r, (*key, "plus_minus"), p, text)
-                if size is not None:
-                    tolerances.append(Tolerance(column, ToleranceKind.DIFFERENCE, -size, size))
-        elif isinstance(spec, Mapping) and set(spec) == {"from", "to"}:
-            ends = [r.read_quantity((*key, end), p, spec[end]) for end in ("from", "to")]
+def _read_tolerances(file: TaskFile) -> tuple[Tolerance, ...]:
+    section, rows = file.top["robust"], file.values["robust"]["tolerances"]
+    if not section.value:
+        return ()
+    if "judge" not in section:
+        ROBUST.keys["judge"].kind.read(section["judge"])
+    if not rows:
+        section["tolerances"].add("at least one belongs here, for example {piston_clearance: {plus_minus: 3 um}}")
+    tolerances = []
+    if file.machine is None:
+        return ()
+    for entry, p, column in by_parameter(rows.values(), partial(resolve_parameter, file.machine)):
+        if isinstance(entry.value, Mapping) and set(entry.value) == {"plus_minus"}:
+            inside = entry["plus_minus"]
+            is_share = str(inside.value).rstrip().endswith("%")
+            size = size_in("-" if is_share else p.unit).read(inside)
+            kind, middle = (ToleranceKind.FACTOR, 1.0) if is_share else (ToleranceKind.DIFFERENCE, 0.0)
+            if size is not None:
+                tolerances.append(Tolerance(column, kind, middle - size, middle + size))
+        elif isinstance(entry.value, Mapping) and set(entry.value) == {"from", "to"}:
+            ends = [quantity(p).read(entry[end]) for end in ("from", "to")]
             if None not in ends:
                 tolerances.append(Tolerance(column, ToleranceKind.RANGE, *ends))
         else:
-            r.add(key, "{plus_minus: 3 um}, {plus_minus: 5 %} or {from: 20 degC, to: 60 degC} belongs here")
-    return RobustObjective(section["judge"]), tuple(tolerances)
+            entry.add("{plus_minus: 3 um}, {plus_minus: 5 %} or {from: 20 degC, to: 60 degC} belongs here")
+    return tuple(tolerances)
