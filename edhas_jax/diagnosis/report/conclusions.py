@@ -50,7 +50,7 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
     use, rms = _judged(diagnosis)
     runs = "held-out runs" if use is Use.HOLDOUT else "the fitted runs (none is held out)"
     runs = "the held-out part of the runs" if diagnosis.holdout_split else runs
-    left = what_is_left(diagnosis)
+    left = [*what_is_left(diagnosis), *_worse_sentence(diagnosis)]
     if diagnosis.verdict is Verdict.ADEQUATE:
         out = [_adequate_sentence(diagnosis), *left]
     elif diagnosis.verdict is Verdict.UNKNOWN_EFFECT:
@@ -110,6 +110,17 @@ def what_is_left(diagnosis: Diagnosis) -> list[str]:
     runs = sorted(squares[worst], key=lambda run: -squares[worst][run])[:MOST_RUNS]
     of = f"{after:.3g} of {calibrated:.3g}" if diagnosis.posterior.best.members else f"{after:.3g}"
     return [f"{of} times the noise is left, {share} in {worst.replace('_', ' ')} (first of all in {', '.join(runs)})."]
+
+
+def _worse_sentence(diagnosis: Diagnosis) -> list[str]:
+    """That the final model predicts worse than the calibrated one; none where it does not."""
+    use, (_, calibrated, after) = _judged(diagnosis)
+    if use is not Use.HOLDOUT or not after > calibrated or not diagnosis.posterior.best.members:
+        return []
+    return [
+        f"On the held-out runs this model is worse than the calibrated one ({after:.2f} against {calibrated:.2f} times "
+        "the noise): it shows where something is missing, but does not predict."
+    ]
 
 
 def uncertainty_sentences(diagnosis: Diagnosis) -> list[str]:

@@ -18,7 +18,7 @@ from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit, fit_coarse, nois
 from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-LAW_GAIN = 12.0  # nats of log weight from which a law differs: a curve at any place may gain a few by chance
+LAW_GAIN = 5.0  # nats of log weight from which a law differs (150 : 1), as four widths of its prior are tried
 SPREADS = (1.0, 4.0, 16.0, 64.0)  # prior standard deviations of a deviation that are compared, over the usual one
 CURVE_STEPS = 10  # maximum number of Levenberg-Marquardt steps of the fit with a curve
 
