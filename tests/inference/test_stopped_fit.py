@@ -5,12 +5,12 @@ import signal
 
 import numpy as np
 import pytest
-from edhas_jax.diagnosis.calibration import fit as fit_module
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.commands.interruption import STATUS_INTERRUPTED
 from edhas_jax.commands.progress import VARIABLE
+from edhas_jax.inference.fit import fit as fit_module
 from edhas_jax.inference.fit.calibration import STOPPED
 from edhas_jax.inference.fit.fit import fit
 from edhas_jax.inference.fit.fit_problem import FitProblem, gauss_newton_model
