@@ -14,7 +14,7 @@ from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
-from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
+from edhas_jax.machine.effects import Effect, EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.parameters import (
     COMPONENT_KINDS,
@@ -125,9 +125,7 @@ class CampaignDescription(ProblemList):
                 kind = config[section].get("kind", "position") if section == "controller" else section
                 config[section] = {SHORT_NAMES.get(str(kind), {}).get(n, n): v for n, v in config[section].items()}
         config |= recorded_placeholders(self.recorded)
-        slots = set(self.rig.slots)
-        usual = () if self.rig.is_own else DEFAULT_EFFECTS
-        available = [effect.id for effect in usual if set(effect.slots) <= slots]
+        available = [effect.id for effect in default_effects(self.rig)]
         without = data.get("without") or []
         if not isinstance(without, list):
             self.add(("without",), f"a list belongs here, for example `[lugre_friction]`, not {yaml_type(without)}")
@@ -377,6 +375,11 @@ class CampaignDescription(ProblemList):
             for file in files:  # without other problems the run is left out
                 if not file.path.is_file():
                     self.add((*key, "file"), f"there is no file {file.path.relative_to(self.folder)}")
+
+
+def default_effects(rig: type[Rig]) -> list[type[Effect]]:
+    """The effects that the machine of a campaign has unless they are listed under `without`."""
+    return [] if rig.is_own else [effect for effect in DEFAULT_EFFECTS if set(effect.slots) <= set(rig.slots)]
 
 
 def read_layout(problems: ProblemList, key: tuple, row: Mapping[str, Any], default: Layout = Layout()) -> Layout:

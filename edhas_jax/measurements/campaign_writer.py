@@ -15,7 +15,7 @@ from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_p
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import BenchAccuracy
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Spread, has_parameter, spread_entry
-from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, DEFAULT_EFFECTS
+from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, DEFAULT_EFFECTS, default_effects
 from edhas_jax.measurements.record_timing import START_TOLERANCE
 
 NUMBER_FORMAT = "%.6g"
@@ -96,7 +96,7 @@ def campaign_text(campaign: Campaign) -> str:
     machine = campaign.machine
     lines = [f"name: {yaml_text(campaign.name)}", f"rig: {machine.name}"]
     present = {effect.id for effect in machine.effects}
-    without = [e.id for e in DEFAULT_EFFECTS if e.id not in present and set(e.slots) <= set(machine.slots)]
+    without = [effect.id for effect in default_effects(type(machine)) if effect.id not in present]
     lines += [f"without: [{', '.join(without)}]"] if without else []
     more = [yaml_text(effect_spec(type(e))) for e in machine.effects if type(e) not in DEFAULT_EFFECTS]
     lines += [f"effects: [{', '.join(more)}]"] if more else []
