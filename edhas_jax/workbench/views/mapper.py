@@ -22,8 +22,8 @@ CONDITIONS = {
 # below the fields, so that an empty one does not look filled in
 HINTS = {
     "frequency": "such as 10 Hz", "amplitude": "such as 3.5 mm", "target": "such as 10 mm",
-    "load_orifice_area": "empty: as in the machine", "load_force": "empty: as in the machine",
-    "start": "empty: first sample", "window": "empty: all; else {from: 0.2 s, to: 1.5 s}",
+    "load_orifice_area": "empty: nominal", "load_force": "empty: nominal",
+    "start": "empty: first sample", "window": "such as {from: 0.2 s, to: 1.5 s}",
 }  # fmt: skip
 MAX_FILE_PLOTS, WIDTH, MAX_REMARKS = 6, 700, 200
 
@@ -149,7 +149,7 @@ class Mapper:
                 fields = {}
                 for key in (*CONDITIONS[self._rig], "start", "window"):
                     fields[key] = field = ui.input(key.replace("_", " "), value=entries.get(key, ""))
-                    field.props("dense outlined stack-label").classes("w-36")
+                    field.props("dense outlined stack-label").classes("w-60" if key == "window" else "w-36")
                     field.props["hint"] = HINTS[key]
                     field.on_value_change(lambda e, key=key: change(key, e.value))
             self._fields[name] = fields
