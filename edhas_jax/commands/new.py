@@ -7,13 +7,15 @@ from edhas_jax.commands.arguments import add_output_options
 from edhas_jax.commands.console import console, quoted
 from edhas_jax.commands.progress import WorkProgress
 
-KINDS = ("pump", "system", "actuator", "rig", "campaign")  # of `BEGINNINGS`, a rig of one's own, and campaigns
+TASKS = ("sweep", "size", "sensitivity")  # of `task_template`
+# of `BEGINNINGS`, a rig of one's own, campaigns, and tasks
+KINDS = ("pump", "system", "actuator", "rig", "campaign", *TASKS)
 
 
 def add_parser(commands) -> None:
     """Declare the command and its arguments."""
-    parser = commands.add_parser("new", help="write a commented configuration or campaign to start from")
-    parser.add_argument("kind", choices=KINDS, help="pump bench, system, actuator, a rig of your own, a campaign")
+    parser = commands.add_parser("new", help="write a commented configuration, campaign or task to start from")
+    parser.add_argument("kind", choices=KINDS, help="a machine, a rig of your own, a campaign, a task")
     parser.add_argument("path", nargs="?", type=Path, help="file to write, or folder of a campaign (default: my_KIND)")
     parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
     parser.add_argument("--rig", metavar="FILE.py:CLASS", help="of a campaign: its rig, one of your own, which may run")
@@ -51,6 +53,13 @@ def run(options) -> None:
         file, configuration, name = write_rig_template(options.path or Path("my_rig.py"), options.overwrite)
         out.print(f"written: {file}, {configuration}", soft_wrap=True)
         out.print(f"next: edhas check {quoted(file)}:{name}", soft_wrap=True)
+        return
+    if options.kind in TASKS:
+        from edhas_jax.config.task_template import write_task_template
+
+        path = write_task_template(options.kind, options.path or Path(f"my_{options.kind}.yaml"), options.overwrite)
+        out.print(f"written: {path}", soft_wrap=True)
+        out.print(f"next: edhas {options.kind} {quoted(path)}", soft_wrap=True)
         return
     from edhas_jax.config.machine_template import write_machine_template
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from edhas_jax.config.file_kind import command_of
 from edhas_jax.config.result_files import ResultFileError
 
 FOLDER = Path(__file__).parents[1] / "examples"
@@ -29,17 +30,11 @@ def list_examples() -> list[Example]:
     """Every example with the command that runs it."""
     found = []
     for path in sorted(FOLDER.glob("*.yaml")):
-        lines = path.read_text(encoding="utf-8").splitlines()
-        about = next((line[2:] for line in lines if line.startswith("# ") and "$schema" not in line), "")
-        found.append(Example(path.name, f"{_command(lines)} {path.name}", about.rstrip(".:")))
+        text = path.read_text(encoding="utf-8")
+        about = next((line[2:] for line in text.splitlines() if line.startswith("# ") and "$schema" not in line), "")
+        found.append(Example(path.name, f"{command_of(text)} {path.name}", about.rstrip(".:")))
     about = "Measurements of a pump whose drive has an effect that its model lacks"
     return [*found, Example(CAMPAIGN, f"diagnose {CAMPAIGN}", about)]
-
-
-def _command(lines: list[str]) -> str:
-    keys = {line.partition(":")[0] for line in lines if line[:1].isalpha()}
-    kinds = {"sweep": "sweep", "objective": "size", "rig": "simulate"}
-    return next((command for key, command in kinds.items() if key in keys), "sensitivity")
 
 
 def copy_examples(names: Sequence[str] = (), folder: Path | str = "examples") -> list[Path]:

@@ -24,7 +24,7 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.controllers import CascadeController, PositionController
 from edhas_jax.machine.components.set_points import Step
-from edhas_jax.machine.effects import LIBRARY, EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
+from edhas_jax.machine.effects import LIBRARY, Effect, EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.parameters import COMPONENT_KINDS, component_kinds
 from edhas_jax.machine.rig_base import Rig
 from edhas_jax.machine.rigs import RIGS, components_by_name
@@ -41,6 +41,11 @@ SHORT_NAMES: Mapping[type, Mapping[str, str]] = {  # further names of parameters
 }  # fmt: skip
 USER_CLASS = {"type": "string", "pattern": r"^.+:\s*[A-Za-z_]\w*\s*$"}  # file.py:ClassName
 LAW_FILE = {"type": "string", "pattern": r"^.+\.ya?ml$"}
+
+
+def usual_effects(rig: type[Rig]) -> list[type[Effect]]:
+    """Those of the usual effects that a rig can have; none for one of the user's own."""
+    return [] if rig.is_own else [effect for effect in USUAL_EFFECTS if set(effect.slots) <= set(rig.slots)]
 
 
 @functools.lru_cache(maxsize=8)

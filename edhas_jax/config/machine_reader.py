@@ -12,7 +12,7 @@ from edhas_jax.config.document import Entry
 from edhas_jax.config.law_file import LAW_SUFFIXES, LawError, read_law_file
 from edhas_jax.config.law_reader import read_law
 from edhas_jax.config.machine_checks import check_machine
-from edhas_jax.config.machine_keys import SHORT_NAMES, USUAL_EFFECTS, machine_keys
+from edhas_jax.config.machine_keys import SHORT_NAMES, machine_keys, usual_effects
 from edhas_jax.config.recorded_signal import RECORDING, RecordingError, decode_samples, read_recording
 from edhas_jax.config.run_settings import SIMULATION_SETTINGS, read_settings
 from edhas_jax.config.writer import config_kind
@@ -240,8 +240,7 @@ class MachineReader:
 
     def _usual_effects(self, m: Rig, names: list[Any], listed: list[Entry]) -> list[Entry]:
         """With a list `without`, the usual effects that the rig can have, but neither this list nor `effects` names."""
-        usual = () if m.is_own else USUAL_EFFECTS
-        available = [effect.id for effect in usual if set(effect.slots) <= set(m.slots)]
+        available = [effect.id for effect in usual_effects(type(m))]
         without = self._top["without"].list("[lugre_friction]")
         for inside in without:
             if inside.value not in available:

@@ -70,12 +70,21 @@ def write_machine_template(kind: str, path: Path, overwrite: bool = False) -> Pa
     Raises:
         ResultFileError: the file exists and `overwrite` is false, or cannot be written.
     """
+    return write_beginning(machine_template(kind, path.stem), path, overwrite)
+
+
+def write_beginning(text: str, path: Path, overwrite: bool = False) -> Path:
+    """Write a text to start from into a file.
+
+    Raises:
+        ResultFileError: the file exists and `overwrite` is false, or cannot be written.
+    """
     if path.exists() and not overwrite:
         raise ResultFileError(f"{path}: exists already; nothing was written. Name another file or add --overwrite")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as file:
-            file.write_text(machine_template(kind, path.stem), encoding="utf-8")
+            file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ResultFileError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path

@@ -3,15 +3,23 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+from edhas_jax.config.machine_keys import usual_effects
 from edhas_jax.core.literal_text import one_line, yaml_text
-from edhas_jax.machine.rigs import RIGS
+from edhas_jax.machine.rigs import RIGS, Rig
 from edhas_jax.measurements.campaign import has_parameter
 from edhas_jax.measurements.column_guess import GuessedColumn, Role
 
-# relative standard deviations that are usual for a machine that is known from drawings and data sheets
+# relative standard deviations that are usual for a machine that is known from drawings and data sheets, on which dry
+# friction does not stand: where it is taken as known, its error is found as an effect that the machine does not have
 USUAL_UNCERTAINTY = {
-    "coil_resistance": 0.02, "force_constant": 0.02, "mover_damping": 0.25, "piston_clearance": 0.1,
-    "load_orifice_area": 0.03,
+    "coil_resistance": 0.02, "force_constant": 0.02, "mover_damping": 0.25, "coulomb_friction": 0.3,
+    "static_friction": 0.3, "piston_clearance": 0.1, "load_orifice_area": 0.03, "cylinder_sliding_friction": 0.3,
+    "cylinder_breakaway_friction": 0.3,
+}  # fmt: skip
+# what says how a run was driven, by rig
+DRIVE_CONDITIONS = {
+    "actuator_bench": ("frequency", "amplitude"), "pump_bench": ("frequency", "amplitude"),
+    "actuator_system": ("target",),
 }  # fmt: skip
 
 
@@ -40,6 +48,13 @@ class CampaignDraft:
     columns: Sequence[GuessedColumn]
     runs: Sequence[DraftRun]
 
+    @property
+    def drive_conditions(self) -> tuple[str, ...]:
+        """The conditions that say how each run was driven; none where the set point was recorded."""
+        if any(c.role is Role.SET_POINT for c in self.columns):
+            return ()
+        return DRIVE_CONDITIONS[self.rig]
+
     def problems(self) -> list[str]:
         """What is still missing, all at once, each with what to do."""
         out = []
@@ -59,15 +74,18 @@ class CampaignDraft:
             out.append("There is no run: drop a file.")
         elif all(run.use == "holdout" for run in self.runs):
             out.append("All runs are held out: choose “fit” for at least one of them.")
+        for run in self.runs:
+            missing = [n for n in self.drive_conditions if not run.entries.get(n, "").strip()]
+            if missing:
+                names = " and ".join(missing)
+                out.append(f"{run.file} was driven by a set point that no column holds: write its {names}.")
         return out
 
     def text(self) -> str:
         """The text of `campaign.yaml`."""
         lines = [f"name: {yaml_text(self.name)}", f"rig: {self.rig}"]
-        machine = RIGS[self.rig]()
-        uncertain = {n: s for n, s in USUAL_UNCERTAINTY.items() if has_parameter(machine, n)}
         lines.append("uncertain:   # relative standard deviation of the true value; adapt to what you know")
-        lines += [f"  {name}: {spread:g}" for name, spread in uncertain.items()]
+        lines += uncertainty_lines(RIGS[self.rig])
         time = next((c for c in self.columns if c.role is Role.TIME), None)
         if time is not None:
             lines.append(f"time: {{column: {yaml_text(time.column)}, unit: {yaml_text(time.unit)}}}")
@@ -81,9 +99,16 @@ class CampaignDraft:
         lines.append("runs:")
         for run in self.runs:
             words = [f"file: {yaml_text(run.file)}", f"use: {run.use}"]
-            words += [f"{name}: {_entry(text)}" for name, text in run.entries.items() if text.strip()]
+            is_driven = DRIVE_CONDITIONS[self.rig] if not self.drive_conditions else ()  # by the recorded set point
+            words += [f"{n}: {_entry(text)}" for n, text in run.entries.items() if text.strip() and n not in is_driven]
             lines.append(f"  - {{{', '.join(words)}}}")
         return "\n".join([*lines, ""])
+
+
+def uncertainty_lines(rig: type[Rig]) -> list[str]:
+    """The entries of `uncertain` that are usual for the machine of a campaign, with its refined effects."""
+    machine = rig(effects=tuple(effect() for effect in usual_effects(rig)))
+    return [f"  {name}: {spread:g}" for name, spread in USUAL_UNCERTAINTY.items() if has_parameter(machine, name)]
 
 
 def _entry(text: str) -> str:

@@ -13,6 +13,7 @@ from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.machine.rig_base import Rig
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.measurements.campaign import CampaignError
+from edhas_jax.measurements.campaign_draft import uncertainty_lines
 from edhas_jax.simulation.run import Simulation, simulate
 
 # standard deviation and unit by signal
@@ -30,11 +31,7 @@ parameters:              # known values that differ from nominal, with units (ed
   coil_resistance: 1.41 ohm
 # without: [lugre_friction]    # refined effects that your present model lacks; it has all others
 uncertain:               # relative standard deviation of the true value: 0.1 is 10 %
-  coil_resistance: 0.02
-  force_constant: 0.02
-  mover_damping: 0.25
-  piston_clearance: 0.1
-  load_orifice_area: 0.03
+{uncertain}
 # amplifier: {{kind: current, gain: 1 A/V}}                     # where it differs from the nominal machine
 # controller: {{kind: cascade, kp: 160 1/s, kv: 240 V*s/m}}     # position (kp, ki, kd, kaw, kff) | cascade (kp, kv)
 # reference: {{column: xref, unit: mm}}    # the recorded set point, if none of the built-in ones was used
@@ -137,7 +134,8 @@ def write_template(folder: Path, on_progress: Callable[[float], None] | None = N
         exact = from_si(signals[name], SIGNALS[name].unit, unit)
         columns[f"{name} [{unit}]"] = exact + rng.normal(0.0, noise, len(exact))
     rows = "".join(f"  {name}: {{unit: {unit}, noise: {noise}}}\n" for name, (noise, unit) in SENSOR_NOISE.items())
-    text = TEMPLATE.format(name=yaml_text(folder.resolve().name), folder=one_line(str(folder)), signals=rows)
+    text = TEMPLATE.format(name=yaml_text(folder.resolve().name), folder=one_line(str(folder)), signals=rows,
+                           uncertain="\n".join(uncertainty_lines(PumpBench)))  # fmt: skip
     return _write(folder, text, columns)
 
 

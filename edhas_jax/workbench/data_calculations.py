@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.core import runtime
-from edhas_jax.core.units import from_si
+from edhas_jax.core.units import UnitError, exact_quantity, from_si
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.rigs import RIGS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-from edhas_jax.measurements.column_guess import guess_columns
-from edhas_jax.measurements.tables.table import TableError
+from edhas_jax.measurements.column_guess import GuessedColumn, Role, guess_columns
+from edhas_jax.measurements.sine_guess import guess_sine
+from edhas_jax.measurements.tables.table import Table, TableError
 from edhas_jax.measurements.tables.table_reader import read_table
 from edhas_jax.simulation.integrator import evaluate_signals
 from edhas_jax.workbench.thinning import thinned
@@ -63,10 +64,24 @@ class DataCalculations:
                 guess._asdict() | {"role": guess.role.value, "span": span, "missing": int(np.isnan(values).sum())}
             )
         return {
-            "columns": columns, "samples": len(table.lines), "curves": curves,
+            "columns": columns, "sine": _sine(table, guesses), "samples": len(table.lines), "curves": curves,
             "remarks": [(r.line, r.sentence) for r in remarks]
             + [(c.fault.line, str(c.fault)) for c in table.columns.values() if c.fault],
         }  # fmt: skip
+
+    def sine(self, name: str, columns: list[dict[str, Any]]) -> dict[str, Any] | None:
+        """The sine that has driven the run of a file, see `guess_sine`, as texts; None where there is none.
+
+        Args:
+            name: the file.
+            columns: what its columns are, as from `table`, perhaps changed.
+        """
+        known = [GuessedColumn(**{field: row[field] for field in GuessedColumn._fields}) for row in columns]
+        known = [column._replace(role=Role(column.role)) for column in known]
+        try:
+            return _sine(read_table(self._workspace.inside(name), lambda remark: None), known)
+        except TableError:  # said where the file was dropped
+            return None
 
     def record(self, run: str, signal: str, width: int) -> dict[str, Any]:
         """A signal of a run as recorded, with the samples that are left out and the gaps of its time."""
@@ -115,6 +130,18 @@ class DataCalculations:
     @staticmethod
     def _shown(about: Signal, values: np.ndarray) -> np.ndarray:
         return from_si(values, about.unit, about.display_unit)
+
+
+def _sine(table: Table, columns: list[GuessedColumn]) -> dict[str, Any] | None:
+    try:
+        found = guess_sine(table, columns)
+    except UnitError:  # said beside the column
+        return None
+    if found is None:
+        return None
+    texts = {"frequency": exact_quantity(found.frequency, "Hz")}
+    texts |= {"amplitude": exact_quantity(found.amplitude, "m")} if np.isfinite(found.amplitude) else {}
+    return {"column": found.column, "conditions": texts}
 
 
 @functools.cache

@@ -96,7 +96,8 @@ class FitCalculations:
         names = [u.name for u in fit.problem.unknowns]
         if name not in names:
             raise WorkspaceError(f"{name} is no free parameter of this fit; these are: {', '.join(names)}")
-        if name in fit.at_limit:
+        is_in_order = any(name in pair for pair in fit.at_order)  # χ² rises to both sides: the other goes along
+        if name in fit.at_limit and not is_in_order:
             raise WorkspaceError(f"{name} is at its {fit.at_limit[name]} limit, where χ² has no minimum to go up from")
         found = profile_likelihood(fit, name, lambda step: self._say(f"profile of {name}, {step}"))
         unit = fit.problem.unknowns[names.index(name)].unit

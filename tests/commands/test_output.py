@@ -16,6 +16,7 @@ from edhas_jax.commands.fit import STATUS_NOT_CONVERGED
 from edhas_jax.config.examples import FOLDER, list_examples
 from edhas_jax.design.sensitivity.config import load_sensitivity
 from edhas_jax.design.sizing.config import load_sizing
+from edhas_jax.design.sweep.config import load_sweep
 from edhas_jax.tasks import fit as task
 from tests.support import CONFIGS
 
@@ -101,6 +102,29 @@ def test_a_beginning_is_the_nominal_machine(here, kind, rig, capsys):
     (here / "all.yaml").write_text(all_taken_in, encoding="utf-8")
     assert edhas.model("all.yaml").parameters == pytest.approx(edhas.model(config).parameters, rel=1e-12)
     assert main(["new", kind]) == 2 and "exists already" in capsys.readouterr().err
+
+
+TASK_READERS = {"sweep": load_sweep, "size": load_sizing, "sensitivity": load_sensitivity}
+
+
+@pytest.mark.parametrize("kind", TASK_READERS)
+def test_a_beginning_of_a_task_is_one_that_its_command_reads(here, kind, capsys):
+    assert main(["new", kind]) == 0 and f"next: edhas {kind} my_{kind}.yaml" in capsys.readouterr().out
+    read = TASK_READERS[kind](here / f"my_{kind}.yaml")
+    assert read.name == f"my_{kind}" and read.machine.name == "pump_bench"
+    assert main(["new", kind]) == 2 and "exists already" in capsys.readouterr().err
+    assert main(["new", kind, "--overwrite"]) == 0
+
+
+def test_the_beginning_of_a_sweep_may_be_based_on_that_of_a_machine(here):
+    """As its comment says."""
+    assert main(["new", "sweep"]) == 0 and main(["new", "pump"]) == 0
+    text = (here / "my_sweep.yaml").read_text(encoding="utf-8")
+    assert "`base: my_pump.yaml`" in text
+    own = text.partition("machine:")[0] + "base: my_pump.yaml\nparameters:" + text.partition("\nparameters:")[2]
+    (here / "mine.yaml").write_text(own, encoding="utf-8")
+    based, given = load_sweep(here / "mine.yaml"), load_sweep(here / "my_sweep.yaml")
+    assert based.axes == given.axes and [e.id for e in based.machine.effects] == [e.id for e in given.machine.effects]
 
 
 def test_a_new_campaign_passes_its_check(capsys):

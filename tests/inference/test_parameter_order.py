@@ -8,6 +8,7 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.core.structs import par
+from edhas_jax.inference.fit.calibration import Calibration, estimates_as_json
 from edhas_jax.inference.fit.fit import fit
 from edhas_jax.inference.fit.fit_problem import FitProblem
 from edhas_jax.inference.fit.least_squares import QuadraticModel, levenberg_marquardt
@@ -61,6 +62,31 @@ def test_static_friction_is_fitted_at_least_as_large_as_coulomb_friction():
     values = found.values
     assert values["static_friction"] >= values["coulomb_friction"] * (1.0 - 1e-9)
     assert values["static_friction"] == pytest.approx(values["coulomb_friction"], rel=1e-3) and found.converged
+    assert found.at_limit == {"static_friction": "lower", "coulomb_friction": "upper"}
+    assert found.at_order == [("static_friction", "coulomb_friction")]
+    assert all(np.isnan(found.standard_errors[name]) and np.isnan(found.interval(name)).all() for name in FRICTION)
+    assert found.text("static_friction").endswith(" N, its lower limit")
+    calibration = Calibration(found, None, (), {}, {}, 0.0)
+    calibration = dataclasses.replace(calibration, before=found.residuals, after=found.residuals)
+    assert "static_friction and coulomb_friction are equal: the law asks" in " ".join(calibration.findings())
+    assert all("limit" in row and row["std"] is None for row in estimates_as_json(found).values())
+
+
+def test_an_estimate_above_the_order_has_a_standard_error():
+    campaign = empty_campaign(uncertain=FRICTION, lengths=(201, 201, 201))
+    campaign = measured(campaign, bench())
+    found = fit(FitProblem(campaign, campaign.machine, uncertain_unknowns(campaign)), starts=1)
+    assert not found.at_limit and not found.at_order and np.isfinite(list(found.standard_errors.values())).all()
+
+
+def test_the_value_of_a_known_parameter_is_a_limit_of_the_other():
+    campaign = empty_campaign(uncertain={"coulomb_friction": 0.5}, lengths=(201, 201, 201))
+    truth = edhas.change(bench(), coulomb_friction="9 N", static_friction="9 N")
+    campaign = measured(campaign, truth)
+    found = fit(FitProblem(campaign, campaign.machine, uncertain_unknowns(campaign)), starts=1)
+    assert found.at_limit == {"coulomb_friction": "upper"} and not found.at_order
+    assert found.values["coulomb_friction"] == pytest.approx(6.0)
+    assert np.isnan(found.standard_errors["coulomb_friction"])
 
 
 def test_a_profile_keeps_to_the_order_and_so_never_lies_below_the_minimum():

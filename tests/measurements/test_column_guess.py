@@ -5,7 +5,7 @@ import pytest
 
 from edhas_jax.measurements.campaign_draft import CampaignDraft, DraftRun
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.measurements.column_guess import Role, clock_unit, guess_columns
+from edhas_jax.measurements.column_guess import GuessedColumn, Role, clock_unit, guess_columns
 from edhas_jax.measurements.tables.table_reader import read_table
 
 AVAILABLE = "voltage", "current", "piston_position", "piston_velocity", "outlet_pressure", "outlet_flow"
@@ -88,6 +88,41 @@ def test_all_problems_of_a_draft_are_said_at_once(tmp_path):
     problems = "\n".join(CampaignDraft("x", "actuator_bench", columns, [DraftRun("run.csv", "holdout")]).problems())
     for part in ("No column is the time", "No column is a signal", "All runs are held out"):
         assert part in problems
+
+
+def test_a_run_whose_set_point_no_column_holds_has_to_say_how_it_was_driven(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t,i,soll [mm]\n" + rows(20, lambda k: 0.5 * k, *[lambda k: k % 5] * 2))
+    recorded = guess_columns(read_table(path, lambda remark: None), AVAILABLE)
+    columns = [c._replace(role=Role.UNUSED) if c.role is Role.SET_POINT else c for c in recorded]
+    runs = [DraftRun("run.csv", "fit", {"frequency": "9 Hz"})]
+    (problem,) = CampaignDraft("x", "pump_bench", columns, runs).problems()
+    assert problem == "run.csv was driven by a set point that no column holds: write its amplitude."
+    (problem,) = CampaignDraft("x", "actuator_system", columns, [DraftRun("run.csv")]).problems()
+    assert problem.endswith("write its target.")
+    draft = CampaignDraft("x", "pump_bench", recorded, runs)
+    assert not draft.problems() and "frequency" not in draft.text(), "the recorded set point drives the run"
+    (tmp_path / "campaign.yaml").write_text(draft.text())
+    read_campaign(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("rig", "more"),
+    [
+        ("actuator_bench", set()), ("pump_bench", {"piston_clearance", "load_orifice_area"}),
+        ("actuator_system", {"piston_clearance", "cylinder_sliding_friction", "cylinder_breakaway_friction"}),
+    ],
+)  # fmt: skip
+def test_dry_friction_is_uncertain_unless_the_engineer_says_otherwise(rig, more, tmp_path):
+    columns = [GuessedColumn("t", Role.TIME, "", "ms", False), GuessedColumn("i", Role.SIGNAL, "current", "A", False)]
+    entries = {"frequency": "10 Hz", "amplitude": "3 mm"} if rig != "actuator_system" else {"target": "10 mm"}
+    (tmp_path / "run.csv").write_text("t,i\n" + rows(30, lambda k: 0.5 * k, lambda k: k % 5))
+    draft = CampaignDraft("x", rig, columns, [DraftRun("run.csv", "fit", entries)])
+    (tmp_path / "campaign.yaml").write_text(draft.text())
+    usual = {"coil_resistance", "force_constant", "mover_damping", "coulomb_friction", "static_friction"}
+    campaign = read_campaign(tmp_path)
+    assert set(campaign.uncertain) == usual | more
+    assert not any("lacks" in remark.sentence for remark in campaign.remarks)
 
 
 def test_names_with_markup_of_yaml_stay_names(tmp_path):

@@ -11,6 +11,7 @@ import pytest
 from scipy.io import savemat
 
 from edhas_jax.commands.cli import main
+from edhas_jax.measurements.campaign import Severity
 from edhas_jax.measurements.campaign_reader import read_campaign
 from tests.support.faulty_campaign import RUNS, VALID_CAMPAIGN, copy_campaign, faults, replace_in_yaml, rewrite
 
@@ -71,6 +72,25 @@ def test_files_of_loggers_are_read(folder, valid, change):
     campaign = read_campaign(folder)
     assert not faults(campaign)
     same_signals(campaign.runs[0], valid.runs[0])
+
+
+@pytest.mark.parametrize("code", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_a_file_without_a_line_end_loses_no_sample_and_is_noted_once(folder, valid, code, end):
+    rewrite(folder, lambda lines: end.join(lines).encode(code))
+    campaign = read_campaign(folder)
+    same_signals(campaign.runs[0], valid.runs[0])
+    (note,) = campaign.remarks
+    assert note.severity is Severity.NOTE and note.line == len(valid.runs[0].time) + 1
+    assert note.sentence.startswith("the last line has no line end; it is used")
+
+
+def test_a_file_that_ends_within_a_line_is_truncated(folder, valid):
+    rewrite(folder, lambda lines: "\n".join([*lines[:-1], lines[-1].rpartition(",")[0]]).encode())
+    campaign = read_campaign(folder)
+    (error,) = campaign.remarks
+    assert error.severity is Severity.ERROR and error.sentence.endswith("to be truncated; line left out")
+    assert len(campaign.runs[0].time) == len(valid.runs[0].time) - 1
 
 
 @pytest.mark.parametrize("name", ["run3.CSV", "run3.txt", "run3.dat", "run3.tsv", "run3", "run3.Log"])

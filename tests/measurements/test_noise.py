@@ -19,6 +19,7 @@ from edhas_jax.measurements.checks.noise_correlation import (
 )
 from edhas_jax.measurements.checks.noise_measurement import (
     measure_noise,
+    noise_as_json,
     noise_sentence,
     with_measured_noise,
     without_refuted_noise,
@@ -243,6 +244,8 @@ def test_noise_that_is_not_stated_is_measured():
     campaign = with_measured_noise(aperiodic_campaign(white, stated=math.nan))
     assert campaign.channels["current"].noise == pytest.approx(NOISE, rel=0.05)
     assert campaign.channels["current"].stated_noise is None and noise_sentence(campaign) is None
+    row = noise_as_json(campaign)["current"]
+    assert row["stated"] is None and row["measured"] == row["used"] == campaign.channels["current"].noise
 
 
 def test_noise_that_is_neither_stated_nor_measurable_has_to_be_stated():

@@ -244,6 +244,25 @@ def test_labview_text_with_x_values_and_comments(tmp_path):
     assert table.columns["X_Value"].unit == "s" and table.columns["Druck"].unit == "V" and table.lines[0] == 13
 
 
+def test_labview_text_without_a_line_end(tmp_path):
+    """A last line with all values is used; one that ends before the last value is left out."""
+    rows = ["X_Value\tu\tp\tComment", "0.0\t1.0\t2.5\tstart", "0.5\t1.5\t3.5"]
+    whole = lvm(["X_Columns\tOne"], segment(2, rows)).rstrip("\n")
+    for text, expected, sentence in (
+        (whole, [1.0, 1.5], "the last line has no line end; it is used"), (whole[:-4], [1.0], "line left out"),
+    ):  # fmt: skip
+        (tmp_path / "a.lvm").write_text(text)
+        remarks = []
+        if len(expected) == 1:  # too few for a table, but for the message
+            with pytest.raises(TableError):
+                read_tables(tmp_path / "a.lvm", remarks.append)
+        else:
+            (table,) = read_tables(tmp_path / "a.lvm", remarks.append)
+            assert table.columns["u"].values.tolist() == expected
+        (remark,) = remarks
+        assert sentence in remark.sentence
+
+
 def test_labview_text_without_x_values_in_several_segments(tmp_path):
     """The samples follow from X0 and Delta_X, those of a later segment from the time in its header."""
     rows, entries = ["X_Value\tu\tComment", "\t1.0", "\t2.0", "\t3.0"], {"X0": "0.0", "Delta_X": "0.5", "Samples": "3"}

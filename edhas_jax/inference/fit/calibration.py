@@ -118,9 +118,15 @@ class Calibration:
         sentences += own_values_sentences(self.fit)
         if (larger := model_error_sentence(rms[Use.FIT.value]["overall"])) is not None:
             sentences.append(larger)
-        if limits := self.fit.at_limit:
+        pairs = self.fit.at_order
+        if limits := [name for name in self.fit.at_limit if not any(name in pair for pair in pairs)]:
             listed = ", ".join(f"{name} {self.fit.text(name)}" for name in limits)
             sentences.append(f"At a limit of the range in which it was sought, so without a standard error: {listed}.")
+        sentences += [
+            f"{larger} and {smaller} are equal: the law asks that the first is at least the second, and the "
+            "measurements want it smaller. Neither has a standard error."
+            for larger, smaller in pairs
+        ]
         if implausible := self.implausible():
             pulls = dict(zip((u.name for u in self.fit.problem.unknowns), self.fit.x, strict=True))
             order = sorted(implausible, key=lambda n: -abs(pulls[n]))

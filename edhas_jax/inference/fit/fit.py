@@ -101,16 +101,18 @@ class Fit:
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """The standard errors by name, SI, linearised at the estimate; NaN for an estimate at a limit of its range."""
+        """The standard errors by name, SI, linearised at the estimate; NaN for an estimate at a limit."""
         rows = zip(self.problem.unknowns, self.x, self.std, strict=True)
         errors = {u.name: float(abs(u.derivative(x)) * std) for u, x, std in rows}
         return errors | dict.fromkeys(self.at_limit, math.nan)
 
     @property
     def at_limit(self) -> dict[str, str]:
-        """The estimates that lie at a limit of the range in which they were sought: "lower" or "upper", by name.
+        """The estimates that lie at a limit: "lower" or "upper", by name.
 
-        The measurements want a value beyond the limit, so that the linearised standard error says nothing.
+        The limit is that of the range in which they were sought, or another parameter that a law prescribes to be at
+        least as large, or at most. The measurements want a value beyond it, so that the linearised standard error says
+        nothing.
         """
         found = {}
         for u, x, value in zip(self.problem.unknowns, self.x, self.values.values(), strict=True):
@@ -118,10 +120,26 @@ class Fit:
             if min(x - low, high - x) <= LIMIT_TOLERANCE * min(high - low, 1.0):
                 ends = [float(u.value(bound)) for bound in (low, high)]
                 found[u.name] = "lower" if abs(value - min(ends)) < abs(value - max(ends)) else "upper"
+        for row in self._orders_reached():
+            for k in np.flatnonzero(row):
+                found.setdefault(self.problem.unknowns[k].name, "lower" if row[k] > 0.0 else "upper")
         return found
 
+    @property
+    def at_order(self) -> list[tuple[str, str]]:
+        """The pairs of estimates that are equal because a law prescribes that the first is at least the second."""
+        names = [u.name for u in self.problem.unknowns]
+        rows = [row for row in self._orders_reached() if np.count_nonzero(row) == 2]
+        return [(names[int(np.argmax(row))], names[int(np.argmin(row))]) for row in rows]
+
+    def _orders_reached(self) -> list[np.ndarray]:
+        """The rows of the constraints, see `LinearConstraints`, at whose limits the estimate lies."""
+        constraints = self.problem.constraints()
+        reached = constraints.rows @ self.x - constraints.limits <= LIMIT_TOLERANCE
+        return list(constraints.rows[reached])
+
     def text(self, name: str, unit: str = "") -> str:
-        """An estimate with its standard error, or with the limit of its range at which it lies.
+        """An estimate with its standard error, or with the limit at which it lies.
 
         Args:
             name: the unknown.
@@ -133,7 +151,7 @@ class Fit:
     def interval(self, name: str, sigmas: float = 1.96) -> tuple[float, float]:
         """Confidence interval (SI) of an unknown: `sigmas` standard errors to either side, within its span.
 
-        NaN for an estimate at a limit of its range.
+        NaN for an estimate at a limit.
         """
         if name in self.at_limit:
             return math.nan, math.nan

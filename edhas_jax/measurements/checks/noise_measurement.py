@@ -289,11 +289,11 @@ def noise_remarks(campaign: Campaign) -> list[Remark]:
 
 
 def noise_as_json(campaign: Campaign) -> dict[str, dict[str, Any]]:
-    """Stated, measured, fitted and used noise of every signal (SI)."""
+    """Stated, measured, fitted and used noise of every signal of a checked campaign (SI); None where there is none."""
     return {
         name: {
-            "stated": channel.noise if channel.stated_noise is None else channel.stated_noise,
-            "measured": channel.measured_noise, "fitted": channel.fitted_noise, "used": channel.noise,
+            "stated": channel.stated_noise, "measured": channel.measured_noise,
+            "fitted": channel.fitted_noise, "used": channel.noise,
             "unit": campaign.machine.signals[name].unit,
         }
         for name, channel in campaign.channels.items()

@@ -6,7 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from edhas_jax.measurements.tables.cell_values import read_column
-from edhas_jax.measurements.tables.table import Column, Layout, Report, Table, TableError, names_and_units
+from edhas_jax.measurements.tables.table import (
+    Column,
+    Layout,
+    Report,
+    Table,
+    TableError,
+    names_and_units,
+    report_no_line_end,
+)
 
 END = "***End_of_Header***"
 X_NAME = "X_Value"  # of a column with the time
@@ -40,7 +48,10 @@ def read_labview_text(
     file_header = _entries(lines[: ends[0] if ends else 0], delimiter)
     decimal = file_header.get("Decimal_Separator", layout.decimal)[0:1] or ["."]
     cut = len(lines) if lines[-1] else 0
-    if cut:
+    if cut and len(ends) > 1 and _is_whole(lines[-1], lines[ends[-1] + 1], delimiter):
+        report_no_line_end(cut, report)
+        cut = 0
+    elif cut:
         report(cut, "the last line has no line end; the file seems to be truncated; line left out")
     stamps, segments = [], []
     for start, end, until in zip(ends, ends[1:], [*ends[2:], len(lines)], strict=False):
@@ -62,6 +73,12 @@ def read_labview_text(
         for table in tables:
             series.setdefault(tuple(table.columns), []).append((table, float(start)))
     return [_in_sequence(parts, str(k + 1) if len(series) > 1 else "") for k, parts in enumerate(series.values())]
+
+
+def _is_whole(line: str, header: str, delimiter: str) -> bool:
+    """Whether a line has a value of every channel; a comment at its end may be missing."""
+    names = [cell.strip() for cell in header.rstrip().split(delimiter)]
+    return line.count(delimiter) + 1 >= len(names) - (names[-1] == COMMENT)
 
 
 def _entries(lines: Sequence[str], delimiter: str) -> dict[str, list[str]]:

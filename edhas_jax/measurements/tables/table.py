@@ -2,16 +2,35 @@
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
+
+from edhas_jax.measurements.campaign import Severity
 
 TIME = "time"  # the name of the time stamps that a file keeps apart from its channels
 # bytes of a file, and of its numbers in memory, where several copies of them must fit
 MAX_BYTES = 1_000_000_000
 MAX_NAMES = 8  # columns that a message names
-Report = Callable[[int, str], None]  # called with the line, 0 for the file as a whole, and a sentence
+
+
+class Report(Protocol):
+    """Called for what is left out of a table, or worth a note.
+
+    Args:
+        line: the line, 0 for the file as a whole.
+        sentence: what is there.
+        severity: a note where nothing is left out.
+    """
+
+    def __call__(self, line: int, sentence: str, severity: Severity = Severity.ERROR) -> None: ...
+
+
+def report_no_line_end(line: int, report: Report) -> None:
+    """Note that the last line of a text, which is used, has no line end: "0.0123" cut to "0.0" passes as a number."""
+    sentence = "the last line has no line end; it is used; if the file was cut off, its last value may be wrong"
+    report(line, sentence, Severity.NOTE)
 
 
 class TableError(ValueError):

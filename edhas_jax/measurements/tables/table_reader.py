@@ -74,7 +74,10 @@ def read_table(path: Path, remark: Callable[[Remark], None], layout: Layout = La
 
 
 def _report(path: Path, remark: Callable[[Remark], None]) -> Report:
-    return lambda line, sentence: remark(Remark(Severity.ERROR, path, line, sentence))
+    def report(line: int, sentence: str, severity: Severity = Severity.ERROR) -> None:
+        remark(Remark(severity, path, line, sentence))
+
+    return report
 
 
 def _reader(path: Path) -> Callable[[Path, Layout, Report], list[Table]]:

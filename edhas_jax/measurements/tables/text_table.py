@@ -15,7 +15,15 @@ import numpy as np
 from edhas_jax.measurements.tables.cell_values import decimal_mark, read_column
 from edhas_jax.measurements.tables.labview_text import is_labview_text, read_labview_text
 from edhas_jax.measurements.tables.row_table import EXPECTED, find_header
-from edhas_jax.measurements.tables.table import Column, Layout, Report, Table, TableError, require_size
+from edhas_jax.measurements.tables.table import (
+    Column,
+    Layout,
+    Report,
+    Table,
+    TableError,
+    report_no_line_end,
+    require_size,
+)
 
 SAMPLED_LINES = 400  # from which the delimiter, the decimal mark and the number of columns are found
 MAX_LISTED = 3  # lines of one kind that are reported one by one
@@ -58,14 +66,9 @@ def read_text_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
     mark = layout.decimal or decimal_mark([cell for cells in sample for cell in cells])
     del lines
     body, own = filled[header.first :], numbers[header.first :]
-    # "0.0123" truncated to "0.0" would pass as a number
-    last = (own.pop(), body.pop()) if is_cut and len(body) > 1 else None
-    table = read_lines(body, own, header.names, header.line, delimiter, mark, bool(layout.decimal), report)
-    if last is not None:
-        width, count = len(header.names), len(_cells(last[1], delimiter) or [])
-        found = "the last line has no line end" if count == width else f"{count} values where the header has {width}"
-        report(last[0], f"{found}; the file seems to be truncated; line left out")
-    return [table]
+    if is_cut and body and len(_cells(body[-1], delimiter) or []) == len(header.names):
+        report_no_line_end(own[-1], report)
+    return [read_lines(body, own, header.names, header.line, delimiter, mark, bool(layout.decimal), report)]
 
 
 def read_lines(

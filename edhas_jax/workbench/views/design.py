@@ -7,18 +7,25 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
+from edhas_jax.config.file_kind import command_of
 from edhas_jax.core.units import exact_quantity, format_quantity
 from edhas_jax.workbench.calculator import CalculationCancelled, CalculationError
 from edhas_jax.workbench.figures import SET_POINT, lines_figure
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.views.sweep import SweepPanel
-from edhas_jax.workbench.workspace import CALIBRATED, DESIGNS, DIAGNOSED, RESULTS
+from edhas_jax.workbench.workspace import DESIGNS, RESULTS
 
 AS_GIVEN = "the campaign's model"
 FIRST_SLIDERS = ("frequency", "amplitude", "piston_clearance", "load_orifice_area", "coil_resistance", "force_constant")
 FIRST_SIGNALS = ("voltage", "current", "piston_position", "outlet_pressure", "outlet_flow")
-STEPS = 60  # of a slider
-TASKS = {"sizing": "size", "size": "size", "sensitivity": "sensitivity", "sweep": "sweep"}
+STEPS = 200  # of a slider, about one a pixel
+HEAD = 20_000  # characters of a file, by which it is told what it is
+
+
+class Slider(ui.slider):
+    """A slider that the browser moves itself: one that waits for the server springs back while that draws a cycle."""
+
+    LOOPBACK = False
 
 
 class DesignView:
@@ -45,7 +52,7 @@ class DesignView:
         names = self._source_names()
         if names:
             config = self._page.workspace.config
-            self._sources.set_value(config.name if config is not None else names[0])
+            self._sources.set_value(config.name if config is not None else next(iter(names)))
         else:
             with self._body:
                 ui.label(
@@ -67,21 +74,18 @@ class DesignView:
         if self._sweep is not None:
             self._sweep.redraw()
 
-    def _source_names(self) -> list[str]:
+    def _source_names(self) -> dict[str, str]:
+        """The machines that can be chosen, by file (or `AS_GIVEN`), with the names that the page has for them."""
         workspace = self._page.workspace
-        names = [AS_GIVEN] if workspace.has_campaign else []
-        names += [str(Path(RESULTS, name, "config.yaml")) for name in (CALIBRATED, DIAGNOSED)
-                  if workspace.models().get(name) is not None]  # fmt: skip
-        for path in sorted(workspace.folder.glob("*.yaml")):
-            head = path.read_text(encoding="utf-8", errors="replace")[:20_000]
-            if path.name != "campaign.yaml" and "\nrig:" in f"\n{head}" and not self._task_of(head):
-                names.append(path.name)
-        return names
+        names = {AS_GIVEN: AS_GIVEN} if workspace.has_campaign else {}
+        models = workspace.models().items()
+        names |= {str(path.relative_to(workspace.folder)): name for name, path in models if path is not None}
+        return names | {name: name for name, command in self._yaml_files() if command == "simulate"}
 
-    @staticmethod
-    def _task_of(text: str) -> str | None:
-        """The command that runs a task file; None for a configuration."""
-        return next((command for key, command in TASKS.items() if f"\n{key}:" in f"\n{text}"), None)
+    def _yaml_files(self) -> list[tuple[str, str | None]]:
+        """The YAML files of the folder, each with the command that runs it."""
+        paths = sorted(self._page.workspace.folder.glob("*.yaml"))
+        return [(p.name, command_of(p.read_text(encoding="utf-8", errors="replace")[:HEAD])) for p in paths]
 
     async def _choose_source(self, event) -> None:
         if not event.value:
@@ -143,7 +147,7 @@ class DesignView:
                 ui.label(row["name"].replace("_", " ")).classes("ellipsis").tooltip(row["doc"])
                 ui.space()
                 text = ui.label(format_quantity(value, row["unit"])).classes("font-semibold")
-            slider = ui.slider(min=0, max=STEPS, step=1, value=round(float(share) * STEPS))
+            slider = Slider(min=0, max=STEPS, step=1, value=round(float(share) * STEPS))
             slider.props["aria-label"] = row["name"]
             slider.props(f"data-mark=slider-{row['name']}")
 
@@ -230,11 +234,8 @@ class DesignView:
 
     def _build_tasks(self) -> None:
         """Task files of the folder: sizing, sensitivity, sweeps."""
-        workspace, found = self._page.workspace, []
-        for path in sorted(workspace.folder.glob("*.yaml")):
-            command = self._task_of(path.read_text(encoding="utf-8", errors="replace")[:20_000])
-            if command is not None and path.name != "campaign.yaml":
-                found.append((path.name, command))
+        workspace = self._page.workspace
+        found = [(name, command) for name, command in self._yaml_files() if command not in (None, "simulate")]
         if not found:
             return
         ui.label("Tasks in this folder").classes("wb-h")

@@ -1,12 +1,13 @@
 """The mapper: what the columns of dropped files are, and the campaign file that grows from it."""
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
 from nicegui import ui
 
 from edhas_jax.machine.rigs import RIGS
-from edhas_jax.measurements.campaign_draft import CampaignDraft, DraftRun
+from edhas_jax.measurements.campaign_draft import DRIVE_CONDITIONS, CampaignDraft, DraftRun
 from edhas_jax.measurements.column_guess import GuessedColumn, Role
 from edhas_jax.workbench.data_calculations import signals_of
 from edhas_jax.workbench.figures import lines_figure
@@ -18,9 +19,11 @@ CONDITIONS = {
     "actuator_bench": ("frequency", "amplitude"), "pump_bench": ("frequency", "amplitude", "load_orifice_area"),
     "actuator_system": ("target", "load_force"),
 }  # fmt: skip
-EXAMPLES = {
-    "frequency": "10 Hz", "amplitude": "3.5 mm", "load_orifice_area": "4.2 mm^2", "target": "10 mm",
-    "load_force": "0 N", "start": "12.4 s", "window": "{from: 0.2 s, to: 1.5 s}",
+# below the fields, so that an empty one does not look filled in
+HINTS = {
+    "frequency": "such as 10 Hz", "amplitude": "such as 3.5 mm", "target": "such as 10 mm",
+    "load_orifice_area": "empty: nominal", "load_force": "empty: nominal",
+    "start": "empty: first sample", "window": "such as {from: 0.2 s, to: 1.5 s}",
 }  # fmt: skip
 MAX_FILE_PLOTS, WIDTH, MAX_REMARKS = 6, 700, 200
 
@@ -38,6 +41,9 @@ class Mapper:
         self._rig = "pump_bench"
         self._files: dict[str, dict[str, Any]] = {}  # tables of the files, by name
         self._runs: dict[str, dict[str, str]] = {}  # their entries
+        self._sines: dict[str, dict[str, Any] | None] = {}  # what drove each run, by its record
+        self._fields: dict[str, dict[str, ui.input]] = {}
+        self._offers: dict[str, ui.row] = {}
         self._columns: list[dict[str, Any]] = []
         self._mapper = ui.column().classes("w-full gap-3 mt-3")
 
@@ -51,7 +57,14 @@ class Mapper:
         self._files[name] = table
         self._runs.setdefault(name, {"use": "fit"})
         self._columns = self._columns or table["columns"]
+        self._sines[name] = table["sine"]
         self._build_mapper()
+
+    async def _read_sines(self) -> None:
+        """Read frequency and amplitude again, after it was changed what the columns are."""
+        for name in list(self._files):
+            self._sines[name] = await self._page.ask("data.sine", name, self._columns)
+        self._update_draft()
 
     def _build_mapper(self) -> None:
         self._mapper.clear()
@@ -98,7 +111,7 @@ class Mapper:
                 signal = ui.select(options, value=row["signal"] if row["signal"] in options else "")
                 signal.props("dense borderless options-dense").classes("min-w-44")
             with ui.element("td"):
-                unit = ui.input(value=row["unit"]).props("dense borderless").classes("w-20")
+                unit = ui.input(value=row["unit"]).props("dense borderless debounce=300").classes("w-20")
                 unit.props["aria-label"] = f"unit of {row['column']}"
                 if not row["unit_stated"] and row["unit"]:
                     unit.props("hint=assumed hide-bottom-space")
@@ -107,12 +120,13 @@ class Mapper:
             with ui.element("td").classes("n"):
                 ui.label(str(row["missing"] or ""))
 
-        def change(key: str, value: str) -> None:
+        async def change(key: str, value: str) -> None:
             row[key] = value or ""
             if key == "signal" and value:
                 row["role"] = Role.SIGNAL.value
                 role.set_value(row["role"])
             self._update_draft()
+            await self._read_sines()
 
         role.on_value_change(lambda e: change("role", e.value))
         signal.on_value_change(lambda e: change("signal", e.value))
@@ -132,12 +146,36 @@ class Mapper:
                 use = ui.toggle(USES, value=entries["use"]).props("dense no-caps unelevated size=sm")
                 use.on_value_change(lambda e: change("use", e.value))
             with ui.row().classes("gap-2"):
+                fields = {}
                 for key in (*CONDITIONS[self._rig], "start", "window"):
-                    field = ui.input(key.replace("_", " "), value=entries.get(key, ""), placeholder=EXAMPLES[key])
-                    field.props("dense outlined stack-label").classes("w-36")
+                    fields[key] = field = ui.input(key.replace("_", " "), value=entries.get(key, ""))
+                    field.props("dense outlined stack-label").classes("w-60" if key == "window" else "w-36")
+                    field.props["hint"] = HINTS[key]
                     field.on_value_change(lambda e, key=key: change(key, e.value))
+            self._fields[name] = fields
+            self._offers[name] = ui.row().classes("items-center gap-2").props("data-mark=offer")
             for line, sentence in self._files[name]["remarks"][:MAX_REMARKS]:
                 ui.label(f"line {line}: {sentence}" if line else sentence).classes("wb-quiet")
+
+    def _show_offer(self, name: str, wanted: tuple[str, ...]) -> None:
+        """Offer what a record says on how its run was driven, where that is not written already."""
+        row, sine, entries = self._offers[name], self._sines.get(name), self._runs[name]
+        row.clear()
+        for key in DRIVE_CONDITIONS[self._rig]:
+            self._fields[name][key].set_visibility(key in wanted)
+        found = {} if sine is None else {k: v for k, v in sine["conditions"].items() if k in wanted}
+        missing = {key: text for key, text in found.items() if not entries.get(key, "").strip()}
+        if not missing:
+            return
+
+        async def use() -> None:
+            await asyncio.sleep(0)  # the click has to end before its button goes
+            for key, text in missing.items():
+                self._fields[name][key].set_value(text)
+
+        with row:
+            ui.label(f"The record says {' and '.join(found.values())}, as read from {sine['column']}.")
+            ui.button("Use", on_click=use).props("no-caps flat dense").props["aria-label"] = f"use for {name}"
 
     def _draft(self) -> CampaignDraft:
         columns = [
@@ -154,6 +192,8 @@ class Mapper:
     def _update_draft(self) -> None:
         draft = self._draft()
         self._text.set_text(draft.text())
+        for name in self._files:
+            self._show_offer(name, draft.drive_conditions)
         problems = draft.problems()
         problems += [f"Column {row['column']} is a signal: choose which one." for row in self._columns
                      if row["role"] == Role.SIGNAL.value and not row["signal"]]  # fmt: skip
@@ -168,7 +208,7 @@ class Mapper:
         for name in list(self._files):
             found = await self._page.ask("data.table", name, self._rig, WIDTH)
             if found is not None:
-                self._files[name] = found
+                self._files[name], self._sines[name] = found, found["sine"]
         self._columns = next(iter(self._files.values()))["columns"]
         self._build_mapper()
 
