@@ -13,7 +13,7 @@ a few smooth functions, not one error for each sample: half the misfit is worth 
 
 The search begins with the empty set. Each round predicts every addition to the best sets, and to the best one without
 one of its members (an exchange), from signatures; refits the most promising ones; and drops members of the best set in
-turn. It ends where nothing is promising.
+turn. It ends where nothing is promising, or a round finds no better set: two rounds, where more than noise is left.
 
 A fit begins at the parameters of the set from which it comes. Where that leaves much, and the fit gains less than it
 promised, growing parts of the runs are fitted, because the cost of whole runs then has many minima.
@@ -301,6 +301,7 @@ class SetSearch:
             start = Start(start_coordinates(self._problem(known.members), known.evaluated.fit.values))
             for job, found in self._fits([Job(known.members, [start])]):
                 self._add(found, job.key)
+        without_success = 0
         for _ in range(MAX_ROUNDS):
             best = self.ranked()[0]
             moves, dropped = self._moves(best), self._smaller(best)
@@ -315,8 +316,9 @@ class SetSearch:
             self._go_on()
             former, best = best, self.ranked()[0]
             self._report(stage_sentence(f"{BEST}{best}" if best.members else CALIBRATED, best.evaluated))
-            if best.key == former.key and not best.excess > 0.0:
-                break  # a set at the noise, and nothing better in a whole round
+            without_success = without_success + 1 if best.key == former.key else 0
+            if without_success > (best.excess > 0.0):
+                break  # nothing better in a round; where more than noise is left, in two
         for of in self.sets.values():
             of.log_weight = self.weight.of(of)
         return self.ranked()
