@@ -135,7 +135,9 @@ class Fit:
     def _orders_reached(self) -> list[np.ndarray]:
         """The rows of the constraints, see `LinearConstraints`, at whose limits the estimate lies."""
         constraints = self.problem.constraints()
-        reached = constraints.rows @ self.x - constraints.limits <= LIMIT_TOLERANCE
+        widths = [min(high - low, 1.0) for low, high in (u.bounds() for u in self.problem.unknowns)]
+        tolerance = LIMIT_TOLERANCE * np.max(np.abs(constraints.rows) * widths, axis=1, initial=0.0)
+        reached = constraints.rows @ self.x - constraints.limits <= tolerance
         return list(constraints.rows[reached])
 
     def text(self, name: str, unit: str = "") -> str:
