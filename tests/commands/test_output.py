@@ -194,10 +194,13 @@ def test_a_line_of_progress_now_and_then(monkeypatch, capsys):
 
 
 def test_a_fit_that_has_not_converged_says_so_first(monkeypatch, capsys):
-    calibrate = task.calibrate
-    monkeypatch.setattr(
-        task, "calibrate", lambda *a, **k: dataclasses.replace(calibrate(*a, **k), converged=False)
-    )
+    original = task.fit_with_choices
+
+    def unfinished(*arguments, **options):
+        campaign, found = original(*arguments, **options)
+        return campaign, dataclasses.replace(found, converged=False)
+
+    monkeypatch.setattr(task, "fit_with_choices", unfinished)
     monkeypatch.setattr(task, "fit_each_run", lambda *_: None)
     monkeypatch.setattr(task, "assumed_parameters", lambda *_: [])
     status = main(["fit", str(FOLDER / "campaign"), "--starts", "1", "--out", "fitted"])

@@ -85,9 +85,12 @@ def workbench():
         process.stdout.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser():
-    """Chromium; tests that need it are skipped with a sentence where there is none."""
+    """Chromium; tests that need it are skipped with a sentence where there is none.
+
+    For one file each: the event loop of its driver runs until then, and other files have one of their own.
+    """
     playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: pip install playwright")
     pytest.importorskip("nicegui", reason="no nicegui: pip install 'edhas_jax[workbench]'")
     if CHROMIUM is None:
