@@ -27,9 +27,11 @@ pytestmark = pytest.mark.filterwarnings("ignore")  # of the browser's driver
 
 @pytest.fixture(scope="session")
 def calibration_of_campaign(measured_campaign, tmp_path_factory):
-    """A copy of the campaign with a calibration in it."""
+    """A copy of the campaign with a calibration in it, with such wide priors that two estimates are at no limit."""
     folder = Path(shutil.copytree(measured_campaign, tmp_path_factory.mktemp("calibrated") / "bench"))
-    words = "fit", folder, "--out", folder / "workbench" / "calibrated"
+    choices = folder.parent / "choices.yaml"
+    choices.write_text("parameters: {coil_resistance: {prior: 0.2}, force_constant: {prior: 0.2}}\n")
+    words = "fit", folder, "--choices", choices, "--out", folder / "workbench" / "calibrated"
     command = [sys.executable, "-m", "edhas_jax.commands.cli", *map(str, words)]
     subprocess.run(command, capture_output=True, check=True)
     return folder
@@ -217,12 +219,13 @@ def test_correlations_region_profile_and_autocorrelation(calibrated_folder, work
     assert matrix == [list(row.values()) for row in fit["correlation"].values()]
     at_limit = next(name for name, row in fit["calibrated"].items() if "limit" in row)
     assert "limit" in mark(page, f"row-{at_limit}").inner_text()
-    one, other = "mover damping", "coulomb friction"
+    one, other = "mover damping", "force constant"
     mark(page, "ellipse").locator(".main-svg").first.wait_for()  # of the two that are most correlated
 
     def pick(label, name):
         page.get_by_label(label, exact=True).click()
         page.get_by_role("option", name=name, exact=True).click()
+        page.locator(".q-menu").wait_for(state="detached")
 
     pick("together with", at_limit.replace("_", " "))
     page.get_by_text("is at a limit, so it has no standard error").wait_for()
@@ -232,7 +235,7 @@ def test_correlations_region_profile_and_autocorrelation(calibrated_folder, work
     rows = [fit["calibrated"][name.replace(" ", "_")] for name in (one, other)]
     around = np.array(curve(page, "ellipse", "95 % of both together"))
     off = [(points - row["value"]) / row["std"] for points, row in zip(around, rows, strict=True)]
-    correlation = fit["correlation"]["mover_damping"]["coulomb_friction"]
+    correlation = fit["correlation"]["mover_damping"]["force_constant"]
     # χ² of two at every point of the ellipse
     rise = (off[0] ** 2 - 2.0 * correlation * off[0] * off[1] + off[1] ** 2) / (1.0 - correlation**2)
     np.testing.assert_allclose(rise, 5.991, rtol=1e-6)
