@@ -79,7 +79,15 @@ def test_steps_tell_the_lowest_cost_and_where_it_is(campaign):
     assert found.cost == last.cost
 
 
-def test_the_command_keeps_the_result_and_tells_its_steps(campaign, tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def interruptible():
+    """SIGINT as at a terminal: a process in the background of a shell begins with it ignored."""
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, former)
+
+
+def test_the_command_keeps_the_result_and_tells_its_steps(interruptible, campaign, tmp_path, monkeypatch, capsys):
     folder, out, told = tmp_path / "bench", tmp_path / "fitted", tmp_path / "progress"
     write_campaign(measured(empty_campaign(lengths=(201, 201, 201)), edhas.change(bench(), **TRUTH)), folder)
     monkeypatch.setenv(VARIABLE, str(told))
