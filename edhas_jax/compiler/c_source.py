@@ -58,7 +58,9 @@ def c_function(program: Program, name: str, parameters: str, inputs: Sequence[st
     return _function(name, f"{parameters}, double *out", lines, _output_assignments(program, names))
 
 
-def c_function_with_invariants(program: Program, name: str, parameters: str, inputs: Sequence[str]) -> tuple[str, int]:
+def c_function_with_invariants(
+    program: Program, name: str, parameters: str, inputs: Sequence[str]
+) -> tuple[str, int]:
     """As `c_function`, with the values of `Dependence.INVARIANT` computed by a function of their own.
 
     `static void NAME_invariants(PARAMETERS, double *invariants)` is to be called whenever an invariant input has

@@ -153,7 +153,9 @@ class VectorCode:
         if not self.processor.has_approximations:
             return self.assign(f"fdiv {self.vector} {self.number(1.0)}, {a}")
         two = self.number(2.0)
-        return self.newton(self.approximation("rcp14", a), lambda r: self.multiply_add(self.neg(a), r, two))
+        return self.newton(
+            self.approximation("rcp14", a), lambda r: self.multiply_add(self.neg(a), r, two)
+        )
 
     def inverse_root(self, a: str) -> str:
         """1/√a."""

@@ -18,7 +18,6 @@ from edhas_jax.core import runtime
 
 SAMPLES_PER_CHUNK = 64  # samples that are evaluated at once: their tables stay in the second-level cache
 
-
 class NativeLoop(Loop):
     """A `LoopBody` compiled by LLVM; its machine code is kept in the cache folder.
 

@@ -16,7 +16,9 @@ def _with_one_sided_derivative(selects_first: Callable) -> Callable:
 
     def decorate(f):
         one_sided = jax.custom_jvp(f)
-        one_sided.defjvp(lambda primals, tangents: (one_sided(*primals), jnp.where(selects_first(*primals), *tangents)))
+        one_sided.defjvp(
+            lambda primals, tangents: (one_sided(*primals), jnp.where(selects_first(*primals), *tangents))
+        )
         return one_sided
 
     return decorate

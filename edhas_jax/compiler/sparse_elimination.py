@@ -80,7 +80,9 @@ def _solve_strain_unknowns(
     w(p₁) − w(p) = (1 + c/(p p₁)) k to these roots p₁, so that the flow out of one node equals the flow into the next
     and the oil balance is exact.
     """
-    tangents = {n: pivots[n] + shift * (1.0 + u.air_coefficient / jnp.square(u.pressure)) for n, u in unknowns.items()}
+    tangents = {
+        n: pivots[n] + shift * (1.0 + u.air_coefficient / jnp.square(u.pressure)) for n, u in unknowns.items()
+    }
     trial_rows, trial = {n: dict(row) for n, row in rows.items()}, dict(right_side)
     order = _eliminate(trial_rows, tangents, trial, list(unknowns), scaled=False)
     for n in reversed(order):

@@ -32,7 +32,7 @@ img { max-width: 100% } .quiet { color: #6e7781 } li { margin: 0.3em 0 }
 def page(title: str, *parts: str) -> str:
     """A complete HTML file with a title and the elements of its body."""
     head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
-    head += f"<title>{html.escape(title)}</title><style>{STYLE}</style>"
+    head += f'<title>{html.escape(title)}</title><style>{STYLE}</style>'
     body = "\n".join((*parts, _footer()))
     return f"<!doctype html><html lang=en><head>{head}</head><body>\n{body}\n</body></html>\n"
 

@@ -145,7 +145,9 @@ def external_inputs(machine: Rig, external: Sequence[External]) -> list[External
     return inputs
 
 
-def connect_inputs(machine: Rig, external: Sequence[External], values: Mapping[str, Any], input_time: Any) -> Rig:
+def connect_inputs(
+    machine: Rig, external: Sequence[External], values: Mapping[str, Any], input_time: Any
+) -> Rig:
     """Replace set points and controllers of a machine by external inputs.
 
     A pump whose reference or voltage is external is driven by it alone: its share of the stroke is 1.

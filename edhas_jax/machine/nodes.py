@@ -156,3 +156,6 @@ class Body:
     def rates(self) -> dict[str, Any]:
         """The rate of the state; after all forces."""
         return {self.name: self.force / self._inertia}
+
+
+

@@ -91,7 +91,9 @@ def find_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
     if found:
         raise ParameterError(f"ambiguous; write one of {', '.join(f'{path}.{flat}' for _, path in found)}")
     if named:
-        raise ParameterError(f"{owner} has no such parameter; write {' or '.join(f'{o}.{flat}' for _, o in named)}")
+        raise ParameterError(
+            f"{owner} has no such parameter; write {' or '.join(f'{o}.{flat}' for _, o in named)}"
+        )
     raise ParameterError(_unknown_reason(machine, owner, flat, [p.name for p, _, _ in rows]))
 
 

@@ -25,7 +25,9 @@ from edhas_jax.machine.rigs import Rig
 METHODS = {"initial": "(self)", "command": "(self, y, s)", "rates": "(self, y, s)"}
 
 
-def load_controller(spec: str, base_dir: Path | str = ".", trust: Trust = ()) -> type[Controller]:
+def load_controller(
+    spec: str, base_dir: Path | str = ".", trust: Trust = ()
+) -> type[Controller]:
     """Load a controller class.
 
     Args:

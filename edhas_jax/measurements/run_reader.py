@@ -426,7 +426,9 @@ class RunReader:
         with np.errstate(over="ignore"):
             return zero + size * column.values
 
-    def _time_stamps(self, table: Table, drives: Iterable[ColumnSource]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _time_stamps(
+        self, table: Table, drives: Iterable[ColumnSource]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The samples whose time stamp is later than all before it.
 
         Where the recorded drives in the table step, which is several rows at one time, the last row is the sample.

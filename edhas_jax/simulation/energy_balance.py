@@ -53,7 +53,9 @@ def midpoint_quantities(s: Signals) -> dict[str, Any]:
     return out
 
 
-def add_step(machine: Rig, balance: Balance, before: State, after: State, at_midstep: dict[str, Any], t, h) -> Balance:
+def add_step(
+    machine: Rig, balance: Balance, before: State, after: State, at_midstep: dict[str, Any], t, h
+) -> Balance:
     """Add one step to a balance.
 
     Power bonds are integrated with their values at mid-step; stored energy is the difference of the states at both

@@ -109,7 +109,7 @@ class Session:
 
     def command_try(self, names: list[str]) -> str:
         """The command that fits the model with effects."""
-        out = self.workspace.shown / RESULTS / TRIED / "+".join(n.rpartition(":")[2] for n in names)
+        out = self.workspace.shown / RESULTS / TRIED / '+'.join(n.rpartition(':')[2] for n in names)
         return shlex.join(["edhas", "add", str(self.workspace.shown), *names, "--out", str(out)])
 
     def python_try(self, names: list[str]) -> str:

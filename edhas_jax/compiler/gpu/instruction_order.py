@@ -25,7 +25,9 @@ def order_with_few_values(
     return min(orders, key=lambda order: most_values(order, operands, results, start))
 
 
-def most_values(order: Sequence[int], operands: Operands, results: Collection[int], start: Collection[int]) -> int:
+def most_values(
+    order: Sequence[int], operands: Operands, results: Collection[int], start: Collection[int]
+) -> int:
     """The largest number of values that are kept at a time; arguments as of `order_with_few_values`."""
     last = {k: place for place, i in enumerate(order) for k in operands(i)} | dict.fromkeys(results, len(order))
     kept = {i for i in start if i in last}

@@ -69,7 +69,9 @@ def analyse_sensitivity(
             continue
         by_point = []
         for k, point in points.iterrows():
-            model = _model_at(task, point, lambda share, k=k, kind=kind: report(kind, (k + share) / len(points)))
+            model = _model_at(
+                task, point, lambda share, k=k, kind=kind: report(kind, (k + share) / len(points))
+            )
             try:
                 by_point.append(method(model, names, task.metrics, size, task.seed).assign(point=k))
             except ValueError as error:

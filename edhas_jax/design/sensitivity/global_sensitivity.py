@@ -134,3 +134,4 @@ def morris_effects(
                          "mu_star_conf": found["mu_star_conf"][i], "sigma": found["sigma"][i],
                          "trajectories": int(valid.sum())})  # fmt: skip
     return pd.DataFrame(rows)
+

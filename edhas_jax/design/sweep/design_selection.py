@@ -76,6 +76,7 @@ class DesignSelection:
         columns = {n: self.values(n)[self.selected] for n in names}
         return [n for n, column in columns.items() if column.min() < column.max()]
 
+
     def quantity(self, name: str, value: float) -> str:
         """A value (SI) of a column as text."""
         return format_quantity(value, self.result.fields[name][0])

@@ -76,15 +76,8 @@ def stream_sweep(
         store.check_space(len(sweep) - done)
         text, code = machine_text(sweep), user_code(sweep.machine)
         jobs = (
-            ChunkJob(
-                n,
-                text,
-                code,
-                {k: v[c.rows] for k, v in sweep.designs.items()},
-                c.steps_per_cycle,
-                sweep.settings,
-                c.many_lanes,
-            )  # fmt: skip
+            ChunkJob(n, text, code, {k: v[c.rows] for k, v in sweep.designs.items()}, c.steps_per_cycle, sweep.settings,
+                     c.many_lanes)  # fmt: skip
             for n, c in enumerate(chunks)
             if n not in finished
         )

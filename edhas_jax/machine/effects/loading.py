@@ -26,7 +26,9 @@ class UntrustedCodeError(EffectError):
     """Code that is named by a file has not been allowed to run; it did not."""
 
 
-def load_effect(spec: str, base_dir: Path | str = ".", trust: Trust = ()) -> type[Effect]:
+def load_effect(
+    spec: str, base_dir: Path | str = ".", trust: Trust = ()
+) -> type[Effect]:
     """Load an effect class.
 
     Args:
@@ -173,7 +175,7 @@ def _load_module(
             raise EffectError(f"no module `{source}`{hint}")
         raise UntrustedCodeError(
             f"{source}: is a Python module that was not allowed to run; add `{option} {source}:{name}` to the command "
-            f'(in Python: import it first, or trust=["{source}"]){hint}'
+            f"(in Python: import it first, or trust=[\"{source}\"]){hint}"
         )
     try:
         return importlib.import_module(source), source

@@ -99,7 +99,7 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
         before = campaign.remarks
         fastest = {run.whole: run.interval for run in sorted(runs, key=lambda run: -run.interval)}
         campaign = with_aligned_clocks(campaign, max(1, math.ceil(max(fastest.values()) / step - 1e-9)))
-        remarks += campaign.remarks[len(before) :]
+        remarks += campaign.remarks[len(before):]
     for name in campaign.channels:
         remarks += check_saturation(campaign, name, models)
     remarks += DelayCheck(campaign, models).check()

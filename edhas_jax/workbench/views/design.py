@@ -111,7 +111,11 @@ class DesignView:
 
     def _build_body(self) -> None:
         self._body.clear()
-        ranged = {row["name"]: row["name"].replace("_", " ") for row in self._opened["parameters"] if row["range"]}
+        ranged = {
+            row["name"]: row["name"].replace("_", " ")
+            for row in self._opened["parameters"]
+            if row["range"]
+        }
         self._more.set_options({n: t for n, t in ranged.items() if n not in self._sliders}, value=None)
         with self._body:
             with ui.element("div").classes("wb-split"):

@@ -63,7 +63,9 @@ class Plot:
             ui.run_javascript(f"getHtmlElement({self.element.id})?.scrollIntoView({where})")
 
     def _save_picture(self, suffix: str) -> None:
-        ui.run_javascript(PICTURE.format(id=self.element.id, format=json.dumps(suffix), name=json.dumps(self._mark)))
+        ui.run_javascript(
+            PICTURE.format(id=self.element.id, format=json.dumps(suffix), name=json.dumps(self._mark))
+        )
 
     async def _save_csv(self) -> None:
         rows = list(_points(self._figure)) if self._samples is None else await self._samples()
