@@ -61,13 +61,14 @@ def machine_keys(rig: type[Rig] | None = None) -> Keys:
         "effects": Key(list_of(own_value({"anyOf": effects}), "[lugre_friction]"),
                        "effects of the library, your own as file.py:ClassName, or tabulated laws (curve.yaml)"),
         "without": Key(list_of(own_value({"enum": usual}), "[lugre_friction]"),
-                       f"if given, the refined effects ({', '.join(usual)}) that the rig can have are in the machine "
-                       "beside `effects`, but for the ones listed here"),
+                       f"if given, the machine has the refined effects ({', '.join(usual)}) that suit its rig, except "
+                       "those listed here, beside `effects`"),
         "parameters": Key(by_name(own_value(QUANTITY), "{frequency: 20 Hz}", "parameter"),
                           "any parameter of the machine or of its effects, by name or owner.name"),
         **{name: Key(own_value(_section_schema(name, of), ", ".join(f"`{kind}`" for kind in of)),
-                     f"{name} of the machine, by its `kind`, with its parameters") for name, of in kinds.items()},
-        "simulation": Key(simulation_keys(rig or Rig).kind, "how a run is simulated"),
+                     f"which {name} the machine has; with parameters: a mapping with `kind`")
+           for name, of in kinds.items()},
+        "simulation": Key(simulation_keys(rig or Rig).kind, "duration, time step and output of a run"),
     })  # fmt: skip
 
 

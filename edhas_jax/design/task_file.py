@@ -73,9 +73,10 @@ COMMON = {
         "step": Key(quantity(SIMULATION_SETTINGS["step"]), "largest time step", shown="that of the machine"),
         "tolerance": Key(quantity(TOLERANCE), "change from cycle to cycle at which a design is periodic",
                          shown="0.01 %"),
-        "max_cycles": Key(whole_number(3, 100_000), "most cycles of a design", shown="16"),
+        "max_cycles": Key(whole_number(3, 100_000), "largest number of cycles of a design", shown="16"),
         "soft_start": Key(YES_NO, "the first cycle is a ramp", shown="yes"),
-        "precision": Key(choice(Precision, "precision"), "`float32` is faster", shown="that of the machine"),
+        "precision": Key(choice(Precision, "precision"), "of all numbers; `float32` is faster",
+                         shown="that of the machine"),
     }, "{step: 20 us}").kind, "how designs are run"),
 }  # fmt: skip
 

@@ -241,7 +241,7 @@ class CampaignDescription:
     def _read_timing(
         self, entry: Entry, values: Values, start: float | None, conditions: Mapping[str, float]
     ) -> RecordTiming:
-        """Where the time of a run is zero, and which part of the record is used."""
+        """The start of a run on the clock of its record, and the part of the record that is used."""
         start = next((s for s in (values["start"], start, self._timing.start) if s is not None), None)
         low, high = values["window"]["from"] or 0.0, values["window"]["to"]
         if not 0.0 <= low < (math.inf if high is None else high):
@@ -276,7 +276,7 @@ class CampaignDescription:
         return tuple(found)
 
     def _read_columns(self, section: Entry, columns: Mapping[str, Values]) -> dict[str, ColumnSource]:
-        """The columns of signals and drives that have another name in a run, `columns: {pressure: p_2}`."""
+        """The columns that are named differently in the file of this run, `columns: {pressure: p_2}`, by signal."""
         found, usual = {}, self.recorded | self.sources
         for name, values in columns.items():
             if name not in usual:

@@ -40,7 +40,7 @@ class Choices:
             return ""
 
     def read(self) -> dict[str, Any]:
-        """What is chosen, as texts; empty where there is no file, or none that can be read."""
+        """The content of the file as plain data; empty where it is missing or cannot be read."""
         try:
             data = parse_yaml(self.text(), "runs: [run1]")[0]
         except YamlError:

@@ -1,4 +1,4 @@
-"""The page of the keys of files has the tables that their declarations give; files of every kind obey its schema."""
+"""docs/keys.md has the tables that the declared keys give, and the shipped files obey their JSON schemas."""
 
 import json
 import os

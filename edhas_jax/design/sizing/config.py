@@ -108,7 +108,7 @@ class RobustObjective(enum.Enum):
 
 _WEIGHTS = own_value({"type": ["object", "array", "string"]}, "a metric, a list of metrics, or weights by metric")
 ROBUST = Keys({
-    "judge": Key(choice(RobustObjective), "what is optimised over the tolerances"),
+    "judge": Key(choice(RobustObjective), "optimise the mean over the tolerances, or their worst case"),
     "tolerances": Key(by_name(own_value({"type": "object"}), "{piston_clearance: {plus_minus: 3 um}}", "parameter"),
                       "`{plus_minus: 3 um}`, `{plus_minus: 5 %}` or `{from: 20 degC, to: 60 degC}`"),
 }, "{judge: expected, tolerances: {piston_clearance: {plus_minus: 3 um}}}")  # fmt: skip

@@ -48,7 +48,7 @@ SWEEP_KEYS = Keys({
     "file": Key(text_value(example="designs.csv"), "CSV or Parquet: a column `name [unit]` per parameter, a row per "
                 "design, no missing values", needed=True),
 }, "{kind: grid, parameters: {…}}", of_kind=KEYS_OF_KIND)  # fmt: skip
-KEYS = Keys(COMMON | {"sweep": Key(SWEEP_KEYS.kind, "the designs", needed=True)})
+KEYS = Keys(COMMON | {"sweep": Key(SWEEP_KEYS.kind, "which designs are simulated", needed=True)})
 
 
 @dataclasses.dataclass(frozen=True)
