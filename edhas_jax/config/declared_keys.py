@@ -283,6 +283,11 @@ class Keys:
         """The mapping as the kind of a value."""
         return Kind(self.read, self.schema(), self.example and f"`{self.example}`", self, reads_missing=True)
 
+    @classmethod
+    def named(cls, *names: str) -> "Keys":
+        """Keys whose values their reader reads itself, as entries."""
+        return cls({name: Key(own_value({}), "") for name in names})
+
     def read(self, entry: Entry) -> dict[str, Any]:
         """The value of each key, or its default; unknown and missing keys are problems."""
         if self.short and isinstance(entry.value, str):

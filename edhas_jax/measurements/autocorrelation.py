@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-Z_95 = 1.96  # 95 % quantile of the normal distribution, both sides
+from edhas_jax.measurements.residuals import Z_95
 
 
 def autocorrelation(residuals: np.ndarray, lags: int) -> np.ndarray:

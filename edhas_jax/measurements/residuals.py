@@ -9,6 +9,7 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.measurement_model import PredictedSignals
 
 OVERALL = "overall"
+Z_95 = 1.96  # standard errors on either side of a 95 % band
 
 
 def normalised_residuals(campaign: Campaign, run: BenchRun, predicted: PredictedSignals) -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from edhas_jax.config.declared_keys import Key, Keys, own_value
+from edhas_jax.config.declared_keys import Keys
 from edhas_jax.config.document import Entry
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, difference_to_si, exact_quantity, format_quantity
@@ -170,7 +170,7 @@ def read_spread(entry: Entry, p: Parameter, value: float | None = None) -> Sprea
     share, size = "0.1", format_quantity(USUAL_SHARE * (p.default or 1.0), p.unit)
     forms = {"relative": (share, "-"), "absolute": (size, p.unit)}
     if isinstance(entry.value, Mapping):
-        Keys({name: Key(own_value({}), "") for name in forms}).read(entry)
+        Keys.named(*forms).read(entry)
         given = [name for name in forms if name in entry]
         if len(given) != 1:
             return entry.add(f"one of `relative: {share}` and `absolute: {size}` belongs here")

@@ -11,7 +11,6 @@ from edhas_jax.config.law_file import law_units
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core.literal_text import file_name
 from edhas_jax.core.units import exact_quantity, format_quantity, from_si
-from edhas_jax.diagnosis.laws.curve_figure import Z_95
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.diagnosis.report.report import law_sentence
 from edhas_jax.diagnosis.search.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
@@ -29,6 +28,7 @@ from edhas_jax.measurements.comparison_report import sentences
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
 from edhas_jax.measurements.residual_patterns import Pattern, find_patterns
+from edhas_jax.measurements.residuals import Z_95
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter, uncertain_unknowns
 from edhas_jax.workbench.thinning import thinned
 from edhas_jax.workbench.workspace import RESULTS, TRIED, Workspace, WorkspaceError

@@ -22,7 +22,7 @@ from edhas_jax.diagnosis.laws.added_terms import AddedTerm, added_slopes, curve_
 from edhas_jax.diagnosis.laws.curve_basis import basis, free_nodes
 from edhas_jax.diagnosis.laws.curve_start import start_beside_law
 from edhas_jax.diagnosis.laws.law_places import law_places
-from edhas_jax.diagnosis.laws.law_samples import law_samples
+from edhas_jax.diagnosis.laws.law_samples import law_samples, samples_at_slots
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
@@ -110,8 +110,8 @@ def law_size(fit: Fit, candidate: Candidate, place: LawPlace) -> float | None:
     own = () if slot is None else law_places(fit.machine, slot.name)
     if not own:
         return None
-    law = law_samples(fit, own[:1], candidate.id).law - own[0].neutral
-    weight = law_samples(fit, (place,)).weight(place)
+    samples = samples_at_slots(fit, (own[0], place), candidate.id)
+    law, weight = samples[own[0].slot].law - own[0].neutral, samples[place.slot].weight(place)
     size = float(np.abs(law).max() / np.sqrt(np.mean(np.square(weight))))
     return size if size > 0.0 and np.isfinite(size) else None
 

@@ -8,8 +8,8 @@ from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.laws.curve_basis import basis
 from edhas_jax.diagnosis.laws.law_curve import LawCurve
 from edhas_jax.machine.interface.slots import Rule
+from edhas_jax.measurements.residuals import Z_95
 
-Z_95 = 1.96  # standard errors on either side of a 95 % band
 LINE_POINTS = 400
 VISIT_BINS = 60
 

@@ -7,6 +7,7 @@ from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import display_unit, from_si
 from edhas_jax.inference.fit.calibration import DRIFT_SCORE, IMPLAUSIBLE_DISTANCE, Calibration
 from edhas_jax.inference.fit.uncertainty import CHI2_95
+from edhas_jax.measurements.residuals import Z_95
 
 PRIOR_COLOUR = "#d8dee4"
 
@@ -24,11 +25,11 @@ def draw_estimates(calibration: Calibration):
     for edge in (-IMPLAUSIBLE_DISTANCE, IMPLAUSIBLE_DISTANCE):
         axes.axvline(edge, color=COLOURS[1], lw=0.9, ls=":")
     rows = np.arange(count)[::-1]
-    axes.errorbar(fit.x, rows, xerr=1.96 * fit.std, fmt="o", ms=5, color=COLOURS[0], elinewidth=2, capsize=3)
+    axes.errorbar(fit.x, rows, xerr=Z_95 * fit.std, fmt="o", ms=5, color=COLOURS[0], elinewidth=2, capsize=3)
     if calibration.drift is not None:
         for k, row in enumerate(rows):
             axes.plot(calibration.drift.x[:, k], np.full(len(calibration.drift.x), row - 0.26), "|", ms=7, color=GREY)
-    width = 1.15 * max(3.0, np.abs(fit.x + np.sign(fit.x) * 1.96 * fit.std).max())
+    width = 1.15 * max(3.0, np.abs(fit.x + np.sign(fit.x) * Z_95 * fit.std).max())
     axes.set_xlim(-width, width)
     labels = [f"{u.name.replace('_', ' ')}   {fit.text(u.name)}" for u in fit.problem.unknowns]
     axes.set_yticks(rows, labels, fontsize=9, color=INK)

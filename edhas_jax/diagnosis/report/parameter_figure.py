@@ -3,9 +3,9 @@
 import numpy as np
 
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
-from edhas_jax.diagnosis.laws.curve_figure import Z_95
 from edhas_jax.diagnosis.report.calibration_figures import PRIOR_COLOUR
 from edhas_jax.diagnosis.search.result import Diagnosis
+from edhas_jax.measurements.residuals import Z_95
 
 CALIBRATED_COLOUR = COLOURS[4]
 MIN_HALF_RANGE = 3.0  # of the horizontal axis, in standard deviations of the prior

@@ -7,11 +7,11 @@ import numpy as np
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.candidates.candidate import Candidate
-from edhas_jax.diagnosis.laws.curve_figure import Z_95
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.residuals import Z_95
 from edhas_jax.measurements.sensor_models import SensorGain, SensorOffset
 
 ERROR_BINS = 24  # bins of equal count over which errors are averaged

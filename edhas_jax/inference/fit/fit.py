@@ -21,7 +21,7 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel, PredictedSignals
-from edhas_jax.measurements.residuals import normalised_residuals
+from edhas_jax.measurements.residuals import Z_95, normalised_residuals
 from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
 from edhas_jax.measurements.unknown_parameters import own_unknowns
 
@@ -150,7 +150,7 @@ class Fit:
         unit = unit or next(u.unit for u in self.problem.unknowns if u.name == name)
         return estimate_text(self.values[name], self.standard_errors[name], unit, self.at_limit.get(name))
 
-    def interval(self, name: str, sigmas: float = 1.96) -> tuple[float, float]:
+    def interval(self, name: str, sigmas: float = Z_95) -> tuple[float, float]:
         """Confidence interval (SI) of an unknown: `sigmas` standard errors to either side, within its span.
 
         NaN for an estimate at a limit.

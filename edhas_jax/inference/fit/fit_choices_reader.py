@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.config.declared_keys import Key, Keys, own_value, quantity, size_in
+from edhas_jax.config.declared_keys import Keys, quantity, size_in
 from edhas_jax.config.document import Document, Entry
 from edhas_jax.config.yaml_with_lines import yaml_type
 from edhas_jax.core.name_suggestion import suggest
@@ -16,8 +16,9 @@ from edhas_jax.machine.parameters import ParameterError, find_parameter, get_par
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
 from edhas_jax.measurements.unknown_parameters import UnknownParameter, read_spread, uncertain_unknowns
 
-KEYS = Keys({name: Key(own_value({}), "") for name in ("parameters", "runs", "signals", "windows")})
-PARAMETER_KEYS = Keys({name: Key(own_value({}), "") for name in ("free", "value", "min", "max", "prior")})
+KEYS = Keys.named("parameters", "runs", "signals", "windows")
+PARAMETER_KEYS = Keys.named("free", "value", "min", "max", "prior")
+TIME = size_in("s", "0.1 s", 0.0)
 NO_PRIOR = "none"
 NOISE_FACTORS = 1e-3, 1e3  # beyond them a signal counts alone, or not at all
 LEAST_SAMPLES = 2  # of a window: with one there is nothing to compare over time
@@ -95,7 +96,7 @@ class _Reader:
         free = {"true": True, "false": False}.get(str(row.value.get("free", True)).lower())
         if free is None:
             return row["free"].add(f"true or false belongs here, not {row.value['free']}")
-        numbers = {n: self._read_number(row[n], p) for n in ("value", "min", "max") if n in row}
+        numbers = {n: quantity(p).read(_with_unit(row[n], p.unit)) for n in ("value", "min", "max") if n in row}
         spread, has_prior = None, True
         if str(row["prior"].value) == NO_PRIOR:
             has_prior = False
@@ -109,13 +110,6 @@ class _Reader:
         elif name not in self._unknowns and spread is None and name not in self._campaign.uncertain:
             row.add("is not under `uncertain` of the campaign, so it needs a prior, such as `prior: 0.1`")
         return ParameterChoice(free, numbers.get("value"), numbers.get("min"), numbers.get("max"), spread, has_prior)
-
-    @staticmethod
-    def _read_number(entry: Entry, p: Parameter) -> float | None:
-        """A text with unit, or from Python a number in SI."""
-        if _is_number(entry.value) and p.unit != "-":
-            entry = Entry(f"{entry.value!r} {p.unit}", entry.key, entry.problems)
-        return quantity(p).read(entry)
 
     def _read_runs(self) -> tuple[str, ...] | None:
         entry = self._top["runs"]
@@ -161,7 +155,7 @@ class _Reader:
             if not isinstance(row.value, list | tuple) or len(row.value) != 2:
                 row.add(f"first and last time belong here, such as `[0.1 s, 0.5 s]`; got {row.value}")
                 continue
-            first, last = map(self._read_time, row.list())
+            first, last = (TIME.read(_with_unit(time, "s")) for time in row.list())
             if first is None or last is None:
                 continue
             time = self._runs[str(name)].time
@@ -171,12 +165,6 @@ class _Reader:
                 continue
             found[str(name)] = first, last
         return found
-
-    @staticmethod
-    def _read_time(entry: Entry) -> float | None:
-        """A time with unit, or from Python a number of seconds."""
-        text = f"{entry.value!r} s" if _is_number(entry.value) else entry.value
-        return size_in("s", "0.1 s", 0.0).read(Entry(text, entry.key, entry.problems))
 
     def _check_as_a_whole(self) -> None:
         """Check what depends on several choices: limits around values, something to fit."""
@@ -215,5 +203,7 @@ class _Reader:
             entry["value"].add(f"the search goes from {text(low)} to {text(high)}; got {text(choice.value)}")
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def _with_unit(entry: Entry, unit: str) -> Entry:
+    """A quantity as text with its unit: Python may give a number in SI."""
+    is_number = isinstance(entry.value, int | float) and not isinstance(entry.value, bool)
+    return Entry(f"{entry.value!r} {unit}", entry.key, entry.problems) if is_number and unit != "-" else entry

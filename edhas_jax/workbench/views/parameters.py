@@ -8,6 +8,7 @@ from nicegui import ui
 
 from edhas_jax.core.units import estimate_text, format_quantity
 from edhas_jax.workbench.views.save import csv_button
+from edhas_jax.workbench.views.table import check_box, field_table, text_field
 from edhas_jax.workbench.workspace import CALIBRATED
 
 FIELDS = {"value": "initial value", "prior": "prior", "min": "min", "max": "max"}
@@ -50,11 +51,7 @@ class Parameters:
             with ui.row().classes("items-center gap-1"):
                 ui.label("Parameters").classes("wb-h")
                 csv_button("parameters", self._csv)
-            with ui.element("div").classes("wb-scroll"), ui.element("table").classes("wb-table wb-fields"):
-                with ui.element("tr"):
-                    for head in HEADS:
-                        with ui.element("th"):
-                            ui.label(head)
+            with field_table(*HEADS):
                 for name in names:
                     with ui.element("tr") as row:
                         row.props["data-mark"] = f"row-{name}"
@@ -95,9 +92,7 @@ class Parameters:
         is_free = row.get("free") is not False
         with ui.element("td"):
             if name in self._unknowns():
-                box = ui.checkbox(value=is_free, on_change=lambda: self._choose(name)).props("dense")
-                box.props["aria-label"] = f"{title} is free"
-                self._free[name] = box
+                self._free[name] = check_box(f"{title} is free", is_free, self._choose, name)
             else:
                 remove = ui.button(icon="close", on_click=lambda: self._remove(name)).props("flat round dense size=sm")
                 remove.props["aria-label"] = f"do not free {title}"
@@ -105,9 +100,7 @@ class Parameters:
             ui.label(title)
         for key, head in FIELDS.items():
             with ui.element("td"):
-                field = ui.input(value=_field_text(row.get(key)), placeholder=hints[key]).props("dense borderless")
-                field.props["aria-label"] = f"{head} of {title}"
-                field.on("blur", lambda: self._choose(name)).on("keydown.enter", lambda: self._choose(name))
+                field = text_field(f"{head} of {title}", _field_text(row.get(key)), hints[key], self._choose, name)
                 field.set_enabled(is_free or key == OF_FIXED)
                 fields[key] = field
         self._fields[name] = fields

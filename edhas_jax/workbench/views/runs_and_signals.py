@@ -5,6 +5,8 @@ from typing import Any
 
 from nicegui import ui
 
+from edhas_jax.workbench.views.table import check_box, field_table, text_field
+
 NOTES = (
     "Runs that are not fitted are held out. Of a run with a time window only the samples in it are used; it is "
     "simulated from its start all the same. A factor of 2 on the noise of a signal leaves its samples a quarter of "
@@ -57,11 +59,11 @@ class RunsAndSignals:
         chosen = self._page.session.choices.read()
         usual = [n for n, run in summary["runs"].items() if run["use"] == "fit"]
         fitted = chosen.get("runs", usual)
-        with _table("fitted", "run", "from", "to", "conditions"):
+        with field_table("fitted", "run", "from", "to", "conditions"):
             for name, run in summary["runs"].items():
                 with ui.element("tr"):
                     with ui.element("td"):
-                        self._fitted[name] = _box(f"{name} is fitted", name in fitted, self._choose_runs)
+                        self._fitted[name] = check_box(f"{name} is fitted", name in fitted, self._choose_runs)
                     with ui.element("td"):
                         ui.label(name)
                     window = chosen.get("windows", {}).get(name) or ("", "")
@@ -69,26 +71,26 @@ class RunsAndSignals:
                     fields = []
                     for text, hint, what in zip(window, hints, ("first", "last"), strict=False):
                         with ui.element("td"):
-                            fields.append(_field(f"{what} time of {name}", text, hint, self._choose_window, name))
+                            fields.append(text_field(f"{what} time of {name}", text, hint, self._choose_window, name))
                     self._windows[name] = tuple(fields)
                     with ui.element("td").classes("wb-quiet"):
                         ui.label(summary["conditions"].get(name, ""))
 
     def _build_signals(self, summary: dict[str, Any]) -> None:
         chosen = self._page.session.choices.read().get("signals")
-        with _table("used", "signal", "factor on its noise", "noise"):
+        with field_table("used", "signal", "factor on its noise", "noise"):
             for name, unit in summary["signals"].items():
                 title = name.replace("_", " ")
                 is_used = chosen is None or name in chosen
                 with ui.element("tr"):
                     with ui.element("td"):
-                        self._used[name] = _box(f"{title} is used", is_used, self._choose_signals)
+                        self._used[name] = check_box(f"{title} is used", is_used, self._choose_signals)
                     with ui.element("td"):
                         ui.label(title)
                     with ui.element("td"):
                         factor = str((chosen or {}).get(name, ""))
                         factor = "" if factor in ("1", "1.0") else factor
-                        field = _field(f"factor on the noise of {title}", factor, "1", self._choose_signals)
+                        field = text_field(f"factor on the noise of {title}", factor, "1", self._choose_signals)
                         self._factors[name] = field
                     with ui.element("td"):
                         ui.label(f"{summary['noise'][name]:.4g} {unit}")
@@ -121,27 +123,3 @@ class RunsAndSignals:
     async def _changed(self) -> None:
         self._shown = self._state()
         await self._on_choice()
-
-
-def _table(*heads: str) -> ui.element:
-    with ui.element("div").classes("wb-scroll"):
-        table = ui.element("table").classes("wb-table wb-fields")
-    with table, ui.element("tr"):
-        for head in heads:
-            with ui.element("th"):
-                ui.label(head)
-    return table
-
-
-def _box(label: str, value: bool, on_change: Callable) -> ui.checkbox:
-    box = ui.checkbox(value=value, on_change=lambda: on_change()).props("dense")
-    box.props["aria-label"] = label
-    return box
-
-
-def _field(label: str, text: str, hint: str, on_change: Callable, *arguments: str) -> ui.input:
-    field = ui.input(value=str(text), placeholder=hint).props("dense borderless")
-    field.props["aria-label"] = label
-    for event in ("blur", "keydown.enter"):
-        field.on(event, lambda: on_change(*arguments))
-    return field

@@ -1,6 +1,6 @@
-"""A table of texts."""
+"""Tables of texts, and of boxes and fields that are edited."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 from nicegui import ui
 
@@ -20,3 +20,30 @@ def show_table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Col
                 for style, text in zip(styles, texts, strict=True):
                     with ui.element(tag).classes(style):
                         ui.label(text)
+
+
+def field_table(*heads: str) -> ui.element:
+    """A table with titles, whose rows are added inside it."""
+    with ui.element("div").classes("wb-scroll"):
+        table = ui.element("table").classes("wb-table wb-fields")
+    with table, ui.element("tr"):
+        for head in heads:
+            with ui.element("th"):
+                ui.label(head)
+    return table
+
+
+def check_box(label: str, value: bool, on_change: Callable, *arguments: str) -> ui.checkbox:
+    """A box in a cell; `on_change` is called with the arguments."""
+    box = ui.checkbox(value=value, on_change=lambda: on_change(*arguments)).props("dense")
+    box.props["aria-label"] = label
+    return box
+
+
+def text_field(label: str, text: object, hint: str, on_change: Callable, *arguments: str) -> ui.input:
+    """A field in a cell, with a hint where it is empty; `on_change` is called with the arguments once it is left."""
+    field = ui.input(value=str(text), placeholder=hint).props("dense borderless")
+    field.props["aria-label"] = label
+    for event in ("blur", "keydown.enter"):
+        field.on(event, lambda: on_change(*arguments))
+    return field
