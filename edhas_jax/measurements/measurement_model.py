@@ -15,7 +15,7 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, has_parameter
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.replay import Replay, machine_with_replay
-from edhas_jax.measurements.unknown_parameters import UnknownParameter
+from edhas_jax.measurements.unknown_parameters import ShapeCoefficient, UnknownParameter
 from edhas_jax.simulation.batch_trajectories import simulate_batch
 
 MAX_TIMESTAMP_ERROR = 1e-4  # in sample intervals; time stamps further off the regular grid need interpolation
@@ -86,7 +86,7 @@ class MeasurementModel:
         self._is_of_machine = [instruments.find(u.name) is None for u in self.unknowns]
         conditions = {n for run in self.runs for n in run.conditions if has_parameter(machines[0], n)}
         of_machine = [u for u, is_of_machine in zip(self.unknowns, self._is_of_machine, strict=True) if is_of_machine]
-        varied = {u.parameter for u in of_machine}
+        varied = {name for u in of_machine for name in u.parameters}
         for name in sorted({u.name for u in of_machine if not u.run} & conditions - set(campaign.uncertain)):
             raise ParameterError(f"{name}: is set by the runs, so it cannot be sought; name it as uncertain")
         self._acting = [[j for j, u in enumerate(self.unknowns) if self._acts(j, u, run)] for run in self.runs]
@@ -153,7 +153,8 @@ class MeasurementModel:
                 for (_, r), first, (_, derivatives) in zip(jobs, firsts, lane_rows, strict=False):
                     for lane, j in enumerate(self._acting[r], first):
                         if self._is_of_machine[j]:
-                            tangents[self.unknowns[j].parameter][lane] = derivatives[j]
+                            for name, slope in derivatives[j].items():
+                                tangents[name][lane] = slope
             points_per_sample = group.points_per_sample(steps_per_sample)
             grid_interval = group.interval / points_per_sample
             samples = (max(self._sample_count(r, group) for r in of) for of in members.values())
@@ -201,14 +202,17 @@ class MeasurementModel:
         slopes[:, acting] = lanes[:, first : first + len(acting)]
         return slopes
 
-    def _lane(self, x: np.ndarray, r: int) -> tuple[dict[str, float], np.ndarray]:
-        """The parameter values of run `r` at `x`, and the derivative of each unknown's value by its coordinate."""
-        values, derivatives = dict(self._run_values[r]), np.zeros(len(self.unknowns))
-        for j in self._acting[r]:
+    def _lane(self, x: np.ndarray, r: int) -> tuple[dict[str, float], dict[int, dict[str, float]]]:
+        """The parameter values of run `r` at `x`, and by unknown the derivatives of these by its coordinate."""
+        values, derivatives = dict(self._run_values[r]), {}
+        for j in (j for j in self._acting[r] if self._is_of_machine[j]):
             u = self.unknowns[j]
-            if self._is_of_machine[j]:
+            if isinstance(u, ShapeCoefficient):
+                derivatives[j] = dict(u.weights)
+                values |= {name: values[name] + slope * float(x[j]) for name, slope in u.weights}
+            else:
+                derivatives[j] = {u.parameter: float(u.derivative(x[j])) * self._in_run(r, u)[0]}
                 values[u.parameter] = self.run_value(r, u, x[j])
-                derivatives[j] = float(u.derivative(x[j])) * self._in_run(r, u)[0]
         return values, derivatives
 
     def run_value(self, r: int, u: UnknownParameter, x: float) -> float:

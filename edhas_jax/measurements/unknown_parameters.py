@@ -59,6 +59,11 @@ class UnknownParameter:
         """The name without that of the run."""
         return self.name.removesuffix(f" in {self.run}") if self.run else self.name
 
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The parameters of the machine that it changes."""
+        return (self.parameter,)
+
     def value(self, x):
         """The value (SI) at coordinate `x`."""
         if self.scale is ParameterScale.LOGARITHMIC:
@@ -86,6 +91,27 @@ class UnknownParameter:
         """The smallest and the largest coordinate that the search may try."""
         low, high = sorted(self.coordinate(value) for value in self.span)
         return (max(low, -PRIOR_BOUND), min(high, PRIOR_BOUND)) if self.has_prior else (low, high)
+
+
+@dataclasses.dataclass(frozen=True)
+class ShapeCoefficient(UnknownParameter):
+    """The coefficient of a shape that several parameters of the machine follow together.
+
+    Args:
+        weights: change (SI) of each of these parameters, by name, per unit of the coordinate.
+    """
+
+    weights: tuple[tuple[str, float], ...] = ()
+
+    @classmethod
+    def of(cls, name: str, weights: Mapping[str, float]) -> "ShapeCoefficient":
+        """The coefficient with a name, whose prior is the standard normal distribution."""
+        return cls(name, 0.0, 1.0, "-", (-math.inf, math.inf), ParameterScale.LINEAR, weights=tuple(weights.items()))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The parameters of the machine that it changes."""
+        return tuple(name for name, _ in self.weights)
 
 
 def uncertain_unknowns(campaign: Campaign, machine: Rig | None = None) -> tuple[UnknownParameter, ...]:

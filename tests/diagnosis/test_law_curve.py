@@ -14,7 +14,7 @@ from edhas_jax.commands.cli import main
 from edhas_jax.config.law_file import read_law_file
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core import structs
-from edhas_jax.diagnosis.laws.added_terms import added_slopes, curve_term
+from edhas_jax.diagnosis.laws.added_terms import AddedTerm, added_slopes
 from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
 from edhas_jax.diagnosis.laws.curve_fit import estimate_free_curve, estimate_law_curve, exact_steps
 from edhas_jax.diagnosis.laws.curve_onset import is_smooth, onset
@@ -37,7 +37,7 @@ from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.campaign_writer import write_campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.residuals import OVERALL, rms_by_signal
-from edhas_jax.measurements.unknown_parameters import UnknownParameter, uncertain_unknowns
+from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter, uncertain_unknowns
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 POSITION = LawPlace("mover_force", "piston_position")
@@ -119,7 +119,12 @@ def test_a_law_that_differs_is_replaced(dead_time):
 
 def test_columns_are_derivatives_of_the_signals(bumps):
     campaign, without, _ = bumps
-    (slopes,) = added_slopes(without, [curve_term(POSITION, NODES, "curve")])
+    table = LawTable("curve", POSITION, NODES, np.zeros(len(NODES)))
+    values = [
+        UnknownParameter(f"curve.value_{k}", 0.0, 1.0, "N", (-np.inf, np.inf), ParameterScale.LINEAR)
+        for k in range(1, len(NODES) + 1)
+    ]
+    (slopes,) = added_slopes(without, [AddedTerm(table.effect(), values)])
     assert len(slopes) == len(campaign.runs_for(Use.FIT)) and slopes[0]["current"].shape == (401, len(NODES))
     k, step = 5, 1e-3
     ends = []

@@ -1,8 +1,9 @@
 """Free curves as candidates: where does something act of which no law is known?
 
 At every place of the machine (a slot, and a variable that a law there may follow) a curve of unknown shape may be
-added. Its values at the nodes are parameters that a fit estimates with all others. Around a fit the signals are linear
-in them, so that one simulation with derivatives tells how much of the misfit the best curve explains.
+added: a sum of a few smooth shapes (`smooth_shapes`), whose coefficients a fit estimates with all other unknowns.
+Around a fit the signals are linear in them, so that one simulation with derivatives tells how much of the misfit the
+best curve explains.
 """
 
 import dataclasses
@@ -13,7 +14,8 @@ import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.candidates.candidate import FreeTerm
-from edhas_jax.diagnosis.laws.added_terms import Columns, added_slopes, curve_term
+from edhas_jax.diagnosis.laws.added_terms import AddedTerm, Columns, added_slopes
+from edhas_jax.diagnosis.laws.curve_prior import smooth_shapes
 from edhas_jax.diagnosis.laws.curve_start import start_from_nothing
 from edhas_jax.diagnosis.laws.law_curve import LawCurve
 from edhas_jax.diagnosis.laws.law_places import law_places
@@ -23,17 +25,17 @@ from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable, tabulate
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
+from edhas_jax.measurements.unknown_parameters import ShapeCoefficient, UnknownParameter
 
 GROUP = 4  # curves that are simulated together: more save compilation, fewer the time of each step
 
 
 @dataclasses.dataclass(frozen=True)
 class CurveCandidate(FreeTerm):
-    """A curve at a place of the machine; values in SI.
+    """A curve at a place of the machine; values in SI. Its numbers are the coefficients of its shapes.
 
     Args:
-        nodes: nodes of the curve, whose values at them are its numbers.
+        nodes: nodes of the curve.
     """
 
     nodes: tuple[float, ...] = ()
@@ -46,22 +48,36 @@ class CurveCandidate(FreeTerm):
 
     def mounted(self, machine: Rig, instruments: Instruments) -> tuple[Rig, Instruments]:
         """The machine with the curve, without influence at first."""
-        nodes = np.array(self.nodes)
-        effect = LawTable(self.id, self.place, nodes, np.full(len(nodes), self.place.neutral)).effect()
-        return structs.replace(machine, effects=(*machine.effects, effect)), instruments
+        return structs.replace(machine, effects=(*machine.effects, self._neutral().effect())), instruments
 
     def unknowns(self, campaign: Campaign) -> list[UnknownParameter]:
-        """The values of the curve as unknowns, with a normal prior each."""
-        neutral, unit, limits = self.place.neutral, self.place.value_unit, (-np.inf, np.inf)
+        """The coefficients of the shapes as unknowns, with a standard normal prior each."""
+        names = [f"{self.id}.value_{k}" for k in range(1, len(self.nodes) + 1)]
         return [
-            UnknownParameter(name, neutral, self.spread, unit, limits, ParameterScale.LINEAR)
-            for name in self.value_names
+            ShapeCoefficient.of(own, dict(zip(names, map(float, column), strict=True)))
+            for own, column in zip(self.coefficient_names, self.spread * self.shapes.T, strict=True)
         ]
 
     @property
-    def value_names(self) -> list[str]:
-        """The names of the values among the unknowns of a fit."""
-        return [f"{self.prefix}value_{k}" for k in range(1, len(self.nodes) + 1)]
+    def shapes(self) -> np.ndarray:
+        """The shapes (n, k) at the nodes."""
+        return smooth_shapes(np.array(self.nodes))
+
+    @property
+    def coefficient_names(self) -> list[str]:
+        """The names of the coefficients among the unknowns of a fit."""
+        return [f"{self.prefix}shape_{k}" for k in range(1, self.shapes.shape[1] + 1)]
+
+    def nearest(self, values: np.ndarray) -> np.ndarray:
+        """The coefficients (k,) of the curve that comes nearest to values at the nodes (n,), in prior deviations."""
+        return np.linalg.lstsq(self.shapes, values, rcond=None)[0]
+
+    def term(self, campaign: Campaign) -> AddedTerm:
+        """The curve without influence, and its unknowns."""
+        return AddedTerm(self._neutral().effect(), self.unknowns(campaign))
+
+    def _neutral(self) -> LawTable:
+        return LawTable(self.id, self.place, np.array(self.nodes), np.full(len(self.nodes), self.place.neutral))
 
     def table(self, fit: Fit, origin: str = "") -> LawTable:
         """The curve as fitted, with its standard errors.
@@ -70,9 +86,11 @@ class CurveCandidate(FreeTerm):
             fit: a fit with the curve.
             origin: where it comes from, for a file.
         """
-        all_errors = {u.name: u.spread * std for u, std in zip(fit.problem.unknowns, fit.std, strict=True)}
-        values, errors = ([of[name] for name in self.value_names] for of in (fit.values, all_errors))
-        return LawTable(self.id, self.place, np.array(self.nodes), np.array(values), np.array(errors), origin)
+        places = [k for k, u in enumerate(fit.problem.unknowns) if u.name in self.coefficient_names]
+        shapes, covariance = self.spread * self.shapes, fit.covariance[np.ix_(places, places)]
+        values = self.place.neutral + shapes @ fit.x[places]
+        errors = np.sqrt(np.einsum("nk,kl,nl->n", shapes, covariance, shapes))
+        return LawTable(self.id, self.place, np.array(self.nodes), values, errors, origin)
 
 
 def fitted_curve(fit: Fit, curve: CurveCandidate) -> LawCurve:
@@ -100,7 +118,7 @@ def free_curve(fit: Fit, place: LawPlace, samples: LawSamples | None = None) -> 
 
 
 def curves_with_slopes(fit: Fit, report: Callable[[str], None]) -> Iterator[tuple[CurveCandidate, Columns]]:
-    """The free curves at all places of a machine, each with the derivatives of all signals by its values.
+    """The free curves at all places of a machine, each with the derivatives of all signals by its coefficients.
 
     Args:
         fit: the fit of the model to which they are added.
@@ -113,7 +131,7 @@ def curves_with_slopes(fit: Fit, report: Callable[[str], None]) -> Iterator[tupl
     for first in range(0, len(curves), GROUP):
         some = curves[first : first + GROUP]
         report(f"looking for free curves, {first + len(some)} of {len(curves)}")
-        slopes = added_slopes(fit, [curve_term(curve.place, np.array(curve.nodes), curve.id) for curve in some])
+        slopes = added_slopes(fit, [curve.term(fit.problem.campaign) for curve in some])
         yield from zip(some, slopes, strict=True)
 
 

@@ -11,14 +11,14 @@ Around a fit the curve is linear in its values, so that columns of its slopes te
 clear the curve is mounted on the machine, and its values become unknowns of the fit as any other parameter.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate
 from edhas_jax.diagnosis.candidates.memory_term import MemoryTerm, memory_class
-from edhas_jax.diagnosis.laws.added_terms import AddedTerm, added_slopes, curve_term
+from edhas_jax.diagnosis.laws.added_terms import AddedTerm, Columns, added_slopes
 from edhas_jax.diagnosis.laws.curve_basis import basis, free_nodes
 from edhas_jax.diagnosis.laws.curve_start import start_beside_law
 from edhas_jax.diagnosis.laws.law_places import law_places
@@ -27,7 +27,7 @@ from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 
-DEVIATION_SHARE = 0.5  # prior standard deviation of the deviation at a node, over the largest magnitude of the law
+DEVIATION_SHARE = 0.5  # prior standard deviation of the deviation, over the largest magnitude of the law
 # a law that changes that fast, in shares of the range of its variable, as a friction around standstill does, gets so
 # many nodes for its deviation, clustered that much around zero
 STEEP_SPACING, STEEP_NODES, STEEP_CLUSTERING = 0.02, 13, 6.0
@@ -137,13 +137,12 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
     ]
 
 
-def curve_columns(fit: Fit, deviation: LawDeviation) -> list[dict[str, np.ndarray]] | None:
-    """The change of the signals by one prior standard deviation at each node; None where that is not finite."""
-    (slopes,) = added_slopes(fit, [curve_term(deviation.place, np.array(deviation.nodes), deviation.id)])
-    return _scaled(slopes, deviation.spread)
+def curve_columns(fit: Fit, deviation: LawDeviation) -> Columns | None:
+    """The change of the signals by one prior standard deviation of each shape; None where that is not finite."""
+    return _finite(*added_slopes(fit, [deviation.term(fit.problem.campaign)]))
 
 
-def memory_columns(fit: Fit, candidate: Candidate) -> list[dict[str, np.ndarray]] | None:
+def memory_columns(fit: Fit, candidate: Candidate) -> Columns | None:
     """The change of the signals where a law that depends on the past of a signal does so in another way.
 
     Args:
@@ -165,13 +164,10 @@ def memory_columns(fit: Fit, candidate: Candidate) -> list[dict[str, np.ndarray]
     if not (past > 0.0 and size > 0.0 and np.isfinite(size)):
         return None
     term = MemoryTerm(memory_class(place), None, place, DEVIATION_SHARE * float(size / past))
-    (slopes,) = added_slopes(fit, [AddedTerm(term.kind(), term.unknowns(fit.problem.campaign))])
-    return _scaled(slopes, 1.0)
+    return _finite(*added_slopes(fit, [AddedTerm(term.kind(), term.unknowns(fit.problem.campaign))]))
 
 
-def _scaled(slopes: Sequence[Mapping[str, np.ndarray]], factor: float) -> list[dict[str, np.ndarray]] | None:
-    """Slopes times a factor; None where they are not finite."""
-    columns = [{n: factor * v for n, v in run.items()} for run in slopes]
+def _finite(columns: Columns) -> Columns | None:
     return columns if all(np.isfinite(v).all() for run in columns for v in run.values()) else None
 
 

@@ -168,7 +168,4 @@ def memories_with_slopes(fit: Fit, report: Callable[[str], None]) -> list[tuple[
             terms.append(term(class_at(place), None, place, place.declaration.typical_size / past))
     campaign = fit.problem.campaign
     found = added_slopes(fit, [AddedTerm(term.kind(), term.unknowns(campaign)) for term in terms])
-    return [
-        (term, [{n: v / term.spread for n, v in run.items()} for run in slopes])
-        for term, slopes in zip(terms, found, strict=True)
-    ]
+    return list(zip(terms, found, strict=True))

@@ -1,6 +1,5 @@
 """How the measured signals change with a curve at a place of the machine: linear columns around a fit."""
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,9 +8,8 @@ import numpy as np
 from edhas_jax.core import structs
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.machine.effects import Effect
-from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable
 from edhas_jax.measurements.measurement_model import MeasurementModel
-from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
+from edhas_jax.measurements.unknown_parameters import UnknownParameter
 
 
 class AddedTerm(NamedTuple):
@@ -22,25 +20,6 @@ class AddedTerm(NamedTuple):
 
 
 Columns = tuple[dict[str, np.ndarray], ...]  # by fitted run and signal (samples, n) in SI
-
-
-def curve_term(place: LawPlace, nodes: np.ndarray, name: str) -> AddedTerm:
-    """A curve that changes nothing yet, with its values as unknowns.
-
-    Args:
-        place: slot, variable and factors of the curve; where an effect acts there already, it is a deviation from that.
-        nodes: nodes (n,) in SI.
-        name: id of the curve as an effect; programs are compiled for each name.
-    """
-    count = len(nodes)
-    table = LawTable(name, place, np.asarray(nodes, float), np.full(count, place.neutral))
-    unknowns = tuple(
-        UnknownParameter(
-            f"{name}.value_{k}", place.neutral, 1.0, place.value_unit, (-math.inf, math.inf), ParameterScale.LINEAR
-        )
-        for k in range(1, count + 1)
-    )
-    return AddedTerm(table.effect(), unknowns)
 
 
 def added_slopes(fit: Fit, terms: Sequence[AddedTerm]) -> list[Columns]:

@@ -146,7 +146,7 @@ def curve_problem(fit: Fit, start: CurveStart, name: str, replaced: Sequence[str
     machine = structs.replace(known.machine, effects=effects)
     kept = [
         k for k, u in enumerate(known.unknowns)
-        if known.instruments.find(u.name) or find_parameter(known.machine, u.parameter)[1] not in replaced
+        if known.instruments.find(u.name) or find_parameter(known.machine, u.parameters[0])[1] not in replaced
     ]  # fmt: skip
     unit = start.place.value_unit
     values = tuple(

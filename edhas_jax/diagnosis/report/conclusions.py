@@ -127,7 +127,7 @@ def uncertainty_sentences(diagnosis: Diagnosis) -> list[str]:
     """What the data do not determine, and what the standard errors take for granted."""
     rms = diagnosis.errors()["after"]["fit"].get("overall", math.nan)
     larger = model_error_sentence(rms)
-    curves = {name for curve in _mounted_curves(diagnosis) for name in curve.value_names}  # drawn with their own errors
+    curves = {name for curve in _mounted_curves(diagnosis) for name in curve.coefficient_names}  # drawn with errors
     combinations = [c.sentence() for c in weak_combinations(diagnosis.final) if not set(c.changes) <= curves]
     return [
         *([] if larger is None else [larger]), *_unpredictable_sentences(diagnosis), *combinations,

@@ -81,7 +81,7 @@ def _law_of(
     report(f"{candidate.name}: fitting its law as a curve")
     curve = dataclasses.replace(curve, spread=factor * curve.spread)
     problem = with_candidates(evaluated.fit.problem, [curve])
-    start = np.concatenate([evaluated.fit.x, np.zeros(len(curve.nodes))])
+    start = np.concatenate([evaluated.fit.x, np.zeros(len(curve.coefficient_names))])
     try:
         fitted = fit_coarse(problem, start, resolution.coarse, CURVE_STEPS)
     except FitError:

@@ -70,6 +70,7 @@ LEAST_ERROR = 10.0  # nats: of a model with the right effects, because settings,
 MOST_EFFECTS = 3  # of a set, beside faults of sensors and at most one free term
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
+WORTH_A_FIT = 1.0  # nats of log weight that another start could gain at most, from which it is tried
 LAWS_TRIED = 3  # effects that are fitted in place of a free term at their part of the machine, as it may be their law
 PREDICTION_ERROR = 0.5 * FREEDOMS  # nats: a signature may predict e times the misfit that a fit leaves
 KEPT_PROMISE = 0.5  # of a predicted gain: a fit that gains less probably ended elsewhere; another start is tried
@@ -428,15 +429,15 @@ class SetSearch:
         """
         is_beside, own = effect.name in by_curve.key, 0.0
         if is_beside:
-            mean, size = np.zeros(len(curve.nodes)), law_size(by_curve.evaluated.fit, effect, curve.place)
+            mean, size = np.zeros(len(curve.coefficient_names)), law_size(by_curve.evaluated.fit, effect, curve.place)
         elif (law := law_at_nodes(of.evaluated.fit, effect, curve)) is not None:
-            mean, size = (law[0] - curve.place.neutral) / curve.spread, law[1]
+            mean, size = curve.nearest((law[0] - curve.place.neutral) / curve.spread), law[1]
         else:
             return None
         if size is None:
             return None
         unknowns = by_curve.evaluated.fit.problem.unknowns
-        places = np.array([k for k, u in enumerate(unknowns) if u.name in curve.value_names])
+        places = np.array([k for k, u in enumerate(unknowns) if u.name in curve.coefficient_names])
         spread = np.full(len(places), DEVIATION_SHARE * size / curve.spread)
         found = self._weighed(of.members, of.evaluated, by_curve.model.with_prior(places, mean, spread))
         if not is_beside:  # the parameters of the effect are no unknowns of that fit
@@ -448,7 +449,7 @@ class SetSearch:
         while True:
             ranked = self.ranked()
             near = [of for of in ranked if self.weight.of(of) > self.weight.of(ranked[0]) - WINDOW]
-            waiting = next((of for of in near if of.untried and of.excess > 0.0), None)
+            waiting = next((of for of in near if of.untried and self._may_gain(of)), None)
             if waiting is None or len(near) < 2:
                 return
             start, waiting.untried = waiting.untried[0], waiting.untried[1:]
@@ -456,6 +457,10 @@ class SetSearch:
             if found is not None and found.misfit < waiting.misfit:
                 found.untried = waiting.untried
                 self._add(found, found.key)
+
+    def _may_gain(self, of: FittedSet) -> bool:
+        """Whether the weight of a set would be clearly larger if a fit left no more than noise."""
+        return self.weight.at(of.misfit - of.excess, of.members) > self.weight.of(of) + WORTH_A_FIT
 
     def _go_on(self) -> None:
         """Fit the best set on from where its fit has ended before it had converged, as long as that lowers ½χ²."""

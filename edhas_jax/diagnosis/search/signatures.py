@@ -17,7 +17,6 @@ import numpy as np
 from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm, signature_grid, with_candidates
 from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate, curves_with_slopes
 from edhas_jax.diagnosis.candidates.memory_term import memories_with_slopes
-from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
 from edhas_jax.inference.fit.evaluated_fit import start_coordinates
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.inference.fit.fit_problem import FitProblem
@@ -30,8 +29,7 @@ LARGEST_CHANGE = 1e15  # of a whitened signal: products of larger ones would ove
 MAX_SCALE, MIN_SCALE = 4.0, 0.25  # scale factors of a signature beyond which another grid point is nearer
 SMALL_SIZE = 0.1  # of a signature, of a start that is hardly above the model without the candidate
 EXPONENTS = 0.5, 2.0  # smallest and largest magnitude of the power with which a signature grows
-SHAPES = 4  # of each curve in the background: its four smoothest shapes, about a cubic
-SMOOTHNESS = 0.3  # size of the bends over that of the values of these curves
+SMOOTHEST = 4  # shapes of each curve that are in the background, about a cubic
 MAX_DIRECTIONS, MIN_EIGENVALUE = 100, 1e-4  # of the background: their number, and the smallest one over the largest
 
 SignalsOfRuns = list[Mapping[str, np.ndarray]]  # for each run (samples,) by signal, SI
@@ -186,7 +184,7 @@ def signature_table(
     found = []
     every_free = (*curves_with_slopes(fit, report), *memories_with_slopes(fit, report)) if with_free_terms else ()
     for term, slopes in every_free:
-        rows = simulator.whitened([{n: term.spread * v for n, v in run.items()} for run in slopes]).T
+        rows = simulator.whitened(slopes).T
         if (np.abs(rows) < LARGEST_CHANGE).all() and np.abs(rows).max() > 0.0:
             found.append(FreeSlopes(term, rows.astype(np.float32), rows @ rows.T))
     samples = int(simulator.ends[-1])
@@ -203,8 +201,7 @@ def _background(free: Sequence[FreeSlopes], samples: int) -> np.ndarray:
     for of in free:
         if not isinstance(of.term, CurveCandidate):
             continue
-        vectors, sizes, _ = np.linalg.svd(CurvePrior(1.0, SMOOTHNESS).factor(np.array(of.term.nodes)))
-        columns = of.rows.T @ (vectors[:, :SHAPES] * sizes[:SHAPES])
+        columns = of.rows[:SMOOTHEST].T
         lengths = np.linalg.norm(columns, axis=0)
         shapes.append(columns[:, lengths > 0.0] / lengths[lengths > 0.0])
     if not shapes:  # a rig of one's own without slots

@@ -9,6 +9,7 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.inference.likelihood.run_equations import marginalised, run_columns, run_equations
 from edhas_jax.inference.likelihood.symmetric_matrices import regularised_inverse
+from edhas_jax.machine.effects.tabulated_law import table_of
 from edhas_jax.machine.parameters import list_parameters, set_parameters, short_names
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.unknown_parameters import ParameterScale
@@ -118,7 +119,8 @@ def weak_combinations(fit: Fit) -> list[Combination]:
 def assumed_parameters(fit: Fit, on_progress: Callable[[str], None] | None = None) -> list[AssumedParameter]:
     """The parameters that are taken as known, whose error the unknowns would hide and which shift the estimates.
 
-    Each parameter of the machine that is neither unknown nor set by the runs is made 1 % larger. The change of the
+    Each parameter of the machine that is neither unknown, nor set by the runs, nor a number of a tabulated law is made
+    1 % larger. The change of the
     signals is projected on the sensitivities to the unknowns: what they reproduce shifts the estimates, what remains
     would be visible.
 
@@ -153,10 +155,11 @@ def assumed_parameters(fit: Fit, on_progress: Callable[[str], None] | None = Non
 
     before, found = signals(machine), []
     names = short_names(machine)
+    tables = {effect.id for effect in machine.effects if table_of(effect) is not None}  # nobody takes these as exact
     rows = [
         (p, float(value), names[path, p.name])
         for p, value, path in list_parameters(machine)
-        if float(value) != 0.0 and not {names[path, p.name], f"{path}.{p.name}"} & skipped
+        if float(value) != 0.0 and path not in tables and not {names[path, p.name], f"{path}.{p.name}"} & skipped
     ]
     for k, (p, value, name) in enumerate(rows):
         if on_progress is not None:

@@ -15,7 +15,7 @@ from edhas_jax.inference.fit.least_squares import QuadraticModel, levenberg_marq
 from edhas_jax.inference.fit.starts import sample_starts
 from edhas_jax.inference.likelihood.bench_deviations import DeviationKind
 from edhas_jax.inference.likelihood.symmetric_matrices import regularised_inverse
-from edhas_jax.machine.parameters import set_parameters
+from edhas_jax.machine.parameters import get_parameter, set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -23,7 +23,7 @@ from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import EvaluationPoint, MeasurementModel, PredictedSignals
 from edhas_jax.measurements.residuals import Z_95, normalised_residuals
 from edhas_jax.measurements.time_resolution import TimeResolution, choose_time_resolution
-from edhas_jax.measurements.unknown_parameters import own_unknowns
+from edhas_jax.measurements.unknown_parameters import ShapeCoefficient, own_unknowns
 
 CORRECTION_REFINEMENT = 4  # steps of the final corrections per fine step
 MAX_CORRECTIONS = 2
@@ -172,9 +172,14 @@ class Fit:
     @property
     def machine(self) -> Rig:
         """The machine with the estimated parameters, without the conditions of any run."""
-        common, values = [u.name for u in self.problem.unknowns if not u.run], self.values
-        parameters = {n: values[n] for n in common if self.problem.instruments.find(n) is None}
-        return set_parameters(self.problem.machine, parameters)
+        machine, values, parameters = self.problem.machine, self.values, {}
+        for u in (u for u in self.problem.unknowns if not u.run and self.problem.instruments.find(u.name) is None):
+            if isinstance(u, ShapeCoefficient):
+                former = {n: parameters.get(n, float(get_parameter(machine, n))) for n in u.parameters}
+                parameters |= {n: former[n] + slope * values[u.name] for n, slope in u.weights}
+            else:
+                parameters[u.name] = values[u.name]
+        return set_parameters(machine, parameters)
 
     @property
     def campaign(self) -> Campaign:

@@ -16,6 +16,7 @@ RELATIVE_TOLERANCE = 1e-7
 NOISE_FLOOR, RELATIVE_NOISE_FLOOR = 1.0, 1e-6
 GOOD_RATIOS = 0.25, 4.0  # of achieved to predicted decrease, within which updated derivatives are good enough to go on
 MAX_FAILED_STEPS = 3  # consecutive rejected steps below the noise floor that end a search
+STALLED_STEPS = 6  # the same with nothing gained: as many rejected ones raise the damping by 2²¹
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,8 +78,11 @@ def levenberg_marquardt(
     residuals in units of their noise, a change far below the standard errors), or when `MAX_FAILED_STEPS` steps in a
     row are rejected while that prediction is below the noise floor of the cost.
 
+    It is also ended where `STALLED_STEPS` steps in a row, together, lower the cost by less than the tolerance.
+
     With `update`, steps are evaluated by it, which costs less than `evaluate`. A start is evaluated again where a step
-    brings much less or more than predicted, before it counts as converged, and at its end.
+    brings much less or more than predicted, before it counts as converged, and at its end; after every successful step
+    once that has shown updated derivatives to be wrong.
 
     Args:
         evaluate: called with points (m, n) and the indices (m,) of their starts; returns the sums of squares there.
@@ -118,6 +122,7 @@ def levenberg_marquardt(
         if not unfinished.any():
             break
         search.step(rows[unfinished], trial[unfinished], predicted[unfinished])
+        search.end_stalled(tolerance, relative_tolerance)
         number += 1
         if merge > 0.0:
             _merge_starts(search.x, search.cost, search.curvature, search.active, merge)
@@ -145,6 +150,7 @@ class _Search:
         self.steps, self._rejected = np.zeros(count, int), np.zeros(count, int)
         self._damping, self._growth = np.full(count, INITIAL_DAMPING), np.full(count, 2.0)
         self.is_updated, self._may_update = np.zeros(count, bool), np.full(count, update is not None)
+        self._last_gain, self._idle = self.cost.copy(), np.zeros(count, int)  # cost at the last gain, steps since
         self._evaluated = [self._at(k) for k in range(count)]  # where derivatives were computed last
 
     def proposals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -167,9 +173,19 @@ class _Search:
         """The search of some points has converged."""
         self.converged[rows], self.active[rows] = True, False
 
+    def end_stalled(self, tolerance: float, share: float) -> None:
+        """End the search from points that have gained next to nothing for some steps."""
+        for k in np.flatnonzero(self.active):
+            has_gained = self.cost[k] < self._last_gain[k] - max(tolerance, share * self.cost[k])
+            if has_gained or self.cost[k] > self._last_gain[k]:  # above: an update has promised too much
+                self._last_gain[k], self._idle[k] = self.cost[k], 0
+            else:
+                self._idle[k] += 1
+                self.active[k] = self._idle[k] < STALLED_STEPS
+
     def step(self, rows: np.ndarray, trial: np.ndarray, predicted: np.ndarray) -> None:
         """Take the proposed steps of some points where they lower the cost; change their damping."""
-        new = self._values_at(trial, rows)
+        new = self._models_at(trial, rows)
         valid, doubtful = _is_finite(new), []
         for row, k in enumerate(rows):
             self.steps[k] += 1
@@ -203,18 +219,18 @@ class _Search:
             self._move(k, self._evaluated[k])
         self.is_updated[rows] = False
 
-    def _values_at(self, trial: np.ndarray, rows: np.ndarray) -> QuadraticModel:
-        """The models at the ends of steps, with updated derivatives where those are good enough."""
-        may_update = self._may_update[rows]
-        if may_update.all():
-            return self._update(trial, rows, self.x[rows])
-        if not may_update.any():
+    def _models_at(self, trial: np.ndarray, rows: np.ndarray) -> QuadraticModel:
+        """The models at the ends of steps; those that go on from there with derivatives that are good enough."""
+        if self._update is None:
             return self._evaluate(trial, rows)
-        some, others = np.flatnonzero(may_update), np.flatnonzero(~may_update)
-        updated = self._update(trial[some], rows[some], self.x[rows][some])
-        both = stacked_models([updated, self._evaluate(trial[others], rows[others])])
-        order = np.argsort(np.concatenate([some, others]))
-        return QuadraticModel(both.cost[order], both.gradient[order], both.curvature[order])
+        new = self._update(trial, rows, self.x[rows])
+        unsure = np.flatnonzero(~self._may_update[rows] & _is_finite(new) & (new.cost < self.cost[rows]))
+        if len(unsure):
+            found = self._evaluate(trial[unsure], rows[unsure])
+            parts = (np.array(part) for part in (new.cost, new.gradient, new.curvature))
+            new = QuadraticModel(*parts)
+            new.cost[unsure], new.gradient[unsure], new.curvature[unsure] = found.cost, found.gradient, found.curvature
+        return new
 
     def _at(self, k: int) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
         """A point, its cost, gradient and curvature."""
