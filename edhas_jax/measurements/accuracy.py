@@ -7,7 +7,7 @@ from edhas_jax.machine.parameters import ParameterError, find_parameter
 from edhas_jax.machine.rigs import Rig
 
 SETTING_ACCURACY = 0.005  # relative standard deviation of what a person or a valve sets
-WARM_PARAMETER = "coil_resistance"  # changes from run to run as the coil warms up, although no run sets it
+WARM_PARAMETERS = "coil_resistance", "force_constant"  # change as coil and magnets warm up, although no run sets them
 OFFSET_OVER_RANGE = 1e-3  # default offset of a sensor over the range of its signal
 COMPUTED_COMPONENTS = ("reference", "target", "controller", "sampling")  # a computer keeps their numbers exactly
 
@@ -77,7 +77,7 @@ def with_defaults(
         The accuracy with an entry for every setting and every signal. Numbers that a computer sets, such as a
         frequency or the gain of a controller, are exact (0).
     """
-    settings = {name: _usual_setting_accuracy(machine, name) for name in (*conditions, WARM_PARAMETER)}
+    settings = {name: _usual_setting_accuracy(machine, name) for name in (*conditions, *WARM_PARAMETERS)}
     sensors = {}
     for name, usual in offsets.items():
         sensor = stated.signals.get(name, SensorAccuracy())

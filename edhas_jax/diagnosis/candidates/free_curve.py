@@ -1,7 +1,7 @@
 """Free curves as candidates: where does something act of which no law is known?
 
 At every place of the machine (a slot, and a variable that a law there may follow) a curve of unknown shape may be
-added: a sum of a few smooth shapes (`smooth_shapes`), whose coefficients a fit estimates with all other unknowns.
+added: a sum of smooth shapes (`smooth_shapes`), whose coefficients a fit estimates with all other unknowns.
 Around a fit the signals are linear in them, so that one simulation with derivatives tells how much of the misfit the
 best curve explains.
 """
@@ -60,13 +60,13 @@ class CurveCandidate(FreeTerm):
 
     @property
     def shapes(self) -> np.ndarray:
-        """The shapes (n, k) at the nodes."""
+        """The shapes (n, n) at the nodes."""
         return smooth_shapes(np.array(self.nodes))
 
     @property
     def coefficient_names(self) -> list[str]:
         """The names of the coefficients among the unknowns of a fit."""
-        return [f"{self.prefix}shape_{k}" for k in range(1, self.shapes.shape[1] + 1)]
+        return [f"{self.prefix}shape_{k}" for k in range(1, len(self.nodes) + 1)]
 
     def nearest(self, values: np.ndarray) -> np.ndarray:
         """The coefficients (k,) of the curve that comes nearest to values at the nodes (n,), in prior deviations."""

@@ -13,7 +13,7 @@ SCATTER = 0.02  # of half the range of the law: smaller changes count as none
 SPACING_GROWTH = 0.5  # largest change of the spacing of nodes over the distance in which it happens
 FINEST_SPACING = 5e-4  # of the range of the variable
 SCAN_NODES = 49  # of the curve by which the shape of a law is found
-NODE_CLUSTERING = 3.0  # nodes of an unknown law are spaced as sinh over ±3, denser around zero, where laws change most
+NODE_CLUSTERING = 2.0  # nodes of an unknown law are spaced as sinh over ±2, denser around zero, where laws change most
 CURVATURE_WEIGHT = 1e-2  # of the bends of a curve, over the mean weight of a sample; decides where no sample lies
 
 

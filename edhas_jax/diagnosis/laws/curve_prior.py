@@ -16,7 +16,6 @@ from edhas_jax.inference.likelihood.symmetric_matrices import regularised_invers
 SIZES = 10.0 ** np.arange(-2.0, 1.01, 0.5)  # s over the size of the law
 BENDS = 10.0 ** np.arange(-1.5, 0.51, 0.5)  # b over s
 SMOOTHNESS = 0.3  # b over s of a curve of which nothing is known
-SHAPES = 7  # of such a curve; what these leave out has less than 3 % of its variance
 
 
 class CurvePrior(NamedTuple):
@@ -36,12 +35,12 @@ class CurvePrior(NamedTuple):
 
 
 def smooth_shapes(nodes: np.ndarray) -> np.ndarray:
-    """Shapes (n, k) at nodes (n,), the smoothest first: their sum with standard normal factors is an unknown curve.
+    """Shapes (n, n) at nodes (n,), the smoothest first: their sum with standard normal factors is an unknown curve.
 
     They are the principal components of the prior with bends of `SMOOTHNESS`, scaled to a mean variance of 1.
     """
     vectors, sizes, _ = np.linalg.svd(CurvePrior(1.0, SMOOTHNESS).factor(nodes))
-    return (vectors * (sizes / np.sqrt(np.mean(np.square(sizes)))))[:, :SHAPES]
+    return vectors * (sizes / np.sqrt(np.mean(np.square(sizes))))
 
 
 class PriorChoice(NamedTuple):

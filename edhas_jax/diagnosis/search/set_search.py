@@ -55,6 +55,7 @@ from edhas_jax.inference.fit.evaluated_fit import (
     fit_coarse,
     noise_level,
     start_coordinates,
+    with_own_solver_error,
 )
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.inference.fit.fit_problem import FitError, FitProblem
@@ -562,7 +563,7 @@ class SetSearch:
             found = self._fitted(job.members, start, known=best)
             if found is not None and (best is None or found.misfit < best.misfit):
                 best = found
-            if best is not None and (best.misfit <= job.enough or not best.excess > 0.0):
+            if best is not None and (best.misfit <= job.enough or not best.excess > 0.0 or not self._may_lead(job)):
                 best.untried = list(job.starts[k + 1 :])
                 break
         has_failed = best is None or best.excess > 0.0 and best.misfit > job.known
@@ -570,6 +571,12 @@ class SetSearch:
             again = self._fitted(job.members, job.small)
             best = again if again is not None and (best is None or again.misfit < best.misfit) else best
         return best
+
+    def _may_lead(self, job: Job) -> bool:
+        """Whether the set would compete with the best one if its fit kept what its move has promised."""
+        if job.move is None:
+            return True
+        return self.weight.predicted(job.move) > self.weight.of(self.ranked()[0]) - WINDOW
 
     def _fitted(
         self, members: tuple[Candidate, ...], start: Start, steps: int = FIT_STEPS, known: FittedSet | None = None
@@ -587,6 +594,7 @@ class SetSearch:
             return None
         if evaluated is None:
             return None
+        evaluated = with_own_solver_error(evaluated, self._resolution, steps, self._keep_on_rule())
         named = [c for c in members if not isinstance(c, FreeTerm)]
         laws = law_deviation_columns(evaluated.fit, named) if named else []
         if laws and any(columns.size for columns in laws[0].values()):

@@ -9,14 +9,14 @@ import numpy as np
 
 from edhas_jax.inference.fit.ensemble_search import minimise_by_ensemble
 from edhas_jax.inference.fit.fit import Fit
-from edhas_jax.inference.fit.fit_problem import FitError, FitProblem, SolverError
+from edhas_jax.inference.fit.fit_problem import FitError, FitProblem, SolverError, quadratic_model
 from edhas_jax.inference.fit.least_squares import Minima, levenberg_marquardt
 from edhas_jax.inference.fit.secant_model import SecantModel
 from edhas_jax.inference.likelihood.bench_estimate import BenchEstimate, estimate_bench
 from edhas_jax.inference.likelihood.run_equations import RunEquations
 from edhas_jax.inference.likelihood.symmetric_matrices import log_determinant, regularised_inverse
 from edhas_jax.measurements.campaign import BenchRun, Use
-from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.measurement_model import MeasurementModel, PredictedSignals
 from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.time_resolution import TimeResolution
 
@@ -259,17 +259,52 @@ def with_solver_error(evaluated: EvaluatedFit, resolution: TimeResolution, max_s
 
     The error is computed again at the new estimate, and where it has changed the fit much, that is repeated too.
     """
-    if evaluated.fit.problem.is_irregular:  # then a finer step differs at random
-        return evaluated
     found, steps = evaluated, max_steps
     for _ in range(SOLVER_CORRECTIONS):
-        before = found
-        error = solver_error(before.fit.problem, before.fit.x, resolution.coarse, REFINEMENT * resolution.fine)
-        error = _without_branches(before, error)
-        problem = dataclasses.replace(before.fit.problem, solver_error=error)
+        before, problem = found, _with_error_at(found, resolution)
+        if problem is before.fit.problem:
+            return found
         try:
             found = fit_coarse(problem, before.fit.x, resolution.coarse, steps)
         except FitError:
             return before
         steps = max_steps if abs(found.cost - before.cost) > MIN_SOLVER_CHANGE else 0
     return found
+
+
+def with_own_solver_error(
+    evaluated: EvaluatedFit, resolution: TimeResolution, max_steps: int,
+    keep_on: Callable[[float, float], bool] | None = None,
+) -> EvaluatedFit:  # fmt: skip
+    """Refit with the solver's error at the estimate of a fit, where it changes ½χ² clearly against the one that it has.
+
+    Args:
+        evaluated: a fit with the solver's error at another estimate, or of a smaller model.
+        resolution: coarse and fine time steps per sample.
+        max_steps: maximum number of steps of the second fit.
+        keep_on: see `fit_coarse`.
+    """
+    fit, problem = evaluated.fit, _with_error_at(evaluated, resolution)
+    if problem is fit.problem:
+        return evaluated
+    former, outcomes = fit.problem.solver_error or {}, []
+    for run, outcome in zip(problem.fitted_runs, fit.outcomes, strict=True):
+        rows = former.get(run.name, {})
+        plain = {n: v - rows[n][: len(v)] if n in rows else v for n, v in outcome.values.items()}
+        outcomes.append(problem.corrected(run, PredictedSignals(plain, outcome.sensitivities)))
+    cost = float(quadratic_model(problem, fit.x, problem.equations(outcomes)).cost[0])
+    if not abs(cost - fit.cost) > MIN_SOLVER_CHANGE:
+        return evaluated
+    try:
+        return fit_coarse(problem, fit.x, resolution.coarse, max_steps, keep_on)
+    except FitError:
+        return evaluated
+
+
+def _with_error_at(evaluated: EvaluatedFit, resolution: TimeResolution) -> FitProblem:
+    """The problem of a fit with the solver's error at its estimate; unchanged where a finer step differs at random."""
+    fit = evaluated.fit
+    if fit.problem.is_irregular:
+        return fit.problem
+    error = solver_error(fit.problem, fit.x, resolution.coarse, REFINEMENT * resolution.fine)
+    return dataclasses.replace(fit.problem, solver_error=_without_branches(evaluated, error))
