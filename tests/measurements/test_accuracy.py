@@ -31,7 +31,9 @@ def test_every_signal_and_setting_has_a_default():
     assert accuracy.trigger == 2e-4 and accuracy.clock_error is None
     assert accuracy.signals["current"].offset == pytest.approx(2e-3, rel=0.01)
     assert accuracy.signals["voltage"].offset == 0.05  # in no run: its noise
-    assert accuracy.settings == {"frequency": 0.0, "load_orifice_area": 0.005, "coil_resistance": 0.005}
+    assert accuracy.settings == {"frequency": 0.0, "load_orifice_area": 0.005} | dict.fromkeys(
+        ("coil_resistance", "force_constant"), 0.005
+    )
 
 
 def test_stated_accuracy_takes_precedence():

@@ -27,6 +27,7 @@ from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.unknown_parameters import ShapeCoefficient, UnknownParameter
 
+PREDICTED = 6  # of the shapes, the smoothest, whose signatures are simulated; the others have 3 % of the variance
 GROUP = 4  # curves that are simulated together: more save compilation, fewer the time of each step
 
 
@@ -118,7 +119,7 @@ def free_curve(fit: Fit, place: LawPlace, samples: LawSamples | None = None) -> 
 
 
 def curves_with_slopes(fit: Fit, report: Callable[[str], None]) -> Iterator[tuple[CurveCandidate, Columns]]:
-    """The free curves at all places of a machine, each with the derivatives of all signals by its coefficients.
+    """The free curves at all places, each with the derivatives of all signals by its first `PREDICTED` coefficients.
 
     Args:
         fit: the fit of the model to which they are added.
@@ -131,7 +132,8 @@ def curves_with_slopes(fit: Fit, report: Callable[[str], None]) -> Iterator[tupl
     for first in range(0, len(curves), GROUP):
         some = curves[first : first + GROUP]
         report(f"looking for free curves, {first + len(some)} of {len(curves)}")
-        slopes = added_slopes(fit, [curve.term(fit.problem.campaign) for curve in some])
+        terms = [curve.term(fit.problem.campaign) for curve in some]
+        slopes = added_slopes(fit, [term._replace(unknowns=term.unknowns[:PREDICTED]) for term in terms])
         yield from zip(some, slopes, strict=True)
 
 

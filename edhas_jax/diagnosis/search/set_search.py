@@ -683,7 +683,9 @@ class SetSearch:
                 best = gain, x, wider
         gain, x, wider = best
         term = dataclasses.replace(slopes.term, spread=wider * slopes.term.spread)
-        return Move(of, term, x, 0.0 * x, gain)
+        start = np.zeros(len(term.unknowns(self._base.fit.problem.campaign)))
+        start[: len(x)] = x
+        return Move(of, term, start, 0.0 * start, gain)
 
 
 def _best_fit(search: SetSearch, job: Job) -> FittedSet | None:

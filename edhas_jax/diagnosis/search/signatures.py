@@ -60,7 +60,7 @@ class Signatures:
 
 @dataclasses.dataclass(frozen=True)
 class FreeSlopes:
-    """A free term, and its rows (k, m): the change by a prior standard deviation of each of its k numbers, whitened."""
+    """A free term, and its rows (k, m): the change by a prior standard deviation of its first k numbers, whitened."""
 
     term: FreeTerm
     rows: np.ndarray
