@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -110,7 +110,7 @@ class EvaluatedFit:
 
 def fit_coarse(
     problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
-    keep_on: Callable[[float, float], bool] | None = None,
+    keep_on: Callable[[float, float], bool] | None = None, known: Sequence[PredictedSignals] | None = None,
 ) -> EvaluatedFit:  # fmt: skip
     """Fit at one time step, without the refinements of a final fit, and evaluate the fit on all runs.
 
@@ -120,13 +120,14 @@ def fit_coarse(
         steps_per_sample: time steps per sample.
         max_steps: maximum number of Levenberg-Marquardt steps.
         keep_on: asked after a few steps with the number of steps so far and ½χ²; False ends the search early.
+        known: signals and sensitivities of the fitted runs at the start, where they have been predicted already.
 
     Raises:
         FitError: the model fails at every point that was evaluated.
     """
     if problem.is_irregular:
         return _fit_by_ensemble(problem, starts, steps_per_sample, max_steps, keep_on)
-    found, model = _search(problem, starts, steps_per_sample, max_steps, keep_on)
+    found, model = _search(problem, starts, steps_per_sample, max_steps, keep_on, known)
     best = int(np.argmin(found.model.cost))
     x, cost = found.x[best], float(found.model.cost[best])
     if not (np.isfinite(cost) and np.isfinite(found.model.curvature[best]).all()):
@@ -166,9 +167,9 @@ def find_minima(problem: FitProblem, starts: np.ndarray, steps_per_sample: int, 
 
 def _search(
     problem: FitProblem, starts: np.ndarray, steps_per_sample: int, max_steps: int,
-    keep_on: Callable[[float, float], bool] | None,
+    keep_on: Callable[[float, float], bool] | None, known: Sequence[PredictedSignals] | None = None,
 ) -> tuple[Minima, SecantModel]:  # fmt: skip
-    starts, model = np.atleast_2d(starts), SecantModel(problem, steps_per_sample)
+    starts, model = np.atleast_2d(starts), SecantModel(problem, steps_per_sample, known)
     low, high = np.array([u.bounds() for u in problem.unknowns]).T
     updates = model.fits_in_memory(len(starts))
     steps = math.ceil(UPDATED_STEPS * max_steps) if updates else max_steps
@@ -264,8 +265,9 @@ def with_solver_error(evaluated: EvaluatedFit, resolution: TimeResolution, max_s
         before, problem = found, _with_error_at(found, resolution)
         if problem is before.fit.problem:
             return found
+        known = _outcomes_in(problem, before.fit)
         try:
-            found = fit_coarse(problem, before.fit.x, resolution.coarse, steps)
+            found = fit_coarse(problem, before.fit.x, resolution.coarse, steps, known=known)
         except FitError:
             return before
         steps = max_steps if abs(found.cost - before.cost) > MIN_SOLVER_CHANGE else 0
@@ -287,18 +289,24 @@ def with_own_solver_error(
     fit, problem = evaluated.fit, _with_error_at(evaluated, resolution)
     if problem is fit.problem:
         return evaluated
-    former, outcomes = fit.problem.solver_error or {}, []
-    for run, outcome in zip(problem.fitted_runs, fit.outcomes, strict=True):
-        rows = former.get(run.name, {})
-        plain = {n: v - rows[n][: len(v)] if n in rows else v for n, v in outcome.values.items()}
-        outcomes.append(problem.corrected(run, PredictedSignals(plain, outcome.sensitivities)))
-    cost = float(quadratic_model(problem, fit.x, problem.equations(outcomes)).cost[0])
+    known = _outcomes_in(problem, fit)
+    cost = float(quadratic_model(problem, fit.x, problem.equations(known)).cost[0])
     if not abs(cost - fit.cost) > MIN_SOLVER_CHANGE:
         return evaluated
     try:
-        return fit_coarse(problem, fit.x, resolution.coarse, max_steps, keep_on)
+        return fit_coarse(problem, fit.x, resolution.coarse, max_steps, keep_on, known)
     except FitError:
         return evaluated
+
+
+def _outcomes_in(problem: FitProblem, fit: Fit) -> tuple[PredictedSignals, ...]:
+    """Signals and sensitivities of a fit as another problem corrects them, which has another solver's error only."""
+    former, found = fit.problem.solver_error or {}, []
+    for run, outcome in zip(problem.fitted_runs, fit.outcomes, strict=True):
+        rows = former.get(run.name, {})
+        plain = {n: v - rows[n][: len(v)] if n in rows else v for n, v in outcome.values.items()}
+        found.append(problem.corrected(run, PredictedSignals(plain, outcome.sensitivities)))
+    return tuple(found)
 
 
 def _with_error_at(evaluated: EvaluatedFit, resolution: TimeResolution) -> FitProblem:

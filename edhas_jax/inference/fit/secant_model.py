@@ -64,10 +64,11 @@ class SecantModel:
     Args:
         problem: the unknowns and the runs.
         steps_per_sample: time steps per sample.
+        known: signals and sensitivities, by run, at the single point that is evaluated first; predicted by default.
     """
 
-    def __init__(self, problem: FitProblem, steps_per_sample: int):
-        self._problem, self._steps_per_sample = problem, steps_per_sample
+    def __init__(self, problem: FitProblem, steps_per_sample: int, known: Sequence[PredictedSignals] | None = None):
+        self._problem, self._steps_per_sample, self._known = problem, steps_per_sample, known
         self._runs: Sequence[BenchRun] = problem.model().runs
         self._own, self._count = len(problem.bench.of_runs), len(problem.unknowns)
         self._starts: dict[int, _Start] = {}
@@ -80,7 +81,12 @@ class SecantModel:
 
     def evaluate(self, x: np.ndarray, starts: np.ndarray) -> QuadraticModel:
         """The sums of squares at points (k, n), which become the present ones of the starts (k,), with derivatives."""
-        found, outcomes = [], self._problem.predict(x, self._steps_per_sample, with_sensitivities=True)
+        known, self._known = self._known, None
+        if known is None:
+            outcomes = self._problem.predict(x, self._steps_per_sample, with_sensitivities=True)
+        else:
+            outcomes = [tuple(known)]
+        found = []
         for start, point, predicted in zip(starts, x, outcomes, strict=True):
             with np.errstate(over="ignore", invalid="ignore"):  # the search rejects such a point
                 runs = [self._run_state(run, outcome) for run, outcome in zip(self._runs, predicted, strict=True)]
