@@ -677,7 +677,7 @@ class SetSearch:
             inner, overlap = by.model.reduced(products, slopes.gram)
             gain, x, wider = by.fall_of_term(inner, overlap, 1.0)
             size = float(np.abs(x).max())
-            if size > USUAL_COORDINATE and not isinstance(slopes.term, CurveCandidate):  # as wide as the data demand
+            if size > USUAL_COORDINATE:  # as wide as the data demand
                 gain, x, wider = by.fall_of_term(inner, overlap, size / USUAL_COORDINATE)
             if best is None or gain > best[0]:
                 best = gain, x, wider
