@@ -289,6 +289,7 @@ class SetSearch:
         self.sets: dict[frozenset[str], FittedSet] = {}
         self._failed: set[frozenset[str]] = set()
         self._at_their_ends: list[Fit] = []  # fits that do not go on
+        self._left_out: set[tuple[frozenset[str], str]] = set()  # sets with the members that were left out of them
         self._compared: set[tuple[frozenset[str], frozenset[str]]] = set()  # effects with curves in their place
         empty = self._weighed((), calibrated, LinearModel(calibrated.fit, None, table.background))
         self._add(empty, empty.key)
@@ -338,9 +339,11 @@ class SetSearch:
         return sorted(self.sets.values(), key=lambda of: -self.weight.of(of))
 
     def _add(self, found: FittedSet | None, key: frozenset[str]) -> None:
-        if found is None:
+        """Keep a fit of a set, unless a better one of the same set is known."""
+        known = self.sets.get(key)
+        if found is None and known is None:
             self._failed.add(key)
-        else:
+        elif found is not None and (known is None or found.misfit < known.misfit):
             self.sets[key] = found
             self.weight.note(found)
 
@@ -391,10 +394,19 @@ class SetSearch:
         return free <= 1 and sum(c.signal is None for c in members) - free <= MOST_EFFECTS
 
     def _smaller(self, best: FittedSet) -> list[tuple[Candidate, ...]]:
-        """The best set without one of its members, where that has not been fitted yet."""
-        known = set(self.sets) | self._failed
-        found = [tuple(c for c in best.members if c is not gone) for gone in best.members]
-        return [members for members in found if key_of(members) not in known]
+        """The best set without one of its members, which is fitted from there once, as another fit may end elsewhere.
+
+        Not where it has been fitted already and is far worse.
+        """
+        found = []
+        for gone in best.members if len(best.members) > 1 else ():
+            members = tuple(c for c in best.members if c is not gone)
+            known, pair = self.sets.get(key_of(members)), (best.key, gone.name)
+            is_far = known is not None and self.weight.of(known) < self.weight.of(best) - FREEDOMS
+            if not is_far and pair not in self._left_out and key_of(members) not in self._failed:
+                self._left_out.add(pair)
+                found.append(members)
+        return found
 
     def _take_curves_as_laws(self) -> None:
         """Weigh effects whose law may be, or deviate by, a free curve that was fitted in their place or beside them."""
