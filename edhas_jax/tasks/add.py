@@ -4,6 +4,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from edhas_jax.config.run_folder import write_json
 from edhas_jax.core.literal_text import figure_text
@@ -22,6 +23,7 @@ from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.campaign_reader import OF_RUNS, as_campaign
 from edhas_jax.measurements.campaign_with_effects import description_with_effects
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.fitted_model import ERROR_BY_RUN, IS_CORRECTED
 from edhas_jax.measurements.unknown_parameters import ParameterScale
 from edhas_jax.tasks.result import Result, save_figure
 
@@ -126,17 +128,21 @@ class AddResult(Result):
         axes.legend(frameon=False, fontsize=9)
         return figure
 
+    def _of_runs(self) -> dict[str, Any]:
+        """What the runs have of their own in the last model, and its residual over noise by run and signal."""
+        row = self.models[-1].as_json()
+        return {name: row[name] for name in (OF_RUNS, ERROR_BY_RUN, IS_CORRECTED)}
+
     def save_model(self, path: Path | str) -> None:
         """Write the machine with all effects as a configuration.
 
-        What runs have of their own is written beside it, `model.runs.json` beside `model.yaml`.
+        What runs have of their own and their errors are written beside it, `model.runs.json` beside `model.yaml`.
 
         Raises:
             OSError: the file cannot be written.
         """
         save_model(self.models[-1], Path(path))
-        if own := self.models[-1].as_json()[OF_RUNS]:
-            write_json(Path(path).with_suffix(".runs.json"), {OF_RUNS: own})
+        write_json(Path(path).with_suffix(".runs.json"), self._of_runs())
 
     def write_files(self, folder: Path) -> Sequence[str]:
         """See `Result.write_files`."""
@@ -144,7 +150,7 @@ class AddResult(Result):
             (folder / CAMPAIGN_FILE).write_text(self.campaign_text(folder), encoding="utf-8")
         save_model(self.models[-1], folder / CONFIG_FILE)
         rows = [model.as_json() for model in self.models]
-        write_json(folder / DATA_FILE, {"models": rows, OF_RUNS: rows[-1][OF_RUNS]})
+        write_json(folder / DATA_FILE, {"models": rows} | self._of_runs())
         save_figure(self.plot(), folder / FIGURE_FILE)
         return ()
 

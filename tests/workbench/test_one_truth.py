@@ -66,7 +66,7 @@ def test_one_verdict_in_page_command_report_and_json_and_all_of_the_page_follows
     assert mark(page, "command").inner_text().startswith("edhas add ")
     tab(page, "Compare")
     wait_until(lambda: mark(page, "command").inner_text().startswith("edhas compare "), "the command of this view")
-    mark(page, "traces").get_by_text("(model − measured) / noise").first.wait_for()
+    mark(page, "traces").get_by_text("(measured − model) / noise").first.wait_for()
     tab(page, "Data")
     page.get_by_role("cell", name="5 µm").first.wait_for()
     assert mark(page, "command").inner_text() == ""

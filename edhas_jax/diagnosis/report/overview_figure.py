@@ -73,7 +73,7 @@ def _draw_error(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, residual
     scale -= from_si(0.0, about.unit, about.display_unit)
     axes.axhspan(-2 * scale, 2 * scale, color="#d8dee4", lw=0, label="± 2 noise")
     time = time_unit(float(run.time[-1]))[0] * run.time[shown]
-    axes.plot(time, -scale * residual[shown], color=COLOURS[0], lw=0.9, label="model − measured")
+    axes.plot(time, scale * residual[shown], color=COLOURS[0], lw=0.9, label="measured − model")
     heading = f"{title}: {rms_over_noise([residual]):.2f} × noise"
     axes.set_title(heading, fontsize=10, loc="left", color=INK)
     axes.set_ylabel(about.display_unit, fontsize=9, color=INK)

@@ -4,6 +4,7 @@ from typing import Any
 
 from nicegui import ui
 
+from edhas_jax.measurements.fitted_model import BENCH_CORRECTED
 from edhas_jax.measurements.residual_matrix import ERROR_LABEL
 from edhas_jax.workbench.figures import residual_figure, traces_figure
 from edhas_jax.workbench.standing import USES
@@ -160,6 +161,10 @@ class CompareView:
                     ui.label(note).classes("wb-quiet").props("data-mark=bench-note")
                 notes = page.summary["conditions"]
                 error_matrix(found["matrix"], list(found["signals"]), notes, self._click_cell, found["before"])
+                if found["bench_corrected"]:
+                    ui.label(f"Residual over noise, {BENCH_CORRECTED}").classes("wb-h")
+                    with ui.element("div").props("data-mark=bench-corrected"):
+                        error_matrix(found["bench_corrected"], list(found["signals"]), notes, self._click_cell)
             with ui.column().classes("gap-1"):
                 ui.label("Where the model deviates").classes("wb-h")
                 if not found["sentences"]:
