@@ -62,14 +62,14 @@ class ComparisonResult(Result, Comparison):
     def matrices(self) -> dict[str, Mapping[str, Mapping[str, float]]]:
         """Residual over noise by title, run and signal: plain, and with the bench corrected where that is known."""
         found: dict[str, Mapping[str, Mapping[str, float]]] = {RESIDUAL: self.rms_over_noise()}
-        return found | ({f"{RESIDUAL}, {BENCH_CORRECTED}": self.bench_corrected} if self.bench_corrected else {})
+        return found | ({f"{RESIDUAL} {BENCH_CORRECTED}": self.bench_corrected} if self.bench_corrected else {})
 
     def _residuals(self, title: str, matrix: Mapping[str, Mapping[str, float]]) -> SummaryTable:
         rows, records = [], []
         for run, row in matrix.items():
             rows.append((run, *("" if n not in row else toned_residual(row[n]) for n in self.signals)))
             records.append({"run": run, **{n: row.get(n) for n in self.signals}})
-        name = title.replace(",", "").replace(" ", "_")
+        name = title.replace(" ", "_")
         return SummaryTable.of(name, ("run", *self.signals), rows, records, title)
 
     def plot(self):

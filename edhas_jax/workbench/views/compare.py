@@ -121,14 +121,18 @@ class CompareView:
                 for line in page.problems or ["There is no campaign in this folder yet. Begin in the view “Data”."]:
                     ui.label(line)
             return
+        of, overlaid = self._identity(), self._overlaid()
         found = await page.ask("campaign.compare", self._model, self._replay, page.session.allowed)
         if found is None:
             self._found = None
             return
         before = None
-        if len(self._overlaid()) > 1:
-            before = await page.ask("campaign.compare", self._other, self._replay, page.session.allowed)
-        self._found = found | {"of": self._identity(), "before": None if before is None else before["matrix"]}
+        if len(overlaid) > 1:
+            before = await page.ask("campaign.compare", overlaid[0], self._replay, page.session.allowed)
+        if of != self._identity():  # something else was chosen meanwhile, and its comparison follows
+            return
+        self._body.clear()
+        self._found = found | {"of": of, "before": None if before is None else before["matrix"]}
         page.did("compare", page.session.command_compare(self._model, self._replay),
                  page.session.python_compare(self._model))  # fmt: skip
         signals, matrix = list(found["signals"]), found["matrix"]
@@ -160,9 +164,10 @@ class CompareView:
                 if (note := self._bench_note()) is not None:
                     ui.label(note).classes("wb-quiet").props("data-mark=bench-note")
                 notes = page.summary["conditions"]
-                error_matrix(found["matrix"], list(found["signals"]), notes, self._click_cell, found["before"])
+                with ui.element("div").props("data-mark=as-recorded"):
+                    error_matrix(found["matrix"], list(found["signals"]), notes, self._click_cell, found["before"])
                 if found["bench_corrected"]:
-                    ui.label(f"Residual over noise, {BENCH_CORRECTED}").classes("wb-h")
+                    ui.label(f"Residual over noise {BENCH_CORRECTED}").classes("wb-h")
                     with ui.element("div").props("data-mark=bench-corrected"):
                         error_matrix(found["bench_corrected"], list(found["signals"]), notes, self._click_cell)
             with ui.column().classes("gap-1"):
