@@ -81,7 +81,7 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
     shown = list(strength[strength > MIN_SHOWN].index[:MAX_ROWS]) or list(strength.index[:1])
     omitted = len(strength) - len(shown)
     order, columns = _point_order(points)
-    size = max(LEAST_WIDTH, 2.6 + COLUMN * len(order)), 1.3 + (0.35 + ROW * len(shown)) * len(values)
+    size = max(LEAST_WIDTH, 2.6 + COLUMN * len(order)), 1.5 + (0.35 + ROW * len(shown)) * len(values)
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(len(values), 1, sharex=True, squeeze=False)[:, 0]
     top = max(1.0, float(np.ceil(strength.iloc[0])))
@@ -109,7 +109,7 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
     bar.set_label(label, color=INK)
     bar.outline.set_visible(False)
     note = f"; {omitted} weaker ones are left out" if omitted else ""
-    note += f". Cells without a number are below {MIN_ANNOTATED:g}"
+    note += f"\ncells without a number are below {MIN_ANNOTATED:g}"
     note += "; ×: no value" if any(table.isna().to_numpy().any() for table in values.values()) else ""
     figure.suptitle(title + f"\n{len(points)} operating points, strongest parameters on top{note}",
                     x=0.01, ha="left", fontsize=10.5, color=INK)  # fmt: skip
