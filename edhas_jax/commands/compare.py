@@ -9,6 +9,7 @@ from edhas_jax.commands.arguments import (
     add_own_code,
     output_folder,
     own_code,
+    own_words,
     require_own_code,
 )
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
@@ -54,4 +55,4 @@ def run(options) -> None:
         result.save(folder, options.overwrite)
     print_data_check(out, result.campaign, result.remarks)
     follow = "diagnose" if patterns else "fit"
-    finish(options, out, result.summary(), folder, f"{follow} {quoted(options.campaign)}")
+    finish(options, out, result.summary(), folder, f"{follow} {quoted(options.campaign)}{own_words(options)}")

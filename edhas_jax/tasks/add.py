@@ -12,7 +12,7 @@ from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.core.units import exact_quantity, format_quantity, to_si
+from edhas_jax.core.units import estimate_text, exact_quantity, format_quantity, to_si
 from edhas_jax.diagnosis.search.chosen_effects import USES, ChosenModel, fit_with_effects, save_model
 from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.machine.effects import Effect
@@ -106,10 +106,9 @@ class AddResult(Result):
         rows, records = [], []
         for name, found in self.models[-1].as_json()["parameters"].items():
             value, error, unit, limit = found["value"], found["std"], found["unit"], found.get("limit")
-            shown = f"none: at its {limit} limit" if limit else f"± {format_quantity(error, unit)}"
-            rows.append((name, format_quantity(value, unit), shown))
+            rows.append((name, estimate_text(value, error, unit, limit)))
             records.append({"name": name, "value": value, "error": error, "unit": unit, "limit": limit})
-        return SummaryTable.of("estimates", ("name", "value", "standard error"), rows, records)
+        return SummaryTable.of("estimates", ("name", "size ± standard error"), rows, records)
 
     def plot(self):
         """Plot residual over noise (rms) of every model, on fitted and held-out runs, as a matplotlib figure."""

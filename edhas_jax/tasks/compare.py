@@ -11,7 +11,7 @@ from edhas_jax.core.literal_text import csv_text
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Campaign, count_runs
+from edhas_jax.measurements.campaign import Campaign, runs_text
 from edhas_jax.measurements.campaign_reader import as_campaign, with_values_of_runs
 from edhas_jax.measurements.comparison import Comparison, bench_corrected_errors
 from edhas_jax.measurements.comparison import compare as simulate_and_compare
@@ -53,8 +53,8 @@ class ComparisonResult(Result, Comparison):
         """See `Result.summary`."""
         found = sentences(self.patterns)
         numbered = [f"{number}. {sentence}" for number, sentence in enumerate(found, 1)]
-        count = count_runs(compared.run for compared in self.runs)
-        title = f"{self.campaign.name}: model and measurements, {count} runs, {len(self.signals)} signals"
+        counted = runs_text(compared.run for compared in self.runs)
+        title = f"{self.campaign.name}: model and measurements, {counted}, {len(self.signals)} signals"
         nothing = ["The residuals hold nothing but the noise of the sensors."]
         tables = [self._residuals(title, matrix) for title, matrix in self.matrices().items()]
         return Summary(title, (*tables, *(numbered or nothing)))
