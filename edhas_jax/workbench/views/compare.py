@@ -11,7 +11,7 @@ from edhas_jax.workbench.standing import USES
 from edhas_jax.workbench.views.matrix import error_matrix, matrix_rows
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.views.save import csv_button
-from edhas_jax.workbench.workspace import AS_GIVEN, CALIBRATED
+from edhas_jax.workbench.workspace import AS_GIVEN
 
 REPLAYS = {
     "set_point": "set point", "voltage": "measured voltage", "current": "measured current",
@@ -40,8 +40,8 @@ class CompareView:
         """Build the view."""
         page = self._page
         models = page.workspace.models()
-        calibrated = page.standing().models.get(CALIBRATED, AS_GIVEN)
-        self._model = page.place.model if page.place.model in models else calibrated
+        last = list(page.standing().models.values() or [AS_GIVEN])[-1]
+        self._model = page.place.model if page.place.model in models else last
         with ui.row().classes("items-end gap-4"):
             self._models = ui.select(list(models), value=self._model, label="model")
             self._models.classes("min-w-48").props("dense options-dense outlined").on_value_change(self._choose_model)
