@@ -77,12 +77,13 @@ class Calculator:
 
         Answers to earlier ones are passed over: who asked them, such as a window that was closed, no longer waits.
         """
+        process, connection = self._process, self._connection  # `cancel` closes them
         while True:
-            while not self._connection.poll():
+            while not connection.poll():
                 await asyncio.sleep(POLL)
-                if not self._process.is_alive() and not self._connection.poll():
+                if not process.is_alive() and not connection.poll():
                     raise EOFError
-            of, kind, value = await asyncio.to_thread(self._receive)
+            of, kind, value = await asyncio.to_thread(self._receive, connection)
             if of != number:
                 continue
             if kind == PROGRESS:
@@ -94,10 +95,10 @@ class Calculator:
             else:
                 raise CalculationError(value)
 
-    def _receive(self) -> tuple[int, str, Any]:
+    def _receive(self, connection) -> tuple[int, str, Any]:
         """What has come; number 0 where another thread, whose question was given up, has taken it."""
         with self._reading:
-            return self._connection.recv() if self._connection.poll() else (0, "", None)
+            return connection.recv() if connection.poll() else (0, "", None)
 
     def warm_up(self) -> None:
         """Start the process, so that it has imported what it needs when the first calculation comes."""

@@ -2,7 +2,9 @@
 
 import asyncio
 
-from edhas_jax.workbench.calculator import Calculator
+import pytest
+
+from edhas_jax.workbench.calculator import CalculationCancelled, Calculator
 
 
 def test_an_answer_that_nobody_waits_for_is_passed_over(campaign_folder):
@@ -27,3 +29,21 @@ def test_an_answer_that_nobody_waits_for_is_passed_over(campaign_folder):
     assert was_cancelled
     assert opened["name"] == "synthetic" and "matrix" not in opened
     assert set(compared["matrix"]) == {"run1", "run2", "run3"}
+
+
+def test_a_calculation_that_is_cancelled_says_so_and_the_next_one_is_answered(campaign_folder):
+    calculator = Calculator(campaign_folder)
+
+    async def questions():
+        cancelled = asyncio.create_task(calculator.call("campaign.compare", "as given", "set_point", []))
+        while not calculator.busy_with:
+            await asyncio.sleep(0.01)
+        calculator.cancel()
+        with pytest.raises(CalculationCancelled):
+            await cancelled
+        return await calculator.call("campaign.open")
+
+    try:
+        assert asyncio.run(questions())["name"] == "synthetic"
+    finally:
+        calculator.stop()
