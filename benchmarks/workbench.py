@@ -36,7 +36,7 @@ CAMPAIGNS = "campaigns"  # the folder of the campaign, as pictures show it
 VIEWS = "Overview", "Data", "Compare", "Calibrate", "Diagnose", "Machine", "Report", "Design", "Steps"
 EFFECT, SECOND_EFFECT = "inverter_dead_time", "coil_heating"
 WIDTHS = 1280, 390
-COLOURS = 128  # of a picture, which is a third as large then and looks the same
+COLOURS = 256  # of a picture, which is a third as large then and looks the same
 # until Plotly has drawn once more, in ms
 ZOOM = """async ([low, high]) => {
   const plot = document.querySelector('[data-mark=traces]');
@@ -249,13 +249,18 @@ def draw(browser, address: str, folder: Path) -> None:
                 page.get_by_role("tab", name=view).click()
                 if view == "Design":
                     page.locator("[data-mark=cycle] .main-svg").first.wait_for()
+                if view == "Compare":  # a model that deviates
+                    page.get_by_label("model", exact=True).click()
+                    page.get_by_role("option", name="calibrated by the diagnosis", exact=True).click()
+                    page.locator("[data-mark=bench-corrected]").wait_for()
                 page.wait_for_timeout(3000)
                 height = page.evaluate("document.documentElement.scrollHeight")
                 page.set_viewport_size({"width": width, "height": max(900, height)})
                 page.wait_for_timeout(1000)
                 name = f"workbench_{view.lower()}_{width}{'_dark' if dark else ''}.png"
                 page.screenshot(path=str(folder / name))
-                Image.open(folder / name).quantize(COLOURS, dither=Image.Dither.NONE).save(folder / name, optimize=True)
+                picture = Image.open(folder / name).convert("RGB").quantize(COLOURS, Image.Quantize.FASTOCTREE)
+                picture.save(folder / name, optimize=True)
                 page.set_viewport_size({"width": width, "height": 900})
             page.context.close()
 
