@@ -9,6 +9,7 @@ and dark; with `--million` a record of a million samples is opened.
 """
 
 import argparse
+import os
 import re
 import shutil
 import subprocess
@@ -18,19 +19,24 @@ import time
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from edhas_jax.core import structs  # noqa: E402
 from edhas_jax.machine.effects import InverterDeadTime  # noqa: E402
 from edhas_jax.measurements.campaign_writer import write_campaign  # noqa: E402
+from edhas_jax.measurements.instruments import Instruments  # noqa: E402
+from edhas_jax.measurements.sensor_models import SensorGain  # noqa: E402
 from tests.support.synthetic_campaign import bench, empty_campaign, measured  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 1800e3  # ms
+CAMPAIGNS = "campaigns"  # the folder of the campaign, as pictures show it
 VIEWS = "Overview", "Data", "Compare", "Calibrate", "Diagnose", "Machine", "Report", "Design", "Steps"
 EFFECT, SECOND_EFFECT = "inverter_dead_time", "coil_heating"
 WIDTHS = 1280, 390
+COLOURS = 256  # of a picture, which is a third as large then and looks the same
 # until Plotly has drawn once more, in ms
 ZOOM = """async ([low, high]) => {
   const plot = document.querySelector('[data-mark=traces]');
@@ -56,7 +62,7 @@ def main() -> None:
     times = Times()
     with tempfile.TemporaryDirectory() as temporary, sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        folder = Path(temporary) / "bench"
+        folder = Path(temporary) / CAMPAIGNS / "bench"
         (three_runs if options.small else eight_runs)(folder)
         server, address = serve(folder)
         try:
@@ -67,7 +73,7 @@ def main() -> None:
             server.terminate()
             server.wait()
         if options.million:
-            folder = Path(temporary) / "long"
+            folder = Path(temporary) / CAMPAIGNS / "long"
             million_samples(folder)
             server, address = serve(folder)
             try:
@@ -79,9 +85,11 @@ def main() -> None:
 
 
 def three_runs(folder: Path) -> None:
-    """A campaign of an actuator bench with a hidden dead time of its inverter."""
+    """A campaign of an actuator bench: its inverter has a dead time, its sensor of the voltage is 1 % off."""
     truth = structs.replace(bench(), effects=(*bench().effects, InverterDeadTime(dead_time_voltage=0.8)))
-    write_campaign(measured(empty_campaign(lengths=(401, 401, 401)), truth), folder)
+    folder.parent.mkdir(parents=True)
+    sensors = Instruments({"voltage": (SensorGain(gain=1.01),)})
+    write_campaign(measured(empty_campaign(lengths=(401, 401, 401)), truth, sensors), folder)
 
 
 def eight_runs(folder: Path) -> None:
@@ -98,7 +106,7 @@ def eight_runs(folder: Path) -> None:
 
 def million_samples(folder: Path) -> None:
     """A campaign of one run with a million samples of a slow sine, from an actuator bench at rest for most of it."""
-    folder.mkdir()
+    folder.mkdir(parents=True)
     time_axis = np.arange(1_000_000) * 1e-4
     rng = np.random.default_rng(0)
     position = 1e-3 * np.sin(2 * np.pi * 2.0 * time_axis) + rng.normal(0.0, 5e-6, len(time_axis))
@@ -116,9 +124,11 @@ runs:
 
 
 def serve(folder: Path) -> tuple[subprocess.Popen, str]:
-    """Start a workbench; its process and address."""
-    command = [sys.executable, "-m", "edhas_jax.commands.cli", "workbench", str(folder), "--no-browser"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    """Start a workbench beside the folder of the campaigns, which pictures show; its process and address."""
+    home, environment = folder.parents[1], os.environ | {"PYTHONPATH": str(ROOT)}
+    named = str(folder.relative_to(home))
+    command = [sys.executable, "-m", "edhas_jax.commands.cli", "workbench", named, "--no-browser"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=home, env=environment)
     while (found := re.search(r"http://\S+", line := process.stdout.readline())) is None:
         assert line, "the workbench has ended"
     return process, found[0]
@@ -239,12 +249,18 @@ def draw(browser, address: str, folder: Path) -> None:
                 page.get_by_role("tab", name=view).click()
                 if view == "Design":
                     page.locator("[data-mark=cycle] .main-svg").first.wait_for()
+                if view == "Compare":  # a model that deviates
+                    page.get_by_label("model", exact=True).click()
+                    page.get_by_role("option", name="calibrated by the diagnosis", exact=True).click()
+                    page.locator("[data-mark=bench-corrected]").wait_for()
                 page.wait_for_timeout(3000)
                 height = page.evaluate("document.documentElement.scrollHeight")
                 page.set_viewport_size({"width": width, "height": max(900, height)})
                 page.wait_for_timeout(1000)
                 name = f"workbench_{view.lower()}_{width}{'_dark' if dark else ''}.png"
                 page.screenshot(path=str(folder / name))
+                picture = Image.open(folder / name).convert("RGB").quantize(COLOURS, Image.Quantize.FASTOCTREE)
+                picture.save(folder / name, optimize=True)
                 page.set_viewport_size({"width": width, "height": 900})
             page.context.close()
 

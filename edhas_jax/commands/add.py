@@ -9,6 +9,7 @@ from edhas_jax.commands.arguments import (
     add_own_code,
     output_folder,
     own_code,
+    own_words,
     require_own_code,
 )
 from edhas_jax.commands.console import console, finish, quoted
@@ -52,7 +53,7 @@ def run(options) -> None:
     with WorkProgress(options, "checking the data") as progress:
         result = add(campaign, effects, on_progress=progress)
     result.save(folder, options.overwrite)
-    finish(options, out, result.summary(), folder, f"diagnose {quoted(folder)}")
+    finish(options, out, result.summary(), folder, f"diagnose {quoted(folder)}{own_words(options)}")
 
 
 def _named(given: str) -> list[str]:

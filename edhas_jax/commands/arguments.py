@@ -1,6 +1,7 @@
 """Arguments that several commands share."""
 
 import argparse
+import shlex
 from pathlib import Path
 
 
@@ -70,6 +71,12 @@ def own_code(options) -> list[str]:
     """The files of the user's own that the command line names."""
     names = ("own_effects", "own_controllers", "own_rigs", "effects")
     return [spec for name in names for spec in getattr(options, name, [])]
+
+
+def own_words(options) -> str:
+    """The options by which the next command may run the rig and controllers that this one was allowed to run."""
+    names = ("rig", "controller")
+    return "".join(f" --{name} {shlex.quote(spec)}" for name in names for spec in getattr(options, f"own_{name}s", []))
 
 
 def require_own_code(options, *machines) -> None:

@@ -7,6 +7,7 @@ from edhas_jax.commands.arguments import (
     add_output_options,
     add_own_code,
     own_code,
+    own_words,
     require_own_code,
 )
 from edhas_jax.commands.console import console, finish, quoted
@@ -34,7 +35,7 @@ def add_parser(commands) -> None:
 def run_check(options) -> int:
     """Read a campaign and list the errors and warnings in its files; the status is 1 when there are any."""
     from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
-    from edhas_jax.measurements.campaign import Severity, count_runs
+    from edhas_jax.measurements.campaign import Severity, runs_text
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
     from edhas_jax.measurements.checks.noise_measurement import noise_sentence
@@ -48,7 +49,7 @@ def run_check(options) -> int:
     remarks, noise = checked.remarks, noise_sentence(checked)
     seconds = time.perf_counter() - began
     samples = sum(len(run.time) for run in campaign.runs)
-    counted = f"{count_runs(campaign.runs)} runs, {len(campaign.channels)} signals, {samples:,} samples"
+    counted = f"{runs_text(campaign.runs)}, {len(campaign.channels)} signals, {samples:,} samples"
     tones = {Severity.ERROR: Tone.BAD, Severity.WARNING: Tone.CAUTION}
     rows = [
         (Toned(r.severity.value, tones[r.severity]) if r.severity in tones else r.severity.value, r.file.name,
@@ -64,7 +65,7 @@ def run_check(options) -> int:
     listed = SummaryTable.of("remarks", ("severity", "file", "line", "what"), rows, records)
     title = f"{campaign.name}: {campaign.machine.name}, {counted}; {seconds:.1f} s"
     summary = Summary(title, (*([] if noise is None else [noise]), *([listed] if rows else []), verdict))
-    finish(options, out, summary, next_command=f"compare {quoted(options.campaign)}")
+    finish(options, out, summary, next_command=f"compare {quoted(options.campaign)}{own_words(options)}")
     return STATUS_REMARKS if errors + warnings else 0
 
 

@@ -9,6 +9,7 @@ import importlib
 import os
 import re
 import sys
+import time
 import warnings
 from collections.abc import Iterator
 from types import ModuleType
@@ -73,11 +74,12 @@ def _run(arguments: list[str], interruption: Interruption) -> int:
     if wrong := next((text for text in arguments if re.search("[\x00\ud800-\udfff]", text)), None):
         print(f"edhas: {_shortened(wrong)!r} is no name in UTF-8; rename the file or folder", file=sys.stderr)
         return STATUS_USER_ERROR
-    parser = make_parser()
+    began, parser = time.monotonic(), make_parser()
     if not arguments:
         parser.print_help()
         return 0
     options = parser.parse_args(arguments)
+    options.began = began
     try:
         with warnings.catch_warnings():  # restores how warnings are shown, for callers within a process
             _prepare_process()

@@ -9,6 +9,7 @@ from edhas_jax.commands.arguments import (
     add_own_code,
     output_folder,
     own_code,
+    own_words,
     require_own_code,
 )
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
@@ -33,7 +34,7 @@ def add_parser(commands) -> None:
 def run(options) -> None:
     """Simulate the runs of a campaign, write a report, print the residuals and their patterns."""
     from edhas_jax.config.machine_config import read_config
-    from edhas_jax.measurements.campaign_reader import read_campaign, with_values_of_runs
+    from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.replay import Replay
     from edhas_jax.tasks.compare import ComparisonResult, compare
 
@@ -41,17 +42,17 @@ def run(options) -> None:
     machine = None
     if options.model is not None:
         machine = read_config(options.model, trust=own_code(options)).machine
-        campaign = with_values_of_runs(campaign, options.model)
     require_own_code(options, campaign.machine, *([] if machine is None else [machine]))
     folder = output_folder(options, "comparisons", campaign.name)
     ComparisonResult.reserve(folder, options.overwrite)
     out = console(options)
     with WorkProgress(options) as progress:
-        result = compare(campaign, machine, replay=Replay(options.replay), on_progress=progress)
+        replay = Replay(options.replay)
+        result = compare(campaign, options.model, replay=replay, trust=own_code(options), on_progress=progress)
         progress("looking for patterns")
         patterns = result.patterns
         progress("drawing")
         result.save(folder, options.overwrite)
     print_data_check(out, result.campaign, result.remarks)
     follow = "diagnose" if patterns else "fit"
-    finish(options, out, result.summary(), folder, f"{follow} {quoted(options.campaign)}")
+    finish(options, out, result.summary(), folder, f"{follow} {quoted(options.campaign)}{own_words(options)}")

@@ -12,6 +12,7 @@ from edhas_jax.commands.arguments import (
     add_user_effects,
     output_folder,
     own_code,
+    own_words,
     require_own_code,
 )
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
@@ -71,7 +72,7 @@ def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
 
     folder = files.folder
     kept = "finished stages of the search ({}) are kept in {}; the same command goes on from them"
-    with WorkProgress(options) as progress:
+    with WorkProgress(options, "calibrating") as progress:
         try:
             result = diagnose(
                 campaign, user_effects, on_progress=progress, checkpoint=checkpoint, cluster=options.cluster
@@ -93,7 +94,7 @@ def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
                 raise
             raise ResultFileError(f"{error}; {kept.format(checkpoint.kept, folder)}") from None
     summary = result.summary_with(experiment, failures)
-    finish(options, out, summary, folder, _next_command(result, options.campaign, folder))
+    finish(options, out, summary, folder, _next_command(result, options.campaign, folder) + own_words(options))
 
 
 def _next_command(result, campaign: Path, folder: Path) -> str:

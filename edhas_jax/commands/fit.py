@@ -10,6 +10,7 @@ from edhas_jax.commands.arguments import (
     add_own_code,
     output_folder,
     own_code,
+    own_words,
     require_own_code,
     whole_number,
 )
@@ -77,7 +78,7 @@ def run(options) -> int:
             files.begin()
             save_calibration(estimates, folder)
 
-    with WorkProgress(options) as progress:
+    with WorkProgress(options, "calibrating") as progress:
         result = fit(
             campaign, options.starts, options.profile, on_progress=progress, keep=keep, choices=choices,
             on_step=lambda step: progress.numbers(dataclasses.asdict(step)),
@@ -89,5 +90,5 @@ def run(options) -> int:
             files.finish()
     for sentence in (f for f in failures if f not in result.failures):
         out.print(sentence, soft_wrap=True)
-    finish(options, out, result.summary(), folder, f"diagnose {quoted(options.campaign)}")
+    finish(options, out, result.summary(), folder, f"diagnose {quoted(options.campaign)}{own_words(options)}")
     return 0 if result.fit.converged else STATUS_NOT_CONVERGED

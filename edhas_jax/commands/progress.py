@@ -11,6 +11,7 @@ from typing import Any
 from edhas_jax.core.literal_text import terminal_text
 
 LINE_INTERVAL = 5.0  # s, between lines where there is no terminal
+FIRST_LINE = 2.0  # s after the program has begun, so that no one waits longer without a word
 VARIABLE = "EDHAS_PROGRESS"  # names a file of progress for the program that has started the command
 
 
@@ -24,7 +25,8 @@ class WorkProgress:
 
     def __init__(self, options=None, sentence: str = "reading"):
         self._quiet, self._bar, self._task = getattr(options, "quiet", False), None, None
-        self._sentence, self._last_line = sentence, time.monotonic()
+        self._sentence = sentence
+        self._next_line = getattr(options, "began", time.monotonic()) + FIRST_LINE
         self._file = ProgressFile()
 
     def __enter__(self) -> "WorkProgress":
@@ -39,6 +41,7 @@ class WorkProgress:
             self._bar = Progress(*columns, transient=True, console=PlainConsole(stderr=True))
             self._task = self._bar.add_task(terminal_text(self._sentence), total=None)
             self._bar.start()
+        self._line(self._sentence)
         return self
 
     def __exit__(self, *_) -> None:
@@ -52,8 +55,12 @@ class WorkProgress:
         if self._bar is not None:
             known = {} if share is None else {"total": 1.0, "completed": share}
             self._bar.update(self._task, description=terminal_text(sentence), **known)
-        elif not self._quiet and time.monotonic() - self._last_line > LINE_INTERVAL:
-            self._last_line = time.monotonic()
+        self._line(sentence, share)
+
+    def _line(self, sentence: str, share: float | None = None) -> None:
+        """Print a line where there is no terminal and none was printed for a while."""
+        if self._bar is None and not self._quiet and time.monotonic() > self._next_line:
+            self._next_line = time.monotonic() + LINE_INTERVAL
             done = "" if share is None else f", {100.0 * share:.0f} %"
             print(terminal_text(f"edhas: {sentence}{done}"), file=sys.stderr, flush=True)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import edhas_jax
 
+SHOWN_DPI, SHARPNESS = 110, 1.5  # of pictures: pixels per inch of the page, and samples of the picture for each of them
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; max-width: 1180px; margin: 2em auto; padding: 0 1.5em }
 h1 { font-size: 1.6em; margin-bottom: 0.2em } h2 { font-size: 1.2em; margin-top: 2em }
@@ -83,8 +84,9 @@ def json_element(data: Any, identifier: str) -> str:
 def image(figure, caption: str) -> str:
     """A matplotlib figure embedded as PNG; `caption` says what it shows, below it and as text for screen readers."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
+    figure.savefig(buffer, format="png", dpi=SHARPNESS * SHOWN_DPI)
     data = base64.b64encode(buffer.getvalue()).decode()
     shown = f"{caption[:1].upper()}{caption[1:]}"
-    picture = f'<img alt="{html.escape(caption)}" src="data:image/png;base64,{data}">'
+    width = round(SHOWN_DPI * figure.get_figwidth())
+    picture = f'<img alt="{html.escape(caption)}" width="{width}" src="data:image/png;base64,{data}">'
     return f"<figure>{picture}<figcaption>{html.escape(shown)}</figcaption></figure>"

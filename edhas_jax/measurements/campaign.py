@@ -225,7 +225,7 @@ class Campaign:
 
     def __repr__(self) -> str:
         uses = (f"{count_runs(self.runs_for(use))} {use.value}" for use in Use)
-        counted = f"{count_runs(self.runs)} runs ({', '.join(uses)}), {len(self.channels)} signals"
+        counted = f"{runs_text(self.runs)} ({', '.join(uses)}), {len(self.channels)} signals"
         return f"<Campaign: {self.name}, {self.machine.name}, {counted}, {len(self.uncertain)} uncertain parameters>"
 
     @functools.cached_property
@@ -279,6 +279,12 @@ class Campaign:
     def runs_for(self, use: Use) -> tuple[BenchRun, ...]:
         """The runs of one use, in the order of the campaign."""
         return tuple(run for run in self.runs if run.use is use)
+
+
+def runs_text(runs: Iterable[BenchRun]) -> str:
+    """The number of runs in words, "1 run" or "3 runs"; the parts of one that was divided count as one."""
+    count = count_runs(runs)
+    return f"{count} run{'s' * (count != 1)}"
 
 
 def count_runs(runs: Iterable[BenchRun]) -> int:

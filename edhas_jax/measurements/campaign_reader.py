@@ -1,7 +1,6 @@
 """Read a campaign: a folder with `campaign.yaml` and one file per run."""
 
 import dataclasses
-import json
 from pathlib import Path
 
 from edhas_jax.core import structs
@@ -9,11 +8,11 @@ from edhas_jax.core.trusted_code import Trust
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Remark, Severity
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, read_description
 from edhas_jax.measurements.checks.limit_checks import limits_remarks
+from edhas_jax.measurements.fitted_model import results_beside
 from edhas_jax.measurements.remark_list import brief_lines
 from edhas_jax.measurements.run_reader import RunReader
 
 OF_RUNS = "of_runs"  # key of a result: by run and parameter, what was estimated of the run alone
-RESULT_FILES = "fit.json", "diagnosis.json", "result.json"  # beside the `config.yaml` of a fitted model
 
 
 def read_campaign(path: Path | str, trust: Trust = (), planned: bool = False) -> Campaign:
@@ -59,13 +58,10 @@ def with_values_of_runs(campaign: Campaign, model: Path | str) -> Campaign:
     Returns:
         The campaign; itself where there is no such result, or the runs have nothing of their own.
     """
-    path = Path(model)
-    for name in RESULT_FILES if path.name == "config.yaml" else (f"{path.stem}.json", f"{path.stem}.runs.json"):
-        file = path.with_name(name)
+    for file, found in results_beside(model):
         try:
-            found = json.loads(file.read_text(encoding="utf-8"))[OF_RUNS]
-            own = {run: {n: float(row["value"]) for n, row in rows.items()} for run, rows in found.items()}
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            own = {run: {n: float(row["value"]) for n, row in rows.items()} for run, rows in found[OF_RUNS].items()}
+        except (ValueError, KeyError, TypeError, AttributeError):
             continue
         known = {run.whole: own.get(run.whole, {}).keys() & run.uncertain.keys() for run in campaign.runs}
         if not any(known.values()):

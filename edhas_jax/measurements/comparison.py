@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig, Sine
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity, has_parameter
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.fitted_model import ERROR_BY_RUN, IS_CORRECTED, results_beside
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.replay import EXCLUDED_SIGNALS, Replay, machine_with_replay
@@ -146,6 +148,27 @@ def compare(
                     f"still {resolution.error:.2g} of the noise; residuals of this size say nothing")  # fmt: skip
         remarks.append(Remark(Severity.WARNING, campaign.runs[0].file, 0, sentence))
     return Comparison(campaign, machine, replay, resolution, tuple(compared), tuple(remarks))
+
+
+def bench_corrected_errors(comparison: Comparison, model: Path | str) -> dict[str, dict[str, float]]:
+    """Residual over noise by run and signal with the bench corrected, as the fit of a model has left it.
+
+    Args:
+        comparison: of this model with the measurements.
+        model: file of the configuration of the model; the result of its fit lies beside it.
+
+    Returns:
+        The errors of the runs and signals of the comparison; empty where there is no such result, where nothing of the
+        bench was estimated with the model, and where a measured signal drives it.
+    """
+    for _, found in results_beside(model) if comparison.replay is Replay.SET_POINT else ():
+        try:
+            if found[IS_CORRECTED]:
+                errors = {run: found[ERROR_BY_RUN].get(run, {}) for run in comparison.rms_over_noise()}
+                return {run: {n: float(v) for n, v in row.items() if v is not None} for run, row in errors.items()}
+        except (KeyError, TypeError, ValueError, AttributeError):
+            continue
+    return {}
 
 
 def _sine_set_point(machine: Rig) -> tuple[float, float]:

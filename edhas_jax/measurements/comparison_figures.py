@@ -1,6 +1,6 @@
 """Figures of a comparison: measured and simulated traces, errors over signals and conditions, residual spectra.
 
-Errors are drawn as model − measured, so that they lie above zero where the model is too high, as the sentences say.
+Residuals are drawn as measured − model: they lie below zero where the model is too high.
 """
 
 import numpy as np
@@ -49,7 +49,7 @@ def draw_traces(comparison: Comparison, signal: str):
         above.plot(time, measured, ".", ms=2.2, color=COLOURS[0], label="measured")
         above.plot(time, model, color=COLOURS[1], lw=1.1, label="model ± 2 noise")
         below.axhspan(-2, 2, color=NOISE_BAND_COLOUR, lw=0)
-        below.plot(time, -compared.residuals[signal][shown], lw=0.8, color=COLOURS[0])
+        below.plot(time, compared.residuals[signal][shown], lw=0.8, color=COLOURS[0])
         below.set_xlabel(f"time, {time_name}" if row == rows - 1 else "", fontsize=8, color=INK)
         frequency = format_quantity(compared.frequency, "Hz") if np.isfinite(compared.frequency) else ""
         title = f"{figure_text(compared.run.name)}  {frequency}   {compared.rms_over_noise[signal]:.2f} × noise"
@@ -170,24 +170,24 @@ def draw_pattern(comparison: Comparison, pattern: Pattern):
     axis = pattern.axis if pattern.axis != "time" or not _all_cyclic(comparison) else "phase"
     for compared, shade in zip(runs, shades, strict=True):
         at = _abscissa(comparison, compared, axis)
-        axes.plot(at, -scale * compared.residuals[pattern.signal], ".", ms=1.2, alpha=0.25, color=shade)
+        axes.plot(at, scale * compared.residuals[pattern.signal], ".", ms=1.2, alpha=0.25, color=shade)
         middle, mean = _binned(comparison, compared, pattern.signal, axis)
         axes.plot(middle, scale * mean, color=shade, lw=1.4, label=figure_text(compared.run.name))
     if pattern.stated and pattern.axis != "time":
         _draw_stated(axes, comparison, runs, pattern, scale / noise)
     axes.set_xlabel(_axis_label(comparison, axis), fontsize=9, color=INK)
-    axes.set_ylabel(f"{pattern.signal.replace('_', ' ')}: model − measured, {unit}", fontsize=9, color=INK)
+    axes.set_ylabel(f"{pattern.signal.replace('_', ' ')}: measured − model, {unit}", fontsize=9, color=INK)
     axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     _style_axes(axes)
     return figure
 
 
 def _draw_stated(axes, comparison: Comparison, runs: list[RunComparison], pattern: Pattern, scale: float) -> None:
-    """Draw the error that the sentence of a pattern states; `scale` is the display unit for one SI unit."""
+    """Draw the residual that the sentence of a pattern states; `scale` is the display unit for one SI unit."""
     at = np.concatenate([_abscissa(comparison, compared, pattern.axis) for compared in runs])
     order = np.argsort(at)
     order = order[np.linspace(0, len(order) - 1, MAX_STATED_POINTS).astype(int)] if len(order) else order
-    stated = scale * np.concatenate(pattern.stated)
+    stated = -scale * np.concatenate(pattern.stated)
     axes.plot(at[order], stated[order], color=INK, lw=1.8, ls="--", label="as the sentence says")
 
 
@@ -224,7 +224,7 @@ def _abscissa(comparison: Comparison, compared: RunComparison, axis: str) -> np.
 
 def _binned(comparison: Comparison, compared: RunComparison, signal: str, axis: str) -> tuple[np.ndarray, np.ndarray]:
     """Centres of bins of equal width along a quantity, and the mean error over noise in each, without sparse bins."""
-    at, values = _abscissa(comparison, compared, axis), -compared.residuals[signal]
+    at, values = _abscissa(comparison, compared, axis), compared.residuals[signal]
     ok = np.isfinite(at) & np.isfinite(values)
     if not ok.any():
         return np.zeros(0), np.zeros(0)

@@ -1,5 +1,7 @@
 """Write the report of a comparison as one HTML page: residual matrix, patterns, figures and tables."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from edhas_jax.core import html_page
@@ -15,26 +17,27 @@ from edhas_jax.measurements.comparison_figures import (
 )
 from edhas_jax.measurements.figures_of_merit import COLUMNS, figures_of_merit
 from edhas_jax.measurements.replay import Replay
-from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
+from edhas_jax.measurements.residual_matrix import RESIDUAL, draw_residual_matrix, run_descriptions
 from edhas_jax.measurements.residual_patterns import Pattern
 
 MAX_DRAWN_PATTERNS = 4  # patterns with a figure of their own
 
 
-def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
+def comparison_report(
+    comparison: Comparison, patterns: list[Pattern], matrices: Mapping[str, Mapping[str, Mapping[str, float]]]
+) -> str:
     """The report as HTML.
 
     Args:
         comparison: the model compared with the measurements.
         patterns: the patterns in its residuals, the most important first.
+        matrices: residual over noise by title, run and signal.
     """
     campaign = comparison.campaign
     effects = ", ".join(e.id for e in comparison.machine.effects) or "no effects"
     step = campaign.runs[0].interval / comparison.resolution.fine
     is_replay = comparison.replay is not Replay.SET_POINT
     model_input = f"the measured {comparison.replay.value}" if is_replay else "set point and controller"
-    matrix = comparison.rms_over_noise()
-    notes = {run: text for run, text in run_descriptions(campaign).items() if run in matrix}
     parts = [
         html_page.heading(f"{campaign.name}: model and measurements", 1),
         html_page.paragraph(
@@ -43,7 +46,7 @@ def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
             "A residual over noise of 1 means that only the noise of the sensor remains."
         ),
         *(html_page.paragraph(sentence) for sentence in data_sentences(campaign)),
-        html_page.image(draw_residual_matrix({"residual over noise": matrix}, notes), "residual over noise"),
+        html_page.image(draw_matrices(comparison, matrices), RESIDUAL),
         html_page.heading("Where the model deviates"),
         html_page.numbered_list(
             sentences(patterns) or ["Nowhere: the residuals hold nothing but the noise of the sensors."]
@@ -71,6 +74,13 @@ def comparison_report(comparison: Comparison, patterns: list[Pattern]) -> str:
         listed = html_page.numbered_list([str(remark) for remark in remarks])
         parts += [html_page.heading("Remarks on the data, and data that were left out"), listed]
     return html_page.page(f"{campaign.name}: comparison", *parts)
+
+
+def draw_matrices(comparison: Comparison, matrices: Mapping[str, Mapping[str, Mapping[str, float]]]):
+    """A matplotlib figure of residual over noise by title, run and signal."""
+    notes = run_descriptions(comparison.campaign)
+    simulated = {compared.run.name for compared in comparison.runs}
+    return draw_residual_matrix(matrices, {run: text for run, text in notes.items() if run in simulated})
 
 
 def _residuals_over_conditions(comparison: Comparison) -> list[str]:

@@ -8,15 +8,15 @@ from edhas_jax.measurements.comparison import Comparison, RunComparison
 from edhas_jax.measurements.residuals import rms_over_noise
 
 COLUMNS = {
-    "residual_over_noise": "rms of (model − measured), in standard deviations of the sensor's noise",
-    "nrmse": "rms of (model − measured) over the range of the measured signal",
-    "peak": "difference of the largest values: model − measured",
-    "mean": "mean difference: model − measured",
+    "residual_over_noise": "rms of (measured − model), in standard deviations of the sensor's noise",
+    "nrmse": "rms of (measured − model) over the range of the measured signal",
+    "peak": "difference of the largest values: measured − model",
+    "mean": "mean difference: measured − model",
     "harmonic": "multiple of the set point's frequency at which amplitude and phase are compared: the one that carries "
     "the signal, 2 for most rectified ones; none where the model or the measurement has no power at a common one",
     "amplitude": "amplitude of the model over that of the measured signal, at this harmonic",
     "phase": "phase lag of the model behind the measured signal, at this harmonic and in its own angle, rad",
-    "delay": "delay of the model behind the measured signal, s: least-squares slope of the error over the rate",
+    "delay": "delay of the model behind the measured signal, s: least-squares slope of the residual over the rate",
     "memory": "autocorrelation of the residuals at a lag of one sample: 0 for white noise",
     "white": "whether the residuals pass as white noise (Ljung-Box test over 20 lags, 1 % significance)",
 }
@@ -51,7 +51,7 @@ def _row(compared: RunComparison, signal: str, noise: float) -> dict[str, float]
     valid = np.isfinite(measured) & np.isfinite(model)
     if valid.sum() < 2:
         return dict.fromkeys(COLUMNS, np.nan) | {"residual_over_noise": np.inf, "white": False}
-    error = np.where(valid, model - measured, np.nan)
+    error = np.where(valid, measured - model, np.nan)
     rate = np.gradient(model, compared.run.time)[valid]
     rate_squared = float(rate @ rate)
     memory, statistic = ljung_box(residuals)
@@ -59,12 +59,12 @@ def _row(compared: RunComparison, signal: str, noise: float) -> dict[str, float]
     return {
         "residual_over_noise": rms_over_noise([residuals]),
         "nrmse": float(np.sqrt(np.nanmean(error**2)) / (np.ptp(measured[valid]) or np.nan)),
-        "peak": float(model[valid].max() - measured[valid].max()),
+        "peak": float(measured[valid].max() - model[valid].max()),
         "mean": float(np.nanmean(error)),
         "harmonic": harmonic,
         "amplitude": abs(ratio),
         "phase": float(-np.angle(ratio)) if np.isfinite(ratio) else np.nan,
-        "delay": -float(error[valid] @ rate) / rate_squared if rate_squared > 0.0 else np.nan,
+        "delay": float(error[valid] @ rate) / rate_squared if rate_squared > 0.0 else np.nan,
         "memory": memory,
         "white": bool(statistic < CHI_SQUARED_LIMIT),
     }

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from edhas_jax.machine.components.set_points import Steps
 from edhas_jax.machine.parameters import ParameterError, get_parameter, short_names
@@ -251,6 +250,8 @@ class MeasurementModel:
         if not np.isfinite(rows).all():
             return np.full((len(time), *rows.shape[1:]), np.nan)
         if not len(steps):
+            from scipy.interpolate import CubicSpline  # slow to load, and most records need none
+
             return CubicSpline(interval * np.arange(len(rows)), rows)(time)
         at, steps = time / interval, steps / interval - MAX_TIMESTAMP_ERROR
         ends, part = np.array([0, *np.ceil(steps), len(rows)], int), np.searchsorted(steps, at)

@@ -10,7 +10,8 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.measurements.campaign import Campaign, Use
 
-ERROR_LABEL = "(model − measured) / noise"  # of residuals wherever they are shown
+ERROR_LABEL = "(measured − model) / noise"  # of residuals wherever they are shown
+RESIDUAL = "residual over noise"  # title of a matrix
 COLOUR_RANGE = (0.7, 30.0)  # residual over noise at the palest and at the darkest colour
 COLOUR_STOPS = ("#f3f6f4", "#fdf3d0", "#f9c76a", "#ea7a2e", "#b3261e", "#5a0f14")
 WHITE_TEXT_ABOVE = 7.0  # residual over noise from which the cell is too dark for dark text
@@ -53,7 +54,7 @@ def draw_residual_matrix(
     bar = figure.colorbar(image, ax=grid, pad=0.01, aspect=22, ticks=[1, 2, 5, 10, 20])
     bar.ax.set_yticklabels(["1", "2", "5", "10", "20"], fontsize=8, color=GREY)
     bar.ax.minorticks_off()
-    bar.set_label("residual over noise", fontsize=9, color=INK)
+    bar.set_label(RESIDUAL, fontsize=9, color=INK)
     bar.outline.set_visible(False)
     return figure
 

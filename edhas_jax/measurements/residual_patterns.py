@@ -77,7 +77,7 @@ def _patterns_of_signal(comparison: Comparison, signal: str) -> list[Pattern]:
         sentence = f"{_display_name(signal)}: the model fails before the end of some run"
         return [Pattern(signal, "phase", 1.0, math.inf, sentence)]
     measured = [np.isfinite(values) for values in residuals]
-    # error of the model: model − measured, in standard deviations of the noise
+    # error of the model, by how much it is too high, in standard deviations of the noise
     remaining = np.concatenate([-values[ok] for values, ok in zip(residuals, measured, strict=True)])
     count, excess = len(remaining), float(remaining @ remaining) - len(remaining)
     if excess < (NEGLIGIBLE_RESIDUAL**2 - 1.0) * count:

@@ -34,6 +34,22 @@ def rms_over_noise(residuals: Iterable[np.ndarray]) -> float:
     return math.sqrt(square_sum / count) if count else math.inf
 
 
+def rms_by_run(
+    campaign: Campaign, residuals: Mapping[str, Mapping[str, np.ndarray]]
+) -> dict[str, dict[str, float]]:
+    """The rms of normalised residuals by run and signal; the parts of a run that was divided are taken together.
+
+    Args:
+        campaign: the runs.
+        residuals: normalised residuals (samples,) by run and signal.
+    """
+    parts: dict[str, dict[str, list[np.ndarray]]] = {}
+    for run in campaign.runs:
+        for name, values in residuals.get(run.name, {}).items():
+            parts.setdefault(run.whole, {}).setdefault(name, []).append(values)
+    return {run: {name: rms_over_noise(rows) for name, rows in row.items()} for run, row in parts.items()}
+
+
 def rms_by_signal(campaign: Campaign, residuals: Mapping[str, Mapping[str, np.ndarray]], use: Use) -> dict[str, float]:
     """The rms of normalised residuals over all runs of one use.
 

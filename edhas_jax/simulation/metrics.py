@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from edhas_jax.core import runtime
 from edhas_jax.core.units import from_si
@@ -216,5 +215,7 @@ def mean_rate(t, cumulated, first: float, last: float, rate=None) -> float:
     if rate is None or not (np.isfinite(rate).all() and np.isfinite(cumulated).all()):
         ends = np.interp([first, last], t, cumulated)
     else:
+        from scipy.interpolate import CubicHermiteSpline  # slow to load, and most commands need none
+
         ends = CubicHermiteSpline(t, cumulated, rate)([first, last])
     return float((ends[1] - ends[0]) / (last - first))

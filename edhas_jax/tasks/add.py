@@ -4,6 +4,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from edhas_jax.config.run_folder import write_json
 from edhas_jax.core.literal_text import figure_text
@@ -11,7 +12,7 @@ from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.core.units import exact_quantity, format_quantity, to_si
+from edhas_jax.core.units import estimate_text, exact_quantity, format_quantity, to_si
 from edhas_jax.diagnosis.search.chosen_effects import USES, ChosenModel, fit_with_effects, save_model
 from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.machine.effects import Effect
@@ -22,6 +23,7 @@ from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.campaign_reader import OF_RUNS, as_campaign
 from edhas_jax.measurements.campaign_with_effects import description_with_effects
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from edhas_jax.measurements.fitted_model import ERROR_BY_RUN, IS_CORRECTED
 from edhas_jax.measurements.unknown_parameters import ParameterScale
 from edhas_jax.tasks.result import Result, save_figure
 
@@ -104,10 +106,9 @@ class AddResult(Result):
         rows, records = [], []
         for name, found in self.models[-1].as_json()["parameters"].items():
             value, error, unit, limit = found["value"], found["std"], found["unit"], found.get("limit")
-            shown = f"none: at its {limit} limit" if limit else f"± {format_quantity(error, unit)}"
-            rows.append((name, format_quantity(value, unit), shown))
+            rows.append((name, estimate_text(value, error, unit, limit)))
             records.append({"name": name, "value": value, "error": error, "unit": unit, "limit": limit})
-        return SummaryTable.of("estimates", ("name", "value", "standard error"), rows, records)
+        return SummaryTable.of("estimates", ("name", "size ± standard error"), rows, records)
 
     def plot(self):
         """Plot residual over noise (rms) of every model, on fitted and held-out runs, as a matplotlib figure."""
@@ -126,17 +127,21 @@ class AddResult(Result):
         axes.legend(frameon=False, fontsize=9)
         return figure
 
+    def _of_runs(self) -> dict[str, Any]:
+        """What the runs have of their own in the last model, and its residual over noise by run and signal."""
+        row = self.models[-1].as_json()
+        return {name: row[name] for name in (OF_RUNS, ERROR_BY_RUN, IS_CORRECTED)}
+
     def save_model(self, path: Path | str) -> None:
         """Write the machine with all effects as a configuration.
 
-        What runs have of their own is written beside it, `model.runs.json` beside `model.yaml`.
+        What runs have of their own and their errors are written beside it, `model.runs.json` beside `model.yaml`.
 
         Raises:
             OSError: the file cannot be written.
         """
         save_model(self.models[-1], Path(path))
-        if own := self.models[-1].as_json()[OF_RUNS]:
-            write_json(Path(path).with_suffix(".runs.json"), {OF_RUNS: own})
+        write_json(Path(path).with_suffix(".runs.json"), self._of_runs())
 
     def write_files(self, folder: Path) -> Sequence[str]:
         """See `Result.write_files`."""
@@ -144,7 +149,7 @@ class AddResult(Result):
             (folder / CAMPAIGN_FILE).write_text(self.campaign_text(folder), encoding="utf-8")
         save_model(self.models[-1], folder / CONFIG_FILE)
         rows = [model.as_json() for model in self.models]
-        write_json(folder / DATA_FILE, {"models": rows, OF_RUNS: rows[-1][OF_RUNS]})
+        write_json(folder / DATA_FILE, {"models": rows} | self._of_runs())
         save_figure(self.plot(), folder / FIGURE_FILE)
         return ()
 

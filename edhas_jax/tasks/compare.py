@@ -11,16 +11,17 @@ from edhas_jax.core.literal_text import csv_text
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Campaign, count_runs
+from edhas_jax.measurements.campaign import Campaign, runs_text
 from edhas_jax.measurements.campaign_reader import as_campaign, with_values_of_runs
-from edhas_jax.measurements.comparison import Comparison
+from edhas_jax.measurements.comparison import Comparison, bench_corrected_errors
 from edhas_jax.measurements.comparison import compare as simulate_and_compare
 from edhas_jax.measurements.comparison_figures import draw_traces
-from edhas_jax.measurements.comparison_report import comparison_report, sentences
+from edhas_jax.measurements.comparison_report import comparison_report, draw_matrices, sentences
 from edhas_jax.measurements.figures_of_merit import figures_of_merit
+from edhas_jax.measurements.fitted_model import BENCH_CORRECTED
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.replay import Replay
-from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
+from edhas_jax.measurements.residual_matrix import RESIDUAL
 from edhas_jax.measurements.residual_patterns import Pattern, find_patterns
 from edhas_jax.tasks.result import Result, with_methods
 
@@ -29,8 +30,14 @@ GOOD_RESIDUAL, BAD_RESIDUAL = 1.15, 3.0  # residual over noise, up to which noth
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class ComparisonResult(Result, Comparison):
-    """A model compared with the measurements of a campaign; see `Comparison` for its numbers."""
+    """A model compared with the measurements of a campaign; see `Comparison` for its numbers.
 
+    Attributes:
+        bench_corrected: residual over noise by run and signal with the bench corrected, as the fit of the model has
+            left it; empty where nothing of the bench was estimated with this model, and with a measured input.
+    """
+
+    bench_corrected: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
     files = ("figures.csv", "report.html")
 
     @functools.cached_property
@@ -46,24 +53,28 @@ class ComparisonResult(Result, Comparison):
         """See `Result.summary`."""
         found = sentences(self.patterns)
         numbered = [f"{number}. {sentence}" for number, sentence in enumerate(found, 1)]
-        count = count_runs(compared.run for compared in self.runs)
-        title = f"{self.campaign.name}: model and measurements, {count} runs, {len(self.signals)} signals"
+        counted = runs_text(compared.run for compared in self.runs)
+        title = f"{self.campaign.name}: model and measurements, {counted}, {len(self.signals)} signals"
         nothing = ["The residuals hold nothing but the noise of the sensors."]
-        return Summary(title, (self._residuals(), *(numbered or nothing)))
+        tables = [self._residuals(title, matrix) for title, matrix in self.matrices().items()]
+        return Summary(title, (*tables, *(numbered or nothing)))
 
-    def _residuals(self) -> SummaryTable:
+    def matrices(self) -> dict[str, Mapping[str, Mapping[str, float]]]:
+        """Residual over noise by title, run and signal: plain, and with the bench corrected where that is known."""
+        found: dict[str, Mapping[str, Mapping[str, float]]] = {RESIDUAL: self.rms_over_noise()}
+        return found | ({f"{RESIDUAL} {BENCH_CORRECTED}": self.bench_corrected} if self.bench_corrected else {})
+
+    def _residuals(self, title: str, matrix: Mapping[str, Mapping[str, float]]) -> SummaryTable:
         rows, records = [], []
-        for run, row in self.rms_over_noise().items():
+        for run, row in matrix.items():
             rows.append((run, *("" if n not in row else toned_residual(row[n]) for n in self.signals)))
             records.append({"run": run, **{n: row.get(n) for n in self.signals}})
-        title = "residual over noise"
-        return SummaryTable.of("residual_over_noise", ("run", *self.signals), rows, records, title)
+        name = title.replace(" ", "_")
+        return SummaryTable.of(name, ("run", *self.signals), rows, records, title)
 
     def plot(self):
         """Plot residual over noise of every run and signal, as a matplotlib figure."""
-        matrix = self.rms_over_noise()
-        notes = {run: text for run, text in run_descriptions(self.campaign).items() if run in matrix}
-        return draw_residual_matrix({"residual over noise": matrix}, notes)
+        return draw_matrices(self, self.matrices())
 
     def plot_signal(self, signal: str):
         """Plot a signal measured and of the model, with its residual, as a matplotlib figure.
@@ -77,11 +88,15 @@ class ComparisonResult(Result, Comparison):
 
     def report(self) -> str:
         """The report, one HTML page."""
-        return comparison_report(self, self.patterns)
+        return comparison_report(self, self.patterns, self.matrices())
 
     def write_files(self, folder: Path) -> Sequence[str]:
         """See `Result.write_files`."""
-        figures_of_merit(self).rename(csv_text, level="run").to_csv(folder / "figures.csv")
+        table = figures_of_merit(self)
+        if self.bench_corrected:
+            values = [self.bench_corrected.get(run, {}).get(signal) for run, signal in table.index]
+            table.insert(1, "residual_over_noise_with_the_bench_corrected", values)
+        table.rename(csv_text, level="run").to_csv(folder / "figures.csv")
         (folder / "report.html").write_text(self.report(), encoding="utf-8")
         return ()
 
@@ -105,7 +120,8 @@ def compare(
     Args:
         campaign: a campaign or its folder.
         machine: the model, a machine, a configuration or its file; None: the campaign's own. Beside the file of a
-            fitted model lies what the runs have of their own, which is used too.
+            fitted model lies what the runs have of their own, which is used too, and its errors with the bench
+            corrected.
         instruments: measurement chains that record the signals of the model.
         replay: the input that drives the model.
         trust: Python files of your own that may run if a file names them.
@@ -120,7 +136,9 @@ def compare(
     """
     model = None if machine is None else as_config(machine, trust).machine
     campaign = as_campaign(campaign, trust)
-    if isinstance(machine, Path | str):
-        campaign = with_values_of_runs(campaign, machine)
+    file = machine if isinstance(machine, Path | str) else None
+    if file is not None:
+        campaign = with_values_of_runs(campaign, file)
     found = simulate_and_compare(campaign, model, instruments, replay, on_progress)
-    return with_methods(ComparisonResult, found)
+    corrected = {} if file is None else bench_corrected_errors(found, file)
+    return with_methods(ComparisonResult, found, bench_corrected=corrected)

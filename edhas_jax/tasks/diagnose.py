@@ -15,7 +15,7 @@ from edhas_jax.diagnosis.report.bench_findings import bench_rows
 from edhas_jax.diagnosis.report.conclusions import conclusions, explains_little, outcome, parameters_text
 from edhas_jax.diagnosis.report.overview_figure import draw_overview
 from edhas_jax.diagnosis.report.report import diagnosis_report, write_report
-from edhas_jax.diagnosis.report.result_file import CALIBRATED_CONFIG_FILE, save_diagnosis
+from edhas_jax.diagnosis.report.result_file import CALIBRATED_CONFIG_FILE, CALIBRATED_FILE, save_diagnosis
 from edhas_jax.diagnosis.search.checkpoint import Checkpoint, program_versions
 from edhas_jax.diagnosis.search.diagnose import diagnose as search
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
@@ -39,8 +39,8 @@ class DiagnosisResult(Result, Diagnosis):
 
     # besides the model, curves as tabulated laws that it names
     files = (
-        "report.html", "diagnosis.json", "diagnosis.png", "config.yaml", CALIBRATED_CONFIG_FILE, "*_deviation.yaml",
-        "*_curve_over_*.yaml",
+        "report.html", "diagnosis.json", "diagnosis.png", "config.yaml", CALIBRATED_CONFIG_FILE, CALIBRATED_FILE,
+        "*_deviation.yaml", "*_curve_over_*.yaml",
     )  # fmt: skip
 
     @property

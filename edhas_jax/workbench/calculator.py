@@ -8,6 +8,7 @@ import asyncio
 import contextlib
 import multiprocessing
 import signal
+import threading
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -38,6 +39,8 @@ class Calculator:
         self._process: multiprocessing.Process | None = None
         self._connection = None
         self._lock = asyncio.Lock()
+        self._reading = threading.Lock()
+        self._asked = 0  # questions so far: the number of the last one
         self._cancelled = False
         self.busy_with = ""
         self.progress = ""
@@ -58,8 +61,9 @@ class Calculator:
             self.busy_with, self.progress, self._cancelled = name, "", False
             try:
                 self._start()
-                self._connection.send((name, arguments))
-                return await self._answer(say)
+                self._asked += 1
+                self._connection.send((self._asked, name, arguments))
+                return await self._answer(self._asked, say)
             except (EOFError, OSError) as error:
                 self.stop()
                 if self._cancelled:
@@ -68,13 +72,20 @@ class Calculator:
             finally:
                 self.busy_with = self.progress = ""
 
-    async def _answer(self, say: Callable[[str], None] | None) -> Any:
+    async def _answer(self, number: int, say: Callable[[str], None] | None) -> Any:
+        """The answer to the question of a number.
+
+        Answers to earlier ones are passed over: who asked them, such as a window that was closed, no longer waits.
+        """
+        process, connection = self._process, self._connection  # `cancel` closes them
         while True:
-            while not self._connection.poll():
+            while not connection.poll():
                 await asyncio.sleep(POLL)
-                if not self._process.is_alive() and not self._connection.poll():
+                if not process.is_alive() and not connection.poll():
                     raise EOFError
-            kind, value = await asyncio.to_thread(self._connection.recv)
+            of, kind, value = await asyncio.to_thread(self._receive, connection)
+            if of != number:
+                continue
             if kind == PROGRESS:
                 self.progress = value
                 if say is not None:
@@ -83,6 +94,11 @@ class Calculator:
                 return value
             else:
                 raise CalculationError(value)
+
+    def _receive(self, connection) -> tuple[int, str, Any]:
+        """What has come; number 0 where another thread, whose question was given up, has taken it."""
+        with self._reading:
+            return connection.recv() if connection.poll() else (0, "", None)
 
     def warm_up(self) -> None:
         """Start the process, so that it has imported what it needs when the first calculation comes."""
@@ -116,16 +132,17 @@ def serve(connection, folder: str) -> None:
     """Calculate what comes through a connection until it is closed: the process itself.
 
     Args:
-        connection: end of a pipe; receives (name, arguments), sends (kind, value).
+        connection: end of a pipe; receives (number, name, arguments), sends (number, kind, value).
         folder: the folder to work on.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal ends the server, and that ends this process
     from edhas_jax.workbench.calculations import Calculations, is_user_error
 
-    calculations = Calculations(Path(folder), lambda sentence: connection.send((PROGRESS, sentence)))
+    number = 0
+    calculations = Calculations(Path(folder), lambda sentence: connection.send((number, PROGRESS, sentence)))
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
-            name, arguments = connection.recv()
+            number, name, arguments = connection.recv()
             try:
                 answer = RESULT, calculations.answer(name, arguments)
             except Exception as error:
@@ -134,4 +151,4 @@ def serve(connection, folder: str) -> None:
                 else:
                     traceback.print_exc()
                     answer = DEFECT, f"A defect of the program: {type(error).__name__}: {error}"
-            connection.send(answer)
+            connection.send((number, *answer))

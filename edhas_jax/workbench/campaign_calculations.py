@@ -23,7 +23,7 @@ from edhas_jax.measurements.campaign_reader import read_campaign, with_values_of
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.data_summary import data_sentences
 from edhas_jax.measurements.checks.noise_measurement import noise_as_json
-from edhas_jax.measurements.comparison import Comparison, RunComparison, compare
+from edhas_jax.measurements.comparison import Comparison, RunComparison, bench_corrected_errors, compare
 from edhas_jax.measurements.comparison_report import sentences
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
@@ -83,8 +83,10 @@ class CampaignCalculations:
     def compare(self, model: str, replay: str, trust: list[str]) -> dict[str, Any]:
         """Errors of a model by run and signal, and the patterns of the residuals as sentences with their places."""
         comparison, patterns = self.comparison(model, replay, trust)
+        path = self._workspace.models()[model]
         return {
             "matrix": comparison.rms_over_noise(),
+            "bench_corrected": {} if path is None else bench_corrected_errors(comparison, path),
             "signals": {name: comparison.machine.signals[name].display_unit for name in comparison.signals},
             "sentences": [
                 self._place(comparison, pattern) | {"text": text}
@@ -98,7 +100,7 @@ class CampaignCalculations:
         self, models: list[str], replay: str, trust: list[str], panels: list[tuple[str, str]], first: float,
         last: float, width: int,
     ) -> list[dict[str, Any]]:  # fmt: skip
-        """Measured and modelled signal and (model − measured)/noise of some panels, thinned to the width of the plot.
+        """Measured and modelled signal and (measured − model)/noise of some panels, thinned to the width of the plot.
 
         Args:
             models: names of the models.
@@ -127,7 +129,7 @@ class CampaignCalculations:
                 "models": {
                     model: row(self.shown(about, c.model[signal])) | {
                         "rms": c.rms_over_noise[signal],
-                        "residual": row(-c.residuals[signal]),  # shown as model − measured
+                        "residual": row(c.residuals[signal]),
                     }
                     for model, c in of_models.items()
                 },
@@ -160,7 +162,7 @@ class CampaignCalculations:
         comparison, _ = self.comparison(model, replay, trust)
         runs = [compared for compared in comparison.runs if signal in compared.residuals]
         x = [self._variable(comparison, compared, variable) for compared in runs]
-        y = [-compared.residuals[signal] for compared in runs]  # shown as model − measured
+        y = [compared.residuals[signal] for compared in runs]
         step = max(1, sum(map(len, x)) // MAX_POINTS)
         all_x, all_y = np.concatenate(x), np.concatenate(y)
         valid = np.isfinite(all_x) & np.isfinite(all_y)

@@ -9,7 +9,7 @@ import numpy as np
 from edhas_jax.config.machine_config import Config, read_config
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
-from edhas_jax.core.units import display_unit, from_si
+from edhas_jax.core.units import display_unit, format_result, from_si
 from edhas_jax.design.batch.batch import runs_designs
 from edhas_jax.design.sweep.pareto_front import non_dominated
 from edhas_jax.design.sweep.run import open_sweep
@@ -94,13 +94,12 @@ class DesignCalculations:
         try:
             found = run.metrics
             leading = [n for n in in_order(found, lambda n: declared[n].rank) if declared[n].rank]
-            metrics = {n: float(from_si(found[n].value, *found[n][1:3])) for n in leading or found}
+            metrics = {n: format_result(found[n].value, *found[n][1:3]) for n in leading or found}
         except RunTooShortError:
             metrics = {}
         return {
             "time": 1e3 * (time[inside] - time[inside][0]), "signals": signals, "metrics": metrics,
             "units": {n: machine.signals[n].display_unit for n in signals},
-            "metric_units": {n: declared[n].display_unit for n in metrics},
             "status": run.status.name.lower(), "reason": run.reason, "valid": run.valid, "step": run.step_note,
         }  # fmt: skip
 

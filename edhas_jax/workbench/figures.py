@@ -173,6 +173,7 @@ def lines_figure(
     height = TOP + BOTTOM + len(panels) * (PANEL + BETWEEN)
     whole = height - TOP - BOTTOM
     layout, data = base_layout(colours, height), []
+    named: set[str] = set()  # in the legend
     for k, (title, unit, curves) in enumerate(panels):
         axis = axis_number(k)
         start = 1.0 - (k * (PANEL + BETWEEN) + BETWEEN) / whole
@@ -189,8 +190,10 @@ def lines_figure(
                 line = {"color": next(series), "width": 1.6}
             data.append({
                 "type": "scatter", "mode": "lines", "name": plain(name), "x": np.asarray(x).tolist(),
-                "y": numbers(y), "yaxis": f"y{axis}", "line": line, "showlegend": len(curves) > 1,
+                "y": numbers(y), "yaxis": f"y{axis}", "line": line, "legendgroup": plain(name),
+                "showlegend": len(curves) > 1 and name not in named,
             })  # fmt: skip
+            named.add(name)
     layout["xaxis"] = x_axis(colours, x_title) | {"anchor": f"y{axis_number(len(panels) - 1)}"}
     return {"data": data, "layout": layout, "config": CONFIG}
 

@@ -8,13 +8,14 @@ from typing import Any
 
 from nicegui import ui
 
+from edhas_jax.measurements.fitted_model import BENCH_CORRECTED
 from edhas_jax.workbench.calculator import CalculationCancelled, CalculationError
 from edhas_jax.workbench.connection import watch_script
 from edhas_jax.workbench.jobs import RUNNING
 from edhas_jax.workbench.keys import HELP, NEXT_RUN, NEXT_SIGNAL, PREVIOUS_RUN, PREVIOUS_SIGNAL, neighbour, show_keys
 from edhas_jax.workbench.place import Place
 from edhas_jax.workbench.session import Session
-from edhas_jax.workbench.standing import BENCH_CORRECTED, USES, Standing, standing
+from edhas_jax.workbench.standing import USES, Standing, standing
 from edhas_jax.workbench.style import CSS, PRIMARY
 from edhas_jax.workbench.views.calibrate import CalibrateView
 from edhas_jax.workbench.views.compare import CompareView

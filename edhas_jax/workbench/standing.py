@@ -17,7 +17,6 @@ from edhas_jax.workbench.workspace import AS_GIVEN, CALIBRATED, CALIBRATED_FIRST
 TITLES = {CALIBRATED: ("calibrate", "calibration"), DIAGNOSED: ("diagnose", "diagnosis")}
 USES = {"holdout": "runs not used", "fit": "runs used"}
 OLD = "This diagnosis was made by an earlier version; diagnose again to read its verdict."
-BENCH_CORRECTED = "with the bench corrected"
 
 
 @dataclasses.dataclass(frozen=True)

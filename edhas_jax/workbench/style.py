@@ -25,6 +25,7 @@ body { font-family: system-ui, sans-serif }
 .wb-matrix button { width: 100%; min-width: 64px; padding: 5px 8px; border: 0; border-radius: 4px; cursor: pointer;
   font: inherit; text-align: right; font-variant-numeric: tabular-nums }
 .wb-small { font-size: 13px; border-spacing: 1px } .wb-small th { padding: 1px 4px; max-width: 70px; line-height: 1.2 }
+.wb-small tbody th { max-width: 96px; overflow-wrap: anywhere }
 .wb-small button { min-width: 42px; padding: 4px }
 .wb-matrix button.wb-worse { outline: 2px solid #de4a1c; outline-offset: -2px; font-weight: 600 }
 .wb-plot { position: relative; scroll-margin-top: 64px } .wb-plot > [data-mark] { scroll-margin-top: 64px }
@@ -59,7 +60,8 @@ ol.wb-list { list-style: decimal } ol.wb-list li > * { vertical-align: top }
 .wb-table { border-collapse: collapse; font-size: 13.5px } .wb-table td, .wb-table th { padding: 3px 14px 3px 0;
   text-align: left; vertical-align: top } .wb-table th { font-weight: 600;
   border-bottom: 1px solid rgba(128,128,128,.5) }
-.wb-fields td { vertical-align: middle } .wb-fields .q-field { min-width: 96px; max-width: 150px }
+.wb-fields td, [data-mark=mapper] td { vertical-align: middle }
+.wb-fields .q-field { min-width: 96px; max-width: 150px }
 .wb-fields .q-field__control { height: 30px; border-bottom: 1px solid rgba(128,128,128,.45) }
 .wb-fields .q-field__native { font-size: 13.5px; padding: 0 }
 .wb-table td.n, .wb-table th.n { text-align: right; font-variant-numeric: tabular-nums }

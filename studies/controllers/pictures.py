@@ -26,14 +26,14 @@ def draw_comparison(comparison, conditions, load_time):
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    figure = Figure(figsize=(14.5, 8.2), layout="constrained")
-    axes = figure.subplots(2, 3)
+    figure = Figure(figsize=(8.6, 10.4), layout="constrained")
+    axes = figure.subplots(3, 2)
     _draw_tracking(axes[0, 0], comparison)
     _draw_conditions(axes[0, 1], comparison, list(conditions), 0)
-    _draw_conditions(axes[0, 2], comparison, list(conditions), 1)
-    _draw_step(axes[1, 0], comparison)
-    _draw_load_step(axes[1, 1], comparison, load_time)
-    _draw_sample_times(axes[1, 2], comparison)
+    _draw_conditions(axes[1, 0], comparison, list(conditions), 1)
+    _draw_step(axes[1, 1], comparison)
+    _draw_load_step(axes[2, 0], comparison, load_time)
+    _draw_sample_times(axes[2, 1], comparison)
     for panel in axes.flat:
         panel.spines[["top", "right"]].set_visible(False)
     names = dict.fromkeys(name for name, _ in comparison.condition_errors)
@@ -42,9 +42,9 @@ def draw_comparison(comparison, conditions, load_time):
         face = MARKER_FACES[sampling] or GREY
         label = SAMPLING_LABELS[sampling]
         handles.append(Line2D([], [], color=GREY, label=label, marker="o", markerfacecolor=face, **style))
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=10)
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9)
     figure.suptitle("Piston controllers, tuned by gradient at 10 and 30 Hz under load and with steps", x=0.01,
-                    ha="left", fontsize=13)  # fmt: skip
+                    ha="left", fontsize=12)  # fmt: skip
     return figure
 
 

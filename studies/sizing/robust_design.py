@@ -23,6 +23,7 @@ from studies import CONFIGS
 
 CONFIG = CONFIGS / "size_robust.yaml"
 COLOURS = {"nominal": "#6e7781", "robust": "#d1490c"}
+BINS = 50  # classes of a histogram
 
 
 def main(arguments: list[str] | None = None) -> dict[str, float]:
@@ -108,6 +109,7 @@ def draw_distributions(task: SizingTask, samples: dict[str, dict[str, np.ndarray
     figure = Figure(figsize=(4.2 * len(names), 3.6), layout="constrained")
     best = max(np.nanmedian(metrics["objective"]) for metrics in samples.values())
     for axes, name in zip(figure.subplots(1, len(names)), names, strict=True):
+        drawn = {}
         for kind, metrics in samples.items():
             if name == "objective":
                 values = 100 * np.expm1(metrics[name] - best)
@@ -115,9 +117,11 @@ def draw_distributions(task: SizingTask, samples: dict[str, dict[str, np.ndarray
                 values = from_si(metrics[name], METRICS[name].unit, METRICS[name].display_unit)
             values = values[np.isfinite(values)]  # NaN: the simulation failed
             share = f", {100 * np.mean(meets_limits(task, metrics)):.0f} % meet all limits"
-            axes.hist(values, bins=50, density=True, color=COLOURS[kind], alpha=0.55, label=kind + share)
-        axes.set_yticks([])
-        axes.set_ylabel("machines")
+            drawn[kind + share] = values
+        edges = np.histogram_bin_edges(np.concatenate([*drawn.values()]), BINS)
+        for (label, values), colour in zip(drawn.items(), COLOURS.values(), strict=True):
+            axes.hist(values, edges, color=colour, alpha=0.55, label=label)
+        axes.set_ylabel(f"machines in each of {BINS} classes")
         axes.spines[["top", "right"]].set_visible(False)
         if name == "objective":
             axes.set_xlabel("flow × efficiency, % from the better median")

@@ -187,6 +187,8 @@ def test_a_line_of_progress_now_and_then(monkeypatch, capsys):
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2 and lines[0].startswith("edhas: second") and lines[0].endswith(", 25 %")
     assert "\x1b" not in lines[0] and lines[1] == "edhas: third, 50 %"
+    with progress.WorkProgress(types.SimpleNamespace(began=now[0] - progress.FIRST_LINE - 0.1), "beginning"):
+        assert capsys.readouterr().err == "edhas: beginning\n", "so much has passed before the work begins"
     with progress.WorkProgress(types.SimpleNamespace(quiet=True)) as work:
         now[0] += 100.0
         work("nothing")

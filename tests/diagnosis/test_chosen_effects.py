@@ -67,7 +67,7 @@ def test_a_size_at_a_limit_names_it_and_has_no_error(calibrated):
     assert math.isnan(fit.standard_errors[name]) and all(map(math.isnan, fit.interval(name)))
     assert estimates_as_json(fit)[name] == {"value": 0.0, "std": None, "unit": "N/m", "limit": "lower"}
     table = AddResult(campaign, (before, model)).summary().tables["estimates"]
-    assert table.rows == ((name, "0 N/m", "none: at its lower limit"),)
+    assert table.rows == ((name, "0 N/m, its lower limit"),)
 
 
 def test_that_an_effect_is_needless_is_said_first(calibrated):

@@ -233,7 +233,7 @@ def test_the_size_of_an_effect_with_another_law_is_that_of_the_library_law_alone
     assert f"dead_time_voltage {alone.text(name)}" in said[0]
     assert said[1].endswith("inverter_dead_time are those of a fit with the library's law alone.")
     assert found.after.bench.has_deviations
-    assert sum(s.endswith("which `edhas compare` does not correct.") for s in said) == 1
+    assert sum(s.endswith("`edhas compare --model` shows both.") for s in said) == 1
     curve = law_curve(found, named)
     assert deviation.of == "inverter_dead_time"
     assert np.abs(curve.law_values).max() == pytest.approx(alone.values[name], rel=1e-3)

@@ -44,6 +44,7 @@ def here(tmp_path, monkeypatch):
     for campaign in ("campaign", "bench"):
         shutil.copytree(ROOT / "studies" / "demo" / campaign, tmp_path / "studies" / "demo" / campaign)
     monkeypatch.chdir(tmp_path)
+    assert main(["examples", "--all", "--quiet"]) == 0
     return tmp_path
 
 
@@ -153,7 +154,7 @@ def test_shell_lines(here):
     shell = blocks("README.md", "sh")[1:]
     lines = [line.split("#")[0].split() for block in shell for line in block.strip().splitlines()]
     assert {line[1] for line in lines} == {
-        "simulate", "sweep", "plot", "sensitivity", "size", "compare", "diagnose", "workbench",
+        "examples", "simulate", "sweep", "plot", "sensitivity", "size", "compare", "diagnose", "workbench",
     }  # fmt: skip
     for program, command, *arguments in lines:
         assert program == "edhas"

@@ -14,6 +14,8 @@ import pytest
 from edhas_jax.core import structs
 from edhas_jax.machine.effects import InverterDeadTime
 from edhas_jax.measurements.campaign_writer import write_campaign
+from edhas_jax.measurements.instruments import Instruments
+from edhas_jax.measurements.sensor_models import SensorGain
 from tests.support import ROOT
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
@@ -26,10 +28,11 @@ OWN = re.compile(r"(https?|wss?)://(127\.0\.0\.1|localhost)[:/]|data:|blob:|abou
 
 @pytest.fixture(scope="session")
 def measured_campaign(tmp_path_factory):
-    """The folder of a campaign of a bench whose inverter has a dead time."""
+    """The folder of a campaign of a bench: its inverter has a dead time, its sensor of the voltage is 1 % off."""
     truth = structs.replace(bench(), effects=(*bench().effects, InverterDeadTime(dead_time_voltage=DEAD_TIME)))
     folder = tmp_path_factory.mktemp("measured") / "bench"
-    write_campaign(measured(empty_campaign(lengths=(401, 401, 401)), truth), folder)
+    sensors = Instruments({"voltage": (SensorGain(gain=1.01),)})
+    write_campaign(measured(empty_campaign(lengths=(401, 401, 401)), truth, sensors), folder)
     return folder
 
 

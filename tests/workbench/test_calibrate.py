@@ -287,4 +287,4 @@ def test_any_two_models_are_overlaid_a_kept_fit_among_them(calibrated_folder, wo
     page.get_by_role("option", name=name, exact=True).click()
     wait_until(lambda: drawn() == {"measured", "as given", name}, "the kept fit over the one as given")
     choose(page, "over another model", "none")
-    wait_until(lambda: drawn() == {"measured", "(model − measured) / noise", name}, "one model")
+    wait_until(lambda: drawn() == {"measured", "(measured − model) / noise", name}, "one model")

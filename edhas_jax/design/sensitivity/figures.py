@@ -7,13 +7,15 @@ from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.core.units import format_number, format_quantity
 from edhas_jax.design.sensitivity.analysis import SensitivityResult
 
-MAX_ROWS = 18
+MAX_ROWS = 12
+ROW, COLUMN = 0.26, 0.52  # inches of a cell: its number stays legible on a page of 800 pixels
+LEAST_WIDTH = 7.6  # inches, for the title
 MIN_SHOWN = 0.02  # largest elasticity or index of a parameter, below which its row is left out
 MIN_ANNOTATED = 0.05  # elasticity or index from which a cell shows its value
 
 
 def draw_local(result: SensitivityResult, units: dict[str, str]):
-    """Draw elasticities: a panel per metric, a row per parameter, a column per operating point.
+    """Draw elasticities: a panel per metric, one below the other, a row per parameter, a column per operating point.
 
     Args:
         result: the tables of the analysis.
@@ -79,9 +81,9 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
     shown = list(strength[strength > MIN_SHOWN].index[:MAX_ROWS]) or list(strength.index[:1])
     omitted = len(strength) - len(shown)
     order, columns = _point_order(points)
-    width, height = max(2.6, 0.62 * len(order)), 0.34 * len(shown)
-    figure = Figure(figsize=(2.6 + width * len(values), 2.0 + height), layout="constrained")
-    grid = figure.subplots(1, len(values), sharey=True, squeeze=False)[0]
+    size = max(LEAST_WIDTH, 2.6 + COLUMN * len(order)), 1.5 + (0.35 + ROW * len(shown)) * len(values)
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(len(values), 1, sharex=True, squeeze=False)[:, 0]
     top = max(1.0, float(np.ceil(strength.iloc[0])))
     norm = SymLogNorm(0.3, vmin=-top, vmax=top) if signed else PowerNorm(0.6, vmin=0.0, vmax=1.0)
     for axes, (metric, table) in zip(grid, values.items(), strict=True):
@@ -94,12 +96,12 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
                 dark = abs(norm(value) - (0.5 if signed else 0.0)) > (0.36 if signed else 0.6)
                 axes.text(j, i, format_number(value, 2), ha="center", va="center", fontsize=7.5,
                           color="white" if dark else INK)  # fmt: skip
-        axes.set_title(metric.replace("_", " "), fontsize=10, color=INK)
+        axes.set_title(metric.replace("_", " "), fontsize=10, loc="left", color=INK)
         axes.set_yticks(range(len(shown)), [n.replace("_", " ") for n in shown], fontsize=8.5)
-        _label_points(axes, points, columns, order, units)
+        _label_points(axes, points, columns, order, units, axes is grid[-1])
         axes.tick_params(length=0, colors=INK)
         axes.spines[:].set_visible(False)
-    bar = figure.colorbar(image, ax=list(grid), pad=0.01, aspect=30)
+    bar = figure.colorbar(image, ax=list(grid), pad=0.01, aspect=60)
     if signed:
         ticks = [t for t in (-5, -2, -1, -0.3, 0, 0.3, 1, 2, 5) if abs(t) <= top]
         bar.set_ticks(ticks, labels=[format_number(t) for t in ticks])
@@ -107,7 +109,7 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
     bar.set_label(label, color=INK)
     bar.outline.set_visible(False)
     note = f"; {omitted} weaker ones are left out" if omitted else ""
-    note += f". Cells without a number are below {MIN_ANNOTATED:g}"
+    note += f"\ncells without a number are below {MIN_ANNOTATED:g}"
     note += "; ×: no value" if any(table.isna().to_numpy().any() for table in values.values()) else ""
     figure.suptitle(title + f"\n{len(points)} operating points, strongest parameters on top{note}",
                     x=0.01, ha="left", fontsize=10.5, color=INK)  # fmt: skip
@@ -121,8 +123,10 @@ def _point_order(points: pd.DataFrame) -> tuple[list[int], list[str]]:
     return order, columns
 
 
-def _label_points(axes, points: pd.DataFrame, columns: list[str], order: list[int], units: dict[str, str]) -> None:
-    """Label every column with the first parameter of its point, and every group of columns with the other ones."""
+def _label_points(
+    axes, points: pd.DataFrame, columns: list[str], order: list[int], units: dict[str, str], is_last: bool
+) -> None:
+    """Part the groups of columns by the other parameters of the points; below the last panel, label all of them."""
     if not columns:
         axes.set_xticks([0], ["as configured"], fontsize=8)
         return
@@ -130,13 +134,15 @@ def _label_points(axes, points: pd.DataFrame, columns: list[str], order: list[in
     axes.set_xticks(range(len(order)), [t.split(" ")[0] for t in first], fontsize=8)
     unit = first[0].partition(" ")[2]
     pad = 16 if columns[1:] else 4
-    axes.set_xlabel(f"{columns[0].replace('_', ' ')}, {unit}", fontsize=8.5, color=INK, labelpad=pad)
+    if is_last:
+        axes.set_xlabel(f"{columns[0].replace('_', ' ')}, {unit}", fontsize=8.5, color=INK, labelpad=pad)
     groups: dict[str, list[int]] = {}
     for j, k in enumerate(order):
         label = ", ".join(format_quantity(points[n][k], units[n]) for n in columns[1:])
         groups.setdefault(label, []).append(j)
     for j, (label, members) in enumerate(groups.items() if columns[1:] else ()):
-        axes.annotate(label, (np.mean(members), 0), (0, -17), xycoords=("data", "axes fraction"),
-                      textcoords="offset points", ha="center", va="top", fontsize=8, color=GREY)  # fmt: skip
+        if is_last:
+            axes.annotate(label, (np.mean(members), 0), (0, -17), xycoords=("data", "axes fraction"),
+                          textcoords="offset points", ha="center", va="top", fontsize=8, color=GREY)  # fmt: skip
         if j:
             axes.axvline(members[0] - 0.5, color="white", lw=3)

@@ -9,7 +9,7 @@ LOCATION_COLOURS = {
     "coil": COLOURS[1], "mover": COLOURS[4], "check_valves": COLOURS[3], "chamber": "#b83280", "outlet": COLOURS[0],
     "suction": COLOURS[2], "oil": "#7a9a01", "cylinder": "#4b5563", "sensor": "#9aa4af",
 }  # fmt: skip
-SHARE_RANGE = 1e-5, 3.0  # of the axis: threshold over the strongest plausible effect
+SHARE_RANGE = 1e-5, 5.0  # of the axis: threshold over the strongest plausible effect
 
 
 def draw_thresholds(plan: DetectabilityPlan):
@@ -17,13 +17,13 @@ def draw_thresholds(plan: DetectabilityPlan):
     from edhas_jax.core.figure import Figure
 
     candidates = plan.candidates
-    figure = Figure(figsize=(9.0, 1.2 + 0.21 * len(candidates)), layout="constrained")
+    figure = Figure(figsize=(7.6, 1.2 + 0.21 * len(candidates)), layout="constrained")
     axes = figure.subplots()
     rows = np.arange(len(candidates))[::-1]
     shares = np.clip([s.threshold_share for s in candidates], SHARE_RANGE[0], 1.0)
     colours = [LOCATION_COLOURS.get(s.candidate.location, INK) for s in candidates]
     axes.hlines(rows, SHARE_RANGE[0], shares, color="#d8dee4", lw=0.8)  # leads the eye from the name to the dot
-    axes.scatter(shares, rows, s=34, color=colours, zorder=3)
+    axes.scatter(shares, rows, s=34, color=colours, zorder=3, clip_on=False)
     axes.axvline(1.0, color=INK, lw=1.0, ls="--")
     for row, s in zip(rows, candidates, strict=True):
         if not s.detectable:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from edhas_jax.core.units import format_quantity, format_with_error
+from edhas_jax.core.units import format_number, format_quantity, format_with_error
 from edhas_jax.diagnosis.search.holdout_split import FITTED_NAME, HELD_OUT_NAME
 from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
 from edhas_jax.inference.fit.time_correction import with_time_errors
@@ -43,7 +43,7 @@ def excessive_deviations(evaluated: EvaluatedFit) -> list[str]:
     """
     deviations = clear_deviations(evaluated)
     names = [
-        f"{_name(row)} ({100.0 * row.value * row.deviation.std:+.2g} %)" for row in deviations if not row.is_possible
+        f"{_name(row)} ({_per_cent(row.value * row.deviation.std)})" for row in deviations if not row.is_possible
     ]
     impossible = [
         f"Part of what the model leaves is taken up by corrections that no bench needs: {', '.join(names)}. They are "
@@ -56,6 +56,11 @@ def excessive_deviations(evaluated: EvaluatedFit) -> list[str]:
         "something that the model lacks."
         for what, run, size, accuracy in (_row(evaluated, row) for row in excessive)
     ]
+
+
+def _per_cent(share: float) -> str:
+    """A share with its sign and two significant digits, in per cent."""
+    return f"{'+' if share > 0.0 else ''}{format_number(100.0 * share, 2)} %"
 
 
 def _row(evaluated: EvaluatedFit, row: EstimatedDeviation) -> tuple[str, str, str, str]:

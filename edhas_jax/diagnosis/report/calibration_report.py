@@ -4,7 +4,7 @@ from edhas_jax.core import html_page
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.report.calibration_figures import draw_correlations, draw_drift, draw_estimates, draw_profiles
 from edhas_jax.inference.fit.calibration import Calibration
-from edhas_jax.measurements.campaign import Use, count_runs
+from edhas_jax.measurements.campaign import Use, runs_text
 from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
 from edhas_jax.measurements.residuals import rms_over_noise
 
@@ -16,7 +16,7 @@ def fit_report(calibration: Calibration) -> str:
     parts = [
         html_page.heading(f"{campaign.name}: calibration", 1),
         html_page.paragraph(
-            f"{fit.problem.machine.name}; {len(fit.x)} unknowns from {count_runs(campaign.runs_for(Use.FIT))} runs, "
+            f"{fit.problem.machine.name}; {len(fit.x)} unknowns from {runs_text(campaign.runs_for(Use.FIT))}, "
             f"{len(campaign.runs_for(Use.HOLDOUT))} held out; step {format_quantity(step, 's')}, discretisation error "
             f"{fit.resolution.error:.2f} of the noise at most; {calibration.seconds:.0f} s."
         ),

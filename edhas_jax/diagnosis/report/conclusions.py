@@ -14,6 +14,7 @@ from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.inference.fit.confounding import model_error_sentence, weak_combinations
 from edhas_jax.inference.fit.evaluated_fit import MUCH_LEFT
 from edhas_jax.measurements.campaign import Use
+from edhas_jax.measurements.fitted_model import BENCH_CORRECTED
 
 MIN_UNPREDICTABLE = 0.02  # of the noise of a signal: less of it is not named
 MIN_PROBABLE = 0.5  # of a member of the best set; below it a sentence says that it may stand in for something else
@@ -23,8 +24,8 @@ MOST_LEFT = 0.5  # of the residual over noise before the search: an answer that 
 MOST_RUNS = 3  # that are named as those in which it is left
 
 CORRECTED = (
-    "The residuals of fitted models are those after correction of the estimated deviations of the bench (triggers, "
-    "settings, sensors), which `edhas compare` does not correct."
+    f"The residuals of fitted models are those {BENCH_CORRECTED}: without what triggers, settings and sensors did. "
+    "`edhas compare --model` shows both."
 )
 
 # log evidence [nats] below which it is called so

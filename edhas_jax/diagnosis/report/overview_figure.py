@@ -14,11 +14,12 @@ from edhas_jax.measurements.residuals import rms_over_noise
 
 MAX_ANSWERS = 9  # shown with their probabilities
 CYCLES_SHOWN = 1.5  # at the end of a run with a sinusoidal set point
+CLOSER_SHARE = 0.12  # of the samples that are drawn: so few that a difference of a per cent is seen
 OTHER_COLOUR = "#aab4be"
 
 
 def draw_overview(diagnosis: Diagnosis):
-    """Draw the worst signal of the held-out runs, the errors of both models, the probabilities and the stages.
+    """Draw the worst signal of the held-out runs with both models, their errors, the probabilities and the stages.
 
     Returns:
         A matplotlib figure.
@@ -35,15 +36,17 @@ def draw_overview(diagnosis: Diagnosis):
     figure = Figure(figsize=(12.5, 7.2), layout="constrained")
     grid = figure.add_gridspec(6, 2, width_ratios=[1.35, 1.0])
     panels = [figure.add_subplot(grid[row : row + 2, 0]) for row in (0, 2, 4)]
-    _draw_signal(panels[0], diagnosis, run, signal)
-    for axes, of_state, title in (
-        (panels[1], residuals, "error of the calibrated model"),
-        (panels[2], diagnosis.after.residuals, "error of the final model"),
-    ):
-        _draw_error(axes, diagnosis, run, signal, of_state[run.name][signal], title)
-    panels[2].set_ylim(panels[1].get_ylim())
-    for axes in panels[:2]:
-        axes.tick_params(labelbottom=False)
+    shown = _shown_samples(diagnosis, run)
+    _draw_signal(panels[0], diagnosis, run, signal, shown)
+    closer = shown & _closer_samples(run, run.signals[signal], residuals[run.name][signal], shown)
+    _draw_signal(panels[1], diagnosis, run, signal, closer)
+    _draw_errors(panels[2], diagnosis, run, signal, shown)
+    use = ", held out" if run.use is Use.HOLDOUT else ""
+    headings = f"{signal.replace('_', ' ')}, {figure_text(run.name)}{use}", "the grey part, enlarged", "error"
+    for axes, text in zip(panels, headings, strict=True):
+        axes.set_title(text, fontsize=10, loc="left", color=INK)
+    panels[0].legend(fontsize=8.5, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3)
+    panels[0].axvspan(*panels[1].get_xlim(), color=OTHER_COLOUR, alpha=0.35, lw=0, zorder=0)
     panels[2].set_xlabel(f"time, {time_unit(float(runs[0].time[-1]))[1]}", fontsize=9, color=INK)
     answer_axes, stage_axes = figure.add_subplot(grid[:3, 1]), figure.add_subplot(grid[3:, 1])
     _draw_probabilities(answer_axes, diagnosis)
@@ -54,31 +57,57 @@ def draw_overview(diagnosis: Diagnosis):
     return figure
 
 
-def _draw_signal(axes, diagnosis: Diagnosis, run: BenchRun, signal: str) -> None:
-    """The measured signal of one run; a model that is nearly right would hide it."""
-    about, shown = diagnosis.campaign.machine.signals[signal], _shown_samples(diagnosis, run)
-    points = from_si(run.signals[signal][shown], about.unit, about.display_unit)
-    axes.plot(time_unit(float(run.time[-1]))[0] * run.time[shown], points, color=INK, lw=1.2)
-    use = ", held out" if run.use is Use.HOLDOUT else ""
-    heading = f"measured {signal.replace('_', ' ')}, {figure_text(run.name)}{use}"
-    axes.set_title(heading, fontsize=10, loc="left", color=INK)
+def _draw_signal(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, shown: np.ndarray) -> None:
+    """Some samples of a signal: measured, of the calibrated and of the final model, with the bench corrected."""
+    about, noise = diagnosis.campaign.machine.signals[signal], diagnosis.campaign.channels[signal].noise
+    time, measured = time_unit(float(run.time[-1]))[0] * run.time[shown], run.signals[signal][shown]
+    dots = {"color": INK, "ms": 3.5, "zorder": 3, "label": "measured"}
+    axes.plot(time, from_si(measured, about.unit, about.display_unit), ".", **dots)
+    for name, residuals, style in _models(diagnosis):
+        model = measured - noise * residuals[run.name][signal][shown]
+        axes.plot(time, from_si(model, about.unit, about.display_unit), label=name, **style)
     axes.set_ylabel(about.display_unit, fontsize=9, color=INK)
     _style_axes(axes)
 
 
-def _draw_error(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, residual: np.ndarray, title: str) -> None:
-    """What a model leaves of a signal, in its unit, with a band of two standard deviations of the noise."""
-    about, shown = diagnosis.campaign.machine.signals[signal], _shown_samples(diagnosis, run)
+def _draw_errors(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, shown: np.ndarray) -> None:
+    """What both models leave of a signal, in its unit, with a band of two standard deviations of the noise."""
+    about = diagnosis.campaign.machine.signals[signal]
     scale = from_si(diagnosis.campaign.channels[signal].noise, about.unit, about.display_unit)
     scale -= from_si(0.0, about.unit, about.display_unit)
     axes.axhspan(-2 * scale, 2 * scale, color="#d8dee4", lw=0, label="± 2 noise")
     time = time_unit(float(run.time[-1]))[0] * run.time[shown]
-    axes.plot(time, -scale * residual[shown], color=COLOURS[0], lw=0.9, label="model − measured")
-    heading = f"{title}: {rms_over_noise([residual]):.2f} × noise"
-    axes.set_title(heading, fontsize=10, loc="left", color=INK)
-    axes.set_ylabel(about.display_unit, fontsize=9, color=INK)
-    axes.legend(fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)
+    for name, residuals, style in _models(diagnosis):
+        residual = residuals[run.name][signal]
+        label = f"{name}: {rms_over_noise([residual]):.2f} × noise"
+        axes.plot(time, scale * residual[shown], label=label, **style | {"lw": 1.0})
+    axes.set_ylabel(f"measured − model, {about.display_unit}", fontsize=9, color=INK)
+    axes.legend(fontsize=8.5, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3)
     _style_axes(axes)
+
+
+def _models(diagnosis: Diagnosis) -> list[tuple[str, dict, dict]]:
+    """Name, residuals and line of the calibrated and the final model; of one alone where nothing was found."""
+    before = "calibrated", diagnosis.calibrated.residuals, {"color": COLOURS[1], "lw": 1.5}
+    after = "final model", diagnosis.after.residuals, {"color": COLOURS[0], "lw": 1.5}
+    return [before, after] if diagnosis.posterior.best.members else [before]
+
+
+def _closer_samples(run: BenchRun, measured: np.ndarray, residual: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """Mask of the samples of a run where one sees best how far a model is off: its error is large, the signal is not.
+
+    Args:
+        run: the run.
+        measured: its signal (samples,).
+        residual: (measured − model)/noise (samples,).
+        shown: mask of the samples that are drawn (samples,).
+    """
+    time = run.time[shown]
+    count = max(int(CLOSER_SHARE * len(time)), 2)
+    windows = [np.lib.stride_tricks.sliding_window_view(np.nan_to_num(v[shown]), count) for v in (measured, residual)]
+    spans = np.ptp(windows[0], axis=1)
+    first = int(np.argmax(np.mean(np.abs(windows[1]), axis=1) / np.maximum(spans, np.finfo(float).tiny)))
+    return (run.time >= time[first]) & (run.time <= time[first + count - 1])
 
 
 def _shown_samples(diagnosis: Diagnosis, run: BenchRun) -> np.ndarray:

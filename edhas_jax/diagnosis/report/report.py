@@ -26,7 +26,7 @@ from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
 from edhas_jax.diagnosis.search.member_laws import LAW_GAIN
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.inference.fit.fit import Fit
-from edhas_jax.measurements.campaign import Use, count_runs
+from edhas_jax.measurements.campaign import Use, runs_text
 from edhas_jax.measurements.checks.data_summary import data_sentences
 
 MAX_LISTED_CANDIDATES, MAX_LISTED_SETS = 14, 8
@@ -84,7 +84,7 @@ def diagnosis_report(
         STYLE,
         html_page.heading(f"{campaign.name}: diagnosis", 1),
         html_page.paragraph(
-            f"{campaign.machine.name}; {count_runs(campaign.runs_for(Use.FIT))} runs fitted, "
+            f"{campaign.machine.name}; {runs_text(campaign.runs_for(Use.FIT))} fitted, "
             f"{len(campaign.runs_for(Use.HOLDOUT))} held out; {diagnosis.considered} candidates; "
             f"{diagnosis.seconds:.0f} s."
         ),

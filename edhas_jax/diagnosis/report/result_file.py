@@ -16,13 +16,17 @@ from edhas_jax.diagnosis.search.member_laws import MemberLaw
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.inference.fit.calibration import CONFIG_FILE, estimates_as_json, values_of_runs_as_json
 from edhas_jax.inference.fit.confounding import confounding_as_json, weak_combinations
+from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.inference.fit.model_file import write_model_file
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.campaign_reader import OF_RUNS
 from edhas_jax.measurements.checks.data_summary import data_as_json
+from edhas_jax.measurements.fitted_model import ERROR_BY_RUN, IS_CORRECTED
+from edhas_jax.measurements.residuals import rms_by_run
 
 RESULT, CALIBRATED_CONFIG_FILE = "diagnosis.json", "config_calibrated.yaml"
+CALIBRATED_FILE = "config_calibrated.json"  # of that model: what runs have of their own, and its errors by run
 VERSION = 3  # of the schema in docs/diagnosis.md; 2 had the gains of trials in place of sets of effects
 MIN_LISTED_PROBABILITY = 0.001  # of a name or a set
 
@@ -58,6 +62,7 @@ def save_diagnosis(
     write_model_file(folder / CONFIG_FILE, final, remark, {c.id: _law_file(c) for c in curves}, without=without)
     remark = ", as calibrated by `edhas diagnose`; before the conditions of any run are set"
     write_model_file(folder / CALIBRATED_CONFIG_FILE, diagnosis.calibrated.fit, remark)
+    write_json(folder / CALIBRATED_FILE, replace_nonfinite(_of_runs(diagnosis, diagnosis.calibrated)))
 
 
 def as_json(
@@ -96,15 +101,23 @@ def as_json(
         "where": [{"slot": name, "probability": p} for name, p in posterior.locations().items()],
         "form": _form_data(diagnosis),
         "calibrated": {n: v for n, v in estimates_as_json(final).items() if n in uncertain},
-        OF_RUNS: values_of_runs_as_json(final),
         **confounding_as_json(weak_combinations(final), diagnosis.assumed),
         "error": diagnosis.errors(),
-        "bench_corrected": diagnosis.after.bench.has_deviations,
+        **_of_runs(diagnosis, diagnosis.after),
         "next_experiment": next_experiment,
         "holdout_split": diagnosis.holdout_split or None,
         "failed_parts": list(failures),
         "seconds": diagnosis.seconds,
     }  # fmt: skip
+
+
+def _of_runs(diagnosis: Diagnosis, model: EvaluatedFit) -> dict[str, Any]:
+    """What the runs have of their own in a fitted model, and its residual over noise by run and signal."""
+    return {
+        OF_RUNS: values_of_runs_as_json(model.fit),
+        ERROR_BY_RUN: rms_by_run(diagnosis.campaign, model.residuals),
+        IS_CORRECTED: model.bench.has_deviations,
+    }
 
 
 def _law_data(law: MemberLaw) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from edhas_jax.measurements.checks.noise_correlation import autocorrelation_of
 
@@ -80,7 +80,7 @@ class GapTest:
         deviation = windows[at] @ self._deviation.T
         statistic = np.einsum("wi,ij,wj->w", deviation, self._weight, deviation) / self._noise**2
         statistic /= np.maximum(np.maximum(square, SHARE_OF_SCALE * scale), 1.0)
-        return GapDeviations(at + self._neighbours, peaks[at], chi2.sf(statistic, self.gap))
+        return GapDeviations(at + self._neighbours, peaks[at], chdtrc(self.gap, statistic))
 
     def _square(self, windows: np.ndarray) -> np.ndarray:
         """Mean square of the neighbours' residual over that of noise (windows,)."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 LAGS = 12  # sample intervals over which the noise may be correlated
 LONG_LAGS = 120  # up to which an autoregressive model continues its autocovariance
@@ -118,7 +118,7 @@ def autoregression(autocovariance: Autocovariance) -> tuple[float, ...]:
         if not share < 1.0 or not is_stable(coefficients):
             break
         ratio = -samples * math.log(1.0 - share)
-        is_white = ratio < chi2.isf(MAX_FALSE_CORRELATION / MAX_ORDER, order) or share < MIN_PREDICTED_SHARE
+        is_white = ratio < chdtri(order, MAX_FALSE_CORRELATION / MAX_ORDER) or share < MIN_PREDICTED_SHARE
         if not is_white and 2.0 * order - ratio < smallest:
             best, smallest = coefficients, 2.0 * order - ratio
     return best

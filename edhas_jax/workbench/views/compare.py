@@ -4,13 +4,14 @@ from typing import Any
 
 from nicegui import ui
 
+from edhas_jax.measurements.fitted_model import BENCH_CORRECTED
 from edhas_jax.measurements.residual_matrix import ERROR_LABEL
 from edhas_jax.workbench.figures import residual_figure, traces_figure
 from edhas_jax.workbench.standing import USES
 from edhas_jax.workbench.views.matrix import error_matrix, matrix_rows
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.views.save import csv_button
-from edhas_jax.workbench.workspace import AS_GIVEN, CALIBRATED
+from edhas_jax.workbench.workspace import AS_GIVEN
 
 REPLAYS = {
     "set_point": "set point", "voltage": "measured voltage", "current": "measured current",
@@ -39,8 +40,8 @@ class CompareView:
         """Build the view."""
         page = self._page
         models = page.workspace.models()
-        calibrated = page.standing().models.get(CALIBRATED, AS_GIVEN)
-        self._model = page.place.model if page.place.model in models else calibrated
+        last = list(page.standing().models.values() or [AS_GIVEN])[-1]
+        self._model = page.place.model if page.place.model in models else last
         with ui.row().classes("items-end gap-4"):
             self._models = ui.select(list(models), value=self._model, label="model")
             self._models.classes("min-w-48").props("dense options-dense outlined").on_value_change(self._choose_model)
@@ -120,14 +121,18 @@ class CompareView:
                 for line in page.problems or ["There is no campaign in this folder yet. Begin in the view “Data”."]:
                     ui.label(line)
             return
+        of, overlaid = self._identity(), self._overlaid()
         found = await page.ask("campaign.compare", self._model, self._replay, page.session.allowed)
         if found is None:
             self._found = None
             return
         before = None
-        if len(self._overlaid()) > 1:
-            before = await page.ask("campaign.compare", self._other, self._replay, page.session.allowed)
-        self._found = found | {"of": self._identity(), "before": None if before is None else before["matrix"]}
+        if len(overlaid) > 1:
+            before = await page.ask("campaign.compare", overlaid[0], self._replay, page.session.allowed)
+        if of != self._identity():  # something else was chosen meanwhile, and its comparison follows
+            return
+        self._body.clear()
+        self._found = found | {"of": of, "before": None if before is None else before["matrix"]}
         page.did("compare", page.session.command_compare(self._model, self._replay),
                  page.session.python_compare(self._model))  # fmt: skip
         signals, matrix = list(found["signals"]), found["matrix"]
@@ -159,7 +164,12 @@ class CompareView:
                 if (note := self._bench_note()) is not None:
                     ui.label(note).classes("wb-quiet").props("data-mark=bench-note")
                 notes = page.summary["conditions"]
-                error_matrix(found["matrix"], list(found["signals"]), notes, self._click_cell, found["before"])
+                with ui.element("div").props("data-mark=as-recorded"):
+                    error_matrix(found["matrix"], list(found["signals"]), notes, self._click_cell, found["before"])
+                if found["bench_corrected"]:
+                    ui.label(f"Residual over noise {BENCH_CORRECTED}").classes("wb-h")
+                    with ui.element("div").props("data-mark=bench-corrected"):
+                        error_matrix(found["bench_corrected"], list(found["signals"]), notes, self._click_cell)
             with ui.column().classes("gap-1"):
                 ui.label("Where the model deviates").classes("wb-h")
                 if not found["sentences"]:

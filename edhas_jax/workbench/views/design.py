@@ -223,11 +223,10 @@ class DesignView:
         self._status.set_text(f"{state} · {run['step']}{took}")
         self._metrics.clear()
         with self._metrics:
-            for name, value in run["metrics"].items():
-                unit = run["metric_units"][name]
+            for name, text in run["metrics"].items():
                 with ui.column().classes("gap-0"):
                     ui.label(name.replace("_", " ")).classes("wb-quiet")
-                    ui.label(f"{value:.4g} {unit if unit != '-' else ''}").classes("font-semibold")
+                    ui.label(text).classes("font-semibold")
 
     async def _show_design(self, values: dict[str, float]) -> None:
         """Show the cycle of a design of a sweep."""

@@ -54,8 +54,8 @@ class Mapper:
             CalculationError: it holds no table that can be used.
         """
         table = await self._page.session.calculator.call("data.table", name, self._rig, WIDTH)
-        self._files[name] = table
-        self._runs.setdefault(name, {"use": "fit"})
+        self._files = dict(sorted((self._files | {name: table}).items()))  # they arrive in any order
+        self._runs = dict(sorted({name: {"use": "fit"}, **self._runs}.items()))
         self._columns = self._columns or table["columns"]
         self._sines[name] = table["sine"]
         self._build_mapper()

@@ -6,9 +6,9 @@ from typing import Any
 
 from nicegui import ui
 
+from edhas_jax.measurements.fitted_model import BENCH_CORRECTED
 from edhas_jax.workbench.calculator import CalculationCancelled, CalculationError
 from edhas_jax.workbench.figures import staircase_figure, traces_figure
-from edhas_jax.workbench.standing import BENCH_CORRECTED
 from edhas_jax.workbench.views.matrix import error_matrix, matrix_rows
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.views.save import save_button, save_csv
