@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from edhas_jax.config.yaml_with_lines import KeyPath
+from edhas_jax.core.source_location import is_users_code
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.controller_sampling import Sampled
 from edhas_jax.machine.components.controllers import OpenLoop
@@ -43,7 +44,7 @@ def _check_derivatives(m: Rig) -> Iterator[Problem]:
     try:
         check_derivatives(m)
     except EffectError as error:
-        yield ("rig" if m.is_own else "effects",), str(error)
+        yield ("rig" if is_users_code(type(m)) else "effects",), str(error)
 
 
 def _check_order(m: Rig, given: GivenKeys) -> Iterator[Problem]:

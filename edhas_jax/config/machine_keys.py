@@ -24,12 +24,11 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.controllers import CascadeController, PositionController
 from edhas_jax.machine.components.set_points import Step
-from edhas_jax.machine.effects import LIBRARY, Effect, EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
-from edhas_jax.machine.parameters import COMPONENT_KINDS, component_kinds
+from edhas_jax.machine.effects import LIBRARY
+from edhas_jax.machine.parameters import COMPONENT_KINDS, SET_POINTS
 from edhas_jax.machine.rig_base import Rig
-from edhas_jax.machine.rigs import RIGS, components_by_name
+from edhas_jax.machine.rigs import RIGS, USUAL_EFFECTS, components_by_name
 
-USUAL_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction)  # those that `without` leaves out
 SHORT_NAMES: Mapping[type, Mapping[str, str]] = {  # further names of parameters in the section of a component
     Step: {"from": "step_from"},
     CurrentAmplifier: {"gain": "amplifier_gain"},
@@ -43,15 +42,10 @@ USER_CLASS = {"type": "string", "pattern": r"^.+:\s*[A-Za-z_]\w*\s*$"}  # file.p
 LAW_FILE = {"type": "string", "pattern": r"^.+\.ya?ml$"}
 
 
-def usual_effects(rig: type[Rig]) -> list[type[Effect]]:
-    """Those of the usual effects that a rig can have; none for one of the user's own."""
-    return [] if rig.is_own else [effect for effect in USUAL_EFFECTS if set(effect.slots) <= set(rig.slots)]
-
-
 @functools.lru_cache(maxsize=8)
-def machine_keys(rig: type[Rig] | None = None) -> Keys:
-    """The keys of a configuration: of a rig of one's own, or of the rigs of the package (None)."""
-    kinds = component_kinds(rig) if rig is not None else COMPONENT_KINDS
+def machine_keys(rig: type[Rig] = Rig) -> Keys:
+    """The keys of a configuration of a rig; those of the package are the keys of every rig."""
+    kinds = dict.fromkeys(rig.drives, SET_POINTS) | COMPONENT_KINDS
     effects = [{"enum": [cls.id for cls in LIBRARY]}, USER_CLASS, LAW_FILE, LAW.schema()]
     usual = [cls.id for cls in USUAL_EFFECTS]
     return Keys({
@@ -68,7 +62,7 @@ def machine_keys(rig: type[Rig] | None = None) -> Keys:
         **{name: Key(own_value(_section_schema(name, of), ", ".join(f"`{kind}`" for kind in of)),
                      f"which {name} the machine has; with parameters: a mapping with `kind`")
            for name, of in kinds.items()},
-        "simulation": Key(simulation_keys(rig or Rig).kind, "duration, time step and output of a run"),
+        "simulation": Key(simulation_keys(rig).kind, "duration, time step and output of a run"),
     })  # fmt: skip
 
 

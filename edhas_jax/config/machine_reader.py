@@ -12,7 +12,7 @@ from edhas_jax.config.document import Entry
 from edhas_jax.config.law_file import LAW_SUFFIXES, LawError, read_law_file
 from edhas_jax.config.law_reader import read_law
 from edhas_jax.config.machine_checks import check_machine
-from edhas_jax.config.machine_keys import SHORT_NAMES, machine_keys, usual_effects
+from edhas_jax.config.machine_keys import SHORT_NAMES, machine_keys
 from edhas_jax.config.recorded_signal import RECORDING, RecordingError, decode_samples, read_recording
 from edhas_jax.config.run_settings import SIMULATION_SETTINGS, read_settings
 from edhas_jax.config.writer import config_kind
@@ -106,7 +106,7 @@ class MachineReader:
         self._given: dict[tuple[str, str], Entry] = {}  # the parameters set so far, by (path, name)
         settings, self._overrides = self._split_overrides(overrides)
         self._rig = read_rig(top["rig"], base_dir, self._trust)
-        self._keys = machine_keys(self._rig if self._rig is not None and self._rig.is_own else None)
+        self._keys = machine_keys(self._rig or Rig)
         if self._rig is not None or not _names_code(
             top["rig"].value
         ):  # the drives of a rig that is not read are unknown
@@ -240,7 +240,7 @@ class MachineReader:
 
     def _usual_effects(self, m: Rig, names: list[Any], listed: list[Entry]) -> list[Entry]:
         """With a list `without`, the usual effects that the rig can have, but neither this list nor `effects` names."""
-        available = [effect.id for effect in usual_effects(type(m))]
+        available = [effect.id for effect in m.usual_effects]
         without = self._top["without"].list("[lugre_friction]")
         for inside in without:
             if inside.value not in available:

@@ -1,7 +1,6 @@
 """Recorded input signals: read from a column of a CSV or Parquet file, or encoded as text in a configuration."""
 
 import base64
-import csv
 import enum
 import math
 import zlib
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from edhas_jax.config.declared_keys import Key, Keys, choice, own_value, text_value
+from edhas_jax.config.number_table import NumberTable, NumberTableError
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, display_unit, exact_quantity, format_quantity, to_si
 from edhas_jax.machine.components.set_points import Recorded, Steps
@@ -64,73 +64,43 @@ def read_recording(
     Raises:
         RecordingError: the file cannot be read, the column or its unit is missing or wrong, or samples are invalid.
     """
-    if not path.is_file():
-        raise RecordingError("file", f"{path}: no such file")
-    if path.suffix not in (".csv", ".parquet"):
-        raise RecordingError("file", f"{path}: a file .csv or .parquet is needed")
-    header = _header(path)
-    names = [h.partition("[")[0].strip() for h in header]
-    header_of = dict(zip(names, header, strict=True))
-    if "time" not in header_of:
-        raise RecordingError("file", f"{path}: no column `time [s]`; the columns: {', '.join(header)}")
-    others = [n for n in header_of if n != "time"]
+    try:
+        table = NumberTable(path)
+        chosen = _chosen_column(path, table, column)
+        zero, size = _conversion(path, table, chosen, unit, si_unit, gain)
+        at = table.names.index("time")
+        time, values = table.read((at, chosen)).T
+    except NumberTableError as error:
+        raise RecordingError("file", str(error)) from None
+    try:
+        time = time * to_si(f"1 {table.units[at]}", "s", "1 ms")
+    except UnitError:
+        raise RecordingError("file", f"{path}: the header of the time column must be `time [s]`") from None
+    return recorded_from_samples(path, time, zero + size * values, between)
+
+
+def _chosen_column(path: Path, table: NumberTable, column: str | None) -> int:
+    """The place of the column of a table that is named, or of the only one besides the time."""
+    if "time" not in table.names:
+        raise RecordingError("file", f"{path}: no column `time [s]`; the columns: {', '.join(table.headers)}")
+    others = [n for n in dict.fromkeys(table.names) if n != "time"]
     if column is None and len(others) == 1:
         column = others[0]
     if column is None:
         raise RecordingError("column", f"missing; {path} has the columns {', '.join(others) or 'time only'}")
     if column not in others:
         raise RecordingError("column", f"{path} has no column `{column}`; {suggest(column, others)}")
-    repeated = next((n for n in ("time", column) if names.count(n) > 1), None)
+    repeated = next((n for n in ("time", column) if table.names.count(n) > 1), None)
     if repeated:
         raise RecordingError("file", f"{path}: has several columns `{repeated}`; name each differently")
-    zero, size = _conversion(path, header_of[column], column, unit, si_unit, gain)
-    try:
-        time, values = _read_columns(path, header, [header_of["time"], header_of[column]])
-    except (ValueError, OSError, csv.Error) as error:
-        raise _unreadable(path, error) from None
-    try:
-        time = time * to_si(f"1 {_unit_in_header(header_of['time'])}", "s", "1 ms")
-    except UnitError:
-        raise RecordingError("file", f"{path}: the header of the time column must be `time [s]`") from None
-    return recorded_from_samples(path, time, zero + size * values, between)
-
-
-def _header(path: Path) -> list[str]:
-    """The column headers of a file."""
-    try:
-        if path.suffix == ".parquet":
-            import pyarrow.parquet
-
-            return list(pyarrow.parquet.read_schema(path).names)
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            header = [cell.strip() for cell in next(csv.reader(file), [])]
-    except (ValueError, OSError, csv.Error) as error:
-        raise _unreadable(path, error) from None
-    if not header:
-        raise RecordingError("file", f"{path}: is empty")
-    if len(header) == 1 and ";" in header[0]:
-        raise RecordingError("file", f"{path}:1: columns must be separated by commas, not semicolons")
-    return header
-
-
-def _unreadable(path: Path, error: Exception) -> RecordingError:
-    """The error for a file that could not be read, with the reason."""
-    if path.suffix == ".parquet":
-        return RecordingError("file", f"{path}: is damaged or not a Parquet file")
-    reason = "not a text file in UTF-8" if isinstance(error, UnicodeDecodeError) else str(error).splitlines()[0]
-    return RecordingError("file", f"{path}: cannot be read as CSV ({reason})")
-
-
-def _unit_in_header(header: str) -> str:
-    """The unit in a header `name [unit]`; empty without one."""
-    return header.partition("[")[2].rstrip("] ").strip()
+    return table.names.index(column)
 
 
 def _conversion(
-    path: Path, header: str, column: str, unit: str | None, si_unit: str, gain: float | None
+    path: Path, table: NumberTable, chosen: int, unit: str | None, si_unit: str, gain: float | None
 ) -> tuple[float, float]:
     """The SI value of 0 in the unit of a column, and of a difference of 1."""
-    header_unit = _unit_in_header(header)
+    header, column, header_unit = table.headers[chosen], table.names[chosen], table.units[chosen]
     if header_unit and unit and _normalised_unit(header_unit) != _normalised_unit(unit):
         raise RecordingError("unit", f"the header in {path} is `{header}`, but `unit` is {unit}; leave `unit` out")
     unit = header_unit or unit or ""
@@ -151,45 +121,6 @@ def _conversion(
 def _normalised_unit(unit: str) -> str:
     """A unit without spaces and carets and with one form of µ, for comparison."""
     return unit.replace(" ", "").replace("μ", "µ").replace("^", "")
-
-
-def _read_columns(path: Path, header: list[str], columns: list[str]) -> list[np.ndarray]:
-    """Two columns of a file as numbers, in the units of the file."""
-    if path.suffix == ".parquet":
-        import pandas as pd
-
-        frame = pd.read_parquet(path, columns=columns)
-        try:
-            return [frame[name].to_numpy(float) for name in columns]
-        except (TypeError, ValueError):
-            raise RecordingError("file", f"{path}: `{columns[0]}` and `{columns[1]}` must hold numbers") from None
-    indices = [header.index(name) for name in columns]
-    rows = []
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        reader = csv.reader(file)
-        next(reader)
-        for row in reader:
-            if not row:
-                continue
-            if len(row) != len(header):
-                cut = "; the file seems to be cut off" if len(row) < len(header) else ""
-                message = f"{len(row)} values where the header has {len(header)}{cut}"
-                raise RecordingError("file", f"{path}:{reader.line_num}: {message}")
-            rows.append([_number(row[i], path, reader.line_num) for i in indices])
-    with path.open("rb") as file:
-        file.seek(-1, 2)
-        if file.read(1) not in b"\r\n":
-            # "0.0123" cut off as "0.0" would be read as a valid sample
-            raise RecordingError("file", f"{path}: the last line has no end; the file seems to be cut off "
-                                          "(add a line end if it is complete)")  # fmt: skip
-    return list(np.asarray(rows, float).reshape(-1, 2).T)
-
-
-def _number(text: str, path: Path, line: int) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise RecordingError("file", f'{path}:{line}: "{text}" is not a number') from None
 
 
 def recorded_from_samples(

@@ -22,17 +22,16 @@ SIMULATION_SETTINGS = {
 }
 STEP_OR_ACCURACY = frozenset(("step", "accuracy"))  # only one of the two may be given
 MAX_SAMPLES = 5_000_000  # of a run; each takes about 1 kB
-CHECK_VALVE_PERIOD = "0.56 ms"  # of the ball of a nominal check valve on its seat
 
 
 def simulation_keys(rig: type[Rig] = Rig) -> Keys:
     """The keys of the section; the time step of the rig says which times and rates are usual."""
-    reason = f", too large: the ball of a check valve oscillates on its seat with a period of {CHECK_VALVE_PERIOD}"
+    reason = f", too large: {rig.fastest}" if rig.fastest else ""
     defaults = {"step": "20 µs without `accuracy`", "accuracy": "none"}
     found = {}
     for name, p in SIMULATION_SETTINGS.items():
         p = dataclasses.replace(p, span=setting_span(name, rig))
-        kind = quantity(p, "%" * (name == "accuracy"), reason * (name == "step" and not rig.is_own))
+        kind = quantity(p, "%" * (name == "accuracy"), reason * (name == "step"))
         found[name] = Key(kind, p.doc, shown=defaults.get(name, format_quantity(p.default, p.unit)))
     return Keys(found | {"precision": Key(choice(Precision, "precision"), "of all numbers")}, "{duration: 0.5 s}")
 

@@ -16,7 +16,7 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.loading import class_spec, effect_spec
 from edhas_jax.machine.effects.tabulated_law import table_of
 from edhas_jax.machine.parameters import component_kinds, list_parameters, short_names
-from edhas_jax.machine.rigs import Rig, components_by_name
+from edhas_jax.machine.rigs import RIGS, Rig, components_by_name
 from edhas_jax.simulation.run import Simulation
 
 
@@ -86,7 +86,7 @@ def config_kind(machine: Rig, section: str) -> str:
 
 def rig_text(machine: Rig) -> str:
     """The value of the key `rig`: a rig of the package by its name, one's own as file.py:ClassName."""
-    return yaml_text(class_spec(type(machine))) if machine.is_own else machine.name
+    return machine.name if type(machine) in RIGS.values() else yaml_text(class_spec(type(machine)))
 
 
 def _effect_text(effect: Effect, law_file: str | None) -> str:

@@ -8,6 +8,7 @@ import sys
 import traceback
 from pathlib import Path
 
+PACKAGE = __name__.partition(".")[0]
 MAX_MESSAGE_LENGTH = 200  # characters of an error's message that are quoted
 
 
@@ -26,6 +27,11 @@ def locate(cls: type, member: str = "", error: BaseException | None = None) -> s
         return f"{name} ({cls.__module__})"
     line = (error_line(error, path) if error else None) or (code.co_firstlineno if code else _line_of(cls, member))
     return f"{name} ({display_path(Path(path))}{f':{line}' if line else ''})"
+
+
+def is_users_code(cls: type) -> bool:
+    """Whether a class is code of the user, not of this package."""
+    return cls.__module__.partition(".")[0] != PACKAGE
 
 
 def _line_of(cls: type, member: str) -> int | None:

@@ -12,7 +12,7 @@ from edhas_jax.core.structs import struct
 from edhas_jax.machine.components.controller_sampling import Continuous
 from edhas_jax.machine.components.controllers import Coordination, OpenLoop
 from edhas_jax.machine.parameters import ParameterError, find_parameter
-from edhas_jax.machine.rigs import ActuatorSystem, Rig
+from edhas_jax.machine.rigs import ActuatorParts, ActuatorSystem, Rig
 
 
 class FmuError(ValueError):
@@ -89,16 +89,16 @@ def parse_inputs(machine: Rig, names: Sequence[str]) -> tuple[tuple[External, ..
     Raises:
         FmuError: a name is unknown, does not exist on this rig or is given twice; two inputs exclude each other.
     """
-    benches = (ExternalSource.REFERENCE, ExternalSource.VOLTAGE)
-    sources = [o for o in ExternalSource if isinstance(machine, ActuatorSystem) or o in benches]
-    valid = {name: name for name in machine.drives} if machine.is_own else {o.value: o for o in sources}
+    of_system = (ExternalSource.TARGET, ExternalSource.SPOOL)
+    sources = [o for o in ExternalSource if isinstance(machine, ActuatorSystem if o in of_system else ActuatorParts)]
+    valid = {name: name for name in machine.drives} | {o.value: o for o in sources}
     external, parameters = [], {}
     for name in names:
         if name in valid:
             if valid[name] not in external:
                 external.append(valid[name])
             continue
-        if name in {o.value for o in ExternalSource} and not machine.is_own:
+        if sources and name in {o.value for o in ExternalSource}:
             raise FmuError(f"--input {name}: {machine.name} has no {name}; valid: {', '.join(valid)} and parameters")
         try:
             p, path = find_parameter(machine, name)

@@ -12,7 +12,7 @@ import numpy as np
 
 from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
-from edhas_jax.core.source_location import locate
+from edhas_jax.core.source_location import is_users_code, locate
 from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.effects.base import EffectError
@@ -47,7 +47,7 @@ def load_rig(spec: str, base_dir: Path | str = ".", trust: Trust = ()) -> type[R
         cls = load_user_class(source, name, Path(base_dir), Rig, TrustedCode.of(trust))
     except EffectError as error:
         raise RigError(str(error)) from error
-    if not cls.is_own:
+    if not is_users_code(cls):
         raise RigError(f"{spec} is a rig of the package; write {cls.name} in its place")
     check_rig(cls)
     return cls

@@ -1,8 +1,7 @@
 """The base class of every rig: a class whose body is the machine.
 
-A rig of one's own declares its parts, numbers, states, drives, signals and slots as attributes and its equations as one
-method. The three rigs of the package (`edhas_jax.machine.rigs`) derive from the same class, with the states and the
-evaluation of their sections in place of `equations`.
+It declares its parts, numbers, states, drives, signals and slots as attributes and its equations as one method; so do
+the three rigs of the package (`edhas_jax.machine.rigs`).
 """
 
 import dataclasses
@@ -14,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple, dataclass_transform
 import jax
 
 from edhas_jax.core import structs
-from edhas_jax.core.source_location import locate, reraise_interrupt
+from edhas_jax.core.source_location import is_users_code, locate, reraise_interrupt
 from edhas_jax.core.structs import par
 from edhas_jax.core.units import display_unit
 from edhas_jax.machine.components.set_points import Sine, Step
@@ -105,7 +104,11 @@ class Rig:
         time_step: the time step with which a run begins [s]; it is halved until it is small enough. The largest step
             is five times as long.
         duration: usual length of a run [s].
-        is_own: whether it declares its states and signals itself, which the rigs of the package do not.
+        usual_effects: effects that a machine of a campaign has unless the campaign leaves them out.
+        explaining: signals over which the error of a model is looked at, the most usual first; empty: every signal.
+        fastest: what moves too fast for a step above the largest, as the end of a message.
+        check_interval: sample interval of the model's runs with which records are checked [s]; 0: that of the record.
+        runs_whole: whether its designs are compared by whole runs where no sine drives it.
 
     Raises:
         RigError: at class creation, for a rig derived from another one, without equations, or with a name twice.
@@ -114,20 +117,24 @@ class Rig:
     name: ClassVar[str] = ""
     states: ClassVar[dict[str, EffectState]] = {}
     drives: ClassVar[dict[str, Drive]] = {}
-    signals: ClassVar[Mapping[str, Signal]] = SIGNALS
+    signals: ClassVar[Mapping[str, Signal]] = {}
     slots: ClassVar[tuple[Slot, ...]] = ()
     metrics: ClassVar[Mapping[str, Metric]] = {}
     panels: ClassVar[tuple[tuple[str, tuple[str, ...]], ...]] = ()
     time_step: ClassVar[float] = 20e-6
     duration: ClassVar[float] = 0.5
-    is_own: ClassVar[bool] = False
+    usual_effects: ClassVar[tuple[type[Effect], ...]] = ()
+    explaining: ClassVar[tuple[str, ...]] = ()
+    fastest: ClassVar[str] = ""
+    check_interval: ClassVar[float] = 0.0
+    runs_whole: ClassVar[bool] = True
 
     def __init_subclass__(cls):
-        if cls.__bases__ != (Rig,):
+        parts = [base for base in cls.__bases__ if base is not Rig]
+        if any(issubclass(base, Rig) or not dataclasses.is_dataclass(base) for base in parts):
             raise RigError(f"{cls.__name__}: derive from Rig alone and reuse code by calling it")
         cls.name = vars(cls).get("name") or structs.snake_case(cls.__name__)
-        if "evaluate" not in vars(cls):
-            _declare(cls)
+        _declare(cls)
         structs.struct(cls)
 
     def __getattr__(self, name: str) -> Any:
@@ -171,23 +178,22 @@ class Rig:
         Raises:
             RigError: the equations fail; the message says where in the user's file, and why.
         """
-        own = {n: y[n] for n in self.states}
-        known = self.known_numbers() | {"time": t, "time_step": h} | own
+        known = self.known_numbers() | {"time": t, "time_step": h} | {n: y[n] for n in self.states}
         for name in self.drives:
             known[name], known[f"{name}_rate"] = getattr(self, name).value_and_rate(t)
         declared = [n for n in self.signals if n not in known]
-        s = Signals(known, bind_states(self.effects, y), None, orifice_linearisation, declared)
+        s = Signals(known, bind_states(self.effects, y), None, orifice_linearisation, declared, y_start)
         try:
-            rates = self.equations(types.SimpleNamespace(**own), s)
-        except (RigError, EffectError):
-            raise
+            rates = self.equations(types.SimpleNamespace(**y), s)
         except BaseException as error:  # also what ends a program, such as sys.exit
+            if isinstance(error, RigError | EffectError) or not is_users_code(type(self)):
+                raise
             reraise_interrupt(error)
             raise RigError(f"{locate(type(self), 'equations', error)}: {self._reason(error)}") from error
-        if not isinstance(rates, dict) or set(rates) != set(self.states):
-            missing = [n for n in self.states if n not in (rates if isinstance(rates, dict) else ())]
-            beyond = [n for n in rates if n not in self.states] if isinstance(rates, dict) else []
-            words = f"a rate of {', '.join(beyond)}, which is no state"
+        given = rates if isinstance(rates, dict) else {}
+        missing, beyond = [n for n in self.states if n not in given], [n for n in given if n not in y]
+        if missing or beyond or given is not rates:
+            words = f"a rate of {', '.join(beyond)}, which is no state" if beyond else "no dict"
             words = f"no rate of {', '.join(missing)}" if missing else words
             where = locate(type(self), "equations")
             raise RigError(f"{where}: gives {words}; return a dict with the rate of every state")
@@ -259,7 +265,6 @@ def _declare(cls: type[Rig]) -> None:
     own = dict(vars(cls))
     if "equations" not in own:
         raise RigError(f"{cls.__name__} has no method `equations`; define `def equations(self, y, s)`")
-    cls.is_own = True
     cls.states = {n: v for n, v in own.items() if isinstance(v, EffectState)}
     cls.drives = {n: v for n, v in own.items() if isinstance(v, Drive)}
     declared = {n: v for n, v in own.items() if isinstance(v, Signal)}
@@ -283,7 +288,10 @@ def _declare(cls: type[Rig]) -> None:
         fields = {cls.name: holder} | fields
     cls.effects, fields["effects"] = (), tuple[Effect, ...]
     cls.__annotations__ = fields
-    cls.signals = _signals(cls, declared)
+    if cls.signals is Rig.signals:
+        cls.signals = _signals(cls, declared)
+    if "metrics" in own:
+        return
     cls.metrics, of_its_own = metrics_of_signals(cls.signals), {n: v for n, v in own.items() if isinstance(v, Metric)}
     if twice := sorted(cls.metrics.keys() & of_its_own.keys()):
         raise RigError(f"{cls.__name__}: every signal has the metric `{twice[0]}` already; name yours otherwise")

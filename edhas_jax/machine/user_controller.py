@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.core import runtime, structs
-from edhas_jax.core.source_location import locate, reraise_interrupt
+from edhas_jax.core.source_location import is_users_code, locate, reraise_interrupt
 from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, to_si
 from edhas_jax.machine.components.controller_sampling import Continuous, Sampled
@@ -131,8 +131,8 @@ def _checked(machine: Rig, method: str, names: list[str], dtype: Any) -> Callabl
             value = inner(y, s)
         except BaseException as error:
             reraise_interrupt(error)
-            built_in = cls.__module__.startswith("edhas_jax.")  # then the machine is at fault, not a line of code
-            at = cls.__name__ if built_in else locate(cls, method, error)
+            # with a controller of the package the machine is at fault, not a line of code
+            at = locate(cls, method, error) if is_users_code(cls) else cls.__name__
             raise ControllerError(f"{at}: {_reason(error, machine, names)}") from error
         where = locate(cls, method)
         if method == "command":

@@ -63,7 +63,7 @@ class CampaignDescription:
         self.remarks: list[tuple[Severity, Entry, str]] = []
         self._top, self.folder, self._trust = top, folder, TrustedCode.of(trust)
         self.rig = read_rig(top["rig"], folder, self._trust)
-        values = campaign_keys(self.rig if self.rig is not None and self.rig.is_own else None).read(top)
+        values = campaign_keys(self.rig or Rig).read(top)
         # the name of a folder may be no text in UTF-8
         self.name = values["name"] or folder.resolve().name.encode("utf-8", "replace").decode()
         self.recorded = self._drive_columns()
@@ -90,19 +90,15 @@ class CampaignDescription:
 
     def _drive_columns(self) -> dict[str, ColumnSource]:
         """The columns of the recorded drives, by drive; that of the set point is `reference`."""
-        drives, reference = self._top["drives"], self._top["reference"]
-        entries = {}
-        if self.rig is not None and self.rig.is_own:
-            entries = drives.mapping("{voltage: u}")
-            for name in [n for n in entries if n not in self.rig.drives]:
-                entries.pop(name).add(f"unknown key; {suggest(str(name), self.rig.drives)}")
-        else:
-            if self.rig is not None and drives.value is not None:
-                hint = f"the recorded set point of {self.rig.name} is `reference: COLUMN`"
-                drives.add(f"belongs to a rig of one's own; {hint}")
-            names_column = "column" in reference and not {"kind", "file"} & set(reference.value)
-            if isinstance(reference.value, str) or names_column:
-                entries = {"reference": reference}
+        rig, reference = self.rig or Rig, self._top["reference"]
+        has_reference = hasattr(rig, "reference") or self.rig is None
+        entries = self._top["drives"].mapping("{voltage: u}") if self.rig is not None else {}
+        for name in [n for n in entries if n not in rig.drives]:
+            hint = f"the recorded set point of {rig.name} is `reference: COLUMN`" if has_reference else ""
+            entries.pop(name).add(f"unknown key; {hint or suggest(str(name), rig.drives)}")
+        names_column = "column" in reference and not {"kind", "file"} & set(reference.value)
+        if has_reference and (isinstance(reference.value, str) or names_column):
+            entries["reference"] = reference
         found = {name: DRIVE_COLUMN.read(entry) for name, entry in entries.items()}
         return {n: ColumnSource(v["column"] or n, v["unit"] or "", v["between"]) for n, v in found.items()}
 
@@ -110,7 +106,7 @@ class CampaignDescription:
         """The rig with its parameters, the effects that are listed, and the usual ones except those under `without`."""
         if self.rig is None:
             return None
-        names = machine_keys(self.rig if self.rig.is_own else None).keys.keys() - {"name", "simulation"}
+        names = machine_keys(self.rig).keys.keys() - {"name", "simulation"}
         config = {name: value for name, value in self._top.value.items() if name in names}
         config |= {"rig": self.rig, "without": config.get("without")}
         placeholder = {"kind": "recorded", **encode_samples(Recorded(values=np.zeros(2), interval=1.0))}

@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-from edhas_jax.config.machine_keys import usual_effects
 from edhas_jax.core.literal_text import one_line, yaml_text
 from edhas_jax.machine.rigs import RIGS, Rig
 from edhas_jax.measurements.campaign import has_parameter
@@ -107,7 +106,7 @@ class CampaignDraft:
 
 def uncertainty_lines(rig: type[Rig]) -> list[str]:
     """The entries of `uncertain` that are usual for the machine of a campaign, with its refined effects."""
-    machine = rig(effects=tuple(effect() for effect in usual_effects(rig)))
+    machine = rig(effects=tuple(effect() for effect in rig.usual_effects))
     return [f"  {name}: {spread:g}" for name, spread in USUAL_UNCERTAINTY.items() if has_parameter(machine, name)]
 
 

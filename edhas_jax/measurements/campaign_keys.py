@@ -117,8 +117,8 @@ ACCURACY = Keys({
 
 
 @functools.lru_cache(maxsize=8)
-def campaign_keys(rig: type[Rig] | None = None) -> Keys:
-    """The keys of a campaign: those of its machine (of a rig of one's own, or None), and of the measurements."""
+def campaign_keys(rig: type[Rig] = Rig) -> Keys:
+    """The keys of a campaign: those of its machine, and of the measurements."""
     machine = {name: key for name, key in machine_keys(rig).keys.items() if name != "simulation"}
     return Keys(machine | {
         "name": Key(NAME, "name of the campaign", shown="that of the folder"),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edhas_jax.config.machine_keys import USUAL_EFFECTS, usual_effects
+from edhas_jax.config.machine_keys import USUAL_EFFECTS
 from edhas_jax.core import structs
 from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity, from_si
@@ -97,7 +97,7 @@ def campaign_text(campaign: Campaign) -> str:
     machine = campaign.machine
     lines = [f"name: {yaml_text(campaign.name)}", f"rig: {machine.name}"]
     present = {effect.id for effect in machine.effects}
-    without = [effect.id for effect in usual_effects(type(machine)) if effect.id not in present]
+    without = [effect.id for effect in machine.usual_effects if effect.id not in present]
     lines += [f"without: [{', '.join(without)}]"] if without else []
     more = [yaml_text(effect_spec(type(e))) for e in machine.effects if type(e) not in USUAL_EFFECTS]
     lines += [f"effects: [{', '.join(more)}]"] if more else []

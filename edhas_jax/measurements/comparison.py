@@ -21,9 +21,6 @@ from edhas_jax.simulation.integrator import evaluate_signals
 from edhas_jax.simulation.validity import signal_problems
 
 # signals of the model against which residuals are plotted and searched for patterns, in addition to the measured ones
-EXPLANATORY_SIGNALS = (
-    "reference", "voltage", "current", "piston_position", "piston_velocity", "chamber_pressure_a", "outlet_pressure",
-)  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,8 +120,7 @@ def compare(
     if not runs:
         raise CampaignError("\n".join(map(str, remarks)))
     available = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
-    explanatory = machine.signals if machine.is_own else EXPLANATORY_SIGNALS
-    others = (n for n in explanatory if n in available and n != "time")
+    others = (n for n in machine.explaining or machine.signals if n in available and n != "time")
     signals = tuple(dict.fromkeys([*campaign.channels, *others]))
     model = MeasurementModel(campaign, machine, (), runs, instruments, signals, replay)
     report_progress("choosing the time step")

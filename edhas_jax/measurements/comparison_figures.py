@@ -20,8 +20,7 @@ SHOWN_SHARE = 0.4  # share of the length that is drawn of a run without cycles
 BIN_COUNT = 30
 MIN_SAMPLES_PER_BIN = 4
 NOISE_BAND_COLOUR = GRID_COLOUR = "#d8dee4"
-BINNED_OVER = ("phase", "piston_position", "piston_velocity", "current", "outlet_pressure")
-MOST_BINNED = 5  # signals of a rig of one's own over which errors are drawn
+MOST_BINNED = 5  # quantities over which errors are drawn
 
 
 def draw_traces(comparison: Comparison, signal: str):
@@ -74,10 +73,10 @@ def draw_binned_residuals(comparison: Comparison):
     """
     from edhas_jax.core.figure import Figure
 
-    machine, binned = comparison.machine, BINNED_OVER
-    if machine.is_own:
-        binned = [n for n in machine.signals if n != "time"][:MOST_BINNED]
-    abscissae = [a for a in binned if a in comparison.runs[0].model or a == "phase" and _all_cyclic(comparison)]
+    machine, model = comparison.machine, comparison.runs[0].model
+    abscissae = ["phase"] * _all_cyclic(comparison)
+    abscissae += [n for n in machine.explaining or machine.signals if n in model and n != "time"]
+    abscissae = abscissae[:MOST_BINNED]
     signals = comparison.signals
     size = 2.7 * len(abscissae) + 1.6, 1.75 * len(signals) + 0.7
     figure = Figure(figsize=size, layout="constrained")

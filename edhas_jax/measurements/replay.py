@@ -9,7 +9,7 @@ from edhas_jax.core import structs
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.controller_sampling import Continuous
 from edhas_jax.machine.components.controllers import OpenLoop, PositionController, Supply
-from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
+from edhas_jax.machine.rigs import ActuatorBench, ActuatorParts, ActuatorSystem, Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
 
 TRACKING_BANDWIDTH = 1e4  # rad/s; bandwidth of the loop that tracks a replayed position, far above the machine's
@@ -57,7 +57,7 @@ def machine_with_replay(campaign: Campaign, run: BenchRun, machine: Rig, replay:
     machine = campaign.machine_of(run, machine)
     if replay is Replay.SET_POINT:
         return machine
-    if machine.is_own:
+    if not isinstance(machine, ActuatorParts):
         raise CampaignError(f"{run.file}: the drives of {machine.name} are what its `drives` name; nothing is replayed")
     if isinstance(machine, ActuatorSystem):
         raise CampaignError(f"{run.file}: {machine.name} sets its pump's set point by itself; nothing can be replayed")

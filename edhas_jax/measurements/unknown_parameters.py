@@ -154,21 +154,19 @@ def unknown_around(machine: Rig, name: str, spread: Spread, value: float | None 
     """
     p, _ = find_parameter(machine, name)
     value = float(get_parameter(machine, name)) if value is None else value
-    return with_prior(p, name, value, spread, machine.is_own)
+    return with_prior(p, name, value, spread)
 
 
-def with_prior(p: Parameter, name: str, value: float, spread: Spread, is_own: bool = False) -> UnknownParameter:
+def with_prior(p: Parameter, name: str, value: float, spread: Spread) -> UnknownParameter:
     """An unknown with a prior around a value.
 
-    The prior is normal for an absolute spread, and for a number of a rig of one's own that can have either sign; else
-    log-normal.
+    The prior is normal for an absolute spread, and for a number that can have either sign; else log-normal.
 
     Args:
         p: declaration of the parameter.
         name: name of the unknown.
         value: the value (SI).
         spread: how well the value is known.
-        is_own: whether the parameter belongs to a rig of one's own.
 
     Raises:
         ParameterError: a share of 0 is asked for.
@@ -177,7 +175,7 @@ def with_prior(p: Parameter, name: str, value: float, spread: Spread, is_own: bo
         return UnknownParameter(name, value, spread.size, p.unit, p.span, ParameterScale.LINEAR)
     if problem := share_of_nothing(p, value, spread):
         raise ParameterError(f"{name}: {problem}")
-    if is_own and p.span[0] < 0.0:
+    if p.span[0] < 0.0:
         return UnknownParameter(name, value, spread.size * abs(value), p.unit, p.span, ParameterScale.LINEAR)
     return UnknownParameter(name, value, spread.size, p.unit, p.span)
 

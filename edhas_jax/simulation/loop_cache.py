@@ -9,6 +9,7 @@ import numpy as np
 
 from edhas_jax.compiler.engines import serving_engine
 from edhas_jax.core import runtime
+from edhas_jax.core.source_location import is_users_code
 from edhas_jax.machine.rigs import Rig, components_by_name
 
 # all that machine code is made from; editing anything else compiles nothing anew
@@ -41,7 +42,7 @@ def key_of(machine: Rig, *choices: Any) -> str | None:
         The text; None where a part of the machine is not the package's own, so that its source is not known.
     """
     components = machine, *components_by_name(machine).values()
-    if any(not type(part).__module__.startswith("edhas_jax.") for part in components):
+    if any(is_users_code(type(part)) for part in components):
         return None
     return " ".join(map(str, (jax.tree.structure(machine), *choices, runtime.code_hash(LOOP_CODE), jax.__version__)))
 

@@ -13,7 +13,7 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation import energy_balance
 from edhas_jax.simulation.metrics import MetricValue, run_metrics
-from edhas_jax.simulation.run_checks import Record, check_run, growth_at_start, step_change
+from edhas_jax.simulation.run_checks import Record, check_run, step_change
 from edhas_jax.simulation.run_figure import plot_run
 from edhas_jax.simulation.run_settings import Simulation
 from edhas_jax.simulation.step_choice import search_accuracy, search_step, step_status
@@ -225,13 +225,7 @@ def simulate(
 def _finished(run: Run, note: str, status: Status = Status.OK, reason: str = "", remark: str = "") -> Run:
     """The run with its status and a note on its step, which stands for {}; the `status` of the step comes first."""
     if status is Status.OK:
-        status, reason = check_run(run.record, run.energy_residual(), run.volume_residual())
-        name, growth = growth_at_start(run.machine) if run.machine.is_own and status.is_valid else ("", 0.0)
-        if growth * run.step > 2.0:
-            fast, short = (_step_text(t) for t in (1.0 / growth, 0.5 / growth))
-            status = Status.STEP_TOO_LARGE
-            reason = f"{name} grows e-fold within {fast} at the start, which the step jumps over; "
-            reason += f"set `time_step` of the rig to {short} or less"
+        status, reason = check_run(run.record, run.energy_residual(), run.volume_residual(), run.step)
     reason = "; ".join(filter(None, (reason, remark)))
     note = note.format(_step_text(run.step))
     return dataclasses.replace(run, step_note=note, status=status, reason=reason)

@@ -12,7 +12,7 @@ from edhas_jax.compiler.derivative_graph import defer_partials, linearize
 from edhas_jax.compiler.sparse_elimination import jacobian
 from edhas_jax.core import runtime
 from edhas_jax.core.units import format_quantity
-from edhas_jax.machine.rigs import Rig
+from edhas_jax.machine.rigs import ActuatorParts, Rig
 from edhas_jax.simulation.metrics import RunTooShortError, mean_rate, metric_window, run_metrics
 from edhas_jax.simulation.validity import REASONS, Status, failed_tests
 
@@ -79,7 +79,7 @@ class Record:
 
 def step_change(coarse: Record, fine: Record) -> tuple[str, float]:
     """The main result that differs most between two runs of one machine with different steps, and by which share."""
-    if fine.machine.is_own:
+    if not isinstance(fine.machine, ActuatorParts):
         return largest_change(fine.machine, coarse.signals, fine.signals)
     first, last = fine.window
     changes = _changes(coarse.results(first, last), fine.results(first, last))
@@ -102,17 +102,18 @@ def _changes(old: dict[str, tuple[float, float]], new: dict[str, tuple[float, fl
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what is not finite is what it looks for
-def check_run(record: Record, energy_residual: float, volume_residual: float) -> tuple[Status, str]:
+def check_run(record: Record, energy_residual: float, volume_residual: float, step: float = 0.0) -> tuple[Status, str]:
     """The status of a run and its reason, apart from how far it depends on the step.
 
     Args:
         record: the run.
         energy_residual: error of the energy balance, a share of the energy converted.
         volume_residual: error of the oil balance, a share of the oil delivered.
+        step: time step of the run [s]; 0 where it is not known.
     """
     m, reasons = record.machine, dict(REASONS)
-    if m.is_own:
-        return _check_own(record, energy_residual)
+    if not isinstance(m, ActuatorParts):
+        return _check_signals(record, energy_residual, step)
     try:
         values = run_metrics(m, record.signals, record.energy, record.volume)
     except RunTooShortError:
@@ -157,14 +158,19 @@ def _wrong_balance(what: str, residual: float, remedy: str = "take a smaller ste
     return Status.STEP_TOO_LARGE, f"the {what} balance has an error of {100 * abs(residual):.2g} %: {remedy}"
 
 
-def _check_own(record: Record, energy_residual: float) -> tuple[Status, str]:
-    """The status of a run of a rig of one's own, whose energy balance counts only if it says what goes in."""
+def _check_signals(record: Record, energy_residual: float, step: float) -> tuple[Status, str]:
+    """The status of a run by its signals alone, and by its energy balance if that says what goes in."""
     for name, values in record.signals.items():
         if not np.isfinite(np.square(values)).all():
             return Status.NOT_FINITE, f"{name} is not finite, or beyond 1e154, whose square is no number"
     remedy = "take a smaller step, or an equation takes or gives power unsaid"
     if wrong := _wrong_balance("energy", energy_residual, remedy):
         return wrong
+    name, growth = growth_at_start(record.machine) if step else ("", 0.0)
+    if growth * step > 2.0:
+        fast, short = (format_quantity(t, "s") for t in (1.0 / growth, 0.5 / growth))
+        return Status.STEP_TOO_LARGE, (f"{name} grows e-fold within {fast} at the start, which the step jumps over; "
+                                       f"set `time_step` of the rig to {short} or less")  # fmt: skip
     return Status.OK, "finite, within the ranges that the equations state" + _pressure_remark(record)
 
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from edhas_jax.core.chart import Chart, Curve, Style, Tone
 from edhas_jax.core.units import display_unit, from_si
-from edhas_jax.workbench.figure_parts import CONFIG, TOP, base_layout, numbers, plain, x_axis, y_axis
+from edhas_jax.workbench.figure_parts import CONFIG, TOP, base_layout, chart_figure, numbers, plain, x_axis, y_axis
 from edhas_jax.workbench.plot_theme import theme
 
 HEIGHT = 300.0  # px
@@ -54,17 +55,11 @@ def trajectory_figure(
         dark: whether the page is dark.
         draws: whether a drag draws the window; otherwise it zooms.
     """
-    colours = theme(dark)
-    layout = base_layout(colours, HEIGHT)
-    series = (colours.model,) if len(curves) == 1 else (colours.grey, colours.model)
-    rows = [("measured", measured, colours.measured)]
-    rows += [(name, row, colour) for (name, row), colour in zip(curves.items(), series, strict=False)]
-    data = [
-        {"type": "scatter", "mode": "lines", "name": plain(name), "x": row["x"].tolist(), "y": numbers(row["y"]),
-         "line": {"color": colour, "width": 1.5}, "hovertemplate": "%{y:.4g}<extra>" + plain(name) + "</extra>"}
-        for name, row, colour in rows
-    ]  # fmt: skip
-    layout["xaxis"], layout["yaxis"] = x_axis(colours, "time, s"), y_axis(colours, [0.0, 1.0], unit or "–")
+    tones = (Tone.MODEL,) if len(curves) == 1 else (Tone.BESIDE, Tone.MODEL)
+    rows = [Curve("measured", measured["x"], measured["y"])]
+    rows += [Curve(n, row["x"], row["y"], tone) for (n, row), tone in zip(curves.items(), tones, strict=False)]
+    figure = chart_figure(Chart("time, s", unit or "–", tuple(rows)), HEIGHT, dark)
+    layout, colours = figure["layout"], theme(dark)
     first, last = float(measured["x"][0]), float(measured["x"][-1])
     if window is not None:
         sides = ((first, min(window[0], last)), (max(window[1], first), last))
@@ -75,7 +70,7 @@ def trajectory_figure(
     layout["hovermode"] = "x"
     if draws:
         layout |= {"dragmode": "select", "selectdirection": "h"}
-    return {"data": data, "layout": layout, "config": CONFIG}
+    return figure
 
 
 def correlation_figure(correlation: Mapping[str, Mapping[str, float | None]], dark: bool) -> dict[str, Any]:
@@ -100,30 +95,6 @@ def correlation_figure(correlation: Mapping[str, Mapping[str, float | None]], da
     return {"data": data, "layout": layout, "config": CONFIG}
 
 
-def profile_figure(found: Mapping[str, Any], name: str, dark: bool) -> dict[str, Any]:
-    """χ² along a parameter with the parabola of its standard error, see `FitCalculations.profile`."""
-    colours = theme(dark)
-    layout = base_layout(colours, HEIGHT)
-    x, rise = np.asarray(found["x"]), np.asarray(found["rise"])
-    top = max(10.0, 1.05 * float(np.nanmax(rise)))
-    data = [
-        {"type": "scatter", "mode": "lines", "name": "parabola of the standard error",
-         "x": np.asarray(found["parabola"][0]).tolist(), "y": numbers(found["parabola"][1]),
-         "line": {"color": colours.grey, "dash": "dash", "width": 1.2}, "hoverinfo": "skip"},
-        {"type": "scatter", "mode": "lines+markers", "name": "all others fitted anew", "x": x.tolist(),
-         "y": numbers(rise), "line": {"color": colours.measured, "width": 1.6}, "marker": {"size": 5},
-         "hovertemplate": "%{x:.5g}: %{y:.2f}<extra></extra>"},
-    ]  # fmt: skip
-    level = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": found["level"], "y1": found["level"],
-             "line": {"color": colours.model, "dash": "dot", "width": 1.3}}  # fmt: skip
-    ends = [{"type": "line", "x0": end, "x1": end, "yref": "paper", "y0": 0, "y1": 1,
-             "line": {"color": colours.model, "dash": "dot", "width": 1.0}} for end in found["interval"]]  # fmt: skip
-    layout["shapes"] = [level, *ends]
-    layout["xaxis"] = x_axis(colours, f"{plain(name.replace('_', ' '))}, {found['unit']}")
-    layout["yaxis"] = y_axis(colours, [0.0, 1.0], "increase of χ²") | {"range": [0.0, top]}
-    return {"data": data, "layout": layout, "config": CONFIG}
-
-
 def ellipse_figure(fit: Mapping[str, Any], one: str, other: str, dark: bool) -> dict[str, Any]:
     """The ellipse in which two parameters lie together with a probability of 95 %, by their covariance.
 
@@ -133,28 +104,20 @@ def ellipse_figure(fit: Mapping[str, Any], one: str, other: str, dark: bool) -> 
         other: parameter of the vertical axis.
         dark: whether the page is dark.
     """
-    colours = theme(dark)
-    layout, rows = base_layout(colours, HEIGHT), [fit["calibrated"][name] for name in (one, other)]
+    rows = [fit["calibrated"][name] for name in (one, other)]
     correlation = fit["correlation"][one][other]
     units = [display_unit(row["unit"], row["value"]) for row in rows]
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     circle = math.sqrt(CHI2_95_OF_TWO) * np.array([np.cos(angle), np.sin(angle)])
     across = correlation * circle[0] + math.sqrt(max(1.0 - correlation**2, 0.0)) * circle[1]
-    points = [
+    x, y = (
         from_si(row["value"] + row["std"] * part, row["unit"], unit)
         for row, part, unit in zip(rows, (circle[0], across), units, strict=True)
-    ]
-    centre = [from_si(row["value"], row["unit"], unit) for row, unit in zip(rows, units, strict=True)]
-    data = [
-        {"type": "scatter", "mode": "lines", "name": "95 % of both together", "x": points[0].tolist(),
-         "y": points[1].tolist(), "line": {"color": colours.measured, "width": 1.8}, "fill": "toself",
-         "fillcolor": "rgba(70,140,220,0.18)", "hoverinfo": "skip"},
-        {"type": "scatter", "mode": "markers", "name": "estimate", "x": [centre[0]], "y": [centre[1]],
-         "marker": {"color": colours.model, "size": 8}, "hovertemplate": "%{x:.5g}, %{y:.5g}<extra></extra>"},
-    ]  # fmt: skip
-    titles = [f"{plain(n.replace('_', ' '))}, {unit}" for n, unit in zip((one, other), units, strict=True)]
-    layout["xaxis"], layout["yaxis"] = x_axis(colours, titles[0]), y_axis(colours, [0.0, 1.0], titles[1])
-    return {"data": data, "layout": layout, "config": CONFIG}
+    )
+    centre = [np.array([from_si(row["value"], row["unit"], unit)]) for row, unit in zip(rows, units, strict=True)]
+    curves = Curve("95 % of both together", x, y), Curve("estimate", *centre, Tone.MODEL, Style.MARKS)
+    titles = [f"{n.replace('_', ' ')}, {unit}" for n, unit in zip((one, other), units, strict=True)]
+    return chart_figure(Chart(*titles, curves), HEIGHT, dark)
 
 
 def autocorrelation_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:

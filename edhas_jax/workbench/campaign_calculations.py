@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.config.law_file import law_units
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core.literal_text import file_name
 from edhas_jax.core.units import exact_quantity, format_quantity, from_si
+from edhas_jax.diagnosis.laws.curve_figure import law_chart
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.diagnosis.report.report import law_sentence
 from edhas_jax.diagnosis.search.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.machine.interface.signals import Signal
-from edhas_jax.machine.interface.slots import Rule
 from edhas_jax.machine.parameters import list_parameters, short_names
 from edhas_jax.measurements.campaign import Campaign, Severity
 from edhas_jax.measurements.campaign_reader import read_campaign, with_values_of_runs
@@ -28,7 +27,6 @@ from edhas_jax.measurements.comparison_report import sentences
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
 from edhas_jax.measurements.residual_patterns import Pattern, find_patterns
-from edhas_jax.measurements.residuals import Z_95
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter, uncertain_unknowns
 from edhas_jax.workbench.thinning import thinned
 from edhas_jax.workbench.workspace import RESULTS, TRIED, Workspace, WorkspaceError
@@ -218,23 +216,8 @@ class CampaignCalculations:
         if found is None:
             law = f"the law of {model.effects[-1].id}"
             raise WorkspaceError(f"{law} is no function of a signal of these runs, or its size is 0")
-        curve = found.curve
-        place = curve.place
-        x_unit, y_unit = law_units(place, float(np.abs(curve.total).max()))
-        is_factor = place.declaration.rule is Rule.SCALE
-
-        def shown(values):
-            return values if is_factor or values is None else from_si(values, place.value_unit, y_unit)
-
-        over = "".join(f" / {name.replace('_', ' ')}" for name in place.factors)
-        return {
-            "effect": model.effects[-1].id,
-            "sentence": None if curve.law_values is None else law_sentence(curve),
-            "x": from_si(curve.nodes, place.variable_unit, x_unit), "total": shown(curve.total),
-            "half": Z_95 * (shown(curve.std) - shown(np.zeros_like(curve.std))), "law": shown(curve.law_values),
-            "x_title": f"{place.variable.replace('_', ' ')}, {x_unit}",
-            "y_title": f"{place.slot.replace('_', ' ')}{over}" + (f", {y_unit}" if y_unit else ""),
-        }  # fmt: skip
+        sentence = None if found.curve.law_values is None else law_sentence(found.curve)
+        return {"effect": model.effects[-1].id, "sentence": sentence, "chart": law_chart(found.curve)}
 
     def checked(self) -> Campaign:
         """The campaign with its data checked, read again where a file of the folder has changed."""

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.workbench.plot_theme import Theme
+from edhas_jax.core.chart import Chart, Style, Tone
+from edhas_jax.workbench.plot_theme import Theme, theme
 
 TOP, BOTTOM = 26.0, 46.0  # px, of a plot
 # the buttons of Plotly would lie on the legend: one drags to zoom, clicks twice to go back, and saves beside the plot
@@ -49,3 +50,33 @@ def numbers(values) -> list[float | None]:
 def plain(text: str) -> str:
     """A text that Plotly does not take for markup."""
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def chart_figure(chart: Chart, height: float, dark: bool) -> dict[str, Any]:
+    """A chart as a figure of Plotly of a height [px]."""
+    colours = theme(dark)
+    of_tone = {Tone.DATA: colours.measured, Tone.MODEL: colours.model, Tone.BESIDE: colours.grey}
+    layout, data = base_layout(colours, height), []
+    for band in chart.bands:
+        x, y = np.concatenate([band.x, band.x[::-1]]), np.concatenate([band.low, band.high[::-1]])
+        data.append({"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "line": {"width": 0},
+                     "fill": "toself", "fillcolor": of_tone[band.tone], "opacity": 0.22, "showlegend": False,
+                     "hoverinfo": "skip"})  # fmt: skip
+    for name, x, y, tone, style, error in chart.curves:
+        mode = {Style.MARKS: "markers", Style.MARKED: "lines+markers"}.get(style, "lines")
+        line = {"color": of_tone[tone], "width": 1.6, "dash": "dash" if style is Style.DASHED else "solid"}
+        data.append({"type": "scatter", "mode": mode, "name": plain(name), "x": numbers(x), "y": numbers(y),
+                     "line": line, "marker": {"size": 5, "color": of_tone[tone]}, "showlegend": bool(name),
+                     "error_y": {"array": numbers([] if error is None else error), "thickness": 1, "width": 3},
+                     "hovertemplate": "%{x:.5g}: %{y:.5g}<extra></extra>"})  # fmt: skip
+    line = {"color": colours.model, "dash": "dot", "width": 1.2}
+    layout["shapes"] = [
+        {"type": "line", "line": line, f"{along}ref": "paper", f"{along}0": 0, f"{along}1": 1, f"{across}0": place,
+         f"{across}1": place} for along, across, places in (("x", "y", chart.levels), ("y", "x", chart.stops))
+        for place in places
+    ]  # fmt: skip
+    layout["xaxis"] = x_axis(colours, plain(chart.x_title))
+    layout["yaxis"] = y_axis(colours, [0.0, 1.0], plain(chart.y_title))
+    if chart.y_range is not None:
+        layout["yaxis"]["range"] = list(chart.y_range)
+    return {"data": data, "layout": layout, "config": CONFIG}

@@ -220,48 +220,8 @@ def heat_map_figure(
     return {"data": data, "layout": layout, "config": CONFIG}
 
 
-def points_figure(
-    x: np.ndarray, y: np.ndarray, front: np.ndarray, labels: tuple[str, str], dark: bool
-) -> dict[str, Any]:
-    """Two metrics of all designs, with those that no other dominates joined by a line."""
-    colours = theme(dark)
-    layout = base_layout(colours, 380.0)
-    layout["xaxis"], layout["yaxis"] = x_axis(colours, labels[0]), y_axis(colours, [0.0, 1.0], labels[1])
-    data = [
-        {"type": "scatter", "mode": "markers", "name": "designs", "x": numbers(x), "y": numbers(y),
-         "marker": {"color": colours.residual, "size": 5, "opacity": 0.6}},
-        {"type": "scatter", "mode": "lines+markers", "name": "front", "x": numbers(x[front]), "y": numbers(y[front]),
-         "line": {"color": colours.model, "width": 1.6}, "marker": {"size": 6}},
-    ]  # fmt: skip
-    return {"data": data, "layout": layout, "config": CONFIG}
-
-
 def _rgb(colour: str) -> tuple[int, ...]:
     return tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5))
-
-
-def law_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:
-    """The curve of a law with its 95 % band, and the law of the library, see `CampaignCalculations.law_curve`."""
-    colours = theme(dark)
-    layout = base_layout(colours, 380.0)
-    layout["xaxis"], layout["yaxis"] = (
-        x_axis(colours, found["x_title"]),
-        y_axis(colours, [0.0, 1.0], found["y_title"]),
-    )
-    x, total, half = (np.asarray(found[key], float) for key in ("x", "total", "half"))
-    line = {"width": 0}
-    data = [
-        {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(total - half), "line": line,
-         "showlegend": False, "hoverinfo": "skip"},
-        {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(total + half), "line": line,
-         "fill": "tonexty", "fillcolor": "rgba(70,140,220,0.22)", "name": "95 %", "hoverinfo": "skip"},
-        {"type": "scatter", "mode": "lines+markers", "x": numbers(x), "y": numbers(total), "name": "estimated",
-         "line": {"color": colours.measured}},
-    ]  # fmt: skip
-    if found["law"] is not None:
-        data.append({"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(found["law"]),
-                     "name": "law of the library", "line": {"color": colours.model, "dash": "dash"}})  # fmt: skip
-    return {"data": data, "layout": layout, "config": CONFIG}
 
 
 def record_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:

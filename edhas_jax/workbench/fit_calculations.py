@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.core.units import display_unit, format_quantity, from_si
+from edhas_jax.core.chart import Chart
+from edhas_jax.core.units import format_quantity
+from edhas_jax.diagnosis.report.calibration_figures import profile_chart
 from edhas_jax.inference.fit.chosen_fit import fit_with_choices
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.inference.fit.fit_choices_reader import read_choices
 from edhas_jax.inference.fit.fit_problem import FitError
-from edhas_jax.inference.fit.uncertainty import CHI2_95, profile_likelihood
+from edhas_jax.inference.fit.uncertainty import profile_likelihood
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.measurements.autocorrelation import autocorrelation, white_noise_band
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
@@ -90,7 +92,7 @@ class FitCalculations:
         over_noise = float(np.sqrt(np.nanmean(np.square(residual)))) if np.isfinite(residual).any() else np.inf
         return rows | {"unit": about.display_unit, "over_noise": over_noise}
 
-    def profile(self, name: str) -> dict[str, Any]:
+    def profile(self, name: str) -> Chart:
         """χ² along a parameter of the finished fit, all others fitted anew, in the unit in which it is shown."""
         fit = self._finished()
         names = [u.name for u in fit.problem.unknowns]
@@ -100,15 +102,7 @@ class FitCalculations:
         if name in fit.at_limit and not is_in_order:
             raise WorkspaceError(f"{name} is at its {fit.at_limit[name]} limit, where χ² has no minimum to go up from")
         found = profile_likelihood(fit, name, lambda step: self._say(f"profile of {name}, {step}"))
-        unit = fit.problem.unknowns[names.index(name)].unit
-        shown = display_unit(unit, float(np.median(found.values)))
-        error = fit.standard_errors[name]
-        fine = np.linspace(found.values[0], found.values[-1], 101)
-        return {
-            "unit": shown, "x": from_si(found.values, unit, shown), "rise": found.chi2_increase, "level": CHI2_95,
-            "interval": [from_si(value, unit, shown) for value in found.interval()],
-            "parabola": (from_si(fine, unit, shown), ((fine - fit.values[name]) / error) ** 2),
-        }  # fmt: skip
+        return profile_chart(fit, found)
 
     def autocorrelation(self, model: str, trust: list[str], run: str, signal: str) -> dict[str, Any] | None:
         """The autocorrelation of the residual of a signal; None where the run does not have it.

@@ -240,7 +240,7 @@ def test_problems_of_a_mapping_have_no_line_numbers():
 
 def test_a_parameter_name_of_two_components():
     machine = replace(ActuatorSystem(), reference=Step(), target=Step())
-    with pytest.raises(ParameterError, match=r"ambiguous; write one of target\.step_size, reference\.step_size"):
+    with pytest.raises(ParameterError, match=r"ambiguous; write one of reference\.step_size, target\.step_size"):
         get_parameter(machine, "step_size")
     changed = set_parameters(machine, {"reference.step_size": 2e-3, "target.step_size": "3 mm"})
     assert (changed.reference.step_size, changed.target.step_size) == (2e-3, 3e-3)

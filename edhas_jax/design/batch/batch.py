@@ -98,11 +98,8 @@ class BatchError(ValueError):
 
 
 def runs_designs(machine: Rig) -> bool:
-    """Whether designs of a machine are run: to the periodic state that a sine gives, of a rig of one's own whole runs.
-
-    The rigs of the package have no metrics of whole runs in batches: their means come from balances.
-    """
-    return machine.cycle is not None or machine.is_own
+    """Whether designs of a machine are run: to the periodic state that a sine gives, or whole runs."""
+    return machine.cycle is not None or machine.runs_whole
 
 
 def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchSettings) -> list[Chunk]:

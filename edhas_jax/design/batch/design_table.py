@@ -1,12 +1,10 @@
 """Tables of designs: names of their columns, and CSV or Parquet files of parameter values."""
 
-import csv
-import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.config.number_table import NumberTable, NumberTableError
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.design.batch.experiment_design import MAX_DESIGNS, DesignError
@@ -53,21 +51,17 @@ def read_design_table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
             allowed span.
     """
     path = Path(path)
-    if not path.is_file():
-        raise DesignError(f"{path}: no such file")
-    if path.suffix not in (".csv", ".parquet"):
-        raise DesignError(f"{path}: a file .csv or .parquet is needed")
     try:
-        header, rows, place_of = _read_csv(path) if path.suffix == ".csv" else _read_parquet(path)
-    except (OSError, csv.Error, UnicodeDecodeError) as error:
-        raise DesignError(f"{path}: cannot be read as {path.suffix[1:]} ({str(error).splitlines()[0]})") from None
+        table = NumberTable(path)
+        rows = table.read(range(len(table.headers)))
+    except NumberTableError as error:
+        raise DesignError(str(error)) from None
     if not len(rows):
         raise DesignError(f"{path}: has no rows")
     if len(rows) > MAX_DESIGNS:
         raise DesignError(f"{path}: has {len(rows):,} designs; at most {MAX_DESIGNS:,}")
     columns: dict[str, np.ndarray] = {}
-    for i, cell in enumerate(header):
-        name, unit = cell.partition("[")[0].strip(), cell.partition("[")[2].rstrip("] ").strip()
+    for cell, name, unit, values in zip(table.headers, table.names, table.units, rows.T, strict=True):
         try:
             p, column = resolve_parameter(machine, name)
             one = to_si(f"1 {unit}", p.unit, f"{name} [{_default_unit(p)}]")
@@ -76,7 +70,6 @@ def read_design_table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
             raise DesignError(f"{path}: column `{cell}`: {error}") from None
         if column in columns:
             raise DesignError(f"{path}: column `{cell}`: {column} has a column already")
-        values = rows[:, i]
         scale = one - zero
         # division by the integer gives the same floating-point number as the literal 20e-6 for 20 µm; a product may not
         values = values / round(1 / scale) if scale < 0.7 and not zero else zero + values * scale
@@ -85,7 +78,7 @@ def read_design_table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
         if invalid.any():
             row = int(np.argmax(invalid))
             got = format_quantity(values[row], p.unit)
-            raise DesignError(f"{path}{place_of(row)}: {column} must lie in {format_span(p)} ({p.doc}); got {got}")
+            raise DesignError(f"{table.place(row)}: {column} must lie in {format_span(p)} ({p.doc}); got {got}")
         columns[column] = values
     return columns
 
@@ -93,66 +86,3 @@ def read_design_table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
 def _default_unit(p: Parameter) -> str:
     """The unit in which the default of a parameter is written."""
     return format_quantity(p.default, p.unit).partition(" ")[2] or "-"
-
-
-def _read_csv(path: Path) -> tuple[list[str], np.ndarray, Callable[[int], str]]:
-    """The header, the rows (designs, columns), and the place of a row as text."""
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        reader = csv.reader(file)
-        header = [cell.strip() for cell in next(reader, [])]
-        if not any(header):
-            raise DesignError(f"{path}: is empty; the first line names the columns, such as `piston_clearance [um]`")
-        if len(header) == 1 and ";" in header[0]:
-            raise DesignError(f"{path}:1: columns must be separated by commas, not semicolons")
-        rows, lines = [], []
-        for row in reader:
-            if not row:
-                continue
-            place = f"{path}:{reader.line_num}"
-            if len(row) != len(header):
-                raise DesignError(f"{place}: {len(row)} values where the header has {len(header)}")
-            rows.append([_number(cell, place, name) for cell, name in zip(row, header, strict=True)])
-            lines.append(reader.line_num)
-    with path.open("rb") as file:
-        file.seek(-1, 2)
-        if rows and file.read(1) not in b"\r\n":
-            # "20.5" cut off as "20." would be read as a valid number
-            raise DesignError(f"{path}:{lines[-1]}: the last line has no end; the file seems to be cut off "
-                              "(add a line end if it is complete)")  # fmt: skip
-    return header, np.array(rows, float).reshape(len(rows), len(header)), lambda row: f":{lines[row]}"
-
-
-def _number(text: str, place: str, name: str) -> float:
-    if not text.strip():
-        raise DesignError(f"{place}: column `{name}` has no value; every design needs one")
-    try:
-        value = float(text)
-    except ValueError:
-        raise DesignError(f'{place}: column `{name}`: "{text.strip()}" is not a number') from None
-    if not math.isfinite(value):
-        raise DesignError(f"{place}: column `{name}`: {text.strip()} is not a finite number")
-    return value
-
-
-def _read_parquet(path: Path) -> tuple[list[str], np.ndarray, Callable[[int], str]]:
-    """The header, the rows (designs, columns), and the place of a row as text."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        data = pq.read_table(path)
-    except (pa.ArrowException, ValueError):
-        raise DesignError(f"{path}: is damaged or not a Parquet file") from None
-    header, columns = [], []
-    for i, field in enumerate(data.schema):
-        unit = (field.metadata or {}).get(b"unit", b"").decode()
-        header.append(field.name if "[" in field.name or unit in ("", "-") else f"{field.name} [{unit}]")
-        if not (pa.types.is_floating(field.type) or pa.types.is_integer(field.type)):
-            raise DesignError(f"{path}: column `{field.name}` must hold numbers")
-        values = data.column(i).to_numpy().astype(float)
-        if not np.isfinite(values).all():
-            row = int(np.argmax(~np.isfinite(values))) + 1
-            raise DesignError(f"{path}: row {row}: column `{field.name}` has a missing or infinite value")
-        columns.append(values)
-    rows = np.stack(columns, axis=1) if columns else np.zeros((0, 0))
-    return header, rows, lambda row: f": row {row + 1}"

@@ -18,6 +18,7 @@ from edhas_jax.compiler import engines
 from edhas_jax.compiler.engines import serving_engine
 from edhas_jax.config.writer import config_kind, dump_config
 from edhas_jax.core import runtime
+from edhas_jax.core.source_location import is_users_code
 from edhas_jax.core.trusted_code import TrustedCode
 from edhas_jax.core.units import format_quantity
 from edhas_jax.design.sweep.config import Sweep
@@ -128,8 +129,7 @@ def user_code(machine: Rig) -> TrustedCode:
 
 
 def _code_of(part) -> str:
-    in_library = type(part).__module__.startswith("edhas_jax.")
-    return "library" if in_library else content_hash_of(type(part))[:12]
+    return content_hash_of(type(part))[:12] if is_users_code(type(part)) else "library"
 
 
 def identity_differences(stored: Mapping[str, Any], current: Mapping[str, Any]) -> list[str]:

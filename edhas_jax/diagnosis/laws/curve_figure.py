@@ -3,7 +3,8 @@
 import numpy as np
 
 from edhas_jax.config.law_file import law_units
-from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.core.chart import Band, Chart, Curve, Style, Tone, draw_chart, style_axes
+from edhas_jax.core.plot_style import GREY
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.laws.curve_basis import basis
 from edhas_jax.diagnosis.laws.law_curve import LawCurve
@@ -14,57 +15,58 @@ LINE_POINTS = 400
 VISIT_BINS = 60
 
 
-def draw_law_curve(curve: LawCurve, law_name: str = ""):
-    """Draw a law as an estimated curve with a 95 % band, the library's law, and how often each value was visited.
+def law_chart(curve: LawCurve, law_name: str = "") -> Chart:
+    """A law as an estimated curve with a 95 % band, and the library's law.
 
     Args:
         curve: the curve.
         law_name: name of the library's law for the legend.
+    """
+    place, (x_unit, y_unit) = curve.place, _units(curve)
+    is_factor = place.declaration.rule is Rule.SCALE
+    x = np.unique(np.concatenate([np.linspace(curve.nodes[0], curve.nodes[-1], LINE_POINTS), curve.nodes]))
+    through = basis(curve.nodes, x)
+    whole, half = through @ curve.total, Z_95 * (np.abs(through) @ curve.std)
 
-    Returns:
-        A matplotlib figure.
+    def shown(values):
+        return values if is_factor else from_si(values, place.value_unit, y_unit)
+
+    nodes, across = (from_si(values, place.variable_unit, x_unit) for values in (curve.nodes, x))
+    error = shown(Z_95 * curve.std) - shown(0.0)
+    marks = Curve("estimated from the runs, 95 %", nodes, shown(curve.total), Tone.DATA, Style.MARKS, error)
+    curves = [Curve("", across, shown(whole)), marks]
+    if curve.law_values is not None:
+        label = f"law of the library{f', {law_name}' if law_name else ''}, fitted alone"
+        curves.append(Curve(label, across, shown(through @ curve.law_values), Tone.MODEL, Style.DASHED))
+    curves.append(Curve("", nodes[[0, -1]], shown(np.full(2, place.neutral)), Tone.BESIDE))
+    over = "".join(f" / {_words(name)}" for name in place.factors)
+    titles = f"{_words(place.variable)}, {x_unit}", f"{_words(place.slot)}{over}" + (f", {y_unit}" if y_unit else "")
+    return Chart(*titles, tuple(curves), (Band(across, shown(whole - half), shown(whole + half)),))
+
+
+def draw_law_curve(curve: LawCurve, law_name: str = ""):
+    """Draw the chart of a law, and below it how often each value was visited.
+
+    Args and returns as of `law_chart`, but a matplotlib figure.
     """
     from edhas_jax.core.figure import Figure
 
     figure = Figure(figsize=(7.6, 4.6), layout="constrained")
     axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(5, 1))
-    place = curve.place
-    variable_si, value_si = place.variable_unit, place.value_unit
-    variable_unit, value_unit = law_units(place, float(np.abs(curve.total).max()))
-    is_factor = place.declaration.rule is Rule.SCALE
-
-    def shown_x(values):
-        return from_si(values, variable_si, variable_unit)
-
-    def shown_y(values):
-        return values if is_factor else from_si(values, value_si, value_unit)
-
-    x = np.unique(np.concatenate([np.linspace(curve.nodes[0], curve.nodes[-1], LINE_POINTS), curve.nodes]))
-    through = basis(curve.nodes, x)
-    whole, half = through @ curve.total, Z_95 * (np.abs(through) @ curve.std)
-    axes.fill_between(shown_x(x), shown_y(whole - half), shown_y(whole + half), color=COLOURS[0], alpha=0.2, lw=0)
-    axes.plot(shown_x(x), shown_y(whole), color=COLOURS[0], lw=1.6)
-    axes.errorbar(shown_x(curve.nodes), shown_y(curve.total), yerr=shown_y(Z_95 * curve.std) - shown_y(0.0), fmt="o",
-                  ms=4, color=COLOURS[0], capsize=2, elinewidth=1.0, label="estimated from the runs, 95 %")  # fmt: skip
-    if curve.law_values is not None:
-        label = f"law of the library{f', {law_name}' if law_name else ''}, fitted alone"
-        axes.plot(shown_x(x), shown_y(through @ curve.law_values), color=COLOURS[1], lw=1.6, ls="--", label=label)
-    axes.axhline(shown_y(place.neutral), color=GREY, lw=0.8)
-    below.hist(shown_x(curve.variable_samples), bins=VISIT_BINS, color=GREY, alpha=0.5, log=True)
+    chart = law_chart(curve, law_name)
+    draw_chart(axes, chart)
+    axes.set_xlabel("")
+    visited = from_si(curve.variable_samples, curve.place.variable_unit, _units(curve)[0])
+    below.hist(visited, bins=VISIT_BINS, color=GREY, alpha=0.5, log=True)
+    style_axes(below, chart.x_title, "visits")
     below.set_yticks([])
     below.set_yticks([], minor=True)
-    below.set_ylabel("visits", fontsize=8, color=INK)
-    below.set_xlabel(f"{_words(place.variable)}, {variable_unit}", fontsize=9, color=INK)
-    over = "".join(f" / {_words(name)}" for name in place.factors)
-    unit = f", {value_unit}" if value_unit else ""
-    axes.set_ylabel(f"{_words(place.slot)}{over}{unit}", fontsize=9, color=INK)
-    for part in (axes, below):
-        part.grid(color="#e4e7eb", lw=0.6)
-        part.set_axisbelow(True)
-        part.spines[["top", "right"]].set_visible(False)
-        part.tick_params(colors=GREY, labelsize=8)
     figure.legend(loc="outside upper left", ncols=2, fontsize=9, frameon=False)
     return figure
+
+
+def _units(curve: LawCurve) -> tuple[str, str]:
+    return law_units(curve.place, float(np.abs(curve.total).max()))
 
 
 def _words(name: str) -> str:

@@ -2,11 +2,13 @@
 
 import numpy as np
 
+from edhas_jax.core.chart import Chart, Curve, Style, Tone, draw_chart
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import display_unit, from_si
 from edhas_jax.inference.fit.calibration import DRIFT_SCORE, IMPLAUSIBLE_DISTANCE, Calibration
-from edhas_jax.inference.fit.uncertainty import CHI2_95
+from edhas_jax.inference.fit.fit import Fit
+from edhas_jax.inference.fit.uncertainty import CHI2_95, ProfileLikelihood
 from edhas_jax.measurements.residuals import Z_95
 
 PRIOR_COLOUR = "#d8dee4"
@@ -57,6 +59,21 @@ def draw_correlations(calibration: Calibration):
     return _annotated_matrix(calibration.fit.correlation, names, names, 1.0, "correlation of the estimates", "{:.2f}")
 
 
+def profile_chart(fit: Fit, profile: ProfileLikelihood) -> Chart:
+    """χ² along a parameter, with the parabola of its standard error and its 95 % interval."""
+    name, unit = profile.name, next(u.unit for u in fit.problem.unknowns if u.name == profile.name)
+    units = unit, display_unit(unit, float(np.median(profile.values)))
+    fine = np.linspace(profile.values[0], profile.values[-1], 101)
+    parabola = ((fine - fit.values[name]) / fit.standard_errors[name]) ** 2
+    curves = (
+        Curve("parabola of the standard error", from_si(fine, *units), parabola, Tone.BESIDE, Style.DASHED),
+        Curve("all others fitted anew", from_si(profile.values, *units), profile.chi2_increase, style=Style.MARKED),
+    )
+    ends = tuple(float(from_si(value, *units)) for value in profile.interval())
+    top = max(10.0, 1.05 * float(np.nanmax(profile.chi2_increase)))
+    return Chart(f"{name.replace('_', ' ')}, {units[1]}", "increase of χ²", curves, (), (CHI2_95,), ends, (0.0, top))
+
+
 def draw_profiles(calibration: Calibration):
     """A matplotlib figure: χ² along each unknown that was profiled, with its parabola; None without profiles."""
     from edhas_jax.core.figure import Figure
@@ -66,21 +83,10 @@ def draw_profiles(calibration: Calibration):
         return None
     figure = Figure(figsize=(4.2 * min(3, len(profiles)) + 0.6, 3.2 * -(-len(profiles) // 3)), layout="constrained")
     grid = figure.subplots(-(-len(profiles) // 3), min(3, len(profiles)), squeeze=False)
-    units = {u.name: u.unit for u in calibration.fit.problem.unknowns}
     for axes, profile in zip(grid.flat, profiles, strict=False):
-        unit = display_unit(units[profile.name], float(np.median(profile.values)))
-        values = from_si(profile.values, units[profile.name], unit)
-        axes.plot(values, profile.chi2_increase, "o-", ms=4, color=COLOURS[0])
-        value, std = calibration.fit.values[profile.name], calibration.fit.standard_errors[profile.name]
-        fine = np.linspace(profile.values[0], profile.values[-1], 100)
-        axes.plot(from_si(fine, units[profile.name], unit), ((fine - value) / std) ** 2, color=GREY, lw=1, ls="--",
-                  label="parabola of the standard error")  # fmt: skip
-        axes.axhline(CHI2_95, color=COLOURS[1], lw=0.9, ls=":")
-        axes.annotate("95 %", (values[0], CHI2_95), fontsize=8, color=COLOURS[1], va="bottom")
-        axes.set_ylim(0, max(10.0, 1.05 * float(profile.chi2_increase.max())))
-        axes.set_xlabel(f"{profile.name.replace('_', ' ')}, {unit}", fontsize=9, color=INK)
-        axes.set_ylabel("increase of χ²", fontsize=9, color=INK)
-        _style_axes(axes)
+        chart = profile_chart(calibration.fit, profile)
+        draw_chart(axes, chart)
+        axes.annotate("95 %", (chart.curves[0].x[0], CHI2_95), fontsize=8, color=COLOURS[1], va="bottom")
     for axes in grid.flat[len(profiles) :]:
         axes.set_visible(False)
     grid.flat[0].legend(fontsize=8, frameon=False, loc="upper center")

@@ -210,7 +210,7 @@ def _free_term_sentences(diagnosis: Diagnosis, beginning: str) -> list[str]:
             "This curve is no law of one cause: it is not smooth, its values at neighbouring points differ as much as "
             "at distant ones."
         )
-    elif diagnosis.campaign.machine.is_own and (level := onset(table.nodes, table.values)) is not None:
+    elif (level := onset(table.nodes, table.values)) is not None:
         name, place = (text.replace("_", " ") for text in (term.place.variable, term.place.slot))
         shown = format_quantity(float(f"{level:.2g}"), term.place.variable_unit)
         what = f"The curve over {name} as {place} begins at {shown}"

@@ -4,7 +4,7 @@ import html
 from collections.abc import Mapping, Sequence
 
 from edhas_jax.core.plot_style import GREY, INK
-from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, Rig
+from edhas_jax.machine.rigs import ActuatorParts, ActuatorSystem, PumpParts, Rig
 
 ZERO_COLOUR, FULL_COLOUR = (246, 248, 250), (222, 74, 28)  # RGB at probability 0 and 1
 COLOUR_EXPONENT = 0.6  # below 1: small probabilities remain visible
@@ -22,14 +22,13 @@ def draw_schematic(machine: Rig, probabilities: Mapping[str, float], measured: t
         probabilities: probability by component, all sensors being the component "sensor".
         measured: names of the measured signals.
     """
-    if machine.is_own:
+    if not isinstance(machine, ActuatorParts):
         return draw_parts(tuple(dict.fromkeys(slot.location for slot in machine.slots)), probabilities, measured)
-    drawing = _Drawing(probabilities)
-    bench, system = isinstance(machine, ActuatorBench), isinstance(machine, ActuatorSystem)
-    if not bench:
+    drawing, has_pump = _Drawing(probabilities), isinstance(machine, PumpParts)
+    if has_pump:
         drawing.pump()
-        drawing.cylinder() if system else drawing.load()
-    drawing.actuator(alone=bench)
+        drawing.cylinder() if isinstance(machine, ActuatorSystem) else drawing.load()
+    drawing.actuator(alone=not has_pump)
     drawing.sensors(measured)
     return _svg(drawing, probabilities)
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.core.chart import Chart, Curve, Style, Tone, draw_chart
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.inference.fit.fit import Fit
@@ -85,21 +85,13 @@ def draw_sensor_fault(error: SensorError):
         from_si(v, about.unit, about.display_unit) - zero for v in (error.x, error.measured, error.modelled, error.std)
     )
     x = x if error.over_rate else x + zero
-    axes.plot(x, modelled, color=COLOURS[1], lw=1.6, label=f"fault that was found: {error.candidate.name}")
-    axes.errorbar(x, measured, yerr=Z_95 * std, fmt="o", ms=5, color=COLOURS[0], capsize=3, elinewidth=1.4,
-                  label="measured − model, mean, 95 %")  # fmt: skip
-    axes.axhline(0.0, color=GREY, lw=0.8)
+    curves = (
+        Curve(f"fault that was found: {error.candidate.name}", x, modelled, Tone.MODEL),
+        Curve("measured − model, mean, 95 %", x, measured, Tone.DATA, Style.MARKS, Z_95 * std),
+        Curve("", x[[0, -1]], np.zeros(2), Tone.BESIDE),
+    )
     name = error.candidate.signal.replace("_", " ")
     label = f"rate of {name}, {about.display_unit}/s" if error.over_rate else f"{name}, {about.display_unit}"
-    axes.set_xlabel(label, fontsize=9, color=INK)
-    axes.set_ylabel(f"error of {name}, {about.display_unit}", fontsize=9, color=INK)
-    _style(figure, axes)
-    return figure
-
-
-def _style(figure, axes) -> None:
-    axes.grid(color="#e4e7eb", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=GREY, labelsize=8)
+    draw_chart(axes, Chart(label, f"error of {name}, {about.display_unit}", curves))
     figure.legend(loc="outside upper left", ncols=2, fontsize=9, frameon=False)
+    return figure

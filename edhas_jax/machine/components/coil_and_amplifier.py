@@ -28,12 +28,12 @@ class Coil:
 
     def set_signals(self, s: Signals) -> None:
         """Set resistance, inductance and force constant with the contributions of effects, motor force and back-EMF."""
-        s.set(
+        s.define(
             resistance=apply_slot(COIL_RESISTANCE, self.coil_resistance, s),
             inductance=apply_slot(COIL_INDUCTANCE, self.coil_inductance, s),
             motor_constant=apply_slot(FORCE_CONSTANT, self.force_constant, s),
         )
-        s.set(
+        s.define(
             motor_force=apply_slot(MOTOR_FORCE, s.motor_constant * s.current, s),
             back_emf=s.motor_constant * s.piston_velocity,
         )

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.regular_file import read_regular_file
-from edhas_jax.core.source_location import display_path, error_line, first_line, reraise_interrupt
+from edhas_jax.core.source_location import PACKAGE, display_path, error_line, first_line, reraise_interrupt
 from edhas_jax.core.trusted_code import MAX_CODE_BYTES, Trust, TrustedCode, content_hash, untrusted_sentence
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.effects.base import Effect, EffectError
@@ -168,9 +168,8 @@ def _load_module(
 ) -> tuple[types.ModuleType, str]:
     """An imported module, and its name for messages; one that is not imported yet is only if it is trusted."""
     package = source.partition(".")[0]
-    is_own = package == __name__.partition(".")[0]
     hint = f"; did you mean {source}.py?" if (base_dir / f"{source}.py").is_file() else ""
-    if source not in sys.modules and not is_own and not trusted.allows_module(source):
+    if source not in sys.modules and package != PACKAGE and not trusted.allows_module(source):
         if not package.isidentifier() or importlib.util.find_spec(package) is None:  # which imports nothing
             raise EffectError(f"no module `{source}`{hint}")
         raise UntrustedCodeError(

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.compiler.one_sided_minmax import one_sided_max, one_sided_min
+from edhas_jax.core.source_location import is_users_code
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects.base import Effect, EffectError
 from edhas_jax.machine.interface.signals import SIGNALS, Signals, UnknownNameError
@@ -72,7 +73,7 @@ class LawPlace(NamedTuple):
 
 def rig_of(machine: Any) -> Any:
     """What `LawPlace.rig` is on a machine."""
-    return type(machine) if machine.is_own else None
+    return type(machine) if is_users_code(type(machine)) else None
 
 
 def slots_of(rig: Any) -> dict[str, Slot]:

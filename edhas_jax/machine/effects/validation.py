@@ -20,8 +20,9 @@ from edhas_jax.compiler.derivative_graph import defer_partials, linearize
 from edhas_jax.compiler.sparse_elimination import jacobian
 from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
-from edhas_jax.core.source_location import display_path, first_line, locate, reraise_interrupt
+from edhas_jax.core.source_location import display_path, first_line, is_users_code, locate, reraise_interrupt
 from edhas_jax.machine.effects.base import Effect, EffectError
+from edhas_jax.machine.interface.controller_base import Controller
 from edhas_jax.machine.interface.signals import SIGNALS, UnknownNameError
 from edhas_jax.machine.interface.slots import SLOTS
 
@@ -110,24 +111,14 @@ def check_derivatives(machine: Any) -> None:
     Raises:
         EffectError: where, of what and with respect to which state a derivative is not finite.
     """
-    package, controller = __name__.partition(".")[0], getattr(machine, "controller", None)
-    effects, controllers = (
-        [part for part in parts if part is not None and type(part).__module__.partition(".")[0] != package]
-        for parts in (machine.effects, (controller,))
-    )
-    if not (machine.is_own or effects or controllers):
+    users = [part for part in machine.replaceable_parts() if is_users_code(type(part))]
+    if not users:
         return
     places, h = {}, machine.time_step
 
     def values(y):
         s, rates = machine.evaluate(y, 0.5 * h, h, start, defer_partials)
-        terms = [term for effect in effects for term in _terms_of(effect, s, rates)]
-        for cls in map(type, controllers):
-            terms += [("the command", locate(cls, "command"), s.voltage)]
-            terms += [(f"the rate of {n}", locate(cls, "rates"), rates[n]) for n in controller.initial()]
-        if machine.is_own:
-            where = locate(type(machine), "equations")
-            terms += [(f"the rate of {n}", where, rates[n]) for n in machine.states]
+        terms = [term for part in users for term in _terms_of(part, s, rates)]
         places.update({name: where for name, where, _ in terms})
         return {name: value for name, _, value in terms}
 
@@ -166,14 +157,21 @@ def _check_callbacks(jaxpr) -> None:
                 _check_callbacks(inner)
 
 
-def _terms_of(effect: Effect, s: Any, rates: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
-    """What an effect adds to the equations: name for a message, location, value."""
-    cls = type(effect)
-    for slot in cls.slots:
-        if effect.id in s.record.contributions.get(slot.name, {}):
-            yield slot.name, locate(cls, slot.name), s.effect_contributions(slot.name)[effect.id]
-    for name in cls.states:
-        yield f"the rate of {effect.id}.{name}", locate(cls, "rates"), rates[f"{effect.id}.{name}"]
+def _terms_of(part: Any, s: Any, rates: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
+    """What a part of the user gives to the equations: name for a message, location, value."""
+    cls, states, method = type(part), (), "rates"
+    if isinstance(part, Effect):
+        for slot in cls.slots:
+            if part.id in s.record.contributions.get(slot.name, {}):
+                yield slot.name, locate(cls, slot.name), s.effect_contributions(slot.name)[part.id]
+        states = [f"{part.id}.{name}" for name in cls.states]
+    elif isinstance(part, Controller):
+        yield "the command", locate(cls, "command"), s.voltage
+        states = part.initial()
+    else:
+        states, method = part.states, "equations"
+    for name in states:
+        yield f"the rate of {name}", locate(cls, method), rates[name]
 
 
 def _dry_run(machine, zero):

@@ -8,7 +8,7 @@ from edhas_jax.machine.interface.signals import Signals
 from edhas_jax.machine.interface.slots import apply_slot
 
 
-def cylinder_rates(m, y: dict, s: Signals, y_start: dict) -> dict:
+def cylinder_rates(m, y: dict, s: Signals) -> dict:
     """The rates of both cylinder pressures and of the load; sets outlet flow and return flow.
 
     (V_dc + A x_c)/β dp_h/dt = Q_h,in − Q_h,out − A v_c − K_il (p_h − p_r), the rod side likewise with s_c − x_c
@@ -18,7 +18,6 @@ def cylinder_rates(m, y: dict, s: Signals, y_start: dict) -> dict:
         m: the machine.
         y: state by name, SI.
         s: signals; those of reversing valve and cylinder are added.
-        y_start: state at the start of the step, which standstill friction needs.
 
     Returns:
         The rates of both pressures (strain pressures, see `Oil`), position and velocity of the cylinder.
@@ -29,9 +28,9 @@ def cylinder_rates(m, y: dict, s: Signals, y_start: dict) -> dict:
     c = m.cylinder
     x, v = s.cylinder_position, s.cylinder_velocity
     head, rod = y["head_pressure"], y["rod_pressure"]
-    s.set(
+    s.define(
         spool=y["spool"], head_pressure=head, rod_pressure=rod,
-        cylinder_velocity_at_step_start=y_start["cylinder_velocity"],
+        cylinder_velocity_at_step_start=s.step_start["cylinder_velocity"],
     )  # fmt: skip
     forward, backward = m.reversing_valve.areas(s.spool)
     edges = {
@@ -43,10 +42,10 @@ def cylinder_rates(m, y: dict, s: Signals, y_start: dict) -> dict:
     q = {edge: orifice_flow(m, s, f"reversing valve {edge}", area, ends) for edge, (area, ends) in edges.items()}
     for edge, (_, ends) in edges.items():
         s.record_power(f"reversing valve {edge}", "fluid", getattr(s, ends[0]) - getattr(s, ends[1]), q[edge])
-    s.set(outlet_flow=q["P to head"] + q["P to rod"], return_flow=q["rod to T"] + q["head to T"])
+    s.define(outlet_flow=q["P to head"] + q["P to rod"], return_flow=q["rod to T"] + q["head to T"])
 
     area = c.area()
-    s.set(cylinder_area=area)
+    s.define(cylinder_area=area)
     conductance = apply_slot(slots.CYLINDER_LEAKAGE, c.cylinder_leakage, s)
     leakage = conductance * (head - rod)
     s.record_power("cylinder leakage", "fluid", head - rod, leakage)
@@ -59,7 +58,7 @@ def cylinder_rates(m, y: dict, s: Signals, y_start: dict) -> dict:
     level = apply_slot(slots.CYLINDER_FRICTION_LEVEL, 0.0, s)
     local = s.with_local(cylinder_free_force=force, cylinder_friction_level=level)
     friction = apply_slot(slots.CYLINDER_FRICTION, None, local)
-    s.set(cylinder_friction=jnp.zeros_like(v) if friction is None else friction)
+    s.define(cylinder_friction=jnp.zeros_like(v) if friction is None else friction)
     s.record_valid_range("cylinder_position", -0.2 * c.cylinder_stroke, 1.2 * c.cylinder_stroke)
     s.record_stored_energy("cylinder load", 0.5 * c.load_mass * jnp.square(v))
     s.record_power("cylinder damping", "mechanical", c.cylinder_damping * v, v)

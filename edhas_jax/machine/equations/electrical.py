@@ -1,40 +1,17 @@
 """Electrical section: set point, controller, supply, amplifier and coil, up to the motor force."""
 
-import dataclasses
-from collections.abc import Callable
-
 import jax.numpy as jnp
 
-from edhas_jax.core.structs import parameters
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier, VoltageAmplifier
 from edhas_jax.machine.components.controllers import clip_to_supply
-from edhas_jax.machine.effects.base import bind_states, initial_effect_states
+from edhas_jax.machine.effects.base import initial_effect_states
 from edhas_jax.machine.interface.signals import Signals
 
 
-def parameter_signals(m, y: dict, t, h, orifice_linearisation: Callable | None = None) -> Signals:
-    """The signals known before any equation: time, step and the parameters of the components.
-
-    Parameters of effects are left out: each effect reads its own.
-
-    Args:
-        m: the machine.
-        y: state by name, SI.
-        t: time [s].
-        h: time step [s].
-        orifice_linearisation: see `Signals`.
-    """
-    components = [getattr(m, f.name) for f in dataclasses.fields(m) if f.name != "effects"]
-    known = {p.name: getattr(component, p.name) for component in components for p in parameters(type(component))}
-    return Signals(
-        known | {"time": t, "time_step": h}, bind_states(m.effects, y), orifice_linearisation=orifice_linearisation
-    )
-
-
-def reference_signals(reference, t, share) -> dict:
-    """Set point of the piston [m] and its rate [m/s] at time `t` [s], both multiplied by `share` (0 … 1)."""
-    value, rate = reference.value_and_rate(t)
-    return {"reference": share * value, "reference_velocity": share * rate}
+def set_reference(reference, s: Signals, share=1.0) -> None:
+    """Set the set point of the piston [m] and its rate [m/s], both multiplied by `share` (0 … 1)."""
+    value, rate = reference.value_and_rate(s.time)
+    s.define(reference=share * value, reference_velocity=share * rate)
 
 
 def actuator_initial_state(m) -> dict:
@@ -45,15 +22,15 @@ def actuator_initial_state(m) -> dict:
 
 def set_electrical_signals(m, y: dict, s: Signals) -> None:
     """Set the signals from the controller's command to the coil current and the motor force."""
-    s.set(piston_position=y["piston_position"], piston_velocity=y["piston_velocity"])
+    s.define(piston_position=y["piston_position"], piston_velocity=y["piston_velocity"])
     if isinstance(m.amplifier, VoltageAmplifier):
-        s.set(current=m.amplifier.current(y, s))
-    s.set(unlimited_voltage=m.sampling.command(m.controller, y, s))
-    s.set(voltage=clip_to_supply(s.unlimited_voltage, s))
+        s.define(current=m.amplifier.current(y, s))
+    s.define(unlimited_voltage=m.sampling.command(m.controller, y, s))
+    s.define(voltage=clip_to_supply(s.unlimited_voltage, s))
     if isinstance(m.amplifier, CurrentAmplifier):
-        s.set(current=m.amplifier.current(y, s))
+        s.define(current=m.amplifier.current(y, s))
     m.coil.set_signals(s)
-    s.set(coil_voltage=m.amplifier.coil_voltage(s))
+    s.define(coil_voltage=m.amplifier.coil_voltage(s))
     if isinstance(m.amplifier, VoltageAmplifier):
         s.record_power("electrical input", "input", s.voltage, s.current)
         if s.effect_contributions("coil_inductance_factor"):  # ½ L i² is then not the energy supplied to the coil

@@ -10,10 +10,10 @@ from edhas_jax.machine.interface.slots import apply_slot
 def set_plunger_motion(y: dict, s: Signals) -> None:
     """Set position and velocity of the plungers: those of the coil carrier, less the coupling's deflection if any."""
     if "coupling_deflection" not in y:
-        s.set(sliding_position=s.piston_position, sliding_velocity=s.piston_velocity)
+        s.define(sliding_position=s.piston_position, sliding_velocity=s.piston_velocity)
         return
-    s.set(coupling_deflection=y["coupling_deflection"], coupling_velocity=y["coupling_velocity"])
-    s.set(
+    s.define(coupling_deflection=y["coupling_deflection"], coupling_velocity=y["coupling_velocity"])
+    s.define(
         sliding_position=s.piston_position - s.coupling_deflection,
         sliding_velocity=s.piston_velocity - s.coupling_velocity,
     )
@@ -87,7 +87,7 @@ def _force_against_plungers(m, s: Signals, pressure_force):
     half = 0.5 * m.stops.pump_stroke
     stop = m.stops.force(x, v, -half, half)
     friction = apply_slot(slots.MOVER_FRICTION, None, s)
-    s.set(stop_force=stop, friction_force=jnp.zeros_like(v) if friction is None else friction)
+    s.define(stop_force=stop, friction_force=jnp.zeros_like(v) if friction is None else friction)
     s.record_power("end stops", "mechanical", stop, v)
     s.record_effect_power("mover_friction", "mechanical", v)
     force = stop + pressure_force

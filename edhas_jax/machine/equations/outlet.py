@@ -19,10 +19,10 @@ def set_load_flow(m, s: Signals) -> None:
         flow = m.orifice.flow(area, orifice_drop, m.oil.oil_density)
     else:
         flow = orifice_flow(m, s, "load orifice", area, ("outlet_pressure", "accumulator_pressure"))
-    s.set(outlet_flow=flow, return_flow=flow, load_drop=orifice_drop)
+    s.define(outlet_flow=flow, return_flow=flow, load_drop=orifice_drop)
     s.record_power("load orifice", "delivered", orifice_drop, flow)
     if resistance is not None:
-        s.set(outlet_line_resistance=resistance)
+        s.define(outlet_line_resistance=resistance)
         s.record_power("outlet line", "fluid", drop - orifice_drop, flow)
 
 
@@ -36,7 +36,7 @@ def outlet_rates(m, s: Signals) -> dict:
     into_accumulator = s.return_flow + relief - s.flow_from_accumulator
     if s.effect_contributions("chamber_leakage"):
         into_accumulator = into_accumulator + s.leakage_a + s.leakage_b
-    s.set(relief_flow=relief, accumulator_flow=into_accumulator)
+    s.define(relief_flow=relief, accumulator_flow=into_accumulator)
     s.record_power("relief valve", "fluid", p - s.accumulator_pressure, relief)
     s.record_power("accumulator gas", "stored", s.accumulator_pressure, into_accumulator)
     capacity = apply_slot(slots.OUTLET_CAPACITY, None, s)

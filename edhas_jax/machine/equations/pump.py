@@ -30,7 +30,7 @@ def pump_initial_state(m) -> dict:
 def pump_rates(m, y: dict, s: Signals) -> dict:
     """The rates of chambers, check valves, suction manifold and mover; sets their signals."""
     gas_volume = m.accumulator.accumulator_gas_volume
-    s.set(
+    s.define(
         piston_area=m.pump.area(),
         viscosity=m.oil.viscosity(s),
         accumulator_pressure=m.accumulator.pressure(y["gas_volume_change"]),
@@ -50,19 +50,19 @@ def pump_rates(m, y: dict, s: Signals) -> dict:
     suction_flow = s.suction_flow_a + s.suction_flow_b
     if has_line:
         rates |= m.oil.rate("suction_pressure", s.suction_line_flow - suction_flow, MANIFOLD_VOLUME, s)
-    s.set(flow_from_accumulator=s.suction_line_flow if has_line else suction_flow)
+    s.define(flow_from_accumulator=s.suction_line_flow if has_line else suction_flow)
     return rates | pump_mover_rates(m, y, s)
 
 
 def _set_suction_line_flow(y: dict, s: Signals) -> None:
     """Flow from accumulator to manifold: Q_l = (p_s − p_m)/R, or the state of an effect that models its inertia."""
-    s.set(
+    s.define(
         suction_pressure=y["suction_pressure"],
         suction_line_resistance=apply_slot(slots.SUCTION_LINE_RESISTANCE, None, s),
     )
     drop = s.accumulator_pressure - s.suction_pressure
     flow = apply_slot(slots.SUCTION_LINE_FLOW, None, s)
-    s.set(suction_line_flow=drop / s.suction_line_resistance if flow is None else flow)
+    s.define(suction_line_flow=drop / s.suction_line_resistance if flow is None else flow)
     s.record_power("suction line", "fluid", drop, s.suction_line_flow)
 
 
@@ -103,7 +103,7 @@ def chamber_rates(m, y: dict, s: Signals, side: str, sign: float, upstream: str)
         flows[kind] = orifice_flow(m, s, f"{kind} valve {side}", apply_slot(slot, ball.valve_area, ball), ends)
         rates[f"{kind}_lift_{side}"] = speed
         rates[f"{kind}_lift_velocity_{side}"] = m.valve.acceleration(ball)
-        s.set(**{f"{kind}_lift_{side}": lift, f"{kind}_flow_{side}": flows[kind]})
+        s.define(**{f"{kind}_lift_{side}": lift, f"{kind}_flow_{side}": flows[kind]})
         overtravel = 0.5 * m.valve.valve_seat_diameter
         s.record_valid_range(f"{kind}_lift_{side}", -overtravel, m.valve.valve_max_lift + overtravel)
         s.record_power(f"{kind} valve {side}", "fluid", drop, flows[kind])
@@ -114,5 +114,5 @@ def chamber_rates(m, y: dict, s: Signals, side: str, sign: float, upstream: str)
     if leakage is not None:
         flow = flow - leakage
         s.record_power(f"leakage {side}", "fluid", p - s.accumulator_pressure, leakage)
-    s.set(**{f"leakage_{side}": jnp.zeros_like(p) if leakage is None else leakage})
+    s.define(**{f"leakage_{side}": jnp.zeros_like(p) if leakage is None else leakage})
     return rates | m.oil.rate(chamber, flow, volume, s)

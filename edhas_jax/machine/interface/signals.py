@@ -5,7 +5,8 @@ while the equations are evaluated, and an `EquationRecord` of further quantities
 bonds, stored energies, oil nodes, orifices and valid ranges.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from edhas_jax.core.name_suggestion import suggest
@@ -143,6 +144,7 @@ class Signals:
         record: further quantities for the step and the balances.
         orifice_linearisation: None, or a function (name, flow, area, drop) -> flow by which the step replaces the
             derivatives of an orifice flow.
+        step_start: state at the start of the step, which standstill friction needs.
     """
 
     def __init__(
@@ -152,8 +154,9 @@ class Signals:
         record: EquationRecord | None = None,
         orifice_linearisation: Callable | None = None,
         settable: Collection[str] | None = None,
+        step_start: Mapping[str, Any] = MappingProxyType({}),
     ):
-        self._values, self._settable = values, settable
+        self._values, self._settable, self.step_start = values, settable, step_start
         self.effects = effects
         self.orifice_linearisation = orifice_linearisation
         self.record = EquationRecord({}, {}, {}, {}, {}, {}, {}, {}) if record is None else record
@@ -184,7 +187,8 @@ class Signals:
 
     def with_local(self, **local) -> "Signals":
         """The same signals with the local ones of a valve, a chamber or a node added; the record is shared."""
-        return Signals({**self._values, **local}, self.effects, self.record, self.orifice_linearisation, self._settable)
+        return Signals({**self._values, **local}, self.effects, self.record, self.orifice_linearisation, self._settable,
+                       self.step_start)  # fmt: skip
 
     def record_power(self, name: str, group: str, effort, flow) -> None:
         """Count the power `effort` × `flow` [W] in the row `name` of the energy balance."""

@@ -24,9 +24,7 @@ from edhas_jax.measurements.clock_alignment import with_aligned_clocks
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.simulation.run import Simulation, SimulationError, simulate
 
-SIMULATION_STEP = 50e-6  # s; the checks need orders of magnitude and shapes only
-SIMULATION_SAMPLE_RATE = 2000.0  # Hz
-MAX_SIMULATED_LENGTH = 100.0  # s; a longer run is not compared with the model
+MAX_SIMULATED_LENGTH = 100.0  # s; a longer run of a rig with a fast `check_interval` is not compared with the model
 UNKNOWN_NOISE = (
     "its noise is not stated, and no record is long and even enough to measure it; state `noise:`, the standard "
     "deviation in the unit of the signal"
@@ -148,7 +146,7 @@ def _simulated_runs(
         time_remarks = list(check_time_axis(run, campaign.machine_of(run)))
         remarks += time_remarks
         wrong_unit = any("unit of time" in remark.sentence for remark in time_remarks)
-        if not wrong_unit and (campaign.machine.is_own or run.time[-1] <= MAX_SIMULATED_LENGTH):
+        if not wrong_unit and (not campaign.machine.check_interval or run.time[-1] <= MAX_SIMULATED_LENGTH):
             usable.append(run)
     models = _simulated_together(campaign, usable)
     for k, run in enumerate(usable):
@@ -186,13 +184,9 @@ def _simulated_together(campaign: Campaign, runs: list[BenchRun]) -> dict[str, d
 
 
 def _simulated_interval(campaign: Campaign, runs: list[BenchRun]) -> tuple[float, float]:
-    """Sample interval and time step [s] of the simulations for the checks.
-
-    Those of a rig of one's own are as slow as the rig says, so that records of hours are compared as well.
-    """
-    if not campaign.machine.is_own:
-        return 1.0 / SIMULATION_SAMPLE_RATE, SIMULATION_STEP
-    return min(run.interval for run in runs), campaign.machine.time_step
+    """Sample interval and time step [s] of the simulations for the checks."""
+    interval = campaign.machine.check_interval
+    return (interval, 0.1 * interval) if interval else (min(run.interval for run in runs), campaign.machine.time_step)
 
 
 def _simulated(campaign: Campaign, run: BenchRun, on_progress: Callable[[float], None]) -> dict[str, np.ndarray]:

@@ -6,11 +6,12 @@ from typing import Any
 from nicegui import ui
 
 from edhas_jax.workbench.calibration_figures import (
+    HEIGHT,
     autocorrelation_figure,
     correlation_figure,
     ellipse_figure,
-    profile_figure,
 )
+from edhas_jax.workbench.figure_parts import chart_figure
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.workspace import CALIBRATED
 
@@ -89,10 +90,11 @@ class Certainty:
         command = self._page.session.command_fit("--profile", name)
         python = self._page.session.python_fit(name)
         self._page.did(f"calibrate with the profile of {name}", command, python)
-        low, high = found["interval"]
+        low, high = found.stops
         title = name.replace("_", " ")
-        self._note.set_text(f"{title}: {low:.5g} to {high:.5g} {found['unit']} with 95 % by the profile of χ².")
-        self._along.show(profile_figure(found, name, self._page.dark))
+        unit = found.x_title.partition(", ")[2]
+        self._note.set_text(f"{title}: {low:.5g} to {high:.5g} {unit} with 95 % by the profile of χ².")
+        self._along.show(chart_figure(found, HEIGHT, self._page.dark))
 
     async def _draw_autocorrelation(self) -> None:
         cell, time = self._cell(), self._page.workspace.result_time(CALIBRATED)

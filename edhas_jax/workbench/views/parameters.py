@@ -8,7 +8,7 @@ from nicegui import ui
 
 from edhas_jax.core.units import estimate_text, format_quantity
 from edhas_jax.workbench.views.save import csv_button
-from edhas_jax.workbench.views.table import check_box, field_table, text_field
+from edhas_jax.workbench.views.table import ChoiceTables, check_box, field_table, text_field
 from edhas_jax.workbench.workspace import CALIBRATED
 
 FIELDS = {"value": "initial value", "prior": "prior", "min": "min", "max": "max"}
@@ -22,27 +22,15 @@ NOTES = (
 )
 
 
-class Parameters:
-    """The table.
-
-    Args:
-        page: the window.
-        on_choice: called after something was chosen.
-    """
+class Parameters(ChoiceTables):
+    """The table; see `ChoiceTables`."""
 
     def __init__(self, page, on_choice: Callable[[], Awaitable[None]]):
-        self._page, self._on_choice = page, on_choice
-        self._shown: Any = None  # all that the table is made of
+        super().__init__(page, on_choice, "parameters")
         self._fields: dict[str, dict[str, ui.input]] = {}
         self._free: dict[str, ui.checkbox] = {}
-        self._body = ui.column().classes("w-full gap-1").props("data-mark=parameters")
 
-    def refresh(self) -> None:
-        """Follow the folder; a table that would be the same stays, so that no text that is typed is lost."""
-        if self._state() == self._shown:
-            return
-        self._shown = self._state()
-        self._body.clear()
+    def _build(self) -> None:
         self._fields, self._free = {}, {}
         names = self._names()
         if not names:
@@ -76,10 +64,10 @@ class Parameters:
         return self._unknowns(), chosen, fit.get("calibrated"), fit.get("correlation")
 
     def _unknowns(self) -> Mapping[str, Any]:
-        return {} if self._page.summary is None else self._page.summary["uncertain"]
+        return (self._page.summary or {}).get("uncertain", {})
 
     def _others(self) -> Mapping[str, str]:
-        return {} if self._page.summary is None else self._page.summary["parameters"]
+        return (self._page.summary or {}).get("parameters", {})
 
     def _names(self) -> list[str]:
         """The uncertain parameters, and those that were freed besides."""
@@ -157,8 +145,7 @@ class Parameters:
         if row == old:
             return
         choices.set_parameter(name, row)
-        self._shown = self._state()
-        await self._on_choice()
+        await self._changed()
 
     async def _free_another(self) -> None:
         if self._more.value:

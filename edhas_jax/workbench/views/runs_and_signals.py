@@ -5,7 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
-from edhas_jax.workbench.views.table import check_box, field_table, text_field
+from edhas_jax.workbench.views.table import ChoiceTables, check_box, field_table, text_field
 
 NOTES = (
     "Runs that are not fitted are held out. Of a run with a time window only the samples in it are used; it is "
@@ -14,32 +14,19 @@ NOTES = (
 )
 
 
-class RunsAndSignals:
-    """Two tables with check boxes and fields.
-
-    Args:
-        page: the window.
-        on_choice: called after something was chosen.
-    """
+class RunsAndSignals(ChoiceTables):
+    """Two tables with check boxes and fields; see `ChoiceTables`."""
 
     def __init__(self, page, on_choice: Callable[[], Awaitable[None]]):
-        self._page, self._on_choice = page, on_choice
-        self._shown: Any = None
+        super().__init__(page, on_choice, "runs-and-signals")
         self._fitted: dict[str, ui.checkbox] = {}
         self._windows: dict[str, tuple[ui.input, ui.input]] = {}
         self._used: dict[str, ui.checkbox] = {}
         self._factors: dict[str, ui.input] = {}
-        self._body = ui.column().classes("w-full gap-1").props("data-mark=runs-and-signals")
 
-    def refresh(self) -> None:
-        """Follow the folder; tables that would be the same stay, so that no text that is typed is lost."""
-        if self._state() == self._shown:
-            return
-        self._shown, summary = self._state(), self._page.summary
-        self._body.clear()
+    def _build(self) -> None:
+        summary = self._page.summary
         self._fitted, self._windows, self._used, self._factors = {}, {}, {}, {}
-        if summary is None:
-            return
         with self._body, ui.element("div").classes("wb-two"):
             with ui.column().classes("gap-1"):
                 ui.label("Runs").classes("wb-h")
@@ -119,7 +106,3 @@ class RunsAndSignals:
         if data.get(key) != value:
             choices.write(data | {key: value})
             await self._changed()
-
-    async def _changed(self) -> None:
-        self._shown = self._state()
-        await self._on_choice()

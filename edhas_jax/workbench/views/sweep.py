@@ -8,9 +8,11 @@ import numpy as np
 from nicegui import ui
 
 from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.chart import Chart, Curve, Style, Tone
 from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity
-from edhas_jax.workbench.figures import heat_map_figure, points_figure
+from edhas_jax.workbench.figure_parts import chart_figure
+from edhas_jax.workbench.figures import heat_map_figure
 from edhas_jax.workbench.jobs import DONE, RUNNING, Job
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.workspace import DESIGNS, RESULTS
@@ -147,8 +149,12 @@ class SweepPanel:
         if front is None:
             return
         shown = self._sweep["shown"]
-        labels = self._label(first), self._label(second)
-        self._front.show(points_figure(shown[first], shown[second], front, labels, self._page.dark))
+        x, y = shown[first], shown[second]
+        curves = (
+            Curve("designs", x, y, Tone.BESIDE, Style.MARKS),
+            Curve("front", x[front], y[front], Tone.MODEL, Style.MARKED),
+        )
+        self._front.show(chart_figure(Chart(self._label(first), self._label(second), curves), 380.0, self._page.dark))
 
     def _label(self, name: str) -> str:
         unit = self._sweep["units"][name]

@@ -1,8 +1,38 @@
 """Tables of texts, and of boxes and fields that are edited."""
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
+from typing import Any
 
 from nicegui import ui
+
+
+class ChoiceTables:
+    """What is chosen in tables with boxes and fields; `_build` of a subclass builds them from `_state`.
+
+    Args:
+        page: the window.
+        on_choice: called after something was chosen.
+        mark: name of the tables in the page.
+    """
+
+    def __init__(self, page, on_choice: Callable[[], Awaitable[None]], mark: str):
+        self._page, self._on_choice = page, on_choice
+        self._shown: Any = None  # all that the tables are made of
+        self._body = ui.column().classes("w-full gap-1").props(f"data-mark={mark}")
+
+    def refresh(self) -> None:
+        """Follow the folder; tables that would be the same stay, so that no text that is typed is lost."""
+        if self._state() == self._shown:
+            return
+        self._shown = self._state()
+        self._body.clear()
+        if self._page.summary is not None:
+            self._build()
+
+    async def _changed(self) -> None:
+        """Tell that something was chosen, which the tables show already."""
+        self._shown = self._state()
+        await self._on_choice()
 
 
 def show_table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Collection[str] = ()) -> None:
